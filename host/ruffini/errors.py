@@ -1,0 +1,31 @@
+"""Errors of ruffini. Each message says what happened, on what, and what to do."""
+
+
+class RuffiniError(Exception):
+    """Base of all errors that a user of the package may want to catch."""
+
+    exit_code = 1
+
+
+class InputError(RuffiniError, ValueError):
+    """A file, an array or a setting that does not make sense (exit code 2)."""
+
+    exit_code = 2
+
+
+class NoDeviceError(RuffiniError):
+    """No device, several devices where one is needed, or the port is busy (exit code 3)."""
+
+    exit_code = 3
+
+
+class RefusedError(RuffiniError):
+    """The device, or a safety check, said no (exit code 4)."""
+
+    exit_code = 4
+
+
+class VerifyError(RuffiniError):
+    """What was read back is not what was written, or a signature is wrong (exit code 5)."""
+
+    exit_code = 5

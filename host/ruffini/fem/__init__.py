@@ -1,0 +1,1 @@
+"""Inverse finite elements of a flat pad: from surface displacement to nodal force."""
