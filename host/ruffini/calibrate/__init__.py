@@ -1,0 +1,1 @@
+"""From recordings of known touches to the tables that the board runs."""

@@ -1,0 +1,187 @@
+"""A folder of ball presses with known ball and contact circle, and the slope that each pixel must see.
+
+Layout: `reference.png` (or several `reference*.png`, averaged), press images, and `presses.csv` with
+columns image, center_x_px, center_y_px, contact_radius_px; optionally `presses.toml` with ball_mm and
+px_per_mm. Only pixels inside the contact have a known slope: the gel outside it still slopes, out to
+about three contact radii, so "flat outside" is neither truth nor a label.
+"""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.errors import InputError
+
+Array = npt.NDArray[np.float64]
+COLUMNS = ("image", "center_x_px", "center_y_px", "contact_radius_px")
+
+
+@dataclass(frozen=True)
+class Press:
+    """One image of the ball in the gel; circle in pixels of that image."""
+
+    path: Path
+    center_x_px: float
+    center_y_px: float
+    radius_px: float
+
+
+@dataclass(frozen=True)
+class PressSet:
+    """Ball presses of one unit: `reference` (h, w, 3) float64 mean of the untouched images, B G R."""
+
+    presses: list[Press]
+    reference: Array
+    ball_mm: float
+    px_per_mm: float
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """The view on the pad: focal length and centre in pixels, distance to the surface in mm."""
+
+    focal_px: float
+    center_x_px: float
+    center_y_px: float
+    standoff_mm: float
+
+
+def read_image(path: Path) -> npt.NDArray[np.uint8]:
+    """One image, (h, w, 3) uint8, B G R."""
+    import cv2
+
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise InputError(f"cannot read {path} as an image: is it there, and a PNG or JPEG?")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def load_presses(
+    folder: Path,
+    *,
+    ball_mm: float | None = None,
+    px_per_mm: float | None = None,
+    truth: Path | None = None,
+) -> PressSet:
+    """Read a press folder; arguments win over `presses.toml`, `truth` over `presses.csv`.
+
+    Raises
+    ------
+    InputError
+        Missing file or column, unreadable number, image of another size, unknown ball or scale.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a folder of ball presses")
+    settings = {}
+    if (folder / "presses.toml").is_file():
+        settings = tomllib.loads((folder / "presses.toml").read_text(encoding="utf-8"))
+    ball = ball_mm if ball_mm is not None else settings.get("ball_mm")
+    scale = px_per_mm if px_per_mm is not None else settings.get("px_per_mm")
+    if ball is None or scale is None:
+        raise InputError(
+            f"{folder} does not say its ball and scale: give --ball-mm (diameter) and --px-per-mm"
+        )
+    if not (ball > 0 and scale > 0):
+        raise InputError(f"ball_mm and px_per_mm must be positive, got {ball} and {scale}")
+    references = sorted(folder.glob("reference*.png"))
+    if not references:
+        raise InputError(f"{folder} has no reference.png: one image of the untouched pad is needed")
+    reference = np.mean([read_image(p).astype(float) for p in references], axis=0)
+    table = truth or folder / "presses.csv"
+    presses = [_parse_row(folder, table, i, row) for i, row in enumerate(_rows(table))]
+    if len(presses) < 3:
+        raise InputError(f"{table} lists {len(presses)} presses: at least 3 are needed for a fit")
+    return PressSet(presses, reference, float(ball), float(scale))
+
+
+def _rows(table: Path) -> list[dict[str, str]]:
+    if not table.is_file():
+        raise InputError(f"{table} is missing: it lists the contact circle of each press")
+    with table.open(newline="", encoding="utf-8") as stream:
+        reader = csv.DictReader(stream)
+        missing = [c for c in COLUMNS if c not in (reader.fieldnames or [])]
+        if missing:
+            raise InputError(f"{table} lacks the columns {', '.join(missing)}")
+        return list(reader)
+
+
+def _parse_row(folder: Path, table: Path, index: int, row: dict[str, str]) -> Press:
+    path = next(
+        (p for p in (folder / row["image"], folder / "press" / row["image"]) if p.is_file()), None
+    )
+    if path is None:
+        raise InputError(f"{table} row {index + 1}: no image {row['image']!r} in {folder}")
+    try:
+        numbers = [float(row[c]) for c in COLUMNS[1:]]
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{table} row {index + 1}: {error}") from error
+    if not np.isfinite(numbers).all() or numbers[2] <= 0:
+        raise InputError(f"{table} row {index + 1}: circle {numbers} is not finite and positive")
+    return Press(path, *numbers)
+
+
+def ball_slope(
+    press: Press,
+    shape: tuple[int, int],
+    *,
+    ball_radius_mm: float,
+    px_per_mm: float,
+    camera: Pinhole | None,
+    inside: float = 0.92,
+) -> tuple[npt.NDArray[np.bool_], Array]:
+    """Slope of the ball's surface at the pixels well inside the contact.
+
+    The pad is pressed from +z, so the surface is the ball's lower half, z = z_c - sqrt(R^2 - r^2),
+    with slope (x, y) / sqrt(R^2 - r^2). With a `camera` the pixel's ray is met with that surface:
+    pressed gel is nearer to the lens, hence larger in the image. The edge of the contact lies
+    about a^2 / (2 R) deep (Hertz), which sets z_c well enough (0.1 mm there is 0.5 % of scale).
+
+    Returns
+    -------
+    mask : (h, w) bool
+        Pixels within `inside` times the contact radius.
+    slope : (n, 2) float64
+        (dz/dx, dz/dy) at the pixels of the mask.
+    """
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    dx_px, dy_px = columns - press.center_x_px, rows - press.center_y_px
+    mask = np.hypot(dx_px, dy_px) < inside * press.radius_px
+    if camera is None:
+        x, y = dx_px[mask] / px_per_mm, dy_px[mask] / px_per_mm
+    else:
+        x, y = _on_ball(press, mask, rows, columns, ball_radius_mm, px_per_mm, camera)
+    radius2 = np.minimum(x**2 + y**2, 0.98 * ball_radius_mm**2)
+    return mask, np.stack([x, y], axis=1) / np.sqrt(ball_radius_mm**2 - radius2)[:, None]
+
+
+def _on_ball(
+    press: Press,
+    mask: npt.NDArray[np.bool_],
+    rows: npt.NDArray[np.int_],
+    columns: npt.NDArray[np.int_],
+    ball_mm: float,
+    px_per_mm: float,
+    camera: Pinhole,
+) -> tuple[Array, Array]:
+    """Pad coordinates, from the ball's centre, where the rays of the mask meet the ball."""
+    contact_mm = min(press.radius_px / px_per_mm, 0.98 * ball_mm)
+    edge_z = -(contact_mm**2) / (2 * ball_mm)
+    contact_mm *= (camera.standoff_mm + edge_z) / camera.standoff_mm
+    center_z = edge_z + np.sqrt(ball_mm**2 - contact_mm**2)
+    ray_x = (columns[mask] - camera.center_x_px) / camera.focal_px
+    ray_y = (rows[mask] - camera.center_y_px) / camera.focal_px
+    edge_distance = camera.standoff_mm + edge_z
+    center_x = (press.center_x_px - camera.center_x_px) / camera.focal_px * edge_distance
+    center_y = (press.center_y_px - camera.center_y_px) / camera.focal_px * edge_distance
+    z = np.full(ray_x.shape, edge_z)
+    for _ in range(6):  # fixed point: each round gains a factor of about 10
+        x = ray_x * (camera.standoff_mm + z) - center_x
+        y = ray_y * (camera.standoff_mm + z) - center_y
+        z = center_z - np.sqrt(np.maximum(ball_mm**2 - x**2 - y**2, 0.02 * ball_mm**2))
+    return x, y
