@@ -1,0 +1,95 @@
+"""Operators: what each method promises, and the rounding to the board's table."""
+
+import numpy as np
+import pytest
+
+from ruffini.errors import InputError
+from ruffini.fem.compile import BLOCK, compile_operator
+from ruffini.fem.condense import condense, spd_inverse, surface_stiffness
+from ruffini.fem.operators import METHODS, Noise, force_operator, observed_nodes
+from ruffini.fem.reflection import dense_from_blocks
+from ruffini.fem.slab import Slab
+
+SLAB = Slab(10e-3, 8e-3, 4e-3, 11, 9, 4, 2e5, 0.48)
+NOISE = Noise((5e-6, 5e-6, 20e-6))
+
+
+def true_field(slab: Slab) -> tuple[np.ndarray, np.ndarray]:
+    """A smooth push with shear: nodal force and the displacement that it makes."""
+    x = np.tile(np.linspace(-1, 1, slab.n_x), slab.n_y)
+    y = np.repeat(np.linspace(-1, 1, slab.n_y), slab.n_x)
+    bump = np.exp(-(x**2 + y**2) / 0.15)
+    force = np.stack([0.01 * bump, -0.004 * bump, -0.03 * bump], axis=1).ravel()
+    condensed = condense(slab)
+    compliance = dense_from_blocks(
+        condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)]
+    )
+    return force, compliance @ force
+
+
+def test_raw_recovers_force_from_exact_displacement():
+    force, displacement = true_field(SLAB)
+    estimate = force_operator(SLAB, "raw", noise=NOISE) @ displacement
+    np.testing.assert_allclose(estimate, force, atol=1e-10)
+
+
+def test_ridge_without_weight_is_raw_and_with_weight_is_not():
+    raw = force_operator(SLAB, "raw", noise=NOISE)
+    np.testing.assert_allclose(force_operator(SLAB, "ridge", noise=NOISE, ridge_weight=0.0), raw)
+    ridge = force_operator(SLAB, "ridge", noise=NOISE, ridge_weight=1e-2)
+    assert np.linalg.norm(ridge - raw) > 0.01 * np.linalg.norm(raw)
+
+
+def test_optimal_beats_raw_under_noise():
+    force, displacement = true_field(SLAB)
+    rng = np.random.default_rng(3)
+    noisy = displacement + rng.normal(size=displacement.shape) * np.tile(NOISE.sigma_m, SLAB.n_nodes)
+    error = {m: np.linalg.norm(force_operator(SLAB, m, noise=NOISE) @ noisy - force) for m in METHODS}
+    assert error["optimal"] < 0.7 * error["raw"]
+
+
+def test_gauge_noise_makes_the_estimate_blind_to_a_constant_depth():
+    shift = np.zeros((SLAB.n_nodes, 3))
+    shift[:, 2] = 10e-6
+    known = force_operator(SLAB, "optimal", noise=NOISE) @ shift.ravel()
+    unknown = force_operator(SLAB, "optimal", noise=Noise(NOISE.sigma_m, gauge_m=1e-3)) @ shift.ravel()
+    assert abs(unknown[2::3].sum()) < 0.05 * abs(known[2::3].sum())
+
+
+def test_nodes_outside_the_window_carry_no_force():
+    """A push inside the window is recovered from the window alone."""
+    inside = np.zeros((9, 11, 3))
+    inside[3:6, 4:7, 2] = -0.02
+    condensed = condense(SLAB)
+    compliance = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
+    displacement = (compliance @ inside.ravel()).reshape(9, 11, 3)
+    window = (2e-3, 1e-3, 8e-3, 7e-3)
+    rows, columns = observed_nodes(SLAB, window)
+    assert (rows, columns) == (slice(1, 8), slice(2, 9))
+    operator = force_operator(SLAB, "raw", noise=NOISE, window_m=window)
+    estimate = (operator @ displacement[rows, columns].ravel()).reshape(7, 7, 3)
+    np.testing.assert_allclose(estimate, inside[rows, columns], atol=1e-10)
+
+
+def test_table_rounds_within_its_certificate():
+    operator = force_operator(SLAB, "raw", noise=NOISE)
+    table = compile_operator(operator, force_lsb_un=10)
+    assert table.entry.shape == (297, 320) and table.shift.shape == (297, 320 // BLOCK)
+    assert np.abs(table.entry).max() <= 16383
+    measured = np.linalg.norm(table.to_float()[:, :297] - operator) / np.linalg.norm(operator)
+    assert measured == pytest.approx(table.error) and 1e-6 < table.error < 3e-4
+    bound = (2.0 ** (34 + table.shift.astype(float))).sum(axis=1).max()
+    assert bound <= 2.0**62
+
+
+@pytest.mark.parametrize("bad", [np.full((3, 3), np.nan), np.zeros((3, 3)), np.zeros(3)])
+def test_table_refuses_what_is_no_operator(bad):
+    with pytest.raises(InputError):
+        compile_operator(bad, force_lsb_un=10)
+
+
+def test_unknown_method_and_weight_are_refused():
+    with pytest.raises(InputError, match="unknown method"):
+        force_operator(SLAB, "magic", noise=NOISE)
+    with pytest.raises(InputError, match="ridge weight"):
+        force_operator(SLAB, "ridge", noise=NOISE, ridge_weight=float("nan"))
