@@ -97,7 +97,7 @@ def optimal_operator(
     """
     slab, bases = condensed.slab, condensed.bases
     prior_blocks = _prior_blocks(slab, bases, prior)
-    nuisance = _depth_modes(slab, noise)
+    nuisance = depth_modes(slab, noise)
     white = np.tile(np.square(noise.sigma_m), slab.n_nodes)
     blocks = []
     for stiffness, p, q in zip(
@@ -120,7 +120,7 @@ def _prior_blocks(slab: Slab, bases: list[sp.csr_matrix], prior: ForcePrior) -> 
     return blocks_from_dense(bases, np.kron(scalar, np.diag(np.square(prior.sigma_n))))
 
 
-def _depth_modes(slab: Slab, noise: Noise) -> Array:
+def depth_modes(slab: Slab, noise: Noise) -> Array:
     """Columns: u_z patterns of one standard deviation that the images cannot tell, (3 n, 3)."""
     x = np.tile(np.linspace(-1, 1, slab.n_x), slab.n_y)
     y = np.repeat(np.linspace(-1, 1, slab.n_y), slab.n_x)

@@ -1,0 +1,127 @@
+"""Pictures of a run: force field over the frame, depth, wrench over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+# Colour-blind-safe (Okabe and Ito) for x, y, z.
+COLOURS = ("#D55E00", "#009E73", "#0072B2")
+PRESSURE_MAP = "cividis"
+
+
+def _figure(width: float, height: float, **layout: Any) -> Any:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams.update({"font.size": 10, "axes.titlesize": 11, "figure.dpi": 110})
+    return plt.subplots(figsize=(width, height), constrained_layout=True, **layout)
+
+
+def _save(figure: Any, path: Path) -> Path:
+    from matplotlib import pyplot as plt
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+    plt.close(figure)
+    return path
+
+
+def field_over_frame(
+    path: Path,
+    frame_bgr: npt.NDArray[np.uint8],
+    node_px: Array,
+    force_n: Array,
+    *,
+    title: str,
+    truth_n: Array | None = None,
+    z_calibrated: bool = True,
+) -> Path:
+    """Shear arrows over the camera image, normal force beside it (and the truth's, where known).
+
+    Parameters
+    ----------
+    node_px : (n_y, n_x, 2) float64
+        Where each node is in the image, pixels.
+    force_n : (n_y, n_x, 3) float64
+        Nodal force ON the pad, newtons; pressing is negative z.
+    truth_n : same shape, optional
+    z_calibrated : bool
+        False shows the size of the shear in place of the normal force.
+    """
+    panels = [("measured", force_n)] + ([("truth (simulated)", truth_n)] if truth_n is not None else [])
+    figure, axes = _figure(5.2 * (len(panels) + 1), 4.3, ncols=len(panels) + 1, squeeze=False)
+    image_axis, map_axes = axes[0][0], axes[0][1:]
+    image_axis.imshow(frame_bgr[:, :, ::-1])
+    shear = np.hypot(force_n[..., 0], force_n[..., 1])
+    strong = shear > max(0.15 * float(shear.max()), 1e-9)
+    longest_px = 28.0
+    unit = longest_px / max(float(shear.max()), 1e-9)
+    image_axis.quiver(
+        node_px[strong][:, 0], node_px[strong][:, 1],
+        force_n[strong][:, 0] * unit, force_n[strong][:, 1] * unit,
+        color="white", edgecolor="black", linewidth=0.4, width=0.005,
+        angles="xy", scale_units="xy", scale=1.0,
+    )
+    image_axis.set_title(f"shear, longest arrow {1e3 * shear.max():.1f} mN")
+    image_axis.set_axis_off()
+    maps = [(-f[..., 2] if z_calibrated else np.hypot(f[..., 0], f[..., 1])) * 1e3 for _, f in panels]
+    high = max(float(m.max()) for m in maps)
+    x, y = node_px[..., 0], node_px[..., 1]
+    for axis, (name, _), values in zip(map_axes, panels, maps, strict=True):
+        mesh = axis.pcolormesh(x, y, values, cmap=PRESSURE_MAP, vmin=min(0.0, float(values.min())), vmax=high, shading="gouraud")
+        axis.set_aspect("equal")
+        axis.invert_yaxis()
+        axis.set_axis_off()
+        what = "normal force" if z_calibrated else "size of shear"
+        axis.set_title(f"{what} per node, {name}")
+        figure.colorbar(mesh, ax=axis, label="mN", shrink=0.8)
+    figure.suptitle(title)
+    return _save(figure, path)
+
+
+def depth_map(path: Path, depth_um: Array, *, title: str, truth_um: Array | None = None) -> Path:
+    """Depth of the surface in the image, micrometres; and, where the truth is known, along its deepest row."""
+    figure, (left, right) = _figure(11.0, 4.0, ncols=2)
+    shown = left.imshow(depth_um, cmap="viridis_r")
+    left.set_axis_off()
+    figure.colorbar(shown, ax=left, label="u_z, micrometres", shrink=0.85)
+    row = int(np.unravel_index(int(depth_um.argmin()), depth_um.shape)[0])
+    left.axhline(row, color="white", linewidth=0.8, linestyle="--")
+    right.plot(depth_um[row], color=COLOURS[2], label="measured")
+    if truth_um is not None:
+        right.plot(truth_um[row], color="black", linewidth=1, linestyle="--", label="truth (simulated)")
+    right.set(xlabel=f"pixel of row {row}", ylabel="u_z, micrometres")
+    right.legend(frameon=False)
+    figure.suptitle(title)
+    return _save(figure, path)
+
+
+def wrench_over_time(
+    path: Path, time_s: Array, wrench: Array, *, title: str, truth: Array | None = None
+) -> Path:
+    """Force (N) and moment (N mm) over time, the truth dashed.
+
+    `wrench` and `truth` are (n, 6): force then moment about the undeformed pad centre; NaN where
+    not measured.
+    """
+    figure, axes = _figure(10.0, 6.0, nrows=2, sharex=True)
+    for axis, offset, label in ((axes[0], 0, "force, N"), (axes[1], 3, "moment, N mm")):
+        for i, colour in enumerate(COLOURS):
+            axis.plot(time_s, wrench[:, offset + i], color=colour, label=AXES[i])
+            if truth is not None:
+                axis.plot(time_s, truth[:, offset + i], color="black", linewidth=0.9, linestyle="--")
+        axis.set_ylabel(label)
+        axis.grid(alpha=0.3)
+    axes[0].legend(frameon=False, ncols=3, loc="lower left")
+    axes[1].set_xlabel("time, s")
+    figure.suptitle(title + ("   (dashed: simulated truth)" if truth is not None else ""))
+    return _save(figure, path)
