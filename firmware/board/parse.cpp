@@ -1,0 +1,270 @@
+#include "board/parse.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <sstream>
+
+#define TOML_EXCEPTIONS 0
+#include <toml++/toml.h>
+
+namespace ruffini {
+namespace {
+
+// Reads the keys of one file; remembers the first error and which keys were asked for.
+class Reader {
+ public:
+  Reader(const toml::table& root, std::string where) : root_(root), where_(std::move(where)) {}
+
+  void section(const char* name) {
+    section_ = name;
+    asked_sections_.insert(name);
+    table_ = root_.get_as<toml::table>(name);
+    if (table_ == nullptr) fail("section [" + section_ + "] is missing");
+  }
+
+  int64_t integer(const char* key, int64_t low, int64_t high) {
+    const toml::node* node = find(key);
+    if (node == nullptr) return low;
+    if (!node->is_integer()) return fail(path(key) + " must be an integer"), low;
+    const int64_t value = node->as_integer()->get();
+    if (value < low || value > high) {
+      fail(path(key) + " = " + std::to_string(value) + " is outside " + std::to_string(low) + " to " +
+           std::to_string(high));
+    }
+    return value;
+  }
+
+  std::string text(const char* key, size_t max_length = 64) {
+    const toml::node* node = find(key);
+    if (node == nullptr) return {};
+    if (!node->is_string()) return fail(path(key) + " must be a string"), std::string{};
+    const std::string value = node->as_string()->get();
+    if (value.empty() || value.size() > max_length) {
+      fail(path(key) + " must have 1 to " + std::to_string(max_length) + " characters");
+    }
+    return value;
+  }
+
+  std::vector<std::string> texts(const char* key) {
+    std::vector<std::string> values;
+    const toml::node* node = find(key);
+    if (node == nullptr) return values;
+    if (!node->is_array()) return fail(path(key) + " must be a list of strings"), values;
+    for (const toml::node& item : *node->as_array()) {
+      if (!item.is_string()) return fail(path(key) + " must be a list of strings"), values;
+      values.push_back(item.as_string()->get());
+    }
+    return values;
+  }
+
+  int choice(const char* key, const std::vector<std::string>& allowed) {
+    const std::string value = text(key);
+    const auto found = std::find(allowed.begin(), allowed.end(), value);
+    if (found != allowed.end()) return static_cast<int>(found - allowed.begin());
+    std::string list;
+    for (const std::string& name : allowed) list += (list.empty() ? "" : ", ") + name;
+    fail(path(key) + " = \"" + value + "\" must be one of " + list);
+    return 0;
+  }
+
+  // After all keys: whatever was not asked for is unknown.
+  void refuse_unknown() {
+    for (const auto& [key, node] : root_) {
+      const std::string name(key.str());
+      if (name == "schema") continue;
+      if (!asked_sections_.contains(name)) {
+        fail("unknown section [" + name + "]: check the spelling, or remove it");
+        continue;
+      }
+      const toml::table* table = node.as_table();
+      if (table == nullptr) continue;
+      for (const auto& [inner, unused] : *table) {
+        if (!asked_keys_.contains(name + "." + std::string(inner.str()))) {
+          fail("unknown key " + name + "." + std::string(inner.str()) +
+               ": check the spelling, or remove it");
+        }
+      }
+    }
+  }
+
+  void fail(const std::string& what) {
+    if (error_.empty()) error_ = where_ + ": " + what + " (boards/README.md lists the keys)";
+  }
+  [[nodiscard]] const std::string& error() const { return error_; }
+
+ private:
+  const toml::node* find(const char* key) {
+    asked_keys_.insert(section_ + "." + key);
+    if (table_ == nullptr) return nullptr;
+    const toml::node* node = table_->get(key);
+    if (node == nullptr) fail("key " + path(key) + " is missing");
+    return node;
+  }
+  [[nodiscard]] std::string path(const char* key) const { return section_ + "." + key; }
+
+  const toml::table& root_;
+  const toml::table* table_ = nullptr;
+  std::string where_;
+  std::string section_;
+  std::string error_;
+  std::set<std::string> asked_sections_;
+  std::set<std::string> asked_keys_;
+};
+
+constexpr int64_t kMaxLengthUm = 500'000;  // half a metre: no tactile pad is larger
+
+void read_camera(Reader& in, CameraSettings& camera) {
+  in.section("camera");
+  camera.optics = in.text("optics");
+  camera.width_px = static_cast<int>(in.integer("width_px", 16, 4096));
+  camera.height_px = static_cast<int>(in.integer("height_px", 16, 4096));
+  camera.rate_mhz = in.integer("rate_mhz", 100, 1'000'000);
+  camera.focal_mpx = in.integer("focal_mpx", 10'000, 20'000'000);
+  camera.center_x_mpx = in.integer("center_x_mpx", 0, 4'096'000);
+  camera.center_y_mpx = in.integer("center_y_mpx", 0, 4'096'000);
+  camera.standoff_um = in.integer("standoff_um", 1'000, kMaxLengthUm);
+}
+
+void read_pad(Reader& in, BoardSettings& board) {
+  in.section("pad");
+  board.pad.size_x_um = in.integer("size_x_um", 1'000, kMaxLengthUm);
+  board.pad.size_y_um = in.integer("size_y_um", 1'000, kMaxLengthUm);
+  board.pad.thickness_um = in.integer("thickness_um", 100, kMaxLengthUm);
+  board.pad.modulus_pa = in.integer("modulus_pa", 1'000, 1'000'000'000);
+  board.pad.poisson_1e4 = in.integer("poisson_1e4", 0, 4'999);
+  in.section("grid");
+  board.grid.n_x = static_cast<int>(in.integer("n_x", 2, 255));
+  board.grid.n_y = static_cast<int>(in.integer("n_y", 2, 255));
+  board.n_layers = static_cast<int>(in.integer("n_layers", 2, 32));
+  in.section("window");
+  board.window.min_x_um = in.integer("min_x_um", 0, kMaxLengthUm);
+  board.window.min_y_um = in.integer("min_y_um", 0, kMaxLengthUm);
+  board.window.max_x_um = in.integer("max_x_um", 0, kMaxLengthUm);
+  board.window.max_y_um = in.integer("max_y_um", 0, kMaxLengthUm);
+}
+
+void read_markers(Reader& in, MarkerSettings& markers) {
+  in.section("markers");
+  markers.polarity = in.choice("polarity", {"dark", "light"}) == 0 ? Polarity::kDark : Polarity::kLight;
+  markers.lattice.n_x = static_cast<int>(in.integer("n_x", 2, 64));
+  markers.lattice.n_y = static_cast<int>(in.integer("n_y", 2, 64));
+  markers.pitch_x_um = in.integer("pitch_x_um", 100, 100'000);
+  markers.pitch_y_um = in.integer("pitch_y_um", 100, 100'000);
+  markers.first_x_um = in.integer("first_x_um", 0, kMaxLengthUm);
+  markers.first_y_um = in.integer("first_y_um", 0, kMaxLengthUm);
+  markers.diameter_um = in.integer("diameter_um", 20, 50'000);
+  markers.threshold_1e3 = in.integer("threshold_1e3", 10, 900);
+  markers.max_lost = in.integer("max_lost", 0, 4'096);
+}
+
+void read_rest(Reader& in, BoardSettings& board) {
+  in.section("depth");
+  board.depth.gauge = in.choice("gauge", {"margin", "mean"}) == 0 ? Gauge::kMargin : Gauge::kMean;
+  board.depth.margin_um = in.integer("margin_um", 0, kMaxLengthUm);
+  board.depth.step_px = static_cast<int>(in.integer("step_px", 1, 4));
+  in.section("contact");
+  board.contact.threshold_un = in.integer("threshold_un", 1, 100'000'000);
+  board.contact.min_nodes = in.integer("min_nodes", 1, 10'000);
+  in.section("field");
+  board.force_lsb_un = in.integer("force_lsb_un", 1, 1'000);
+  in.section("pipeline");
+  board.n_rest_frames = static_cast<int>(in.integer("n_rest_frames", 1, 256));
+  board.stages = in.texts("stages");
+}
+
+bool stages_in_order(const std::vector<std::string>& stages) {
+  auto place = known_stages().begin();
+  for (const std::string& stage : stages) {
+    place = std::find(place, known_stages().end(), stage);
+    if (place == known_stages().end()) return false;
+    ++place;
+  }
+  return !stages.empty();
+}
+
+// What no single key can tell.
+void cross_check(Reader& in, const BoardSettings& board) {
+  const WindowSettings& window = board.window;
+  if (window.max_x_um > board.pad.size_x_um || window.max_y_um > board.pad.size_y_um) {
+    in.fail("[window] reaches beyond the pad");
+  } else if (window.min_x_um >= window.max_x_um || window.min_y_um >= window.max_y_um) {
+    in.fail("[window] is empty: min must be below max");
+  } else if (observed_nodes(board.grid.n_x, board.pad.size_x_um, window.min_x_um, window.max_x_um).count < 2 ||
+             observed_nodes(board.grid.n_y, board.pad.size_y_um, window.min_y_um, window.max_y_um).count < 2) {
+    in.fail("[window] holds fewer than 2 node lines: widen it or refine [grid]");
+  }
+  const MarkerSettings& markers = board.markers;
+  if (markers.first_x_um + (markers.lattice.n_x - 1) * markers.pitch_x_um > board.pad.size_x_um ||
+      markers.first_y_um + (markers.lattice.n_y - 1) * markers.pitch_y_um > board.pad.size_y_um) {
+    in.fail("[markers] lattice reaches beyond the pad");
+  } else if (markers.diameter_um >= markers.pitch_x_um || markers.diameter_um >= markers.pitch_y_um) {
+    in.fail("markers.diameter_um must be below the pitch");
+  }
+  if (board.depth.step_px == 3 || board.camera.width_px % board.depth.step_px != 0 ||
+      board.camera.height_px % board.depth.step_px != 0) {
+    in.fail("depth.step_px must be 1, 2 or 4 and divide the image");
+  }
+  if (board.camera.center_x_mpx >= int64_t{1000} * board.camera.width_px ||
+      board.camera.center_y_mpx >= int64_t{1000} * board.camera.height_px) {
+    in.fail("[camera] center is outside the image");
+  }
+  if (!stages_in_order(board.stages)) {
+    std::string list;
+    for (const std::string& name : known_stages()) list += (list.empty() ? "" : ", ") + name;
+    in.fail("pipeline.stages must be some of " + list + ", in this order");
+  }
+}
+
+}  // namespace
+
+Result<BoardSettings> parse_board(std::string_view text, const std::string& where) {
+  if (text.substr(0, 3) == "\xEF\xBB\xBF") {
+    return Error{ErrorKind::kBadInput, where + ": starts with a byte-order mark: save it as plain UTF-8"};
+  }
+  const toml::parse_result parsed = toml::parse(text);
+  if (!parsed) {
+    std::ostringstream what;
+    what << where << ":" << parsed.error().source().begin.line << ": not TOML: "
+         << parsed.error().description();
+    return Error{ErrorKind::kBadInput, what.str()};
+  }
+  const toml::table& root = parsed.table();
+  Reader in(root, where);
+  if (root["schema"].value<int64_t>() != int64_t{1}) in.fail("schema must be 1");
+  BoardSettings board;
+  in.section("board");
+  board.name = in.text("name");
+  board.product = in.text("product", 128);
+  board.not_measured = in.texts("not_measured");
+  read_camera(in, board.camera);
+  read_pad(in, board);
+  read_markers(in, board.markers);
+  read_rest(in, board);
+  in.refuse_unknown();
+  if (in.error().empty()) cross_check(in, board);
+  if (!in.error().empty()) return Error{ErrorKind::kBadInput, in.error()};
+  board.toml = std::string(text);
+  return board;
+}
+
+Result<BoardSettings> load_board(const std::string& folder) {
+  const std::filesystem::path path = std::filesystem::path(folder) / "board.toml";
+  std::ifstream stream(path, std::ios::binary);
+  if (!stream) {
+    return Error{ErrorKind::kUnavailable, path.string() + ": cannot be read: is this a board folder?"};
+  }
+  std::ostringstream text;
+  text << stream.rdbuf();
+  Result<BoardSettings> board = parse_board(text.str(), path.string());
+  if (!board) return board;
+  const std::string name = std::filesystem::weakly_canonical(path).parent_path().filename().string();
+  if (board.value().name != name) {
+    return Error{ErrorKind::kBadInput, path.string() + ": board.name is \"" + board.value().name +
+                                           "\" but the folder is called \"" + name + "\""};
+  }
+  return board;
+}
+
+}  // namespace ruffini

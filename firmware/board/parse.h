@@ -1,0 +1,18 @@
+// board.toml text -> BoardSettings. Strict: an unknown, missing, mistyped or out-of-range key is an error.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "base/result.h"
+#include "board/settings.h"
+
+namespace ruffini {
+
+// `where` names the file in messages. Errors: kBadInput with file, key and remedy.
+[[nodiscard]] Result<BoardSettings> parse_board(std::string_view toml_text, const std::string& where);
+
+// Reads FOLDER/board.toml and checks that [board] name equals the folder's name.
+[[nodiscard]] Result<BoardSettings> load_board(const std::string& folder);
+
+}  // namespace ruffini

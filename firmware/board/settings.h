@@ -1,0 +1,105 @@
+// board.toml as typed integers. The keys, their units and ranges: boards/README.md.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/image_view.h"
+
+namespace ruffini {
+
+enum class Polarity { kDark, kLight };
+enum class Gauge { kMargin, kMean };
+
+struct CameraSettings {
+  std::string optics;
+  int width_px = 0;
+  int height_px = 0;
+  int64_t rate_mhz = 0;
+  int64_t focal_mpx = 0;
+  int64_t center_x_mpx = 0;
+  int64_t center_y_mpx = 0;
+  int64_t standoff_um = 0;
+};
+
+struct PadSettings {
+  int64_t size_x_um = 0;
+  int64_t size_y_um = 0;
+  int64_t thickness_um = 0;
+  int64_t modulus_pa = 0;
+  int64_t poisson_1e4 = 0;
+};
+
+struct WindowSettings {
+  int64_t min_x_um = 0;
+  int64_t min_y_um = 0;
+  int64_t max_x_um = 0;
+  int64_t max_y_um = 0;
+};
+
+struct MarkerSettings {
+  Polarity polarity = Polarity::kDark;
+  GridSize lattice;
+  int64_t pitch_x_um = 0;
+  int64_t pitch_y_um = 0;
+  int64_t first_x_um = 0;
+  int64_t first_y_um = 0;
+  int64_t diameter_um = 0;
+  int64_t threshold_1e3 = 0;
+  int64_t max_lost = 0;
+};
+
+struct DepthSettings {
+  Gauge gauge = Gauge::kMargin;
+  int64_t margin_um = 0;
+  int step_px = 1;
+};
+
+struct ContactSettings {
+  int64_t threshold_un = 0;
+  int64_t min_nodes = 0;
+};
+
+struct BoardSettings {
+  std::string name;
+  std::string product;
+  std::vector<std::string> not_measured;
+  CameraSettings camera;
+  PadSettings pad;
+  GridSize grid;        // nodes over the whole pad
+  int n_layers = 0;
+  WindowSettings window;
+  MarkerSettings markers;
+  DepthSettings depth;
+  ContactSettings contact;
+  int64_t force_lsb_un = 0;
+  int n_rest_frames = 0;
+  std::vector<std::string> stages;
+  std::string toml;     // the text that these settings came from
+};
+
+// First observed node and number of observed nodes along one axis.
+struct NodeRange {
+  int first = 0;
+  int count = 0;
+};
+
+// Nodes of [0, size] in n - 1 steps that lie in [low, high], all in micrometres.
+[[nodiscard]] constexpr NodeRange observed_nodes(int n, int64_t size_um, int64_t low_um,
+                                                 int64_t high_um) {
+  const int64_t steps = n - 1;
+  const int64_t first = (low_um * steps + size_um - 1) / size_um;
+  const int64_t last = (high_um * steps) / size_um;
+  return {static_cast<int>(first), static_cast<int>(last - first + 1)};
+}
+
+// The pipeline's stage names in the only order in which they make sense.
+inline const std::vector<std::string>& known_stages() {
+  static const std::vector<std::string> kStages = {
+      "difference", "markers", "photometric", "poisson", "displacement",
+      "operator",   "support", "wrench",      "contacts"};
+  return kStages;
+}
+
+}  // namespace ruffini
