@@ -1,0 +1,46 @@
+// The untouched image: mean of the first frames, and what later stages need of it.
+//
+//   rest = (16 sum + n / 2) / n          per channel, 1/16 grey level, uint16
+//   reciprocal = (2^32 + rest / 2) / max(rest, 16)
+//
+// Frame thread; no allocation after the constructor.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/image_view.h"
+
+namespace ruffini {
+
+class Rest {
+ public:
+  Rest(int width_px, int height_px, int n_frames);
+
+  // Learn anew from the next n frames (0 = the number given at construction).
+  void restart(int n_frames);
+  // Take a stored image, width x height x 3 in 1/16 grey levels.
+  void load(std::span<const uint16_t> image);
+  // One more untouched frame; true when this one completed the mean.
+  bool add(const FrameView& frame);
+
+  [[nodiscard]] bool is_ready() const { return is_ready_; }
+  [[nodiscard]] std::span<const uint16_t> image() const { return image_; }
+  [[nodiscard]] std::span<const uint32_t> reciprocal() const { return reciprocal_; }
+
+ private:
+  void finish();
+
+  int width_px_;
+  int height_px_;
+  int n_frames_;
+  int n_wanted_;
+  int n_added_ = 0;
+  bool is_ready_ = false;
+  std::vector<uint32_t> sum_;
+  std::vector<uint16_t> image_;
+  std::vector<uint32_t> reciprocal_;
+};
+
+}  // namespace ruffini
