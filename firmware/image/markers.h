@@ -1,0 +1,77 @@
+// Which dot is which marker: identity on the board's lattice, displacement always against rest.
+//
+// A marker is looked for at rest + its last displacement; marker and dot must be each other's nearest
+// within the gate. What stays without a dot is looked for once more where its lattice neighbours
+// went. Still lost: the displacement is the mean of the neighbours' (nearest ring first), and marked.
+// Frame thread; no allocation after the constructor.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/fixed.h"
+#include "board/settings.h"
+#include "image/dots.h"
+
+namespace ruffini {
+
+struct Marker {
+  ImagePx rest_x;
+  ImagePx rest_y;
+  ImagePx displacement_x;  // image, against rest
+  ImagePx displacement_y;
+  bool is_lost = true;     // displacement estimated from neighbours
+  bool is_absent = true;   // was not seen at rest either
+};
+
+class MarkerLattice {
+ public:
+  explicit MarkerLattice(const BoardSettings& board);
+
+  // Assign the dots of the rest image to the nominal lattice, allowing one common shift of less than
+  // half a pitch. Number of markers found.
+  int learn(std::span<const Dot> dots);
+  // Follow the dots of one frame. Number of markers lost that were there at rest.
+  int track(std::span<const Dot> dots);
+
+  [[nodiscard]] std::span<const Marker> markers() const { return markers_; }
+  [[nodiscard]] GridSize size() const { return size_; }
+
+ private:
+  struct Point {
+    int64_t x;
+    int64_t y;
+  };
+  struct Nearest {
+    int index = -1;
+    int64_t distance2 = 0;
+  };
+
+  [[nodiscard]] Point nominal(int index) const;
+  void match(std::span<const Dot> dots, std::span<const Point> expected);
+  void accept(std::span<const Dot> dots);
+  void expect_with_neighbours();
+  void fill_lost();
+  // Mean displacement of the 8 neighbours that `known_` holds; count 0 = none.
+  [[nodiscard]] int neighbour_mean(int index, Point& mean) const;
+
+  GridSize size_;
+  MarkerSettings settings_;
+  int64_t gate2_;                  // squared, Q16 px
+  int64_t um_to_px_q32_;           // image pixels per micrometre at the undeformed surface
+  Point corner_;                   // image position of the pad's corner, Q16
+  std::vector<Marker> markers_;
+  std::vector<Point> expected_;
+  std::vector<Nearest> dot_of_marker_;
+  std::vector<Nearest> marker_of_dot_;
+  std::vector<uint8_t> is_dot_taken_;
+  std::vector<uint8_t> is_open_;   // still looking for its dot
+  std::vector<uint8_t> known_;     // has a displacement of its own, or a filled one
+  std::vector<uint8_t> known_next_;
+};
+
+// Detector settings that follow from the board: box of 0.6 pitch, area around the nominal one.
+[[nodiscard]] DotParameters dot_parameters(const BoardSettings& board);
+
+}  // namespace ruffini

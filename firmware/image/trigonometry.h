@@ -1,0 +1,14 @@
+// Cosines in integers, for tables made at configure time.
+#pragma once
+
+#include <cstdint>
+
+namespace ruffini {
+
+// cos(pi numerator / denominator) in Q30, error at most 2 units. Precondition: denominator > 0, both < 2^31.
+[[nodiscard]] int32_t cos_pi_q30(int64_t numerator, int64_t denominator);
+
+// floor(sqrt(x)).
+[[nodiscard]] uint64_t integer_sqrt(uint64_t x);
+
+}  // namespace ruffini
