@@ -1,0 +1,76 @@
+#include "estimators/contacts.h"
+
+#include <algorithm>
+
+namespace ruffini {
+
+ContactFinder::ContactFinder(const NodeGrid& grid, int64_t force_lsb_un)
+    : grid_(grid),
+      force_lsb_un_(force_lsb_un),
+      is_seen_(static_cast<size_t>(grid.size().count())),
+      stack_(static_cast<size_t>(grid.size().count())) {}
+
+Contact ContactFinder::grow(int seed, std::span<const uint8_t> mask, std::span<const NodeForce> force,
+                            std::span<const NodeDisplacement> displacement) {
+  const GridSize n = grid_.size();
+  Contact contact{.first_node = seed};
+  int64_t pressure = 0;
+  int64_t pressure_x = 0;
+  int64_t pressure_y = 0;
+  int64_t deepest = 0;
+  size_t n_waiting = 0;
+  stack_[n_waiting++] = seed;
+  is_seen_[static_cast<size_t>(seed)] = 1;
+  while (n_waiting > 0) {
+    const int node = stack_[--n_waiting];
+    const int x = node % n.n_x;
+    const int y = node / n.n_x;
+    const NodeForce& f = force[static_cast<size_t>(node)];
+    contact.force_x_un += f.x * force_lsb_un_;
+    contact.force_y_un += f.y * force_lsb_un_;
+    contact.force_z_un += f.z * force_lsb_un_;
+    deepest = std::min<int64_t>(deepest, displacement[static_cast<size_t>(node)].z.raw());
+    if (f.z < 0) {
+      ++contact.n_nodes;
+      pressure += f.z;
+      pressure_x += grid_.twice_steps_x(x) * f.z;
+      pressure_y += grid_.twice_steps_y(y) * f.z;
+    }
+    for (int v = std::max(y - 1, 0); v <= std::min(y + 1, n.n_y - 1); ++v) {
+      for (int u = std::max(x - 1, 0); u <= std::min(x + 1, n.n_x - 1); ++u) {
+        const auto at = static_cast<size_t>(v * n.n_x + u);
+        if (mask[at] == 0 || is_seen_[at] != 0) continue;
+        is_seen_[at] = 1;
+        stack_[n_waiting++] = static_cast<int32_t>(at);
+      }
+    }
+  }
+  contact.area_um2 = contact.n_nodes * grid_.node_area_um2();
+  contact.peak_depth_nm = deepest * 125;
+  if (pressure < 0) {
+    contact.center_x_um = floor_div(-grid_.to_um_x(pressure_x), -pressure);
+    contact.center_y_um = floor_div(-grid_.to_um_y(pressure_y), -pressure);
+  }
+  return contact;
+}
+
+ContactList ContactFinder::find(std::span<const uint8_t> mask, std::span<const NodeForce> force,
+                                std::span<const NodeDisplacement> displacement) {
+  ContactList list;
+  std::fill(is_seen_.begin(), is_seen_.end(), uint8_t{0});
+  for (int seed = 0; seed < grid_.size().count(); ++seed) {
+    if (mask[static_cast<size_t>(seed)] == 0 || is_seen_[static_cast<size_t>(seed)] != 0) continue;
+    const Contact contact = grow(seed, mask, force, displacement);
+    ++list.n_found;
+    const auto end = list.contacts.begin() + list.n_listed;
+    const auto place = std::find_if(list.contacts.begin(), end,
+                                    [&](const Contact& c) { return c.area_um2 < contact.area_um2; });
+    if (place == list.contacts.end()) continue;
+    list.n_listed = std::min(list.n_listed + 1, ContactList::kMax);
+    std::move_backward(place, list.contacts.begin() + list.n_listed - 1, list.contacts.begin() + list.n_listed);
+    *place = contact;
+  }
+  return list;
+}
+
+}  // namespace ruffini

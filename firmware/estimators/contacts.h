@@ -1,0 +1,54 @@
+// The separate contacts of a frame: area, centre of pressure, force of each.
+//
+// 8-connected components of the contact mask, largest area first (then first node). Area counts the
+// nodes of the mask that press (f_z < 0); the centre of pressure is sum(X f_z) / sum(f_z) over those.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/fixed.h"
+#include "estimators/wrench.h"
+#include "image/displacement.h"
+
+namespace ruffini {
+
+struct Contact {
+  int n_nodes = 0;
+  int64_t area_um2 = 0;
+  int64_t center_x_um = 0;
+  int64_t center_y_um = 0;
+  int64_t force_x_un = 0;
+  int64_t force_y_un = 0;
+  int64_t force_z_un = 0;
+  int64_t peak_depth_nm = 0;  // lowest u_z
+  int first_node = 0;
+};
+
+struct ContactList {
+  static constexpr int kMax = 8;
+  std::array<Contact, kMax> contacts{};
+  int n_listed = 0;
+  int n_found = 0;
+};
+
+class ContactFinder {
+ public:
+  ContactFinder(const NodeGrid& grid, int64_t force_lsb_un);
+
+  ContactList find(std::span<const uint8_t> mask, std::span<const NodeForce> force,
+                   std::span<const NodeDisplacement> displacement);
+
+ private:
+  Contact grow(int seed, std::span<const uint8_t> mask, std::span<const NodeForce> force,
+               std::span<const NodeDisplacement> displacement);
+
+  NodeGrid grid_;
+  int64_t force_lsb_un_;
+  std::vector<uint8_t> is_seen_;
+  std::vector<int32_t> stack_;
+};
+
+}  // namespace ruffini

@@ -1,0 +1,53 @@
+#include "estimators/wrench.h"
+
+#include "base/fixed.h"
+
+namespace ruffini {
+
+NodeGrid::NodeGrid(const BoardSettings& board)
+    : n_(board.grid),
+      x_(observed_nodes(n_.n_x, board.pad.size_x_um, board.window.min_x_um, board.window.max_x_um)),
+      y_(observed_nodes(n_.n_y, board.pad.size_y_um, board.window.min_y_um, board.window.max_y_um)),
+      size_x_um_(board.pad.size_x_um),
+      size_y_um_(board.pad.size_y_um) {}
+
+int64_t NodeGrid::scale(int64_t sum, int64_t size_um, int64_t steps) {
+  return floor_div(sum * size_um + steps, 2 * steps);
+}
+
+int64_t NodeGrid::node_area_um2() const {
+  return floor_div(size_x_um_ * size_y_um_, int64_t{n_.n_x - 1} * (n_.n_y - 1));
+}
+
+Wrench sum_wrench(const NodeGrid& grid, std::span<const NodeForce> force, int64_t force_lsb_un) {
+  int64_t fx = 0;
+  int64_t fy = 0;
+  int64_t fz = 0;
+  int64_t y_fz = 0;
+  int64_t x_fz = 0;
+  int64_t x_fy = 0;
+  int64_t y_fx = 0;
+  size_t i = 0;
+  for (int row = 0; row < grid.size().n_y; ++row) {
+    const int64_t y = grid.twice_steps_y(row);
+    for (int column = 0; column < grid.size().n_x; ++column, ++i) {
+      const int64_t x = grid.twice_steps_x(column);
+      const NodeForce& f = force[i];
+      fx += f.x;
+      fy += f.y;
+      fz += f.z;
+      y_fz += y * f.z;
+      x_fz += x * f.z;
+      x_fy += x * f.y;
+      y_fx += y * f.x;
+    }
+  }
+  return {.force_x_un = fx * force_lsb_un,
+          .force_y_un = fy * force_lsb_un,
+          .force_z_un = fz * force_lsb_un,
+          .torque_x_un_um = grid.to_um_y(y_fz * force_lsb_un),
+          .torque_y_un_um = -grid.to_um_x(x_fz * force_lsb_un),
+          .torque_z_un_um = grid.to_um_x(x_fy * force_lsb_un) - grid.to_um_y(y_fx * force_lsb_un)};
+}
+
+}  // namespace ruffini

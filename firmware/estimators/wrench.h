@@ -1,0 +1,54 @@
+// Force and moment of the whole pad: exact integer sums of the transmitted nodal forces.
+//
+//   force  = lsb sum f
+//   moment = sum (X x F) about the undeformed pad centre, z = 0:
+//     tx = sum Y fz,  ty = -sum X fz,  tz = sum X fy - sum Y fx
+//   X = (2 i - (n_x - 1)) size_x / (2 (n_x - 1)), i counted over the whole pad's grid; each of the four sums
+//   is rounded half up once, in uN um.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "board/settings.h"
+#include "solve/contact_mask.h"
+
+namespace ruffini {
+
+struct Wrench {
+  int64_t force_x_un = 0;
+  int64_t force_y_un = 0;
+  int64_t force_z_un = 0;
+  int64_t torque_x_un_um = 0;
+  int64_t torque_y_un_um = 0;
+  int64_t torque_z_un_um = 0;
+  bool operator==(const Wrench&) const = default;
+};
+
+// The observed nodes within the pad's grid, and where they are.
+class NodeGrid {
+ public:
+  explicit NodeGrid(const BoardSettings& board);
+
+  [[nodiscard]] GridSize size() const { return {x_.count, y_.count}; }
+  // Twice the steps from the pad's centre: (2 i - (n - 1)).
+  [[nodiscard]] int64_t twice_steps_x(int column) const { return 2 * (x_.first + column) - (n_.n_x - 1); }
+  [[nodiscard]] int64_t twice_steps_y(int row) const { return 2 * (y_.first + row) - (n_.n_y - 1); }
+  // sum of (twice steps) times a quantity -> micrometres times that quantity, half up.
+  [[nodiscard]] int64_t to_um_x(int64_t sum) const { return scale(sum, size_x_um_, n_.n_x - 1); }
+  [[nodiscard]] int64_t to_um_y(int64_t sum) const { return scale(sum, size_y_um_, n_.n_y - 1); }
+  [[nodiscard]] int64_t node_area_um2() const;
+
+ private:
+  static int64_t scale(int64_t sum, int64_t size_um, int64_t steps);
+
+  GridSize n_;
+  NodeRange x_;
+  NodeRange y_;
+  int64_t size_x_um_;
+  int64_t size_y_um_;
+};
+
+[[nodiscard]] Wrench sum_wrench(const NodeGrid& grid, std::span<const NodeForce> force, int64_t force_lsb_un);
+
+}  // namespace ruffini

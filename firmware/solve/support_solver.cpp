@@ -1,0 +1,166 @@
+#include "solve/support_solver.h"
+
+#include <algorithm>
+#include <bit>
+
+namespace ruffini {
+namespace {
+
+constexpr int64_t kLimit = (int64_t{1} << 31) - 1;
+constexpr int kImageFraction = 8;
+constexpr int kForceFraction = 30;
+
+int64_t limited(int64_t x, SaturationCounter& saturations) {
+  if (x < -kLimit || x > kLimit) {
+    ++saturations.count;
+    return x < 0 ? -kLimit : kLimit;
+  }
+  return x;
+}
+
+int bit_width(int64_t x) { return std::bit_width(static_cast<uint64_t>(x)); }
+
+// Rounding shift in either direction, zero where everything is shifted out.
+int64_t shifted(int64_t x, int right) {
+  if (right <= 0) return right < -20 ? 0 : x * (int64_t{1} << -right);
+  return right > 62 ? 0 : round_shift(x, right);
+}
+
+int common_shift(std::span<const int64_t> values) {
+  int64_t largest = 0;
+  for (const int64_t v : values) largest = std::max(largest, v < 0 ? -v : v);
+  return std::max(bit_width(largest + (largest >> 14)) - 15, 0);  // rounding cannot reach 32768
+}
+
+int64_t to_16(int64_t v, int shift) { return shift == 0 ? v : round_shift(v, shift); }
+
+}  // namespace
+
+Result<SupportSolver> SupportSolver::load(const Calibration& calibration, int n_nodes) {
+  const int n = 3 * n_nodes;
+  auto normal = BlockOperator::load(calibration, "support.normal", n, n);
+  if (!normal) return normal.error();
+  auto project = BlockOperator::load(calibration, "support.project", n, n);
+  if (!project) return project.error();
+  auto scale = calibration.tensor("support.scale", Tensor::Type::kI32, {n});
+  if (!scale) return scale.error();
+  SupportSolver out;
+  out.normal_ = normal.value();
+  out.project_ = project.value();
+  out.scale_ = scale.value()->as<int32_t>();
+  for (const int32_t d : out.scale_) {
+    if (d <= 0) return Error{ErrorKind::kBadInput, "calibration file: support.scale is not positive: make it again"};
+  }
+  const auto size = static_cast<size_t>(n);
+  out.index_.reserve(size);
+  out.blocks_.reserve(static_cast<size_t>(out.normal_.n_blocks()));
+  out.p16_.resize(static_cast<size_t>(out.normal_.padded_cols()));
+  for (auto* values : {&out.y_, &out.r_, &out.p_, &out.image_}) values->reserve(size);
+  return out;
+}
+
+SupportSolver::Scale SupportSolver::ratio(int64_t numerator, int64_t denominator, int exponent) {
+  const int up = 62 - bit_width(numerator);
+  const int down = std::max(bit_width(denominator) - 38, 0);
+  // numerator 2^up has 62 bits, denominator 2^-down at most 38: the quotient has at least 24.
+  int64_t mantissa = (numerator << up) / (denominator >> down);
+  const int extra = bit_width(mantissa) - 24;
+  mantissa >>= extra;
+  return {mantissa, exponent - up - down + extra};
+}
+
+int64_t SupportSolver::scaled(int64_t value, const Scale& scale, int exponent) {
+  return shifted(value * scale.mantissa, -(scale.exponent + exponent));
+}
+
+SupportSolver::Energy SupportSolver::energy() const {
+  Energy out{0, common_shift(r_)};
+  for (const int64_t r : r_) {
+    const int64_t r16 = to_16(r, out.shift);
+    out.sum += r16 * r16;
+  }
+  return out;
+}
+
+void SupportSolver::gather(std::span<const uint8_t> mask) {
+  index_.clear();
+  blocks_.clear();
+  for (uint32_t node = 0; node < mask.size(); ++node) {
+    if (mask[node] == 0) continue;
+    for (uint32_t c = 0; c < 3; ++c) {
+      index_.push_back(3 * node + c);
+      const auto block = static_cast<uint16_t>((3 * node + c) / BlockOperator::kBlock);
+      if (blocks_.empty() || blocks_.back() != block) blocks_.push_back(block);
+    }
+  }
+}
+
+int SupportSolver::spread(std::span<const int64_t> values) {
+  const int shift = common_shift(values);
+  for (size_t i = 0; i < index_.size(); ++i) p16_[index_[i]] = static_cast<int16_t>(to_16(values[i], shift));
+  return shift;
+}
+
+void SupportSolver::multiply() {
+  image_.resize(index_.size());
+  for (size_t i = 0; i < index_.size(); ++i) image_[i] = normal_.row(static_cast<int>(index_[i]), p16_, blocks_);
+}
+
+// y from the linear estimate; r = b - H y; p = r.
+void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce> force,
+                          SaturationCounter& saturations) {
+  y_.resize(index_.size());
+  r_.resize(index_.size());
+  for (size_t i = 0; i < index_.size(); ++i) {
+    const NodeForce& f = force[index_[i] / 3];
+    const int64_t value = index_[i] % 3 == 0 ? f.x : index_[i] % 3 == 1 ? f.y : f.z;
+    y_[i] = limited(floor_div(value * (int64_t{1} << kForceFraction), scale_[index_[i]]), saturations);
+  }
+  const int shift = spread(y_);
+  multiply();
+  for (size_t i = 0; i < index_.size(); ++i) {
+    y_[i] = int64_t{p16_[index_[i]]} << shift;  // what was multiplied, exactly
+    const int64_t b = project_.row(static_cast<int>(index_[i]), u);
+    r_[i] = limited(b - shifted(image_[i], kImageFraction - shift), saturations);
+  }
+  p_ = r_;
+}
+
+bool SupportSolver::step(Energy& current, SaturationCounter& saturations) {
+  const int shift = spread(p_);
+  multiply();
+  int64_t curvature = 0;  // p16 . H p16, with kImageFraction bits
+  for (size_t i = 0; i < index_.size(); ++i) curvature += p16_[index_[i]] * image_[i];
+  if (curvature <= 0) return false;
+  const Scale step = ratio(current.sum, curvature, 2 * (current.shift - shift) + kImageFraction);
+  for (size_t i = 0; i < index_.size(); ++i) {
+    y_[i] = limited(y_[i] + scaled(p16_[index_[i]], step, shift), saturations);
+    r_[i] = limited(r_[i] - scaled(image_[i], step, shift - kImageFraction), saturations);
+  }
+  const Energy next = energy();
+  if (next.sum == 0) return false;
+  const Scale beta = ratio(next.sum, current.sum, 2 * (next.shift - current.shift));
+  for (size_t i = 0; i < index_.size(); ++i) p_[i] = limited(r_[i] + scaled(p_[i], beta, 0), saturations);
+  current = next;
+  return true;
+}
+
+void SupportSolver::run(std::span<const int16_t> u, std::span<const uint8_t> mask, std::span<NodeForce> force,
+                        SaturationCounter& saturations) {
+  gather(mask);
+  std::fill(p16_.begin(), p16_.end(), int16_t{0});
+  start(u, force, saturations);
+  Energy current = energy();
+  for (int i = 0; i < kSteps && current.sum > 0; ++i) {
+    if (!step(current, saturations)) break;
+  }
+  std::fill(force.begin(), force.end(), NodeForce{});
+  for (size_t i = 0; i < index_.size(); ++i) {
+    const auto value =
+        saturate_raw<int32_t>(round_shift(y_[i] * scale_[index_[i]], kForceFraction), saturations);
+    NodeForce& f = force[index_[i] / 3];
+    (index_[i] % 3 == 0 ? f.x : index_[i] % 3 == 1 ? f.y : f.z) = value;
+  }
+}
+
+}  // namespace ruffini
