@@ -1,0 +1,131 @@
+"""ctypes door on the stages of the core (stages.cpp): the side that the mirror is compared with."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+I32 = npt.NDArray[np.int32]
+MARKER_COLUMNS = 6  # x, y, dx, dy (Q16 px), is_lost, is_absent
+MAX_DOTS = 4096
+
+
+def _pointer(array: npt.NDArray[np.generic], dtype: type[np.generic]) -> ctypes.c_void_p:
+    assert array.dtype == dtype and array.flags.c_contiguous, (array.dtype, dtype)
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
+class CoreStages:
+    """The C++ stages of one board; every method takes and returns raw integers."""
+
+    def __init__(self, library: Path, board_toml: str) -> None:
+        self._lib = ctypes.CDLL(str(library))
+        self._lib.stages_open.restype = ctypes.c_void_p
+        for name in ("stages_difference", "stages_poisson", "stages_displacement"):
+            getattr(self._lib, name).restype = ctypes.c_int64
+        error = ctypes.create_string_buffer(256)
+        handle = self._lib.stages_open(board_toml.encode(), error)
+        if not handle:
+            raise ValueError(error.value.decode())
+        self._handle = ctypes.c_void_p(handle)
+
+    def close(self) -> None:
+        self._lib.stages_close(self._handle)
+
+    def cos_pi_q30(self, numerator: int, denominator: int) -> int:
+        return int(
+            self._lib.stages_cos_pi_q30(ctypes.c_int64(numerator), ctypes.c_int64(denominator))
+        )
+
+    def rest(
+        self, frames: npt.NDArray[np.uint8]
+    ) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint32]]:
+        image = np.zeros(frames.shape[1:], np.uint16)
+        reciprocal = np.zeros(frames.shape[1:], np.uint32)
+        assert self._lib.stages_rest(
+            self._handle,
+            _pointer(frames, np.uint8),
+            len(frames),
+            _pointer(image, np.uint16),
+            _pointer(reciprocal, np.uint32),
+        )
+        return image, reciprocal
+
+    def difference(
+        self, frame: npt.NDArray[np.uint8], reciprocal: npt.NDArray[np.uint32]
+    ) -> tuple[npt.NDArray[np.int16], tuple[int, int], int]:
+        """Relative change, (dark, full) pixel counts, saturations."""
+        out = np.zeros(frame.shape, np.int16)
+        counts = np.zeros(2, np.int32)
+        saturations = self._lib.stages_difference(
+            self._handle,
+            _pointer(frame, np.uint8),
+            _pointer(reciprocal, np.uint32),
+            _pointer(out, np.int16),
+            _pointer(counts, np.int32),
+        )
+        return out, (int(counts[0]), int(counts[1])), int(saturations)
+
+    def dots(self, grey: npt.NDArray[np.uint16]) -> I32:
+        """Rows of x, y (Q16), area."""
+        out = np.zeros((MAX_DOTS, 3), np.int32)
+        n = self._lib.stages_dots(self._handle, _pointer(grey, np.uint16), _pointer(out, np.int32))
+        return out[:n].copy()
+
+    def learn_markers(self, dots: I32, n_markers: int) -> tuple[I32, int]:
+        return self._markers(self._lib.stages_learn_markers, dots, n_markers)
+
+    def track_markers(self, dots: I32, n_markers: int) -> tuple[I32, int]:
+        return self._markers(self._lib.stages_track_markers, dots, n_markers)
+
+    def _markers(self, call: ctypes._NamedFuncPointer, dots: I32, n_markers: int) -> tuple[I32, int]:
+        out = np.zeros((n_markers, MARKER_COLUMNS), np.int32)
+        count = call(self._handle, _pointer(dots, np.int32), len(dots), _pointer(out, np.int32))
+        return out, int(count)
+
+    def set_photometric(
+        self, unmix: npt.NDArray[np.int16], slope: npt.NDArray[np.int16]
+    ) -> None:
+        self._lib.stages_set_photometric(
+            self._handle,
+            _pointer(unmix, np.int16),
+            unmix.shape[1],
+            unmix.shape[0],
+            _pointer(slope, np.int16),
+        )
+
+    def photometric(
+        self, difference: npt.NDArray[np.int16], markers: I32, grid: tuple[int, int]
+    ) -> npt.NDArray[np.int16]:
+        out = np.zeros((*grid, 2), np.int16)
+        self._lib.stages_photometric(
+            self._handle,
+            _pointer(difference, np.int16),
+            _pointer(markers, np.int32),
+            _pointer(out, np.int16),
+        )
+        return out
+
+    def poisson(self, slope: npt.NDArray[np.int16]) -> tuple[npt.NDArray[np.int16], int]:
+        depth = np.zeros(slope.shape[:2], np.int16)
+        saturations = self._lib.stages_poisson(
+            self._handle, _pointer(slope, np.int16), _pointer(depth, np.int16)
+        )
+        return depth, int(saturations)
+
+    def displacement(
+        self, markers: I32, depth: npt.NDArray[np.int16] | None, nodes: tuple[int, int]
+    ) -> tuple[npt.NDArray[np.int16], int]:
+        out = np.zeros((*nodes, 3), np.int16)
+        z = np.zeros(0, np.int16) if depth is None else depth
+        saturations = self._lib.stages_displacement(
+            self._handle,
+            _pointer(markers, np.int32),
+            _pointer(z, np.int16),
+            z.size,
+            _pointer(out, np.int16),
+        )
+        return out, int(saturations)

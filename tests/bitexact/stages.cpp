@@ -1,0 +1,198 @@
+// C door on single stages of the core, for the bit-exact comparison with the numpy mirror.
+//
+// The product's own door (firmware/capi) gives whole frames; here each stage takes arbitrary inputs.
+// Arrays are dense and row-major; fixed-point values travel as their raw integers.
+#include <algorithm>
+#include <cstring>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "board/parse.h"
+#include "image/difference.h"
+#include "image/displacement.h"
+#include "image/dots.h"
+#include "image/markers.h"
+#include "image/photometric.h"
+#include "image/poisson.h"
+#include "image/rest.h"
+#include "image/trigonometry.h"
+
+namespace {
+
+using namespace ruffini;
+
+struct Stages {
+  explicit Stages(BoardSettings settings)
+      : board(std::move(settings)),
+        rest(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
+        dots(dot_parameters(board)),
+        lattice(board),
+        poisson(board),
+        displacement(board) {}
+
+  BoardSettings board;
+  Rest rest;
+  DotDetector dots;
+  MarkerLattice lattice;
+  std::optional<Photometric> photometric;
+  Poisson poisson;
+  Displacement displacement;
+};
+
+// Markers as rows of x, y, dx, dy, is_lost, is_absent.
+constexpr int kMarkerColumns = 6;
+
+void put_markers(std::span<const Marker> markers, int32_t* out) {
+  for (const Marker& m : markers) {
+    const int32_t row[kMarkerColumns] = {m.rest_x.raw(),         m.rest_y.raw(),
+                                         m.displacement_x.raw(), m.displacement_y.raw(),
+                                         m.is_lost ? 1 : 0,      m.is_absent ? 1 : 0};
+    out = std::copy(std::begin(row), std::end(row), out);
+  }
+}
+
+std::vector<Marker> get_markers(const int32_t* rows, int n) {
+  std::vector<Marker> markers(static_cast<size_t>(n));
+  for (Marker& m : markers) {
+    m.rest_x = ImagePx::from_raw(rows[0]);
+    m.rest_y = ImagePx::from_raw(rows[1]);
+    m.displacement_x = ImagePx::from_raw(rows[2]);
+    m.displacement_y = ImagePx::from_raw(rows[3]);
+    m.is_lost = rows[4] != 0;
+    m.is_absent = rows[5] != 0;
+    rows += kMarkerColumns;
+  }
+  return markers;
+}
+
+std::vector<Dot> get_dots(const int32_t* rows, int n) {
+  std::vector<Dot> dots(static_cast<size_t>(n));
+  for (Dot& dot : dots) {
+    dot = {ImagePx::from_raw(rows[0]), ImagePx::from_raw(rows[1]), rows[2]};
+    rows += 3;
+  }
+  return dots;
+}
+
+FrameView view(const Stages& stages, const uint8_t* bgr) {
+  const CameraSettings& camera = stages.board.camera;
+  return {bgr, camera.width_px, camera.height_px, 3, ptrdiff_t{3} * camera.width_px};
+}
+
+size_t n_pixels(const Stages& stages) {
+  return static_cast<size_t>(stages.board.camera.width_px) * static_cast<size_t>(stages.board.camera.height_px);
+}
+
+}  // namespace
+
+extern "C" {
+
+// Null when the board does not parse; `error` (256 bytes) then says why.
+Stages* stages_open(const char* board_toml, char* error) {
+  Result<BoardSettings> board = parse_board(board_toml, "board");
+  if (!board) {
+    std::strncpy(error, board.error().message.c_str(), 255);
+    error[255] = 0;
+    return nullptr;
+  }
+  return new Stages(std::move(board).value());
+}
+
+void stages_close(Stages* stages) { delete stages; }
+
+int32_t stages_cos_pi_q30(int64_t numerator, int64_t denominator) { return cos_pi_q30(numerator, denominator); }
+
+int stages_rest(Stages* stages, const uint8_t* frames, int n_frames, uint16_t* image, uint32_t* reciprocal) {
+  stages->rest.restart(n_frames);
+  bool is_complete = false;
+  for (int i = 0; i < n_frames; ++i) {
+    is_complete = stages->rest.add(view(*stages, frames + static_cast<size_t>(i) * 3 * n_pixels(*stages)));
+  }
+  std::ranges::copy(stages->rest.image(), image);
+  std::ranges::copy(stages->rest.reciprocal(), reciprocal);
+  return is_complete ? 1 : 0;
+}
+
+// `counts`: dark, full. Returns the saturations.
+int64_t stages_difference(Stages* stages, const uint8_t* frame, const uint32_t* reciprocal, int16_t* out, int32_t* counts) {
+  SaturationCounter saturations;
+  std::vector<RelativeChange> change(3 * n_pixels(*stages));
+  const ExposureCounts exposure = difference(view(*stages, frame), {reciprocal, change.size()}, change, saturations);
+  std::ranges::transform(change, out, [](RelativeChange d) { return d.raw(); });
+  counts[0] = exposure.dark;
+  counts[1] = exposure.full;
+  return static_cast<int64_t>(saturations.count);
+}
+
+// Rows of x, y, area; `out` has room for DotDetector::kMaxDots. Returns their number.
+int stages_dots(Stages* stages, const uint16_t* grey, int32_t* out) {
+  const std::span<const Dot> dots = stages->dots.detect({grey, n_pixels(*stages)});
+  for (const Dot& dot : dots) {
+    *out++ = dot.x.raw();
+    *out++ = dot.y.raw();
+    *out++ = dot.area_px;
+  }
+  return static_cast<int>(dots.size());
+}
+
+int stages_learn_markers(Stages* stages, const int32_t* dots, int n_dots, int32_t* markers) {
+  const int n_found = stages->lattice.learn(get_dots(dots, n_dots));
+  put_markers(stages->lattice.markers(), markers);
+  return n_found;
+}
+
+int stages_track_markers(Stages* stages, const int32_t* dots, int n_dots, int32_t* markers) {
+  const int n_lost = stages->lattice.track(get_dots(dots, n_dots));
+  put_markers(stages->lattice.markers(), markers);
+  return n_lost;
+}
+
+void stages_set_photometric(Stages* stages, const int16_t* unmix, int n_cells_x, int n_cells_y, const int16_t* slope) {
+  const GridSize cells{n_cells_x, n_cells_y};
+  const size_t n_slope = size_t{Photometric::kSlopeSize} * Photometric::kSlopeSize * 2;
+  stages->photometric.emplace(
+      stages->board, PhotometricTable{{unmix, static_cast<size_t>(cells.count()) * 6}, cells, {slope, n_slope}});
+}
+
+void stages_photometric(Stages* stages, const int16_t* difference_q12, const int32_t* markers, int16_t* out) {
+  std::vector<RelativeChange> change(3 * n_pixels(*stages));
+  for (size_t i = 0; i < change.size(); ++i) change[i] = RelativeChange::from_raw(difference_q12[i]);
+  std::vector<CellSlope> slope(static_cast<size_t>(stages->photometric->cells().count()));
+  stages->photometric->run(change, get_markers(markers, stages->board.markers.lattice.count()), slope);
+  for (const CellSlope& s : slope) {
+    *out++ = s.x.raw();
+    *out++ = s.y.raw();
+  }
+}
+
+// Returns the saturations.
+int64_t stages_poisson(Stages* stages, const int16_t* slope_q12, int16_t* depth_q3) {
+  const int step = stages->board.depth.step_px;
+  std::vector<CellSlope> slope(n_pixels(*stages) / static_cast<size_t>(step * step));
+  for (size_t i = 0; i < slope.size(); ++i) {
+    slope[i] = {Slope::from_raw(slope_q12[2 * i]), Slope::from_raw(slope_q12[2 * i + 1])};
+  }
+  std::vector<DisplacementUm> depth(slope.size());
+  SaturationCounter saturations;
+  stages->poisson.run(slope, depth, saturations);
+  std::ranges::transform(depth, depth_q3, [](DisplacementUm z) { return z.raw(); });
+  return static_cast<int64_t>(saturations.count);
+}
+
+// `n_depth` = 0: depth not measured. Returns the saturations.
+int64_t stages_displacement(Stages* stages, const int32_t* markers, const int16_t* depth_q3, int n_depth, int16_t* out) {
+  std::vector<DisplacementUm> depth(static_cast<size_t>(n_depth));
+  for (size_t i = 0; i < depth.size(); ++i) depth[i] = DisplacementUm::from_raw(depth_q3[i]);
+  std::vector<NodeDisplacement> nodes(static_cast<size_t>(stages->displacement.nodes().count()));
+  SaturationCounter saturations;
+  stages->displacement.run(get_markers(markers, stages->board.markers.lattice.count()), depth, nodes, saturations);
+  for (const NodeDisplacement& u : nodes) {
+    *out++ = u.x.raw();
+    *out++ = u.y.raw();
+    *out++ = u.z.raw();
+  }
+  return static_cast<int64_t>(saturations.count);
+}
+
+}  // extern "C"
