@@ -5,8 +5,6 @@
 namespace ruffini {
 namespace {
 
-constexpr int kLearnPasses = 3;
-
 int64_t px_q16(int64_t mpx) { return floor_div(mpx * 65536 + 500, 1000); }
 
 // Pixels, Q16, of a length in the undeformed surface.
@@ -34,8 +32,11 @@ DotParameters dot_parameters(const BoardSettings& board) {
 MarkerLattice::MarkerLattice(const BoardSettings& board)
     : size_(board.markers.lattice), settings_(board.markers) {
   const CameraSettings& camera = board.camera;
-  const int64_t gate = length_q16(camera, std::min(settings_.pitch_x_um, settings_.pitch_y_um)) * 45 / 100;
-  gate2_ = gate * gate;
+  const int64_t pitch = length_q16(camera, std::min(settings_.pitch_x_um, settings_.pitch_y_um));
+  const auto squared_share = [pitch](int64_t percent) { return (pitch * percent / 100) * (pitch * percent / 100); };
+  gate2_ = squared_share(45);
+  seed_gate2_ = squared_share(60);  // 0.4 pitch along both axes
+  step_gate2_ = squared_share(35);
   um_to_px_q32_ = floor_div(camera.focal_mpx * (int64_t{1} << 32), camera.standoff_um * 1000);
   corner_ = {px_q16(camera.center_x_mpx) - (board.pad.size_x_um * um_to_px_q32_ >> 17),
              px_q16(camera.center_y_mpx) - (board.pad.size_y_um * um_to_px_q32_ >> 17)};
@@ -44,6 +45,7 @@ MarkerLattice::MarkerLattice(const BoardSettings& board)
   expected_.resize(n);
   dot_of_marker_.resize(n);
   is_open_.resize(n);
+  queue_.resize(n);
   known_.resize(n);
   known_next_.resize(n);
   marker_of_dot_.resize(DotDetector::kMaxDots);
@@ -81,41 +83,83 @@ void MarkerLattice::match(std::span<const Dot> dots, std::span<const Point> expe
   }
 }
 
-int MarkerLattice::learn(std::span<const Dot> dots) {
-  Point shift{0, 0};
+// The nearest free dot closer than sqrt(limit2) to `place`; -1 = none.
+int MarkerLattice::nearest_free(std::span<const Dot> dots, const Point& place, int64_t limit2) const {
+  int best = -1;
+  for (size_t j = 0; j < dots.size(); ++j) {
+    const int64_t dx = dots[j].x.raw() - place.x;
+    const int64_t dy = dots[j].y.raw() - place.y;
+    const int64_t distance2 = dx * dx + dy * dy;
+    if (is_dot_taken_[j] != 0 || distance2 >= limit2) continue;
+    best = static_cast<int>(j);
+    limit2 = distance2;
+  }
+  return best;
+}
+
+// Assigns dots outwards from `seed`: each neighbour is looked for one nominal step from a marker that
+// has its dot. Number of markers found.
+int MarkerLattice::grow(std::span<const Dot> dots, int seed) {
+  std::fill(dot_of_marker_.begin(), dot_of_marker_.end(), Nearest{-1, 0});
+  std::fill(is_dot_taken_.begin(), is_dot_taken_.end(), uint8_t{0});
   int n_found = 0;
-  for (int pass = 0; pass < kLearnPasses; ++pass) {
-    std::fill(is_open_.begin(), is_open_.end(), uint8_t{1});
-    std::fill(is_dot_taken_.begin(), is_dot_taken_.end(), uint8_t{0});
-    for (int i = 0; i < size_.count(); ++i) {
-      const Point place = nominal(i);
-      expected_[static_cast<size_t>(i)] = {place.x + shift.x, place.y + shift.y};
-    }
-    match(dots, expected_);
-    n_found = 0;
-    Point sum{0, 0};
-    for (int i = 0; i < size_.count(); ++i) {
-      const int j = dot_of_marker_[static_cast<size_t>(i)].index;
-      if (j < 0) continue;
-      ++n_found;
-      sum.x += dots[static_cast<size_t>(j)].x.raw() - expected_[static_cast<size_t>(i)].x;
-      sum.y += dots[static_cast<size_t>(j)].y.raw() - expected_[static_cast<size_t>(i)].y;
-    }
-    if (n_found == 0) break;
-    if (pass + 1 < kLearnPasses) {
-      shift = {shift.x + floor_div(sum.x, n_found), shift.y + floor_div(sum.y, n_found)};
+  const auto assign = [&](int marker, int dot) {
+    if (dot < 0) return;
+    dot_of_marker_[static_cast<size_t>(marker)].index = dot;
+    is_dot_taken_[static_cast<size_t>(dot)] = 1;
+    queue_[static_cast<size_t>(n_found++)] = marker;
+  };
+  assign(seed, nearest_free(dots, nominal(seed), seed_gate2_));
+  for (int next = 0; next < n_found; ++next) {
+    const int at = queue_[static_cast<size_t>(next)];
+    const Dot& dot = dots[static_cast<size_t>(dot_of_marker_[static_cast<size_t>(at)].index)];
+    const Point from = nominal(at);
+    const auto look = [&](int neighbour) {
+      if (dot_of_marker_[static_cast<size_t>(neighbour)].index >= 0) return;
+      const Point to = nominal(neighbour);
+      assign(neighbour, nearest_free(dots, {dot.x.raw() + to.x - from.x, dot.y.raw() + to.y - from.y}, step_gate2_));
+    };
+    const int x = at % size_.n_x;
+    const int y = at / size_.n_x;
+    if (x > 0) look(at - 1);
+    if (x + 1 < size_.n_x) look(at + 1);
+    if (y > 0) look(at - size_.n_x);
+    if (y + 1 < size_.n_y) look(at + size_.n_x);
+  }
+  return n_found;
+}
+
+int MarkerLattice::learn(std::span<const Dot> dots) {
+  // The seed decides which dot is which; one of the middle markers may have no dot, or dust for one.
+  const int middle = (size_.n_y / 2) * size_.n_x + size_.n_x / 2;
+  int best_seed = middle;
+  int best_found = 0;
+  for (const int seed : {middle, middle - 1, middle - size_.n_x, middle - size_.n_x - 1}) {
+    const int n_found = grow(dots, seed);
+    if (n_found > best_found) {
+      best_found = n_found;
+      best_seed = seed;
     }
   }
+  grow(dots, best_seed);
+  Point shift{0, 0};  // mean over the markers found, for the places of the absent ones
+  for (int n = 0; n < best_found; ++n) {
+    const int i = queue_[static_cast<size_t>(n)];
+    const Dot& dot = dots[static_cast<size_t>(dot_of_marker_[static_cast<size_t>(i)].index)];
+    shift.x += dot.x.raw() - nominal(i).x;
+    shift.y += dot.y.raw() - nominal(i).y;
+  }
+  if (best_found > 0) shift = {floor_div(shift.x, best_found), floor_div(shift.y, best_found)};
   for (int i = 0; i < size_.count(); ++i) {
     const int j = dot_of_marker_[static_cast<size_t>(i)].index;
-    const Point& place = expected_[static_cast<size_t>(i)];
+    const Point place = nominal(i);
     Marker& marker = markers_[static_cast<size_t>(i)];
     marker = Marker{};
     marker.is_absent = marker.is_lost = j < 0;
-    marker.rest_x = j < 0 ? ImagePx::from_raw(static_cast<int32_t>(place.x)) : dots[static_cast<size_t>(j)].x;
-    marker.rest_y = j < 0 ? ImagePx::from_raw(static_cast<int32_t>(place.y)) : dots[static_cast<size_t>(j)].y;
+    marker.rest_x = j < 0 ? ImagePx::from_raw(static_cast<int32_t>(place.x + shift.x)) : dots[static_cast<size_t>(j)].x;
+    marker.rest_y = j < 0 ? ImagePx::from_raw(static_cast<int32_t>(place.y + shift.y)) : dots[static_cast<size_t>(j)].y;
   }
-  return n_found;
+  return best_found;
 }
 
 int MarkerLattice::neighbour_mean(int index, Point& mean) const {

@@ -29,8 +29,9 @@ class MarkerLattice {
  public:
   explicit MarkerLattice(const BoardSettings& board);
 
-  // Assign the dots of the rest image to the nominal lattice, allowing one common shift of less than
-  // half a pitch. Number of markers found.
+  // Assign the dots of the rest image to the nominal lattice, outwards from its middle. The nominal
+  // lattice may be off by 0.4 pitch along each axis in the middle, its step by 0.35 pitch, locally (scale,
+  // rotation, lens distortion). Number of markers found.
   int learn(std::span<const Dot> dots);
   // Follow the dots of one frame. Number of markers lost that were there at rest.
   int track(std::span<const Dot> dots);
@@ -49,6 +50,8 @@ class MarkerLattice {
   };
 
   [[nodiscard]] Point nominal(int index) const;
+  [[nodiscard]] int nearest_free(std::span<const Dot> dots, const Point& place, int64_t limit2) const;
+  int grow(std::span<const Dot> dots, int seed);
   void match(std::span<const Dot> dots, std::span<const Point> expected);
   void accept(std::span<const Dot> dots);
   void expect_with_neighbours();
@@ -58,7 +61,9 @@ class MarkerLattice {
 
   GridSize size_;
   MarkerSettings settings_;
-  int64_t gate2_;                  // squared, Q16 px
+  int64_t gate2_;                  // squared, Q16 px: dot from the place where it is expected
+  int64_t seed_gate2_;             // the first dot from its nominal place
+  int64_t step_gate2_;             // a dot from one nominal step beside its neighbour
   int64_t um_to_px_q32_;           // image pixels per micrometre at the undeformed surface
   Point corner_;                   // image position of the pad's corner, Q16
   std::vector<Marker> markers_;
@@ -66,6 +71,7 @@ class MarkerLattice {
   std::vector<Nearest> dot_of_marker_;
   std::vector<Nearest> marker_of_dot_;
   std::vector<uint8_t> is_dot_taken_;
+  std::vector<int> queue_;         // markers found, in order of growth
   std::vector<uint8_t> is_open_;   // still looking for its dot
   std::vector<uint8_t> known_;     // has a displacement of its own, or a filled one
   std::vector<uint8_t> known_next_;
