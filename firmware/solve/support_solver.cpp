@@ -18,7 +18,7 @@ int64_t limited(int64_t x, SaturationCounter& saturations) {
   return x;
 }
 
-int bit_width(int64_t x) { return std::bit_width(static_cast<uint64_t>(x)); }
+int bit_width(int64_t x) { return static_cast<int>(std::bit_width(static_cast<uint64_t>(x))); }
 
 // Rounding shift in either direction, zero where everything is shifted out.
 int64_t shifted(int64_t x, int right) {

@@ -1,0 +1,190 @@
+#include "capi/ruffini_core.h"
+
+#include <algorithm>
+#include <chrono>
+#include <string>
+
+#include "board/parse.h"
+#include "frame_path.h"
+
+#ifndef RUFFINI_VERSION
+#define RUFFINI_VERSION "0"
+#endif
+
+using ruffini::FramePath;
+
+struct ruffini_pipeline {
+  std::unique_ptr<FramePath> path;
+};
+
+namespace {
+
+thread_local std::string last_error;
+
+int fail(const std::string& message) {
+  last_error = message;
+  return 1;
+}
+
+uint64_t now_ns() {
+  return static_cast<uint64_t>(
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count());
+}
+
+template <typename Range, typename Out>
+int copy_raw(const Range& range, Out* out) {
+  std::transform(range.begin(), range.end(), out, [](const auto& value) { return value.raw(); });
+  return 0;
+}
+
+}  // namespace
+
+const char* ruffini_version(void) { return RUFFINI_VERSION; }
+const char* ruffini_error(void) { return last_error.c_str(); }
+
+int ruffini_check_board(const char* toml, size_t toml_bytes, const char* where) {
+  const auto board = ruffini::parse_board({toml, toml_bytes}, where);
+  return board ? 0 : fail(board.error().message);
+}
+
+ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* where, const uint8_t* calibration,
+                               size_t calibration_bytes) {
+  const auto board = ruffini::parse_board({toml, toml_bytes}, where);
+  if (!board) return fail(board.error().message), nullptr;
+  std::shared_ptr<const ruffini::CalibrationFile> file;
+  if (calibration != nullptr) {
+    auto loaded = ruffini::CalibrationFile::load({calibration, calibration_bytes});
+    if (!loaded) return fail(loaded.error().message), nullptr;
+    const ruffini::Status fits = loaded.value()->get().check_target(board.value(), "*");
+    if (!fits) return fail(fits.error().message), nullptr;
+    file = loaded.value();
+  }
+  auto path = FramePath::configure(board.value(), file, now_ns);
+  if (!path) return fail(path.error().message), nullptr;
+  return new ruffini_pipeline{std::move(path).value()};
+}
+
+void ruffini_close(ruffini_pipeline* pipeline) { delete pipeline; }
+
+int ruffini_layout(const ruffini_pipeline* pipeline, ruffini_layout_t* out) {
+  const FramePath& path = *pipeline->path;
+  const ruffini::BoardSettings& board = path.board();
+  const auto x = ruffini::observed_nodes(board.grid.n_x, board.pad.size_x_um, board.window.min_x_um, board.window.max_x_um);
+  const auto y = ruffini::observed_nodes(board.grid.n_y, board.pad.size_y_um, board.window.min_y_um, board.window.max_y_um);
+  *out = {.width_px = board.camera.width_px,
+          .height_px = board.camera.height_px,
+          .depth_n_x = path.depth_grid().n_x,
+          .depth_n_y = path.depth_grid().n_y,
+          .depth_step_px = board.depth.step_px,
+          .node_n_x = x.count,
+          .node_n_y = y.count,
+          .node_first_x = x.first,
+          .node_first_y = y.first,
+          .marker_n_x = board.markers.lattice.n_x,
+          .marker_n_y = board.markers.lattice.n_y,
+          .force_lsb_un = static_cast<int32_t>(board.force_lsb_un)};
+  return 0;
+}
+
+int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t width_px, int32_t height_px,
+                    ruffini_result_t* out) {
+  FramePath& path = *pipeline->path;
+  const ruffini::CameraSettings& camera = path.board().camera;
+  if (width_px != camera.width_px || height_px != camera.height_px) {
+    return fail("frame is " + std::to_string(width_px) + "x" + std::to_string(height_px) + ", the board's camera " +
+                std::to_string(camera.width_px) + "x" + std::to_string(camera.height_px) +
+                ": use the right board or resolution");
+  }
+  const ruffini::FrameState& s = path.process({bgr, width_px, height_px, 3, ptrdiff_t{3} * width_px});
+  const ruffini::Wrench& w = s.wrench;
+  *out = {.flags = s.flags,
+          .force_xy = static_cast<int32_t>(s.force_xy),
+          .force_z = static_cast<int32_t>(s.force_z),
+          .depth = static_cast<int32_t>(s.depth_validity),
+          .n_markers_lost = s.markers.n_lost,
+          .n_markers_at_rest = path.n_markers_at_rest(),
+          .saturations = s.saturations.count,
+          .wrench = {w.force_x_un, w.force_y_un, w.force_z_un, w.torque_x_un_um, w.torque_y_un_um, w.torque_z_un_um},
+          .n_contacts = s.contacts.n_found,
+          .stage_ns = {}};
+  std::copy(s.stage_ns.begin(), s.stage_ns.end(), out->stage_ns);
+  return 0;
+}
+
+int ruffini_zero(ruffini_pipeline* pipeline, int32_t n_frames) {
+  if (n_frames < 0 || n_frames > 256) return fail("zero takes 0 to 256 frames, got " + std::to_string(n_frames));
+  pipeline->path->zero(n_frames);
+  return 0;
+}
+
+int ruffini_set_rest(ruffini_pipeline* pipeline, const uint16_t* image) {
+  pipeline->path->set_rest({image, pipeline->path->rest_image().size()});
+  return 0;
+}
+
+int ruffini_solve(ruffini_pipeline* pipeline, const int16_t* displacement, int32_t n_frames, int32_t* force) {
+  FramePath& path = *pipeline->path;
+  const auto n_nodes = static_cast<size_t>(path.nodes().size().count());
+  std::vector<ruffini::NodeDisplacement> u(n_nodes);
+  using Um = ruffini::DisplacementUm;
+  for (int32_t frame = 0; frame < n_frames; ++frame, displacement += 3 * n_nodes, force += 3 * n_nodes) {
+    for (size_t i = 0; i < n_nodes; ++i) {
+      u[i] = {Um::from_raw(displacement[3 * i]), Um::from_raw(displacement[3 * i + 1]),
+              Um::from_raw(displacement[3 * i + 2])};
+    }
+    path.solve(u);
+    ruffini_get_force(pipeline, force);
+  }
+  return 0;
+}
+
+int ruffini_get_markers(const ruffini_pipeline* pipeline, int32_t* rest_q16, int32_t* displacement_q16, uint8_t* lost) {
+  for (const ruffini::Marker& m : pipeline->path->markers()) {
+    *rest_q16++ = m.rest_x.raw();
+    *rest_q16++ = m.rest_y.raw();
+    *displacement_q16++ = m.displacement_x.raw();
+    *displacement_q16++ = m.displacement_y.raw();
+    *lost++ = m.is_absent ? uint8_t{2} : static_cast<uint8_t>(m.is_lost);
+  }
+  return 0;
+}
+
+int ruffini_get_change(const ruffini_pipeline* pipeline, int16_t* out) {
+  return copy_raw(pipeline->path->state().difference.change, out);
+}
+
+int ruffini_get_slope(const ruffini_pipeline* pipeline, int16_t* out) {
+  for (const ruffini::CellSlope& s : pipeline->path->state().photometric.slope) {
+    *out++ = s.x.raw();
+    *out++ = s.y.raw();
+  }
+  return 0;
+}
+
+int ruffini_get_depth(const ruffini_pipeline* pipeline, int16_t* out) {
+  return copy_raw(pipeline->path->state().poisson.depth, out);
+}
+
+int ruffini_get_displacement(const ruffini_pipeline* pipeline, int16_t* out) {
+  for (const ruffini::NodeDisplacement& u : pipeline->path->state().displacement.node) {
+    *out++ = u.x.raw();
+    *out++ = u.y.raw();
+    *out++ = u.z.raw();
+  }
+  return 0;
+}
+
+int ruffini_get_force(const ruffini_pipeline* pipeline, int32_t* out) {
+  for (const ruffini::NodeForce& f : pipeline->path->state().solve.force) {
+    *out++ = f.x;
+    *out++ = f.y;
+    *out++ = f.z;
+  }
+  return 0;
+}
+
+int ruffini_get_mask(const ruffini_pipeline* pipeline, uint8_t* out) {
+  const auto mask = pipeline->path->state().solve.mask;
+  std::copy(mask.begin(), mask.end(), out);
+  return 0;
+}

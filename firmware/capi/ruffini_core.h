@@ -1,0 +1,75 @@
+/* C interface of the core: the device's own arithmetic for offline use (ctypes).
+ *
+ * Every function returns 0 on success; otherwise the text of ruffini_error() says what, where and
+ * what to do. A handle belongs to one thread at a time. Arrays are C order, sizes as documented by
+ * ruffini_layout. */
+#ifndef RUFFINI_CORE_H
+#define RUFFINI_CORE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define RUFFINI_API __attribute__((visibility("default")))
+
+typedef struct ruffini_pipeline ruffini_pipeline;
+
+typedef struct {
+  int32_t width_px, height_px;
+  int32_t depth_n_x, depth_n_y, depth_step_px;
+  int32_t node_n_x, node_n_y;        /* observed nodes */
+  int32_t node_first_x, node_first_y;/* within the pad's grid */
+  int32_t marker_n_x, marker_n_y;
+  int32_t force_lsb_un;
+} ruffini_layout_t;
+
+typedef struct {
+  uint32_t flags;                    /* FlagBit of ruffini.proto */
+  int32_t force_xy, force_z, depth;  /* Validity of ruffini.proto */
+  int32_t n_markers_lost, n_markers_at_rest;
+  uint64_t saturations;              /* since ruffini_open */
+  int64_t wrench[6];                 /* uN, uN um */
+  int32_t n_contacts;
+  uint64_t stage_ns[9];
+} ruffini_result_t;
+
+RUFFINI_API const char* ruffini_version(void);
+/* Of the last failed call on this thread. */
+RUFFINI_API const char* ruffini_error(void);
+/* Parse a board.toml: 0 or 1 with ruffini_error(). `where` names the file in messages. */
+RUFFINI_API int ruffini_check_board(const char* toml, size_t toml_bytes, const char* where);
+
+/* `calibration` may be NULL. The signature is not checked here: files from this machine are the caller's. */
+RUFFINI_API ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* where,
+                                           const uint8_t* calibration, size_t calibration_bytes);
+RUFFINI_API void ruffini_close(ruffini_pipeline* pipeline);
+RUFFINI_API int ruffini_layout(const ruffini_pipeline* pipeline, ruffini_layout_t* out);
+
+/* B, G, R, width x height of the board. */
+RUFFINI_API int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t width_px,
+                                int32_t height_px, ruffini_result_t* out);
+RUFFINI_API int ruffini_zero(ruffini_pipeline* pipeline, int32_t n_frames);
+/* Rest image [height][width][3] in 1/16 grey levels, in force at once. */
+RUFFINI_API int ruffini_set_rest(ruffini_pipeline* pipeline, const uint16_t* image);
+
+/* The solve alone on n_frames displacements, [frame][node][3] steps of 125 nm -> [frame][node][3] force steps. */
+RUFFINI_API int ruffini_solve(ruffini_pipeline* pipeline, const int16_t* displacement, int32_t n_frames,
+                              int32_t* force);
+
+/* Of the last processed frame. */
+RUFFINI_API int ruffini_get_markers(const ruffini_pipeline* pipeline, int32_t* rest_q16, int32_t* displacement_q16,
+                                    uint8_t* lost);            /* [marker][2], [marker][2], [marker]: 1 lost, 2 absent */
+RUFFINI_API int ruffini_get_change(const ruffini_pipeline* pipeline, int16_t* out);       /* [h][w][3] Q12 */
+RUFFINI_API int ruffini_get_slope(const ruffini_pipeline* pipeline, int16_t* out);        /* [dy][dx][2] Q12 */
+RUFFINI_API int ruffini_get_depth(const ruffini_pipeline* pipeline, int16_t* out);        /* [dy][dx] 125 nm */
+RUFFINI_API int ruffini_get_displacement(const ruffini_pipeline* pipeline, int16_t* out); /* [node][3] 125 nm */
+RUFFINI_API int ruffini_get_force(const ruffini_pipeline* pipeline, int32_t* out);        /* [node][3] */
+RUFFINI_API int ruffini_get_mask(const ruffini_pipeline* pipeline, uint8_t* out);         /* [node] */
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,258 @@
+#include "frame_path.h"
+
+#include <algorithm>
+#include <cstring>
+
+namespace ruffini {
+namespace {
+
+constexpr int kMinMarkersPercent = 50;   // fewer at rest: this is not the board's pad
+
+int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
+
+}  // namespace
+
+// The life of a frame. Stage by stage: firmware/README.md.
+const FrameState& FramePath::process(const FrameView& frame) {
+  state_.flags = 0;
+  state_.stage_ns.fill(0);
+  const uint64_t saturations_before = state_.saturations.count;
+  if (!rest_.is_ready()) {
+    learn(frame);
+    state_.flags = kFlagNoReference;
+  } else {
+    timed(Stage::kDifference, [&] { run_difference(frame); });
+    timed(Stage::kMarkers, [&] { run_markers(frame); });
+    run_depth();
+    timed(Stage::kDisplacement, [&] { run_displacement(); });
+    run_solve();
+    run_estimators();
+  }
+  if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
+  judge();
+  return state_;
+}
+
+template <typename Work>
+void FramePath::timed(Stage stage, Work work) {
+  if (!has(stage)) return;
+  const uint64_t start = clock_();
+  work();
+  state_.stage_ns[static_cast<size_t>(stage)] = clock_() - start;
+}
+
+void FramePath::learn(const FrameView& frame) {
+  if (rest_.add(frame)) learn_markers();
+}
+
+void FramePath::learn_markers() {
+  if (!has(Stage::kMarkers)) return;
+  const std::span<const uint16_t> rest = rest_.image();
+  for (size_t i = 0; i < state_.markers.grey.size(); ++i) {
+    state_.markers.grey[i] = static_cast<uint16_t>(rest[3 * i] + rest[3 * i + 1] + rest[3 * i + 2]);
+  }
+  n_markers_at_rest_ = lattice_.learn(dots_.detect(state_.markers.grey));
+}
+
+void FramePath::run_difference(const FrameView& frame) {
+  state_.difference.exposure =
+      difference(frame, rest_.reciprocal(), state_.difference.change, state_.saturations);
+}
+
+void FramePath::run_markers(const FrameView& frame) {
+  size_t i = 0;
+  for (int y = 0; y < frame.height; ++y) {
+    const uint8_t* pixel = frame.row(y);
+    for (int x = 0; x < frame.width; ++x, ++i, pixel += 3) {
+      state_.markers.grey[i] = static_cast<uint16_t>(16 * (pixel[0] + pixel[1] + pixel[2]));
+    }
+  }
+  state_.markers.n_lost = lattice_.track(dots_.detect(state_.markers.grey));
+}
+
+void FramePath::run_depth() {
+  if (!photometric_) return;
+  timed(Stage::kPhotometric,
+        [&] { photometric_->run(state_.difference.change, lattice_.markers(), state_.photometric.slope); });
+  timed(Stage::kPoisson, [&] { poisson_.run(state_.photometric.slope, state_.poisson.depth, state_.saturations); });
+}
+
+void FramePath::run_displacement() {
+  const bool is_measured = photometric_ && has(Stage::kPoisson);
+  displacement_.run(lattice_.markers(),
+                    is_measured ? std::span<const DisplacementUm>(state_.poisson.depth) : std::span<const DisplacementUm>(),
+                    state_.displacement.node, state_.saturations);
+}
+
+void FramePath::run_solve() {
+  if (!operator_) return;
+  timed(Stage::kOperator, [&] {
+    std::vector<int16_t>& u = state_.solve.padded;
+    for (size_t i = 0; i < state_.displacement.node.size(); ++i) {
+      u[3 * i] = state_.displacement.node[i].x.raw();
+      u[3 * i + 1] = state_.displacement.node[i].y.raw();
+      u[3 * i + 2] = state_.displacement.node[i].z.raw();
+    }
+    const auto row = [&](size_t r) {
+      return saturate_raw<int32_t>(operator_->row(static_cast<int>(r), u), state_.saturations);
+    };
+    for (size_t i = 0; i < state_.solve.force.size(); ++i) {
+      state_.solve.force[i] = {row(3 * i), row(3 * i + 1), row(3 * i + 2)};
+    }
+    state_.solve.mask = mask_.find(state_.solve.force);
+  });
+  if (!support_) return;
+  timed(Stage::kSupport,
+        [&] { support_->run(state_.solve.padded, state_.solve.mask, state_.solve.force, state_.saturations); });
+}
+
+void FramePath::run_estimators() {
+  if (!operator_) return;
+  timed(Stage::kWrench, [&] { state_.wrench = sum_wrench(nodes_, state_.solve.force, board_.force_lsb_un); });
+  timed(Stage::kContacts,
+        [&] { state_.contacts = contacts_.find(state_.solve.mask, state_.solve.force, state_.displacement.node); });
+}
+
+void FramePath::solve(std::span<const NodeDisplacement> displacement) {
+  state_.flags = 0;
+  std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
+  run_solve();
+  run_estimators();
+}
+
+// Flags and validity of everything that this frame says.
+void FramePath::judge() {
+  FrameState& s = state_;
+  const int n_pixels = board_.camera.width_px * board_.camera.height_px;
+  const bool is_ready = (s.flags & kFlagNoReference) == 0;
+  if (is_ready && s.difference.exposure.dark * 2 > n_pixels) s.flags |= kFlagDark;
+  if (is_ready && s.difference.exposure.full * 20 > n_pixels) s.flags |= kFlagOverexposed;
+  const int n_missing = lattice_.size().count() - n_markers_at_rest_;
+  if (is_ready && has(Stage::kMarkers) &&
+      (s.markers.n_lost > board_.markers.max_lost ||
+       100 * n_missing > (100 - kMinMarkersPercent) * lattice_.size().count())) {
+    s.flags |= kFlagMarkersLost;
+  }
+  if (!operator_) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
+  if (!photometric_ || is_foreign_optics_) s.flags |= kFlagUncalibratedZ;
+  const int64_t limit_q3 = board_.pad.thickness_um * 8 / 2;
+  for (const NodeDisplacement& u : s.displacement.node) {
+    if (std::max({u.x.raw(), u.y.raw()}) > limit_q3 || std::min({u.x.raw(), u.y.raw(), u.z.raw()}) < -limit_q3) {
+      s.flags |= kFlagOverRange;
+      break;
+    }
+  }
+  const bool is_wrong = (s.flags & (kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange |
+                                    kFlagDark | kFlagOverexposed)) != 0;
+  const auto verdict = [&](bool is_measured, bool is_calibrated) {
+    if (!is_measured) return Validity::kNotMeasured;
+    if (is_wrong) return Validity::kInvalid;
+    return is_calibrated ? Validity::kValid : Validity::kUncalibrated;
+  };
+  const bool has_depth = photometric_ && has(Stage::kPoisson);
+  s.depth_validity = verdict(has_depth, !is_foreign_optics_);
+  s.force_xy = verdict(operator_.has_value(), true);
+  s.force_z = verdict(operator_ && has_depth, !is_foreign_optics_);
+}
+
+void FramePath::zero(int n_frames) { rest_.restart(n_frames); }
+
+void FramePath::set_rest(std::span<const uint16_t> image) {
+  rest_.load(image);
+  learn_markers();
+}
+
+FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration,
+                     ClockFunction clock)
+    : board_(board),
+      calibration_(std::move(calibration)),
+      clock_(clock),
+      depth_grid_{board.camera.width_px / board.depth.step_px, board.camera.height_px / board.depth.step_px},
+      nodes_(board),
+      rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
+      dots_(dot_parameters(board)),
+      lattice_(board),
+      poisson_(board),
+      displacement_(board),
+      mask_(nodes_.size(), whole_steps(board.contact.threshold_un, board.force_lsb_un), board.contact.min_nodes),
+      contacts_(nodes_, board.force_lsb_un) {
+  for (const std::string& stage : board.stages) {
+    const auto at = std::find(known_stages().begin(), known_stages().end(), stage) - known_stages().begin();
+    is_on_[static_cast<size_t>(at)] = true;
+  }
+  const auto n_pixels = static_cast<size_t>(board.camera.width_px * board.camera.height_px);
+  const auto n_nodes = static_cast<size_t>(nodes_.size().count());
+  state_.difference.change.resize(n_pixels * 3);
+  state_.markers.grey.resize(n_pixels);
+  state_.photometric.slope.resize(static_cast<size_t>(depth_grid_.count()));
+  state_.poisson.depth.resize(static_cast<size_t>(depth_grid_.count()));
+  state_.displacement.node.resize(n_nodes);
+  state_.solve.padded.resize((3 * n_nodes + BlockOperator::kBlock - 1) / BlockOperator::kBlock * BlockOperator::kBlock);
+  state_.solve.force.resize(n_nodes);
+  state_.solve.mask = mask_.find(state_.solve.force);
+}
+
+// Which tables the calibration brings, and whether they fit this board.
+Status FramePath::load_tables() {
+  if (!calibration_) return Unit{};
+  const Calibration& c = calibration_->get();
+  if (has(Stage::kPhotometric) && c.has_kind("photometric")) {
+    constexpr int n = Photometric::kSlopeSize;
+    auto slope = c.tensor("photometric.slope", Tensor::Type::kI16, {n, n, 2});
+    if (!slope) return slope.error();
+    const Tensor* unmix = c.tensor("photometric.unmix");
+    if (unmix == nullptr || unmix->type != Tensor::Type::kI16 || unmix->shape.size() != 4 || unmix->shape[0] < 2 ||
+        unmix->shape[1] < 2 || unmix->shape[2] != 2 || unmix->shape[3] != 3) {
+      return Error{ErrorKind::kBadInput, "calibration file: photometric.unmix is not [cells, cells, 2, 3]: make it again"};
+    }
+    photometric_.emplace(board_, PhotometricTable{unmix->as<int16_t>(),
+                                                  {static_cast<int>(unmix->shape[1]), static_cast<int>(unmix->shape[0])},
+                                                  slope.value()->as<int16_t>()});
+    is_foreign_optics_ = c.text("optics") != board_.camera.optics;
+  }
+  if (has(Stage::kOperator) && c.has_kind("operator")) {
+    const int n = 3 * nodes_.size().count();
+    auto lsb = c.integer("operator.force_lsb_un", board_.force_lsb_un, board_.force_lsb_un);
+    if (!lsb) return lsb.error();
+    auto op = BlockOperator::load(c, "operator", n, n);
+    if (!op) return op.error();
+    operator_ = op.value();
+  }
+  if (has(Stage::kSupport) && operator_ && c.has_kind("support")) {
+    auto support = SupportSolver::load(c, nodes_.size().count());
+    if (!support) return support.error();
+    support_.emplace(std::move(support).value());
+  }
+  if (c.has_kind("rest")) {
+    auto image = c.tensor("rest.image", Tensor::Type::kU16, {board_.camera.height_px, board_.camera.width_px, 3});
+    if (!image) return image.error();
+    set_rest(image.value()->as<uint16_t>());
+  }
+  return Unit{};
+}
+
+Result<std::unique_ptr<FramePath>> FramePath::configure(const BoardSettings& board,
+                                                        std::shared_ptr<const CalibrationFile> calibration,
+                                                        ClockFunction clock) {
+  std::unique_ptr<FramePath> path(new FramePath(board, std::move(calibration), clock));
+  Status loaded = path->load_tables();
+  if (!loaded) return loaded.error();
+  return path;
+}
+
+Result<std::shared_ptr<const CalibrationFile>> CalibrationFile::load(std::span<const uint8_t> bytes) {
+  auto file = std::make_shared<CalibrationFile>();
+  file->storage_.resize((bytes.size() + 7) / 8);
+  file->n_bytes_ = bytes.size();
+  if (!bytes.empty()) std::memcpy(file->storage_.data(), bytes.data(), bytes.size());
+  auto parsed = Calibration::parse(file->bytes());
+  if (!parsed) return parsed.error();
+  file->calibration_ = std::move(parsed).value();
+  return std::shared_ptr<const CalibrationFile>(std::move(file));
+}
+
+std::span<const uint8_t> CalibrationFile::bytes() const {
+  return {reinterpret_cast<const uint8_t*>(storage_.data()), n_bytes_};
+}
+
+}  // namespace ruffini

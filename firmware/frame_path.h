@@ -1,0 +1,98 @@
+// THE data path: one frame in, forces out. frame_path.cpp reads top to bottom.
+//
+// A FramePath belongs to one sensor and one thread. configure() allocates; process() does not.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "base/result.h"
+#include "frame_state.h"
+#include "image/poisson.h"
+#include "image/rest.h"
+#include "solve/block_operator.h"
+#include "solve/support_solver.h"
+#include "store/calibration.h"
+
+namespace ruffini {
+
+// A calibration and the bytes that it looks into.
+class CalibrationFile {
+ public:
+  [[nodiscard]] static Result<std::shared_ptr<const CalibrationFile>> load(std::span<const uint8_t> bytes);
+  [[nodiscard]] const Calibration& get() const { return calibration_; }
+  [[nodiscard]] std::span<const uint8_t> bytes() const;
+
+ private:
+  std::vector<uint64_t> storage_;  // for 8-byte alignment
+  size_t n_bytes_ = 0;
+  Calibration calibration_;
+};
+
+// Monotonic nanoseconds; the core itself makes no system call.
+using ClockFunction = uint64_t (*)();
+
+class FramePath {
+ public:
+  // `calibration` may be null: then forces are not measured. Errors: kBadInput, kRefused.
+  [[nodiscard]] static Result<std::unique_ptr<FramePath>> configure(
+      const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration, ClockFunction clock);
+
+  // Precondition: frame has the board's size. The state holds until the next call.
+  const FrameState& process(const FrameView& frame);
+
+  // Learn rest anew from the next n frames (0 = the board's own number).
+  void zero(int n_frames);
+  // Rest from an untouched picture at once (offline use).
+  void set_rest(std::span<const uint16_t> image);
+  // The solve alone: displacement (padded, see FrameState) -> force. For offline use.
+  void solve(std::span<const NodeDisplacement> displacement);
+
+  [[nodiscard]] const FrameState& state() const { return state_; }
+  [[nodiscard]] std::span<const Marker> markers() const { return lattice_.markers(); }
+  [[nodiscard]] std::span<const uint16_t> rest_image() const { return rest_.image(); }
+  [[nodiscard]] const BoardSettings& board() const { return board_; }
+  [[nodiscard]] const NodeGrid& nodes() const { return nodes_; }
+  [[nodiscard]] GridSize depth_grid() const { return depth_grid_; }
+  [[nodiscard]] int n_markers_at_rest() const { return n_markers_at_rest_; }
+
+ private:
+  FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration, ClockFunction clock);
+  Status load_tables();
+  [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
+
+  void learn(const FrameView& frame);
+  void learn_markers();
+  void run_difference(const FrameView& frame);
+  void run_markers(const FrameView& frame);
+  void run_depth();
+  void run_displacement();
+  void run_solve();
+  void run_estimators();
+  void judge();
+  template <typename Work>
+  void timed(Stage stage, Work work);
+
+  BoardSettings board_;
+  std::shared_ptr<const CalibrationFile> calibration_;
+  ClockFunction clock_;
+  std::array<bool, kStageCount> is_on_{};
+  GridSize depth_grid_;
+  NodeGrid nodes_;
+  Rest rest_;
+  DotDetector dots_;
+  MarkerLattice lattice_;
+  int n_markers_at_rest_ = 0;
+  std::optional<Photometric> photometric_;
+  bool is_foreign_optics_ = false;
+  Poisson poisson_;
+  Displacement displacement_;
+  std::optional<BlockOperator> operator_;
+  std::optional<SupportSolver> support_;
+  ContactMask mask_;
+  ContactFinder contacts_;
+  FrameState state_;
+};
+
+}  // namespace ruffini

@@ -1,0 +1,77 @@
+// What one frame leaves behind, stage by stage. Each part is written by the stage it is named after and
+// read by later stages and by the encoders; it holds until the next frame. All buffers are sized in
+// FramePath::configure.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/fixed.h"
+#include "board/settings.h"
+#include "estimators/contacts.h"
+#include "estimators/wrench.h"
+#include "image/difference.h"
+#include "image/displacement.h"
+#include "image/markers.h"
+#include "image/photometric.h"
+#include "solve/contact_mask.h"
+
+namespace ruffini {
+
+// Reasons why a result must not be used as it stands; numbers are those of FlagBit in ruffini.proto.
+enum Flag : uint32_t {
+  kFlagNoReference = 1,
+  kFlagUncalibratedXy = 2,
+  kFlagUncalibratedZ = 4,
+  kFlagMarkersLost = 8,
+  kFlagSaturated = 16,
+  kFlagOverRange = 32,
+  kFlagDark = 64,
+  kFlagOverexposed = 128,
+};
+
+// Numbers are those of Validity in ruffini.proto.
+enum class Validity : uint8_t { kNotMeasured = 0, kValid = 1, kUncalibrated = 2, kInvalid = 3 };
+
+enum class Stage : uint8_t {
+  kDifference, kMarkers, kPhotometric, kPoisson, kDisplacement, kOperator, kSupport, kWrench, kContacts, kCount
+};
+inline constexpr size_t kStageCount = static_cast<size_t>(Stage::kCount);
+
+struct FrameState {
+  uint32_t flags = 0;
+  SaturationCounter saturations;                  // since configure
+  std::array<uint64_t, kStageCount> stage_ns{};   // of this frame
+  Validity force_xy = Validity::kNotMeasured;
+  Validity force_z = Validity::kNotMeasured;
+  Validity depth_validity = Validity::kNotMeasured;
+
+  struct {
+    std::vector<RelativeChange> change;           // height x width x 3
+    ExposureCounts exposure;
+  } difference;
+  struct {
+    std::vector<uint16_t> grey;                   // B + G + R, 1/16 levels
+    int n_lost = 0;
+  } markers;                                      // the markers themselves: FramePath::markers()
+  struct {
+    std::vector<CellSlope> slope;                 // depth grid
+  } photometric;
+  struct {
+    std::vector<DisplacementUm> depth;            // depth grid
+  } poisson;
+  struct {
+    std::vector<NodeDisplacement> node;           // observed nodes
+  } displacement;
+  struct {
+    std::vector<int16_t> padded;                  // displacement, xyz interleaved, zero padded
+    std::vector<NodeForce> force;                 // observed nodes; the second pass overwrites it
+    std::span<const uint8_t> mask;                // where touched
+  } solve;
+  Wrench wrench;
+  ContactList contacts;
+};
+
+}  // namespace ruffini
