@@ -206,6 +206,13 @@ void cross_check(Reader& in, const BoardSettings& board) {
       board.camera.height_px % board.depth.step_px != 0) {
     in.fail("depth.step_px must be 1, 2 or 4 and divide the image");
   }
+  const int64_t widest_px = std::max(board.camera.width_px, board.camera.height_px);
+  if (board.depth.step_px > 0 && widest_px / board.depth.step_px > 640) {  // Poisson::kMaxCells
+    in.fail("the depth grid has more than 640 cells: use a larger depth.step_px");
+  }
+  if (widest_px * 1000 * board.camera.standoff_um > 2'000'000 * board.camera.focal_mpx) {
+    in.fail("[camera] sees more than 2 m of pad: check focal_mpx and standoff_um");
+  }
   if (board.camera.center_x_mpx >= int64_t{1000} * board.camera.width_px ||
       board.camera.center_y_mpx >= int64_t{1000} * board.camera.height_px) {
     in.fail("[camera] center is outside the image");

@@ -1,0 +1,271 @@
+"""board.toml as typed, checked settings: the same keys, ranges and refusals as the firmware's parser."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from ruffini.errors import InputError
+
+STAGES = (
+    "difference", "markers", "photometric", "poisson", "displacement",
+    "operator", "support", "wrench", "contacts",
+)  # fmt: skip
+MAX_LENGTH_UM = 500_000
+MAX_CELLS = 640  # of the depth grid along one axis: the Poisson solver's accumulator bound
+MAX_VIEW_UM = 2_000_000
+
+LengthUm = Annotated[int, Field(ge=0, le=MAX_LENGTH_UM)]
+Text = Annotated[str, Field(min_length=1, max_length=64)]
+
+
+class Section(BaseModel):
+    """A table of the file: unknown keys are errors, nothing is converted."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class BoardIdentity(Section):
+    """[board]."""
+
+    name: Text
+    product: Annotated[str, Field(min_length=1, max_length=128)]
+    not_measured: list[str]
+
+
+class Camera(Section):
+    """[camera]: pinhole, 1/1000 pixel and micrometres."""
+
+    optics: Text
+    width_px: Annotated[int, Field(ge=16, le=4096)]
+    height_px: Annotated[int, Field(ge=16, le=4096)]
+    rate_mhz: Annotated[int, Field(ge=100, le=1_000_000)]
+    focal_mpx: Annotated[int, Field(ge=10_000, le=20_000_000)]
+    center_x_mpx: Annotated[int, Field(ge=0, le=4_096_000)]
+    center_y_mpx: Annotated[int, Field(ge=0, le=4_096_000)]
+    standoff_um: Annotated[int, Field(ge=1_000, le=MAX_LENGTH_UM)]
+
+
+class Pad(Section):
+    """[pad]."""
+
+    size_x_um: Annotated[int, Field(ge=1_000, le=MAX_LENGTH_UM)]
+    size_y_um: Annotated[int, Field(ge=1_000, le=MAX_LENGTH_UM)]
+    thickness_um: Annotated[int, Field(ge=100, le=MAX_LENGTH_UM)]
+    modulus_pa: Annotated[int, Field(ge=1_000, le=1_000_000_000)]
+    poisson_1e4: Annotated[int, Field(ge=0, le=4_999)]
+
+
+class Grid(Section):
+    """[grid]: nodes of the inverse FEM over the whole pad."""
+
+    n_x: Annotated[int, Field(ge=2, le=255)]
+    n_y: Annotated[int, Field(ge=2, le=255)]
+    n_layers: Annotated[int, Field(ge=2, le=32)]
+
+
+class Window(Section):
+    """[window]: what the camera observes, from the pad's corner."""
+
+    min_x_um: LengthUm
+    min_y_um: LengthUm
+    max_x_um: LengthUm
+    max_y_um: LengthUm
+
+
+class Markers(Section):
+    """[markers]: the printed lattice."""
+
+    polarity: Literal["dark", "light"]
+    n_x: Annotated[int, Field(ge=2, le=64)]
+    n_y: Annotated[int, Field(ge=2, le=64)]
+    pitch_x_um: Annotated[int, Field(ge=100, le=100_000)]
+    pitch_y_um: Annotated[int, Field(ge=100, le=100_000)]
+    first_x_um: LengthUm
+    first_y_um: LengthUm
+    diameter_um: Annotated[int, Field(ge=20, le=50_000)]
+    threshold_1e3: Annotated[int, Field(ge=10, le=900)]
+    max_lost: Annotated[int, Field(ge=0, le=4_096)]
+
+
+class Depth(Section):
+    """[depth]."""
+
+    gauge: Literal["margin", "mean"]
+    margin_um: LengthUm
+    step_px: Literal[1, 2, 4]
+
+
+class Contact(Section):
+    """[contact]."""
+
+    threshold_un: Annotated[int, Field(ge=1, le=100_000_000)]
+    min_nodes: Annotated[int, Field(ge=1, le=10_000)]
+
+
+class FieldSettings(Section):
+    """[field]."""
+
+    force_lsb_un: Annotated[int, Field(ge=1, le=1_000)]
+
+
+class Pipeline(Section):
+    """[pipeline]."""
+
+    n_rest_frames: Annotated[int, Field(ge=1, le=256)]
+    stages: list[str]
+
+
+def observed_range(n: int, size_um: int, low_um: int, high_um: int) -> tuple[int, int]:
+    """First node and number of nodes of [0, size] in n - 1 steps that lie in [low, high]."""
+    first = -(-low_um * (n - 1) // size_um)
+    return first, high_um * (n - 1) // size_um - first + 1
+
+
+class Board(Section):
+    """A whole board.toml; `folder` and `text` say where it came from."""
+
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    board: BoardIdentity
+    camera: Camera
+    pad: Pad
+    grid: Grid
+    window: Window
+    markers: Markers
+    depth: Depth
+    contact: Contact
+    field: FieldSettings
+    pipeline: Pipeline
+
+    _text: str = ""
+    _folder: Path | None = None
+
+    @property
+    def name(self) -> str:
+        return self.board.name
+
+    @property
+    def text(self) -> str:
+        """The file as it stands."""
+        return self._text
+
+    @property
+    def folder(self) -> Path | None:
+        return self._folder
+
+    @property
+    def resolution(self) -> str:
+        return f"{self.camera.width_px}x{self.camera.height_px}"
+
+    @property
+    def observed(self) -> tuple[slice, slice]:
+        """Node rows and columns inside the window."""
+        y = observed_range(self.grid.n_y, self.pad.size_y_um, self.window.min_y_um, self.window.max_y_um)
+        x = observed_range(self.grid.n_x, self.pad.size_x_um, self.window.min_x_um, self.window.max_x_um)
+        return slice(y[0], y[0] + y[1]), slice(x[0], x[0] + x[1])
+
+    @model_validator(mode="after")
+    def _cross_check(self) -> Board:
+        window, pad, camera, markers = self.window, self.pad, self.camera, self.markers
+        if window.max_x_um > pad.size_x_um or window.max_y_um > pad.size_y_um:
+            raise ValueError("[window] reaches beyond the pad")
+        if window.min_x_um >= window.max_x_um or window.min_y_um >= window.max_y_um:
+            raise ValueError("[window] is empty: min must be below max")
+        rows, columns = self.observed
+        if rows.stop - rows.start < 2 or columns.stop - columns.start < 2:
+            raise ValueError("[window] holds fewer than 2 node lines: widen it or refine [grid]")
+        far_x = markers.first_x_um + (markers.n_x - 1) * markers.pitch_x_um
+        far_y = markers.first_y_um + (markers.n_y - 1) * markers.pitch_y_um
+        if far_x > pad.size_x_um or far_y > pad.size_y_um:
+            raise ValueError("[markers] lattice reaches beyond the pad")
+        if markers.diameter_um >= min(markers.pitch_x_um, markers.pitch_y_um):
+            raise ValueError("markers.diameter_um must be below the pitch")
+        step = self.depth.step_px
+        if camera.width_px % step or camera.height_px % step:
+            raise ValueError("depth.step_px must be 1, 2 or 4 and divide the image")
+        if max(camera.width_px, camera.height_px) // step > MAX_CELLS:
+            raise ValueError(f"the depth grid has more than {MAX_CELLS} cells: use a larger depth.step_px")
+        if camera.center_x_mpx >= 1000 * camera.width_px or camera.center_y_mpx >= 1000 * camera.height_px:
+            raise ValueError("[camera] center is outside the image")
+        widest = max(camera.width_px, camera.height_px)
+        if widest * 1000 * camera.standoff_um > MAX_VIEW_UM * camera.focal_mpx:
+            raise ValueError("[camera] sees more than 2 m of pad: check focal_mpx and standoff_um")
+        places = [STAGES.index(s) if s in STAGES else -1 for s in self.pipeline.stages]
+        if not places or min(places) < 0 or any(b <= a for a, b in zip(places, places[1:], strict=False)):
+            raise ValueError(f"pipeline.stages must be some of {', '.join(STAGES)}, in this order")
+        return self
+
+
+def parse_board(text: str | bytes, where: str) -> Board:
+    """Board of a board.toml's text; `where` names the file in messages.
+
+    Raises
+    ------
+    InputError
+        Not UTF-8, a byte-order mark, not TOML, an unknown, missing, mistyped or out-of-range key.
+    """
+    raw = text.encode() if isinstance(text, str) else text
+    if raw.startswith(b"\xef\xbb\xbf"):
+        raise InputError(f"{where}: starts with a byte-order mark: save it as plain UTF-8")
+    try:
+        decoded = raw.decode("utf-8")
+        tree = tomllib.loads(decoded)
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{where}: not TOML: {error}") from error
+    try:
+        board = Board.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        kind = {"extra_forbidden": "unknown key, check the spelling or remove it",
+                "missing": "key is missing"}.get(first["type"], first["msg"])  # fmt: skip
+        raise InputError(f"{where}: {key + ': ' if key else ''}{kind} (boards/README.md lists the keys)") from error
+    object.__setattr__(board, "_text", decoded)
+    return board
+
+
+def boards_folder() -> Path:
+    """Where the boards are: RUFFINI_BOARDS, beside the package, or the repository's boards/."""
+    candidates = [Path(p) for p in (os.environ.get("RUFFINI_BOARDS"),) if p]
+    here = Path(__file__).resolve()
+    candidates += [here.parent / "data", here.parents[3] / "boards"]
+    for folder in candidates:
+        if folder.is_dir():
+            return folder
+    raise InputError("no boards folder found: set RUFFINI_BOARDS to one")
+
+
+def board_names() -> list[str]:
+    """Names of the boards that come with ruffini."""
+    return sorted(p.parent.name for p in boards_folder().glob("*/board.toml"))
+
+
+def find_board(name_or_folder: str | Path) -> Board:
+    """A board by name, or anybody's folder that holds a board.toml.
+
+    Raises
+    ------
+    InputError
+        Nothing there, or the file is refused; or [board] name is not the folder's name.
+    """
+    folder = Path(name_or_folder)
+    if not (folder / "board.toml").is_file():
+        folder = boards_folder() / str(name_or_folder)
+    path = folder / "board.toml"
+    if not path.is_file():
+        raise InputError(
+            f"no board {str(name_or_folder)!r}: give a folder with a board.toml or one of "
+            f"{', '.join(board_names())}"
+        )
+    board = parse_board(path.read_bytes(), str(path))
+    if board.name != path.resolve().parent.name:
+        raise InputError(
+            f"{path}: board.name is {board.name!r} but the folder is called "
+            f"{path.resolve().parent.name!r}"
+        )
+    object.__setattr__(board, "_folder", folder)
+    return board

@@ -1,0 +1,5 @@
+"""The device's own arithmetic in Python: libruffini through ctypes."""
+
+from ruffini.core.pipeline import Frame, Pipeline, native_folder
+
+__all__ = ["Frame", "Pipeline", "native_folder"]

@@ -1,0 +1,251 @@
+"""A board's pipeline, bit for bit as the firmware runs it (firmware/capi/ruffini_core.h)."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.errors import InputError, RuffiniError
+
+DISPLACEMENT_LSB_M = 125e-9
+NO_REFERENCE = 1
+STAGES = (
+    "difference", "markers", "photometric", "poisson", "displacement",
+    "operator", "support", "wrench", "contacts",
+)  # fmt: skip
+
+
+class _Layout(ctypes.Structure):
+    _fields_ = [
+        (name, ctypes.c_int32)
+        for name in (
+            "width_px", "height_px", "depth_n_x", "depth_n_y", "depth_step_px",
+            "node_n_x", "node_n_y", "node_first_x", "node_first_y",
+            "marker_n_x", "marker_n_y", "force_lsb_un",
+        )  # fmt: skip
+    ]
+
+
+class _Result(ctypes.Structure):
+    _fields_ = [
+        ("flags", ctypes.c_uint32),
+        ("force_xy", ctypes.c_int32),
+        ("force_z", ctypes.c_int32),
+        ("depth", ctypes.c_int32),
+        ("n_markers_lost", ctypes.c_int32),
+        ("n_markers_at_rest", ctypes.c_int32),
+        ("saturations", ctypes.c_uint64),
+        ("wrench", ctypes.c_int64 * 6),
+        ("n_contacts", ctypes.c_int32),
+        ("stage_ns", ctypes.c_uint64 * len(STAGES)),
+    ]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What one frame gave, beyond the arrays of `Pipeline`.
+
+    `flags` is the FlagBit mask of ruffini.proto; validities its Validity; `wrench_un` (6,) int64 in
+    micronewton and micronewton micrometre.
+    """
+
+    flags: int
+    force_xy_validity: int
+    force_z_validity: int
+    depth_validity: int
+    n_markers_lost: int
+    n_markers_at_rest: int
+    saturations: int
+    wrench_un: npt.NDArray[np.int64]
+    n_contacts: int
+    stage_ns: dict[str, int]
+
+    @property
+    def has_reference(self) -> bool:
+        return not self.flags & NO_REFERENCE
+
+    @property
+    def wrench(self) -> npt.NDArray[np.float64]:
+        """(6,) force in N and moment in N m about the undeformed pad centre."""
+        return self.wrench_un * np.array([1e-6] * 3 + [1e-12] * 3)
+
+
+def native_folder() -> Path:
+    """Where libruffini and the schema are: RUFFINI_NATIVE_DIR, the package, or the build tree."""
+    here = Path(__file__).resolve()
+    candidates = [Path(p) for p in (os.environ.get("RUFFINI_NATIVE_DIR"),) if p]
+    candidates += [here.parents[1] / "_native", here.parents[3] / "build" / "native"]
+    for folder in candidates:
+        if (folder / "libruffini.so").is_file():
+            return folder
+    raise RuffiniError(
+        "libruffini.so was not found: run `make build`, or set RUFFINI_NATIVE_DIR to its folder"
+    )
+
+
+@cache
+def _library() -> Any:
+    library = ctypes.CDLL(str(native_folder() / "libruffini.so"))
+    library.ruffini_error.restype = ctypes.c_char_p
+    library.ruffini_version.restype = ctypes.c_char_p
+    library.ruffini_open.restype = ctypes.c_void_p
+    return library
+
+
+def check_board_text(text: bytes, where: str) -> str | None:
+    """What the firmware's parser says of a board.toml: None when it is accepted."""
+    library = _library()
+    failed = library.ruffini_check_board(text, ctypes.c_size_t(len(text)), where.encode())
+    return library.ruffini_error().decode() if failed else None
+
+
+class Pipeline:
+    """One sensor's frame path. Not thread-safe; close it or use it as a context manager.
+
+    Parameters
+    ----------
+    board : Board
+    calibration : bytes, optional
+        A calibration file. Its signature is not checked here.
+
+    Raises
+    ------
+    InputError
+        The core refuses the board or the calibration; the text says why.
+    """
+
+    def __init__(self, board: Board, calibration: bytes | None = None) -> None:
+        self._lib = _library()
+        text = board.text.encode()
+        self._handle = self._lib.ruffini_open(
+            text, ctypes.c_size_t(len(text)), board.name.encode(),
+            calibration, ctypes.c_size_t(len(calibration or b"")),
+        )  # fmt: skip
+        if not self._handle:
+            raise InputError(self._lib.ruffini_error().decode())
+        self._pointer = ctypes.c_void_p(self._handle)
+        layout = _Layout()
+        self._lib.ruffini_layout(self._pointer, ctypes.byref(layout))
+        self.board = board
+        self.layout = layout
+
+    def __enter__(self) -> Pipeline:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the core's memory."""
+        if self._handle:
+            self._lib.ruffini_close(self._pointer)
+            self._handle = None
+
+    def _check(self, code: int) -> None:
+        if code:
+            raise InputError(self._lib.ruffini_error().decode())
+
+    def process(self, bgr: npt.NDArray[np.uint8]) -> Frame:
+        """Run one frame, (height, width, 3) uint8, B G R."""
+        if bgr.ndim != 3 or bgr.shape[2] != 3 or bgr.dtype != np.uint8:
+            raise InputError(f"a frame must be (height, width, 3) uint8, got {bgr.shape} {bgr.dtype}")
+        pixels = np.ascontiguousarray(bgr)
+        result = _Result()
+        self._check(
+            self._lib.ruffini_process(
+                self._pointer, pixels.ctypes.data_as(ctypes.c_void_p),
+                bgr.shape[1], bgr.shape[0], ctypes.byref(result),
+            )  # fmt: skip
+        )
+        return Frame(
+            flags=result.flags,
+            force_xy_validity=result.force_xy,
+            force_z_validity=result.force_z,
+            depth_validity=result.depth,
+            n_markers_lost=result.n_markers_lost,
+            n_markers_at_rest=result.n_markers_at_rest,
+            saturations=result.saturations,
+            wrench_un=np.array(result.wrench[:], dtype=np.int64),
+            n_contacts=result.n_contacts,
+            stage_ns=dict(zip(STAGES, result.stage_ns[:], strict=True)),
+        )
+
+    def zero(self, n_frames: int = 0) -> None:
+        """Learn rest from the next n frames (0 = the board's own number)."""
+        self._check(self._lib.ruffini_zero(self._pointer, n_frames))
+
+    def set_rest(self, image: npt.NDArray[np.float64] | npt.NDArray[np.uint8]) -> None:
+        """Take an untouched image, (height, width, 3) grey levels, as rest."""
+        rest = np.ascontiguousarray(np.clip(np.round(image.astype(float) * 16), 0, 65535).astype(np.uint16))
+        if rest.shape != (self.layout.height_px, self.layout.width_px, 3):
+            raise InputError(
+                f"the rest image is {image.shape}, this board needs "
+                f"({self.layout.height_px}, {self.layout.width_px}, 3)"
+            )
+        self._check(self._lib.ruffini_set_rest(self._pointer, rest.ctypes.data_as(ctypes.c_void_p)))
+
+    def solve(self, displacement: npt.NDArray[np.int16]) -> npt.NDArray[np.int32]:
+        """Displacement (frames, observed nodes, 3) in 125 nm -> force in steps of the board."""
+        n = self.layout.node_n_x * self.layout.node_n_y
+        if displacement.shape[1:] != (n, 3) or displacement.dtype != np.int16:
+            raise InputError(f"displacement must be (frames, {n}, 3) int16, got {displacement.shape}")
+        u = np.ascontiguousarray(displacement)
+        force = np.zeros(u.shape, np.int32)
+        self._check(
+            self._lib.ruffini_solve(
+                self._pointer, u.ctypes.data_as(ctypes.c_void_p), len(u),
+                force.ctypes.data_as(ctypes.c_void_p),
+            )  # fmt: skip
+        )
+        return force
+
+    def _get(self, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> npt.NDArray[Any]:
+        out = np.zeros(shape, dtype)
+        getattr(self._lib, f"ruffini_get_{name}")(self._pointer, out.ctypes.data_as(ctypes.c_void_p))
+        return out
+
+    def raw(self, name: str) -> npt.NDArray[Any]:
+        """Integers of a stage of the last frame: change, slope, depth, displacement, force or mask."""
+        layout = self.layout
+        nodes = (layout.node_n_y, layout.node_n_x)
+        depth = (layout.depth_n_y, layout.depth_n_x)
+        shapes: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
+            "change": ((layout.height_px, layout.width_px, 3), np.int16),
+            "slope": ((*depth, 2), np.int16),
+            "depth": (depth, np.int16),
+            "displacement": ((*nodes, 3), np.int16),
+            "force": ((*nodes, 3), np.int32),
+            "mask": (nodes, np.uint8),
+        }
+        return self._get(name, *shapes[name])
+
+    def markers(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.uint8]]:
+        """Rest positions and displacements in pixels, (n_y, n_x, 2) each, and 0 seen, 1 lost, 2 absent."""
+        shape = (self.layout.marker_n_y, self.layout.marker_n_x)
+        rest, moved = np.zeros((*shape, 2), np.int32), np.zeros((*shape, 2), np.int32)
+        lost = np.zeros(shape, np.uint8)
+        self._lib.ruffini_get_markers(
+            self._pointer, rest.ctypes.data_as(ctypes.c_void_p),
+            moved.ctypes.data_as(ctypes.c_void_p), lost.ctypes.data_as(ctypes.c_void_p),
+        )  # fmt: skip
+        return rest / 65536, moved / 65536, lost
+
+    def force_n(self) -> npt.NDArray[np.float64]:
+        """Nodal force of the last frame, (n_y, n_x, 3), newtons, on the observed nodes."""
+        return self.raw("force") * (self.layout.force_lsb_un * 1e-6)
+
+    def depth_m(self) -> npt.NDArray[np.float64]:
+        """u_z of the last frame on the depth grid, metres, negative where pressed."""
+        return self.raw("depth") * DISPLACEMENT_LSB_M
+
+    def displacement_m(self) -> npt.NDArray[np.float64]:
+        """Nodal displacement of the last frame, (n_y, n_x, 3), metres."""
+        return self.raw("displacement") * DISPLACEMENT_LSB_M
