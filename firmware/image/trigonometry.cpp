@@ -1,29 +1,37 @@
 #include "image/trigonometry.h"
 
-#include <algorithm>
-
-#include "base/fixed.h"
-
 namespace ruffini {
 namespace {
 
-constexpr int64_t kPiQ60 = 3'622'009'729'038'561'421;  // pi 2^60, rounded
+constexpr uint64_t kPiQ60 = 3'622'009'729'038'561'421;  // pi 2^60, rounded
 
-// Product of two Q40 numbers below 2^42, without leaving 64 bits: b split in 20-bit halves.
-int64_t mul_q40(int64_t a, int64_t b) {
-  const int64_t high = b >> 20;
-  const int64_t low = b & ((int64_t{1} << 20) - 1);
-  return (a * high + (a * low >> 20)) >> 20;
+// a b / 2^60 of two non-negative Q60 numbers up to pi, rounded down, without leaving 64 bits.
+uint64_t mul_q60(uint64_t a, uint64_t b) {
+  constexpr uint64_t kLowHalf = 0xFFFF'FFFF;
+  const uint64_t a_high = a >> 32;
+  const uint64_t b_high = b >> 32;
+  const uint64_t middle =
+      a_high * (b & kLowHalf) + (a & kLowHalf) * b_high + ((a & kLowHalf) * (b & kLowHalf) >> 32);
+  return (a_high * b_high << 4) + (middle >> 28);
 }
 
-// Taylor series on [0, pi/4], angle in Q40: terms fall below 2^-40 after the tenth.
-int64_t series_q40(int64_t angle, bool is_sine) {
-  const int64_t square = mul_q40(angle, angle);
-  int64_t term = is_sine ? angle : int64_t{1} << 40;
-  int64_t sum = term;
-  for (int64_t k = is_sine ? 2 : 1; k < 20; k += 2) {
-    term = -mul_q40(term, square) / (k * (k + 1));
-    sum += term;
+// top / bottom in Q60, rounded down. Precondition: top < bottom < 2^32.
+uint64_t ratio_q60(uint64_t top, uint64_t bottom) {
+  const uint64_t high = (top << 30) / bottom;
+  const uint64_t rest = (top << 30) % bottom;
+  return (high << 30) + (rest << 30) / bottom;
+}
+
+// Taylor series on [0, pi/4], all Q60: sin = x - x^3/3! + ..., cos = 1 - x^2/2! + ...
+uint64_t series_q60(uint64_t angle, bool is_sine) {
+  const uint64_t square = mul_q60(angle, angle);
+  uint64_t term = is_sine ? angle : uint64_t{1} << 60;
+  uint64_t sum = term;
+  bool is_minus = true;
+  for (uint64_t k = is_sine ? 2 : 1; term != 0; k += 2) {
+    term = mul_q60(term, square) / (k * (k + 1));
+    sum = is_minus ? sum - term : sum + term;
+    is_minus = !is_minus;
   }
   return sum;
 }
@@ -37,22 +45,12 @@ int32_t cos_pi_q30(int64_t numerator, int64_t denominator) {
   const bool is_negative = 2 * n > denominator;      // second quadrant
   if (is_negative) n = denominator - n;
   const bool is_sine = 4 * n > denominator;          // beyond pi / 4: cos x = sin(pi/2 - x)
-  // angle = pi n / denominator or pi (denominator - 2 n) / (2 denominator), Q40 via two divisions.
-  const int64_t top = is_sine ? denominator - 2 * n : n;
-  const int64_t bottom = is_sine ? 2 * denominator : denominator;
-  const int64_t fraction_q40 = (top << 30) / bottom * 1024 + (((top << 30) % bottom) << 10) / bottom;
-  const int64_t value = series_q40(mul_q40(kPiQ60 >> 20, fraction_q40), is_sine);
-  const int64_t rounded = std::min<int64_t>(round_shift(value, 10), int64_t{1} << 30);
-  return static_cast<int32_t>(is_negative ? -rounded : rounded);
-}
-
-uint64_t integer_sqrt(uint64_t x) {
-  uint64_t root = 0;
-  for (uint64_t bit = uint64_t{1} << 31; bit != 0; bit >>= 1) {
-    const uint64_t next = root | bit;
-    if (next <= x / next) root = next;
-  }
-  return root;
+  // angle = pi n / denominator or pi (denominator - 2 n) / (2 denominator)
+  const auto top = static_cast<uint64_t>(is_sine ? denominator - 2 * n : n);
+  const auto bottom = static_cast<uint64_t>(is_sine ? 2 * denominator : denominator);
+  const uint64_t value = series_q60(mul_q60(kPiQ60, ratio_q60(top, bottom)), is_sine);
+  const auto rounded = static_cast<int32_t>((value + (uint64_t{1} << 29)) >> 30);
+  return is_negative ? -rounded : rounded;
 }
 
 }  // namespace ruffini

@@ -5,10 +5,8 @@
 
 namespace ruffini {
 
-// cos(pi numerator / denominator) in Q30, error at most 2 units. Precondition: denominator > 0, both < 2^31.
+// cos(pi numerator / denominator) in Q30, the nearest value (computed to 2^-55). Precondition: denominator > 0,
+// both < 2^31.
 [[nodiscard]] int32_t cos_pi_q30(int64_t numerator, int64_t denominator);
-
-// floor(sqrt(x)).
-[[nodiscard]] uint64_t integer_sqrt(uint64_t x);
 
 }  // namespace ruffini
