@@ -20,6 +20,11 @@ int64_t clamp_counted(int64_t x, int64_t limit, SaturationCounter& saturations) 
   return x;
 }
 
+// x / pivot with the pivot in Q30, half up. Precondition: |x| < 2^32.
+int64_t divide_q30(int64_t x, int64_t pivot) {
+  return floor_div(x * (int64_t{1} << 30) + pivot / 2, pivot);
+}
+
 // Cells of the ring that the gauge averages: inside the window, within margin of its edge.
 std::vector<uint32_t> ring(const BoardSettings& board, GridSize grid, std::span<const int32_t> ray_x,
                            std::span<const int32_t> ray_y) {
@@ -131,6 +136,7 @@ Poisson::Poisson(const BoardSettings& board)
       gauge_cells_(ring(board, grid_, ray_x_q16_, ray_y_q16_)),
       transform_(grid_.n_x),
       factor_q30_(static_cast<size_t>(grid_.count())),
+      last_pivot_q30_(static_cast<size_t>(grid_.n_x)),
       gradient_x_(static_cast<size_t>(grid_.count())),
       gradient_y_(static_cast<size_t>(grid_.count())),
       f_(static_cast<size_t>(grid_.count())),
@@ -139,12 +145,12 @@ Poisson::Poisson(const BoardSettings& board)
   constexpr int64_t kOneQ30 = int64_t{1} << 30;
   for (int k = 1; k < grid_.n_x; ++k) {
     const int64_t eigenvalue = 2 * (kOneQ30 - cos_pi_q30(k, grid_.n_x));
-    int64_t previous = 0;
-    for (int y = 0; y < grid_.n_y; ++y) {
-      const int64_t neighbours = (y > 0 ? 1 : 0) + (y + 1 < grid_.n_y ? 1 : 0);
-      previous = floor_div(int64_t{1} << 60, neighbours * kOneQ30 + eigenvalue - previous);
-      factor_q30_[static_cast<size_t>(y * grid_.n_x + k)] = static_cast<int32_t>(previous);
+    int64_t factor = 0;
+    for (int y = 0; y + 1 < grid_.n_y; ++y) {
+      factor = floor_div(int64_t{1} << 60, (y > 0 ? 2 : 1) * kOneQ30 + eigenvalue - factor);
+      factor_q30_[static_cast<size_t>(y * grid_.n_x + k)] = static_cast<int32_t>(factor);
     }
+    last_pivot_q30_[static_cast<size_t>(k)] = kOneQ30 + eigenvalue - factor;
   }
 }
 
@@ -204,7 +210,8 @@ void Poisson::solve_columns(SaturationCounter& saturations) {
     for (size_t k = 1; k < nx; ++k) {
       const int64_t above = y > 0 ? line(y - 1)[k] : 0;
       const int64_t sum = saturate_raw<int32_t>(above - line(y)[k], saturations);
-      line(y)[k] = round_shift(sum * factor(y)[k], 30);
+      line(y)[k] = y + 1 < grid_.n_y ? round_shift(sum * factor(y)[k], 30)
+                                     : saturate_raw<int32_t>(divide_q30(sum, last_pivot_q30_[k]), saturations);
     }
   }
   for (int y = grid_.n_y - 2; y >= 0; --y) {

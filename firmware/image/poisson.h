@@ -74,7 +74,8 @@ class Poisson {
   std::vector<int32_t> ray_y_q16_;     // per row
   std::vector<uint32_t> gauge_cells_;
   CosineTransform transform_;
-  std::vector<int32_t> factor_q30_;    // [y][k]: tridiagonal factors
+  std::vector<int32_t> factor_q30_;    // [y][k]: 1 / pivot of all rows but the last, at most 1
+  std::vector<int64_t> last_pivot_q30_;  // [k]: small where the wave is long, so it divides
   std::vector<int32_t> gradient_x_;    // Q10
   std::vector<int32_t> gradient_y_;
   std::vector<int64_t> f_;             // divergence, then its transform, then w; Q11
