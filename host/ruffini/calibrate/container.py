@@ -83,7 +83,8 @@ def pack(tensors: Tensors, metadata: dict[str, str], seed: bytes = DEVELOPMENT_S
     manifest = {**metadata, "kinds": ",".join(kinds), "key_id": key_id}
     if not all(text.isascii() for pair in manifest.items() for text in pair):
         raise InputError("calibration metadata must be ASCII text")
-    names = sorted(tensors)
+    # Larger elements first keeps every tensor aligned without gaps.
+    names = sorted(tensors, key=lambda n: (-tensors[n].dtype.itemsize, n))
     header: dict[str, object] = {"__metadata__": dict(sorted(manifest.items()))}
     chunks, offset = [], 0
     for name in names:

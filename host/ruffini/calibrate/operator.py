@@ -1,4 +1,4 @@
-"""The `operator` kind of a calibration file, made from a board's own numbers."""
+"""The `operator` and `support` kinds of a calibration file, made from a board's own numbers."""
 
 from __future__ import annotations
 
@@ -9,19 +9,31 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.fem.compile import DISPLACEMENT_LSB_NM, OperatorTable, compile_operator
-from ruffini.fem.operators import Noise, force_operator, observed_nodes
+from ruffini.errors import InputError
+from ruffini.fem.compile import DISPLACEMENT_LSB_NM, BlockTable, compile_matrix, force_steps
+from ruffini.fem.condense import condense
+from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
+from ruffini.fem.support import SupportSystem, support_system
+
+Tensors = dict[str, npt.NDArray[np.generic]]
+Progress = Callable[[float], None]
+
+# "support" is the optimal operator with the second pass on the contact's support.
+OPERATOR_METHODS = (*METHODS, "support")
+NORMAL_SCALE = 256  # fraction of `support.normal`'s output
+FRACTION_Q14 = 1 << 14
+SCALE_Q16 = 1 << 16
 
 
 @dataclass(frozen=True)
 class OperatorKind:
-    """Tensors and metadata as proto/CALIBRATION.md has them, and the float64 matrix they came from."""
+    """Tensors and metadata as proto/CALIBRATION.md has them, and the float64 matrices behind them."""
 
-    tensors: dict[str, npt.NDArray[np.generic]]
+    tensors: Tensors
     metadata: dict[str, str]
-    table: OperatorTable
     matrix: npt.NDArray[np.float64]
+    support: SupportSystem | None
 
 
 def board_slab(board: Board) -> Slab:
@@ -45,29 +57,77 @@ def board_window_m(board: Board) -> tuple[float, float, float, float]:
     return (w.min_x_um * 1e-6, w.min_y_um * 1e-6, w.max_x_um * 1e-6, w.max_y_um * 1e-6)
 
 
+def observed_unknowns(board: Board) -> npt.NDArray[np.bool_]:
+    """Which of the pad's 3 n unknowns the camera sees, (3 n,) bool."""
+    inside = np.zeros((board.grid.n_y, board.grid.n_x), dtype=bool)
+    inside[board.observed] = True
+    return np.repeat(inside.ravel(), 3)
+
+
 def make_operator(
     board: Board,
     *,
     method: str,
     noise: Noise,
     ridge_weight: float = 1e-4,
-    progress: Callable[[float], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> OperatorKind:
-    """Solve and compile the inverse FEM of a board."""
-    slab, window = board_slab(board), board_window_m(board)
+    """Solve and compile the inverse FEM of a board.
+
+    Raises
+    ------
+    InputError
+        Unknown method, or a matrix that the board's integers cannot hold.
+    """
+    if method not in OPERATOR_METHODS:
+        raise InputError(f"unknown method {method!r}: choose one of {', '.join(OPERATOR_METHODS)}")
+    has_support = method == "support"
+    slab = board_slab(board)
     matrix = force_operator(
-        slab, method, noise=noise, ridge_weight=ridge_weight, window_m=window, progress=progress
+        slab,
+        "optimal" if has_support else method,
+        noise=noise,
+        ridge_weight=ridge_weight,
+        window_m=board_window_m(board),
+        progress=lambda done: progress(done * (0.5 if has_support else 0.9)),
     )
-    table = compile_operator(matrix, force_lsb_un=board.field.force_lsb_un)
-    rows, columns = observed_nodes(slab, window)
+    lsb = board.field.force_lsb_un
+    table = compile_matrix(matrix * force_steps(lsb), "the operator")
+    rows, columns = board.observed
     metadata = {
         "operator.n_x": str(columns.stop - columns.start),
         "operator.n_y": str(rows.stop - rows.start),
-        "operator.out_shift": str(table.out_shift),
-        "operator.force_lsb_un": str(table.force_lsb_un),
+        "operator.force_lsb_un": str(lsb),
         "operator.displacement_lsb_nm": str(DISPLACEMENT_LSB_NM),
         "operator.method": method,
-        "operator.error_1e9": str(round(table.error * 1e9)),
     }
-    tensors = {"operator.entry": table.entry, "operator.shift": table.shift}
-    return OperatorKind(tensors, metadata, table, matrix)
+    tensors: Tensors = {}
+    _add(tensors, metadata, "operator", table)
+    system = None
+    if has_support:
+        system = support_system(condense(slab), noise, observed_unknowns(board))
+        progress(0.8)
+        _add_support(tensors, metadata, system, lsb)
+    progress(1.0)
+    return OperatorKind(tensors, metadata, matrix, system)
+
+
+def _add(tensors: Tensors, metadata: dict[str, str], name: str, table: BlockTable) -> None:
+    tensors[f"{name}.entry"] = table.entry
+    tensors[f"{name}.shift"] = table.shift
+    metadata[f"{name}.out_shift"] = str(table.out_shift)
+    metadata[f"{name}.error_1e9"] = str(round(table.error * 1e9))
+
+
+def _add_support(
+    tensors: Tensors, metadata: dict[str, str], system: SupportSystem, force_lsb_un: int
+) -> None:
+    normal = compile_matrix(system.normal * NORMAL_SCALE, "the normal equations")
+    step_m = DISPLACEMENT_LSB_NM * 1e-9
+    project = compile_matrix(system.project * (step_m * FRACTION_Q14), "the projection")
+    _add(tensors, metadata, "support.normal", normal)
+    _add(tensors, metadata, "support.project", project)
+    scale = np.round(system.scale_n / (force_lsb_un * 1e-6) * SCALE_Q16)
+    if not (scale >= 1).all() or not (scale < 2**31).all():
+        raise InputError("the support's scale does not fit 32 bits: change [field] force_lsb_un")
+    tensors["support.scale"] = scale.astype(np.int32)

@@ -1,4 +1,4 @@
-"""float64 operator -> the block-scaled int16 table of proto/CALIBRATION.md, with its certificate."""
+"""float64 matrix -> the block-scaled int16 table of proto/CALIBRATION.md, with its certificate."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ BLOCK = 32  # columns that share one scale
 ENTRY_LIMIT = 16383  # 15 bits with sign: four products with int16 fit one int32 lane
 DISPLACEMENT_LSB_NM = 125
 BOUND_BITS = 62  # of the row accumulator
+MAX_SHIFT = 27
 
 
 @dataclass(frozen=True)
-class OperatorTable:
-    """F[r] = (sum_b (sum_j q[r, j] u[j] << shift[r, b]) + half) >> out_shift, see CALIBRATION.md.
+class BlockTable:
+    """out[r] = (sum_b (sum_j q[r, j] u[j] << shift[r, b]) + half) >> out_shift, see CALIBRATION.md.
 
     `entry` (n_rows, n_cols_padded) int16, `shift` (n_rows, n_blocks) uint8; `error` is the relative
     L2 (Frobenius) error of the rounded matrix.
@@ -26,33 +27,35 @@ class OperatorTable:
     entry: npt.NDArray[np.int16]
     shift: npt.NDArray[np.uint8]
     out_shift: int
-    force_lsb_un: int
     error: float
 
     def to_float(self) -> npt.NDArray[np.float64]:
-        """The rounded operator, newton per metre, (n_rows, n_cols_padded)."""
+        """The rounded matrix, output steps per input step, (n_rows, n_cols_padded)."""
         scale = 2.0 ** (self.shift.astype(float) - self.out_shift)
-        unit = self.force_lsb_un * 1e-6 / (DISPLACEMENT_LSB_NM * 1e-9)
-        return np.asarray(self.entry * np.repeat(scale, BLOCK, axis=1) * unit)
+        return np.asarray(self.entry * np.repeat(scale, BLOCK, axis=1))
 
 
-def compile_operator(
-    operator: npt.NDArray[np.float64], *, force_lsb_un: int, max_error: float = 2e-3
-) -> OperatorTable:
-    """Round G (n_rows, n_cols) in newton per metre to the board's table.
+def force_steps(force_lsb_un: int) -> float:
+    """Output steps per input step of an operator of 1 newton per metre."""
+    return DISPLACEMENT_LSB_NM * 1e-9 / (force_lsb_un * 1e-6)
+
+
+def compile_matrix(
+    matrix: npt.NDArray[np.float64], what: str, *, max_error: float = 2e-3
+) -> BlockTable:
+    """Round a matrix (n_rows, n_cols), in output steps per input step, to the board's table.
 
     Raises
     ------
     InputError
-        When G is not finite, all zero, or cannot be held within `max_error` (relative L2).
+        When it is not finite, all zero, or cannot be held within `max_error` (relative L2).
     """
-    if operator.ndim != 2 or not np.isfinite(operator).all() or not operator.any():
-        raise InputError("the operator is not a finite, non-zero matrix: nothing to compile")
-    n_rows, n_cols = operator.shape
+    if matrix.ndim != 2 or not np.isfinite(matrix).all() or not matrix.any():
+        raise InputError(f"{what} is not a finite, non-zero matrix: nothing to compile")
+    n_rows, n_cols = matrix.shape
     n_blocks = -(-n_cols // BLOCK)
-    unit = force_lsb_un * 1e-6 / (DISPLACEMENT_LSB_NM * 1e-9)
     padded = np.zeros((n_rows, n_blocks * BLOCK))
-    padded[:, :n_cols] = operator / unit
+    padded[:, :n_cols] = matrix
     blocks = padded.reshape(n_rows, n_blocks, BLOCK)
     peak = np.abs(blocks).max(axis=2)
     # Smallest exponent e with peak <= ENTRY_LIMIT 2^e.
@@ -60,29 +63,22 @@ def compile_operator(
         peak > 0, np.ceil(np.log2(np.maximum(peak, 1e-300) / ENTRY_LIMIT)), -np.inf
     )
     # The row sum is bounded by sum_b 2^(34 + shift): as much room as BOUND_BITS leaves.
-    room = BOUND_BITS - 34 - int(np.ceil(np.log2(n_blocks)))
+    room = min(BOUND_BITS - 34 - int(np.ceil(np.log2(n_blocks))), MAX_SHIFT)
     out_shift = room - int(exponent.max())
-    shift = np.clip(exponent + out_shift, 0, 30)
     if not 1 <= out_shift <= 60:
         raise InputError(
-            f"the operator's largest entry needs an output shift of {out_shift}, outside 1..60: "
+            f"the largest entry of {what} needs an output shift of {out_shift}, outside 1..60: "
             "change [field] force_lsb_un in board.toml"
         )
+    shift = np.clip(exponent + out_shift, 0, MAX_SHIFT)
     scaled = blocks / 2.0 ** (shift - out_shift)[:, :, None]
     entry = np.clip(np.floor(scaled + 0.5), -ENTRY_LIMIT, ENTRY_LIMIT)
-    table = OperatorTable(
-        entry=entry.reshape(n_rows, -1).astype(np.int16),
-        shift=shift.astype(np.uint8),
-        out_shift=out_shift,
-        force_lsb_un=force_lsb_un,
-        error=0.0,
-    )
-    error = float(
-        np.linalg.norm(table.to_float()[:, :n_cols] - operator) / np.linalg.norm(operator)
-    )
+    entries, shifts = entry.reshape(n_rows, -1).astype(np.int16), shift.astype(np.uint8)
+    rounded = BlockTable(entries, shifts, out_shift, 0.0).to_float()[:, :n_cols]
+    error = float(np.linalg.norm(rounded - matrix) / np.linalg.norm(matrix))
     if error > max_error:
         raise InputError(
-            f"rounding the operator to 15 bits costs {error:.1e} (relative L2), "
+            f"rounding {what} to 15 bits costs {error:.1e} (relative L2), "
             f"more than {max_error:.1e}"
         )
-    return OperatorTable(table.entry, table.shift, out_shift, force_lsb_un, error)
+    return BlockTable(entries, shifts, out_shift, error)

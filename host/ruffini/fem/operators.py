@@ -183,31 +183,39 @@ def force_operator(
     if not (np.isfinite(ridge_weight) and ridge_weight >= 0):
         raise InputError(f"the ridge weight must be finite and not negative, got {ridge_weight}")
     condensed = condense(slab, progress=lambda done: progress(0.7 * done))
+    seen = np.ones(3 * slab.n_nodes, dtype=bool)
+    if window_m is not None:
+        inside = np.zeros((slab.n_y, slab.n_x), dtype=bool)
+        inside[observed_nodes(slab, window_m)] = True
+        seen = np.repeat(inside.ravel(), 3)
     if method == "optimal":
-        blocks = optimal_operator(condensed, noise, prior or ForcePrior())
+        operator = _optimal(condensed, noise, prior or ForcePrior(), seen)
     else:
         blocks = ridge_operator(condensed, ridge_weight if method == "ridge" else 0.0)
-    full = dense_from_blocks(condensed.bases, blocks)
-    progress(0.9)
-    if window_m is not None:
-        full = _restrict(slab, full, window_m, symmetric=method != "optimal")
+        operator = _restrict(dense_from_blocks(condensed.bases, blocks), seen)
     progress(1.0)
-    return full
+    return operator
 
 
-def _restrict(
-    slab: Slab, full: Array, window_m: tuple[float, float, float, float], *, symmetric: bool
+def _optimal(
+    condensed: CondensedSlab, noise: Noise, prior: ForcePrior, seen: npt.NDArray[np.bool_]
 ) -> Array:
-    rows, columns = observed_nodes(slab, window_m)
-    inside = np.zeros((slab.n_y, slab.n_x), dtype=bool)
-    inside[rows, columns] = True
-    if inside.all():
+    """In parity classes where the camera sees the whole pad, densely over the seen unknowns otherwise."""
+    if seen.all():
+        return dense_from_blocks(condensed.bases, optimal_operator(condensed, noise, prior))
+    slab, bases = condensed.slab, condensed.bases
+    compliance = dense_from_blocks(bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
+    covariance = dense_from_blocks(bases, _prior_blocks(slab, bases, prior))
+    c, p = compliance[np.ix_(seen, seen)], covariance[np.ix_(seen, seen)]
+    modes = depth_modes(slab, noise)[seen]
+    r = np.diag(np.tile(np.square(noise.sigma_m), slab.n_nodes)[seen]) + modes @ modes.T
+    return np.asarray(la.solve(c @ p @ c + r, c @ p, assume_a="pos").T)
+
+
+def _restrict(full: Array, seen: npt.NDArray[np.bool_]) -> Array:
+    """Hidden nodes are free of force: eliminate their displacement."""
+    if seen.all():
         return full
-    seen = np.repeat(inside.ravel(), 3)
-    if not symmetric:
-        raise InputError(
-            "the optimal method needs a camera window that covers the pad; use raw or ridge"
-        )
     hidden = ~seen
     coupling = full[np.ix_(seen, hidden)]
     return np.asarray(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ruffini.errors import InputError
-from ruffini.fem.compile import BLOCK, compile_operator
+from ruffini.fem.compile import BLOCK, compile_matrix, force_steps
 from ruffini.fem.condense import condense, spd_inverse, surface_stiffness
 from ruffini.fem.operators import METHODS, Noise, force_operator, observed_nodes
 from ruffini.fem.reflection import dense_from_blocks
@@ -72,8 +72,8 @@ def test_nodes_outside_the_window_carry_no_force():
 
 
 def test_table_rounds_within_its_certificate():
-    operator = force_operator(SLAB, "raw", noise=NOISE)
-    table = compile_operator(operator, force_lsb_un=10)
+    operator = force_operator(SLAB, "raw", noise=NOISE) * force_steps(10)
+    table = compile_matrix(operator, "the operator")
     assert table.entry.shape == (297, 320) and table.shift.shape == (297, 320 // BLOCK)
     assert np.abs(table.entry).max() <= 16383
     measured = np.linalg.norm(table.to_float()[:, :297] - operator) / np.linalg.norm(operator)
@@ -85,7 +85,7 @@ def test_table_rounds_within_its_certificate():
 @pytest.mark.parametrize("bad", [np.full((3, 3), np.nan), np.zeros((3, 3)), np.zeros(3)])
 def test_table_refuses_what_is_no_operator(bad):
     with pytest.raises(InputError):
-        compile_operator(bad, force_lsb_un=10)
+        compile_matrix(bad, "the operator")
 
 
 def test_unknown_method_and_weight_are_refused():
