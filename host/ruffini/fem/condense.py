@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg as la
 import scipy.sparse as sp
 
-from ruffini.fem.reflection import parity_bases
+from ruffini.reflection import parity_bases, spd_inverse
 from ruffini.fem.slab import Slab, assemble_layer
 
 Array = npt.NDArray[np.float64]
@@ -34,17 +33,6 @@ class CondensedSlab:
     k_11: list[Array]
     k_12: list[sp.csr_matrix]
     k_22: list[Array]  # condensed: planes 3 and below are inside
-
-
-def spd_inverse(matrix: Array) -> Array:
-    """Inverse of a symmetric positive definite matrix by Cholesky (LAPACK potrf, potri)."""
-    factor, info = la.lapack.dpotrf(matrix, lower=1, overwrite_a=0)
-    if info != 0:
-        raise np.linalg.LinAlgError(f"matrix is not positive definite (minor {info})")
-    inverse, _ = la.lapack.dpotri(factor, lower=1, overwrite_c=1)
-    lower = np.tril_indices_from(inverse, -1)
-    inverse.T[lower] = inverse[lower]
-    return np.asarray(inverse)
 
 
 def condense(

@@ -19,10 +19,9 @@ from ruffini.fem.condense import (
     CondensedSlab,
     Progress,
     condense,
-    spd_inverse,
     surface_stiffness,
 )
-from ruffini.fem.reflection import blocks_from_dense, dense_from_blocks
+from ruffini.reflection import blocks_from_dense, dense_from_blocks, spd_inverse
 from ruffini.fem.slab import Slab
 
 Array = npt.NDArray[np.float64]

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.fem.condense import CondensedSlab, spd_inverse, surface_stiffness
+from ruffini.fem.condense import CondensedSlab, surface_stiffness
 from ruffini.fem.operators import Noise, depth_modes
-from ruffini.fem.reflection import dense_from_blocks
+from ruffini.reflection import dense_from_blocks, spd_inverse
 
 Array = npt.NDArray[np.float64]
 

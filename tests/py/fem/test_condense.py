@@ -7,7 +7,7 @@ import scipy.sparse.linalg as sla
 
 from ruffini.errors import InputError
 from ruffini.fem.condense import condense, spd_inverse, surface_stiffness
-from ruffini.fem.reflection import blocks_from_dense, dense_from_blocks, parity_bases
+from ruffini.reflection import blocks_from_dense, dense_from_blocks, parity_bases
 from ruffini.fem.slab import CORNERS, Slab, assemble_layer, hexahedron_stiffness
 
 STEP_M = (0.7e-3, 0.5e-3, 0.6e-3)

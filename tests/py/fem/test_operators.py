@@ -5,9 +5,9 @@ import pytest
 
 from ruffini.errors import InputError
 from ruffini.fem.compile import BLOCK, compile_matrix, force_steps
-from ruffini.fem.condense import condense, spd_inverse, surface_stiffness
+from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.operators import METHODS, Noise, force_operator, observed_nodes
-from ruffini.fem.reflection import dense_from_blocks
+from ruffini.reflection import dense_from_blocks, spd_inverse
 from ruffini.fem.slab import Slab
 
 SLAB = Slab(10e-3, 8e-3, 4e-3, 11, 9, 4, 2e5, 0.48)
