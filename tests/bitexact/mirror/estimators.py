@@ -1,0 +1,59 @@
+"""Wrench and contacts: exact sums of the nodal forces."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from mirror.board import Board, observed_nodes
+from mirror.fixed import I64
+
+
+def _steps(board: Board, axis: str) -> tuple[I64, int, int]:
+    """Twice the steps of each observed line from the pad's centre; pad size and steps over it."""
+    steps = board["grid"][f"n_{axis}"] - 1
+    lines = np.array(observed_nodes(board, axis), dtype=np.int64)
+    return 2 * lines - steps, board["pad"][f"size_{axis}_um"], steps
+
+
+def _to_um(total: int, size: int, steps: int) -> int:
+    return int((total * size + steps) // (2 * steps))
+
+
+def wrench(board: Board, force: I64) -> list[int]:
+    """Force (uN) and moment about the pad's centre (uN um) of (n_nodes, 3) forces."""
+    x, size_x, steps_x = _steps(board, "x")
+    y, size_y, steps_y = _steps(board, "y")
+    lsb = board["field"]["force_lsb_un"]
+    f = force.reshape(len(y), len(x), 3)
+
+    def arm_x(component: int) -> int:
+        return _to_um(int((f[..., component] * x[None, :]).sum()) * lsb, size_x, steps_x)
+
+    def arm_y(component: int) -> int:
+        return _to_um(int((f[..., component] * y[:, None]).sum()) * lsb, size_y, steps_y)
+
+    total = [int(t) * lsb for t in force.sum(axis=0)]
+    return [*total, arm_y(2), -arm_x(2), arm_x(1) - arm_y(0)]
+
+
+def contact_areas(board: Board, mask: npt.NDArray[np.bool_], force: I64) -> list[int]:
+    """Pressing nodes of each 8-connected component of the mask, most first."""
+    pressing = (force[:, 2] < 0).reshape(mask.shape)
+    seen = np.zeros(mask.shape, bool)
+    areas = []
+    for start in zip(*np.nonzero(mask), strict=True):
+        if seen[start]:
+            continue
+        component, stack = 0, [start]
+        seen[start] = True
+        while stack:
+            y, x = stack.pop()
+            component += int(pressing[y, x])
+            for v in range(max(y - 1, 0), min(y + 2, mask.shape[0])):
+                for u in range(max(x - 1, 0), min(x + 2, mask.shape[1])):
+                    if mask[v, u] and not seen[v, u]:
+                        seen[v, u] = True
+                        stack.append((v, u))
+        areas.append(component)
+    return sorted(areas, reverse=True)

@@ -1,0 +1,36 @@
+"""rest, difference, grey: what happens to pixels before anything is recognised."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from mirror.fixed import I64, Saturations, round_shift
+
+DARK_LEVEL = 8
+
+
+def rest_image(frames: npt.NDArray[np.uint8]) -> I64:
+    """(16 sum + n / 2) / n per channel, in 1/16 grey levels."""
+    n = len(frames)
+    return np.asarray((16 * frames.sum(axis=0, dtype=np.int64) + n // 2) // n)
+
+
+def reciprocal(rest: I64) -> I64:
+    limited = np.maximum(rest, 16)
+    return np.asarray(((1 << 32) + limited // 2) // limited)
+
+
+def difference(
+    frame: npt.NDArray[np.uint8], reciprocal_q32: I64, saturations: Saturations
+) -> tuple[I64, tuple[int, int]]:
+    """Relative change Q12, and how many pixels are dark, full."""
+    ratio = round_shift(frame.astype(np.int64) * reciprocal_q32, 16)
+    dark = int((frame < DARK_LEVEL).all(axis=2).sum())
+    full = int((frame == 255).any(axis=2).sum())
+    return saturations.int16(ratio - 4096), (dark, full)
+
+
+def grey(frame: npt.NDArray[np.uint8]) -> I64:
+    """B + G + R in 1/16 levels."""
+    return np.asarray(16 * frame.sum(axis=2, dtype=np.int64))

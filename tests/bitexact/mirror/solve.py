@@ -1,0 +1,160 @@
+"""Displacement -> nodal force: block operator, contact mask, second pass on the contact's support."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mirror.fixed import I64, Saturations, round_shift
+
+BLOCK = 32
+LIMIT = (1 << 31) - 1
+STEPS = 6
+
+
+@dataclass(frozen=True)
+class BlockTable:
+    """One block-scaled matrix of proto/CALIBRATION.md."""
+
+    entry: npt.NDArray[np.int16]  # (n_rows, n_cols padded to 32)
+    shift: npt.NDArray[np.uint8]  # (n_rows, n_blocks)
+    out_shift: int
+
+    def times(self, u: I64) -> I64:
+        """All rows, not saturated; u without its padding."""
+        padded = np.zeros(self.entry.shape[1], np.int64)
+        padded[: len(u)] = u
+        products = self.entry.astype(np.int64) * padded
+        blocks = products.reshape(len(self.entry), -1, BLOCK).sum(axis=2)
+        return round_shift((blocks << self.shift.astype(np.int64)).sum(axis=1), self.out_shift)
+
+
+def linear_force(table: BlockTable, u: I64, saturations: Saturations) -> I64:
+    """(n_nodes, 3) in force steps, of (n_nodes, 3) displacements."""
+    return saturations.int32(table.times(u.ravel())).reshape(-1, 3)
+
+
+def contact_mask(
+    force: I64, shape: tuple[int, int], threshold_lsb: int, min_nodes: int
+) -> npt.NDArray[np.bool_]:
+    """Nodes of any 2 x 2 square of pressed nodes, grown by one."""
+    pressed = force[:, 2].reshape(shape) < -threshold_lsb
+    square = pressed[1:, 1:] & pressed[:-1, 1:] & pressed[1:, :-1] & pressed[:-1, :-1]
+    opened = np.zeros(shape, bool)
+    for dy in (0, 1):
+        for dx in (0, 1):
+            opened[dy : dy + shape[0] - 1, dx : dx + shape[1] - 1] |= square
+    if opened.sum() < min_nodes:
+        return np.zeros(shape, bool)
+    padded = np.pad(opened, 1)
+    grown = np.zeros(shape, bool)
+    for dy in range(3):
+        for dx in range(3):
+            grown |= padded[dy : dy + shape[0], dx : dx + shape[1]]
+    return grown
+
+
+# ---- second pass: conjugate gradients in block floating point, on Python's unbounded integers -------
+
+
+@dataclass(frozen=True)
+class SupportTables:
+    normal: BlockTable
+    project: BlockTable
+    scale: npt.NDArray[np.int32]
+
+
+class _Pass:
+    """Vectors over the support's unknowns; lists of int, so that an overflow would show."""
+
+    def __init__(self, saturations: Saturations) -> None:
+        self.saturations = saturations
+
+    def limited(self, x: int) -> int:
+        if abs(x) > LIMIT:
+            self.saturations.count += 1
+            return LIMIT if x > 0 else -LIMIT
+        return x
+
+
+def _shifted(x: int, right: int) -> int:
+    if right <= 0:
+        return 0 if right < -20 else x << -right
+    return 0 if right > 62 else (x + (1 << (right - 1))) >> right
+
+
+def _common_shift(values: list[int]) -> int:
+    largest = max((abs(v) for v in values), default=0)
+    return max((largest + (largest >> 14)).bit_length() - 15, 0)
+
+
+def _to_16(values: list[int], shift: int) -> list[int]:
+    return values if shift == 0 else [_shifted(v, shift) for v in values]
+
+
+def _ratio(numerator: int, denominator: int, exponent: int) -> tuple[int, int]:
+    """Mantissa of 24 bits and exponent of numerator / denominator 2^exponent."""
+    up = 62 - numerator.bit_length()
+    down = max(denominator.bit_length() - 38, 0)
+    mantissa = (numerator << up) // (denominator >> down)
+    extra = mantissa.bit_length() - 24
+    return mantissa >> extra, exponent - up - down + extra
+
+
+def _scaled(value: int, scale: tuple[int, int], exponent: int) -> int:
+    return _shifted(value * scale[0], -(scale[1] + exponent))
+
+
+def _energy(r: list[int]) -> tuple[int, int]:
+    shift = _common_shift(r)
+    return sum(v * v for v in _to_16(r, shift)), shift
+
+
+def support_force(
+    tables: SupportTables,
+    u: I64,
+    mask: npt.NDArray[np.bool_],
+    force: I64,
+    saturations: Saturations,
+) -> I64:
+    """Second pass over `force`; zero outside the mask."""
+    index = np.flatnonzero(np.repeat(mask.ravel(), 3))
+    limited = _Pass(saturations).limited
+    scale = [int(s) for s in tables.scale[index]]
+
+    def image_of(values: list[int]) -> list[int]:
+        full = np.zeros(force.size, np.int64)
+        full[index] = values
+        return [int(v) for v in tables.normal.times(full)[index]]
+
+    y = [limited((int(f) << 30) // s) for f, s in zip(force.ravel()[index], scale, strict=True)]
+    shift = _common_shift(y)
+    y16 = _to_16(y, shift)
+    y = [v << shift for v in y16]
+    b = tables.project.times(u.ravel())[index]
+    r = [limited(int(b_i) - _shifted(h, 8 - shift)) for b_i, h in zip(b, image_of(y16), strict=True)]
+    p = list(r)
+    energy, energy_shift = _energy(r)
+    for _ in range(STEPS):
+        if energy == 0:
+            break
+        shift = _common_shift(p)
+        p16 = _to_16(p, shift)
+        image = image_of(p16)
+        curvature = sum(a * h for a, h in zip(p16, image, strict=True))
+        if curvature <= 0:
+            break
+        step = _ratio(energy, curvature, 2 * (energy_shift - shift) + 8)
+        y = [limited(a + _scaled(d, step, shift)) for a, d in zip(y, p16, strict=True)]
+        r = [limited(a - _scaled(h, step, shift - 8)) for a, h in zip(r, image, strict=True)]
+        next_energy, next_shift = _energy(r)
+        if next_energy == 0:
+            break
+        beta = _ratio(next_energy, energy, 2 * (next_shift - energy_shift))
+        p = [limited(a + _scaled(d, beta, 0)) for a, d in zip(r, p, strict=True)]
+        energy, energy_shift = next_energy, next_shift
+    out = np.zeros(force.size, np.int64)
+    out[index] = [_shifted(v * s, 30) for v, s in zip(y, scale, strict=True)]
+    return saturations.int32(out).reshape(-1, 3)

@@ -1,0 +1,225 @@
+"""Each stage of the core against the numpy mirror, bit for bit, on random, rendered and extreme inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from conftest import board_text, small_board
+from core_stages import CoreStages
+from mirror.board import Board, center_q16, depth_grid, observed_nodes
+from mirror.displacement import displacement
+from mirror.dots import detect_dots
+from mirror.fixed import Saturations
+from mirror.light import difference, grey, reciprocal, rest_image
+from mirror.markers import ABSENT, DX, DY, Lattice
+from mirror.photometric import cell_slope, marker_mask, pixel_slope, upsample
+from mirror.poisson import cos_pi_q30, poisson
+
+OpenStages = Callable[[str], tuple[CoreStages, Board]]
+
+SIZES = [
+    small_board(),
+    small_board(width=63, height=41, step=1, gauge="mean"),
+    small_board(width=64, height=44, step=4, polarity="light"),
+]
+
+
+def frame_shape(board: Board) -> tuple[int, int, int]:
+    return board["camera"]["height_px"], board["camera"]["width_px"], 3
+
+
+def render(board: Board, rng: np.random.Generator, moved_px: float) -> npt.NDArray[np.uint8]:
+    """A noisy frame with the board's dots, each moved by up to `moved_px` along each axis."""
+    height, width, _ = frame_shape(board)
+    camera, m = board["camera"], board["markers"]
+    y, x = np.mgrid[:height, :width]
+    px_per_um = camera["focal_mpx"] / 1000 / camera["standoff_um"]
+    level = 130.0 + 30 * x / width - 20 * y / height
+    depth = -80 if m["polarity"] == "dark" else 80
+    radius = m["diameter_um"] / 2 * px_per_um
+    for j in range(m["n_y"]):
+        for i in range(m["n_x"]):
+            place = [
+                center_q16(board, a) / 65536
+                + (m[f"first_{a}_um"] + n * m[f"pitch_{a}_um"] - board["pad"][f"size_{a}_um"] / 2)
+                * px_per_um
+                + rng.uniform(-moved_px, moved_px)
+                for a, n in (("x", i), ("y", j))
+            ]
+            distance = np.hypot(x - place[0], y - place[1])
+            level = level + depth * np.clip(radius + 0.5 - distance, 0, 1)
+    noisy = level[..., None] + rng.normal(0, 2, frame_shape(board))
+    return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+
+
+def random_frame(board: Board, rng: np.random.Generator) -> npt.NDArray[np.uint8]:
+    return rng.integers(0, 256, frame_shape(board), dtype=np.uint8)
+
+
+def test_cosines_are_the_nearest_integers(open_stages: OpenStages) -> None:
+    core, _ = open_stages(SIZES[0])
+    for denominator in (1, 2, 3, 4, 5, 160, 320, 631, 1280):
+        numerators = np.arange(-7, 4 * denominator + 9, dtype=np.int64)
+        expected = cos_pi_q30(numerators, denominator)
+        assert [core.cos_pi_q30(int(n), denominator) for n in numerators] == expected.tolist()
+
+
+@pytest.mark.parametrize("text", SIZES)
+def test_rest_and_difference(open_stages: OpenStages, text: str) -> None:
+    core, board = open_stages(text)
+    rng = np.random.default_rng(1)
+    frames = np.stack([random_frame(board, rng) // 2 for _ in range(5)])
+    frames[:, :4] = 0  # rest black: the reciprocal's floor
+    rest, reciprocal_q32 = core.rest(frames)
+    assert np.array_equal(rest, rest_image(frames))
+    assert np.array_equal(reciprocal_q32, reciprocal(rest_image(frames)))
+    frame = random_frame(board, rng)
+    frame[:9] = 255
+    frame[9:14] = 3
+    change, counts, n_saturated = core.difference(frame, reciprocal_q32)
+    saturations = Saturations()
+    expected, expected_counts = difference(frame, reciprocal(rest_image(frames)), saturations)
+    assert np.array_equal(change, expected)
+    assert counts == expected_counts
+    assert n_saturated == saturations.count > 0
+
+
+@pytest.mark.parametrize("text", [*SIZES, board_text("gelslim")])
+def test_dots(open_stages: OpenStages, text: str) -> None:
+    core, board = open_stages(text)
+    rng = np.random.default_rng(2)
+    picture = grey(render(board, rng, 1.0))
+    dots = core.dots(picture.astype(np.uint16))
+    assert len(dots) > board["markers"]["n_x"]
+    assert np.array_equal(dots, detect_dots(board, picture))
+    noise = grey(random_frame(board, rng))
+    assert np.array_equal(core.dots(noise.astype(np.uint16)), detect_dots(board, noise))
+
+
+@pytest.mark.parametrize("text", [SIZES[0], SIZES[2], board_text("gelslim")])
+def test_markers_over_a_sequence_with_losses_and_dust(open_stages: OpenStages, text: str) -> None:
+    core, board = open_stages(text)
+    rng = np.random.default_rng(3)
+    lattice = Lattice(board)
+    n = board["markers"]["n_x"] * board["markers"]["n_y"]
+    place = lattice.nominal + rng.integers(-90_000, 90_000, (n, 2)) + [130_000, -70_000]
+    area = np.full((n, 1), 30)
+
+    def dots_of(places: npt.NDArray[np.int64], keep: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
+        dust = rng.integers(0, 2_000_000, (4, 2))
+        rows = np.concatenate([np.hstack([places, area])[keep], np.hstack([dust, area[:4]])])
+        return rng.permutation(rows).astype(np.int32)
+
+    at_rest = dots_of(place, rng.random(n) > 0.04)
+    rows, n_found = core.learn_markers(at_rest, n)
+    assert n_found == lattice.learn(at_rest)
+    assert np.array_equal(rows, lattice.rows)
+    speed = rng.integers(-120_000, 120_000, 2)
+    for t in range(1, 12):
+        dots = dots_of(place + t * speed, rng.random(n) > 0.2)
+        rows, n_lost = core.track_markers(dots, n)
+        assert n_lost == lattice.track(dots)
+        assert np.array_equal(rows, lattice.rows)
+    nothing = np.zeros((0, 3), np.int32)
+    assert core.track_markers(nothing, n)[1] == lattice.track(nothing)
+
+
+def test_a_rest_image_without_dots(open_stages: OpenStages) -> None:
+    core, board = open_stages(SIZES[0])
+    lattice = Lattice(board)
+    nothing = np.zeros((0, 3), np.int32)
+    rows, n_found = core.learn_markers(nothing, len(lattice.rows))
+    assert n_found == lattice.learn(nothing) == 0
+    assert np.array_equal(rows, lattice.rows)
+    assert rows[:, ABSENT].all()
+
+
+def random_markers(board: Board, rng: np.random.Generator, moved_q16: int) -> npt.NDArray[np.int32]:
+    rows = Lattice(board).rows
+    rows[:, :2] = Lattice(board).nominal
+    rows[:, [DX, DY]] = rng.integers(-moved_q16, moved_q16 + 1, (len(rows), 2))
+    return rows.astype(np.int32)
+
+
+@pytest.mark.parametrize("text", [*SIZES, board_text("gelslim")])
+@pytest.mark.parametrize("limit", [500, 32767])
+def test_photometric(open_stages: OpenStages, text: str, limit: int) -> None:
+    core, board = open_stages(text)
+    rng = np.random.default_rng(4)
+    height, width, _ = frame_shape(board)
+    unmix = rng.integers(-limit, limit + 1, (5, 7, 2, 3)).astype(np.int16)
+    table = rng.integers(-32768, 32768, (65, 65, 2)).astype(np.int16)
+    change = rng.integers(-32768, 32768, (height, width, 3)).astype(np.int16)
+    markers = random_markers(board, rng, 200_000)
+    core.set_photometric(unmix, table)
+    slope = pixel_slope(change.astype(np.int64), upsample(unmix, height, width), table)
+    mask = marker_mask(board, markers)
+    assert 0 < mask.mean() < 1
+    assert np.array_equal(
+        core.photometric(change, markers, depth_grid(board)), cell_slope(board, slope, mask)
+    )
+
+
+def test_photometric_with_every_pixel_masked(open_stages: OpenStages) -> None:
+    text = small_board().replace("diameter_um = 301", "diameter_um = 730")
+    core, board = open_stages(text)
+    rng = np.random.default_rng(5)
+    height, width, _ = frame_shape(board)
+    core.set_photometric(
+        rng.integers(-4096, 4096, (2, 2, 2, 3)).astype(np.int16),
+        rng.integers(-4096, 4096, (65, 65, 2)).astype(np.int16),
+    )
+    # 15 rest places over the upper half, moved to the lower half: 30 discs of 11 px radius.
+    markers = random_markers(board, rng, 0)
+    markers[:, 0] = (np.tile(np.arange(5), 3) * 15 + 3) << 16
+    markers[:, 1] = (np.repeat(np.arange(3), 5) * 8 + 2) << 16
+    markers[:, DY] = 20 << 16
+    change = rng.integers(-4096, 4096, (height, width, 3)).astype(np.int16)
+    assert marker_mask(board, markers).all()
+    assert not core.photometric(change, markers, depth_grid(board)).any()
+
+
+@pytest.mark.parametrize("text", [*SIZES, board_text("gelslim")])
+@pytest.mark.parametrize("limit", [300, 4096, 32767])
+def test_poisson(open_stages: OpenStages, text: str, limit: int) -> None:
+    core, board = open_stages(text)
+    rng = np.random.default_rng(limit)
+    slope = rng.integers(-limit - 1, limit + 1, (*depth_grid(board), 2)).astype(np.int16)
+    depth, n_saturated = core.poisson(slope)
+    saturations = Saturations()
+    assert np.array_equal(depth, poisson(board, slope.astype(np.int64), saturations))
+    assert n_saturated == saturations.count
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_poisson_of_one_steep_plane_saturates_alike(open_stages: OpenStages, sign: int) -> None:
+    core, board = open_stages(board_text("gelslim"))
+    slope = np.full((*depth_grid(board), 2), sign * 32767, np.int16)
+    depth, n_saturated = core.poisson(slope)
+    saturations = Saturations()
+    assert np.array_equal(depth, poisson(board, slope.astype(np.int64), saturations))
+    assert n_saturated == saturations.count > 0
+
+
+@pytest.mark.parametrize("text", [*SIZES, board_text("gelslim"), board_text("gelsight-mini")])
+@pytest.mark.parametrize("has_depth", [False, True])
+@pytest.mark.parametrize("moved_q16", [150_000, 40_000_000])
+def test_displacement(
+    open_stages: OpenStages, text: str, has_depth: bool, moved_q16: int
+) -> None:
+    core, board = open_stages(text)
+    rng = np.random.default_rng(6)
+    markers = random_markers(board, rng, moved_q16)
+    nodes = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
+    deepest = board["pad"]["thickness_um"] * 4
+    depth = rng.integers(-deepest, deepest, depth_grid(board)).astype(np.int16)
+    saturations = Saturations()
+    expected = displacement(
+        board, markers, depth.astype(np.int64) if has_depth else None, saturations
+    )
+    out, n_saturated = core.displacement(markers, depth if has_depth else None, nodes)
+    assert np.array_equal(out, expected)
+    assert n_saturated == saturations.count
