@@ -1,0 +1,95 @@
+"""The whole data path: frames in, forces out, as firmware/frame_path.cpp runs them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mirror.board import Board, observed_nodes
+from mirror.displacement import displacement
+from mirror.dots import detect_dots
+from mirror.estimators import contact_areas, wrench
+from mirror.fixed import I64, Saturations
+from mirror.light import difference, grey, reciprocal, rest_image
+from mirror.markers import Lattice
+from mirror.photometric import cell_slope, marker_mask, pixel_slope, upsample
+from mirror.poisson import poisson
+from mirror.solve import BlockTable, SupportTables, contact_mask, linear_force, support_force
+
+Tensors = dict[str, npt.NDArray[np.generic]]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one frame left behind, raw integers."""
+
+    change: I64
+    markers: I64
+    slope: I64
+    depth: I64
+    displacement: I64
+    mask: npt.NDArray[np.bool_]
+    force: I64
+    wrench: list[int]
+    contact_areas: list[int]
+
+
+def _block_table(tensors: Tensors, metadata: dict[str, str], name: str) -> BlockTable:
+    return BlockTable(
+        tensors[f"{name}.entry"].astype(np.int16),
+        tensors[f"{name}.shift"].astype(np.uint8),
+        int(metadata[f"{name}.out_shift"]),
+    )
+
+
+class FramePath:
+    """Operator, support and photometric kinds are all required."""
+
+    def __init__(self, board: Board, tensors: Tensors, metadata: dict[str, str]) -> None:
+        self.board = board
+        self.saturations = Saturations()
+        self._lattice = Lattice(board)
+        self._operator = _block_table(tensors, metadata, "operator")
+        self._support = SupportTables(
+            _block_table(tensors, metadata, "support.normal"),
+            _block_table(tensors, metadata, "support.project"),
+            tensors["support.scale"].astype(np.int32),
+        )
+        camera = board["camera"]
+        self._unmix = upsample(
+            tensors["photometric.unmix"].astype(np.int16), camera["height_px"], camera["width_px"]
+        )
+        self._slope = tensors["photometric.slope"].astype(np.int16)
+
+    def learn(self, frames: npt.NDArray[np.uint8]) -> int:
+        """Rest from untouched frames; number of markers found."""
+        rest = rest_image(frames)
+        self._reciprocal = reciprocal(rest)
+        return self._lattice.learn(detect_dots(self.board, rest.sum(axis=2)))
+
+    def process(self, frame: npt.NDArray[np.uint8]) -> Outcome:
+        board, saturations = self.board, self.saturations
+        change, _ = difference(frame, self._reciprocal, saturations)
+        self._lattice.track(detect_dots(board, grey(frame)))
+        markers = self._lattice.rows.copy()
+        slope = cell_slope(
+            board, pixel_slope(change, self._unmix, self._slope), marker_mask(board, markers)
+        )
+        depth = poisson(board, slope, saturations)
+        u = displacement(board, markers, depth, saturations)
+        force, mask = self.solve(u)
+        return Outcome(
+            change, markers, slope, depth, u, mask, force,
+            wrench(board, force), contact_areas(board, mask, force),
+        )  # fmt: skip
+
+    def solve(self, u: I64) -> tuple[I64, npt.NDArray[np.bool_]]:
+        """Force steps (n_nodes, 3) and contact mask of one displacement field."""
+        board = self.board
+        force = linear_force(self._operator, u, self.saturations)
+        shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
+        threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
+        mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"])
+        return support_force(self._support, u, mask, force, self.saturations), mask

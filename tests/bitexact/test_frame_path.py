@@ -1,0 +1,105 @@
+"""The whole path of the core against the mirror over a small recording, every stage's output bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from conftest import small_board
+from mirror.board import Board, read_board
+from mirror.path import FramePath
+from ruffini.boards import parse_board
+from ruffini.calibrate.container import base_metadata, pack
+from ruffini.calibrate.operator import make_operator
+from ruffini.core import Pipeline
+from ruffini.fem.operators import Noise
+from test_stages import render
+
+ALL_STAGES = (
+    '["difference", "markers", "photometric", "poisson", "displacement", '
+    '"operator", "support", "wrench", "contacts"]'
+)
+N_REST = 3
+
+
+def board_with_all_stages(step: int) -> str:
+    text = small_board(width=66, height=44, step=step)
+    return text[: text.index("stages = ")] + f"stages = {ALL_STAGES}\n"
+
+
+def photometric_tables(rng: np.random.Generator) -> dict[str, npt.NDArray[np.generic]]:
+    """Blue tells slopes along x and green along y, half a slope each (`dent` shades so), roughly."""
+    axis = np.linspace(-1, 1, 65)
+    q_y, q_x = np.meshgrid(axis, axis, indexing="ij")
+    slope = np.stack([q_x, q_y], axis=2) / np.sqrt(1.1 - 0.4 * (q_x**2 + q_y**2))[..., None]
+    unmix = rng.integers(-300, 300, (4, 5, 2, 3))
+    unmix[..., 0, 0] += 8192
+    unmix[..., 1, 1] += 8192
+    return {
+        "photometric.unmix": unmix.astype(np.int16),
+        "photometric.slope": np.round(slope * 4096).astype(np.int16),
+    }
+
+
+def dent(board: Board, t: int) -> npt.NDArray[np.float64]:
+    """Coloured shading, relative change per channel, of a dent of 6 px that deepens and moves."""
+    height, width = board["camera"]["height_px"], board["camera"]["width_px"]
+    y, x = np.mgrid[:height, :width]
+    along_x, along_y = x - width * 0.45 - t, y - height * 0.5 + 0.5 * t
+    steepness = 0.016 * t * np.exp(-(along_x**2 + along_y**2) / 72.0)
+    blue, green = 0.5 * along_x * steepness, 0.5 * along_y * steepness
+    return np.stack([blue, green, -(blue + green) / 2], axis=2)
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_every_stage_over_a_recording(step: int) -> None:
+    text = board_with_all_stages(step)
+    typed, board = parse_board(text.encode(), "small"), read_board(text)
+    rng = np.random.default_rng(step)
+    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    file = pack(
+        {**kind.tensors, **photometric_tables(rng)}, {**base_metadata(typed), **kind.metadata}
+    )
+    rest = np.stack([render(board, np.random.default_rng(7), 0.0) for _ in range(N_REST)])
+    mirror = FramePath(board, file.tensors, file.metadata)
+    n_touched = 0
+    with Pipeline(typed, file.data) as core:
+        for frame in rest:
+            assert not core.process(frame).has_reference
+        n_found = mirror.learn(rest)
+        assert n_found == board["markers"]["n_x"] * board["markers"]["n_y"]
+        for t in range(10):
+            moved = render(board, np.random.default_rng(100 + t), 0.05 * t) * (1 + dent(board, t))
+            frame = np.clip(np.round(moved), 0, 255).astype(np.uint8)
+            result = core.process(frame)
+            expected = mirror.process(frame)
+            assert result.n_markers_at_rest == n_found
+            for name in ("change", "slope", "depth"):
+                assert np.array_equal(core.raw(name), getattr(expected, name)), name
+            nodes = expected.mask.shape
+            assert np.array_equal(core.raw("mask"), expected.mask)
+            assert np.array_equal(core.raw("displacement").reshape(*nodes, 3), expected.displacement)
+            assert np.array_equal(core.raw("force").reshape(-1, 3), expected.force)
+            assert result.wrench_un.tolist() == expected.wrench
+            assert result.n_contacts == len(expected.contact_areas)
+            assert result.saturations == mirror.saturations.count
+            n_touched += int(expected.mask.any())
+    assert 3 <= n_touched < 10, n_touched  # the recording has both: touched and untouched frames
+
+
+def test_solve_on_random_displacements() -> None:
+    text = board_with_all_stages(2)
+    typed, board = parse_board(text.encode(), "small"), read_board(text)
+    rng = np.random.default_rng(11)
+    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    tables = {**kind.tensors, **photometric_tables(rng)}
+    file = pack(tables, {**base_metadata(typed), **kind.metadata})
+    mirror = FramePath(board, file.tensors, file.metadata)
+    with Pipeline(typed, file.data) as core:
+        n = core.layout.node_n_x * core.layout.node_n_y
+        for limit in (40, 400, 4000, 32767):
+            u = rng.integers(-limit, limit + 1, (6, n, 3)).astype(np.int16)
+            forces = core.solve(u)
+            for one_u, force in zip(u, forces, strict=True):
+                expected, _ = mirror.solve(one_u.astype(np.int64))
+                assert np.array_equal(force, expected)
