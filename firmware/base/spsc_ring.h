@@ -1,0 +1,68 @@
+// Byte messages from one thread to another: fixed memory, no lock, all or nothing.
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <vector>
+
+namespace ruffini {
+
+// One producer thread calls push, one consumer thread calls pop. A message is a u32 length and its bytes.
+class SpscRing {
+ public:
+  // `capacity_bytes` must be a power of two.
+  explicit SpscRing(size_t capacity_bytes) : storage_(capacity_bytes), mask_(capacity_bytes - 1) {}
+
+  // False, and nothing is stored, when there is no room.
+  bool push(std::span<const uint8_t> message) {
+    const size_t head = head_.load(std::memory_order_relaxed);
+    const size_t used = head - tail_.load(std::memory_order_acquire);
+    if (sizeof(uint32_t) + message.size() > storage_.size() - used) return false;
+    const auto length = static_cast<uint32_t>(message.size());
+    uint8_t prefix[sizeof length];
+    std::memcpy(prefix, &length, sizeof length);
+    write(head, prefix);
+    write(head + sizeof length, message);
+    head_.store(head + sizeof length + message.size(), std::memory_order_release);
+    return true;
+  }
+
+  // The next message into `out` (resized within its capacity); false when there is none.
+  bool pop(std::vector<uint8_t>& out) {
+    const size_t tail = tail_.load(std::memory_order_relaxed);
+    if (tail == head_.load(std::memory_order_acquire)) return false;
+    uint8_t prefix[sizeof(uint32_t)];
+    read(tail, prefix);
+    uint32_t length = 0;
+    std::memcpy(&length, prefix, sizeof length);
+    out.resize(length);
+    read(tail + sizeof length, out);
+    tail_.store(tail + sizeof length + length, std::memory_order_release);
+    return true;
+  }
+
+ private:
+  void write(size_t at, std::span<const uint8_t> bytes) {
+    const size_t begin = at & mask_;
+    const size_t first = std::min(bytes.size(), storage_.size() - begin);
+    std::memcpy(storage_.data() + begin, bytes.data(), first);
+    if (first < bytes.size()) std::memcpy(storage_.data(), bytes.data() + first, bytes.size() - first);
+  }
+  void read(size_t at, std::span<uint8_t> bytes) const {
+    const size_t begin = at & mask_;
+    const size_t first = std::min(bytes.size(), storage_.size() - begin);
+    std::memcpy(bytes.data(), storage_.data() + begin, first);
+    if (first < bytes.size()) std::memcpy(bytes.data() + first, storage_.data(), bytes.size() - first);
+  }
+
+  std::vector<uint8_t> storage_;
+  size_t mask_;
+  std::atomic<size_t> head_{0};
+  std::atomic<size_t> tail_{0};
+};
+
+}  // namespace ruffini

@@ -1,0 +1,185 @@
+#include "capture/replay_camera.h"
+
+#include <algorithm>
+#include <cstring>
+#include <filesystem>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
+#include <thread>
+
+#define TOML_EXCEPTIONS 0
+#include <toml++/toml.h>
+
+namespace ruffini {
+namespace {
+
+namespace fs = std::filesystem;
+using SteadyClock = std::chrono::steady_clock;
+
+// A source of pictures; an empty Mat is the end.
+class Pictures {
+ public:
+  virtual ~Pictures() = default;
+  virtual cv::Mat next() = 0;
+  virtual void rewind() = 0;
+};
+
+class FolderPictures : public Pictures {
+ public:
+  explicit FolderPictures(std::vector<fs::path> files) : files_(std::move(files)) {}
+  cv::Mat next() override {
+    if (at_ == files_.size()) return {};
+    cv::Mat picture = cv::imread(files_[at_++].string(), cv::IMREAD_COLOR);
+    return picture.empty() ? cv::Mat(1, 1, CV_8UC3) : picture;  // unreadable: wrong size, counted
+  }
+  void rewind() override { at_ = 0; }
+
+ private:
+  std::vector<fs::path> files_;
+  size_t at_ = 0;
+};
+
+class VideoPictures : public Pictures {
+ public:
+  explicit VideoPictures(std::string path) : path_(std::move(path)), video_(path_) {}
+  [[nodiscard]] bool is_open() const { return video_.isOpened(); }
+  [[nodiscard]] double rate_hz() const { return video_.get(cv::CAP_PROP_FPS); }
+  cv::Mat next() override {
+    cv::Mat picture;
+    video_.read(picture);
+    return picture;
+  }
+  void rewind() override { video_.open(path_); }
+
+ private:
+  std::string path_;
+  cv::VideoCapture video_;
+};
+
+class ReplayCamera : public Camera {
+ public:
+  ReplayCamera(std::unique_ptr<Pictures> pictures, cv::Mat first, const ReplayOptions& options, int64_t rate_mhz,
+               bool is_simulated)
+      : pictures_(std::move(pictures)),
+        pending_(std::move(first)),
+        size_(pending_.size()),
+        options_(options),
+        period_(std::chrono::nanoseconds(1'000'000'000'000 / rate_mhz)),
+        is_simulated_(is_simulated) {}
+
+  CaptureStatus capture(FramePool::Buffer& buffer) override {
+    if (pending_.empty()) pending_ = pictures_->next();
+    if (pending_.empty() && options_.is_loop) {
+      pictures_->rewind();
+      pending_ = pictures_->next();
+    }
+    if (pending_.empty()) return CaptureStatus::kEnd;
+    pace();
+    const cv::Mat picture = std::exchange(pending_, cv::Mat());
+    buffer.number = number_++;
+    buffer.capture_us = static_cast<uint64_t>(
+        std::chrono::duration_cast<std::chrono::microseconds>(SteadyClock::now().time_since_epoch()).count());
+    if (picture.size() != size_ || picture.type() != CV_8UC3) return CaptureStatus::kInvalidFrame;
+    for (int y = 0; y < picture.rows; ++y) {
+      std::memcpy(buffer.pixels.data() + static_cast<size_t>(y) * static_cast<size_t>(picture.cols) * 3, picture.ptr(y),
+                  static_cast<size_t>(picture.cols) * 3);
+    }
+    return CaptureStatus::kFrame;
+  }
+  [[nodiscard]] bool is_simulated() const override { return is_simulated_; }
+  [[nodiscard]] bool is_replay() const override { return true; }
+
+ private:
+  void pace() {
+    if (options_.is_lockstep) return;
+    const auto now = SteadyClock::now();
+    due_ = due_ == SteadyClock::time_point{} ? now : due_ + period_;
+    if (due_ < now - period_) due_ = now;  // the reader fell behind: do not catch up in a burst
+    std::this_thread::sleep_until(due_);
+  }
+
+  std::unique_ptr<Pictures> pictures_;
+  cv::Mat pending_;
+  cv::Size size_;
+  ReplayOptions options_;
+  std::chrono::nanoseconds period_;
+  SteadyClock::time_point due_{};
+  uint64_t number_ = 0;
+  bool is_simulated_;
+};
+
+std::vector<fs::path> image_files(const fs::path& folder) {
+  static const std::vector<std::string> kEndings = {".png", ".jpg", ".jpeg", ".bmp", ".ppm"};
+  std::vector<fs::path> files;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    const std::string ending = entry.path().extension().string();
+    if (std::find(kEndings.begin(), kEndings.end(), ending) != kEndings.end()) files.push_back(entry.path());
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+struct RecordingInfo {
+  bool is_simulated = false;
+  int64_t rate_mhz = 0;
+};
+
+Result<RecordingInfo> read_info(const fs::path& folder, const BoardSettings& board) {
+  RecordingInfo info;
+  const fs::path path = folder / "recording.toml";
+  if (!fs::is_regular_file(path)) return info;
+  const toml::parse_result parsed = toml::parse_file(path.string());
+  if (!parsed) return Error{ErrorKind::kBadInput, path.string() + ": not TOML: record it again"};
+  const toml::table& table = parsed.table();
+  info.is_simulated = table["simulated"].value_or(false);
+  info.rate_mhz = std::clamp<int64_t>(table["rate_mhz"].value_or(int64_t{0}), 0, 1'000'000);
+  const std::string recorded = table["board"].value_or(board.name);
+  if (recorded != board.name) {
+    return Error{ErrorKind::kBadInput, path.string() + ": recorded with board \"" + recorded + "\", this is \"" +
+                                           board.name + "\": choose the board that fits"};
+  }
+  return info;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const BoardSettings& board) {
+  std::error_code failed;
+  const fs::path path(options.path);
+  if (!fs::exists(path, failed)) {
+    return Error{ErrorKind::kUnavailable, options.path + ": no such recording: check --camera replay:PATH"};
+  }
+  RecordingInfo info;
+  std::unique_ptr<Pictures> pictures;
+  double video_hz = 0;
+  if (fs::is_directory(path, failed)) {
+    auto read = read_info(path, board);
+    if (!read) return read.error();
+    info = read.value();
+    const fs::path frames = fs::is_directory(path / "frames", failed) ? path / "frames" : path;
+    std::vector<fs::path> files = image_files(frames);
+    if (files.empty()) return Error{ErrorKind::kUnavailable, frames.string() + ": holds no PNG or JPEG images"};
+    pictures = std::make_unique<FolderPictures>(std::move(files));
+  } else {
+    auto video = std::make_unique<VideoPictures>(options.path);
+    if (!video->is_open()) {
+      return Error{ErrorKind::kUnavailable, options.path + ": cannot be read as a video: is the file whole?"};
+    }
+    video_hz = video->rate_hz();
+    pictures = std::move(video);
+  }
+  cv::Mat first = pictures->next();
+  if (first.empty()) return Error{ErrorKind::kUnavailable, options.path + ": holds no frame that can be read"};
+  if (first.cols != board.camera.width_px || first.rows != board.camera.height_px) {
+    return Error{ErrorKind::kBadInput, options.path + ": frames are " + std::to_string(first.cols) + "x" +
+                                           std::to_string(first.rows) + ", board \"" + board.name + "\" needs " +
+                                           std::to_string(board.camera.width_px) + "x" +
+                                           std::to_string(board.camera.height_px)};
+  }
+  int64_t rate_mhz = info.rate_mhz > 0 ? info.rate_mhz : static_cast<int64_t>(video_hz * 1'000);
+  if (rate_mhz <= 0 || rate_mhz > 1'000'000) rate_mhz = board.camera.rate_mhz;
+  return std::unique_ptr<Camera>(
+      std::make_unique<ReplayCamera>(std::move(pictures), std::move(first), options, rate_mhz, info.is_simulated));
+}
+
+}  // namespace ruffini

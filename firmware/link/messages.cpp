@@ -1,0 +1,207 @@
+#include "link/messages.h"
+
+#include <pb_encode.h>
+
+#include <algorithm>
+
+namespace ruffini {
+namespace {
+
+constexpr size_t kMessageOverhead = 1'024;  // everything of a message that is not dense data
+
+bool write_span(pb_ostream_t* stream, const pb_field_t* field, void* const* arg) {
+  const auto& bytes = *static_cast<const std::span<const uint8_t>*>(*arg);
+  return pb_encode_tag_for_field(stream, field) && pb_encode_string(stream, bytes.data(), bytes.size());
+}
+
+ruffini_Stamp to_proto(const FrameStamp& stamp, uint32_t flags) {
+  return {.capture_us = stamp.capture_us, .frame = stamp.frame, .flags = flags, .calibration_id = stamp.calibration_id};
+}
+
+ruffini_Validity to_proto(Validity v) { return static_cast<ruffini_Validity>(v); }
+
+}  // namespace
+
+size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uint32_t sequence,
+                    std::span<const uint8_t> message, std::vector<uint8_t>& out) {
+  const size_t n_fragments = std::max<size_t>((message.size() + kMaxPayloadBytes - 1) / kMaxPayloadBytes, 1);
+  size_t at = 0;
+  for (size_t i = 0; i < n_fragments; ++i) {
+    const size_t begin = i * kMaxPayloadBytes;
+    const FrameHeader header{flags, static_cast<uint8_t>(type), sensor, sequence, static_cast<uint8_t>(i),
+                             static_cast<uint8_t>(n_fragments)};
+    at += encode_frame(header, message.subspan(begin, std::min(kMaxPayloadBytes, message.size() - begin)),
+                       std::span<uint8_t, kMaxFrameBytes>(out.data() + at, kMaxFrameBytes));
+  }
+  return at;
+}
+
+MessageEncoder::MessageEncoder(const FramePath& path, uint8_t sensor) : sensor_(sensor) {
+  const auto n_nodes = static_cast<size_t>(path.nodes().size().count());
+  const auto n_depth = static_cast<size_t>(path.depth_grid().count());
+  const size_t n_values = std::max({3 * n_nodes, n_depth, 2 * path.markers().size()});
+  const auto n_image = static_cast<size_t>(path.board().camera.width_px * path.board().camera.height_px) * 3;
+  values_.resize(n_values);
+  dense_.resize(std::max(dense_bound(n_values), n_image));
+  dense_second_.resize(dense_bound(3 * n_nodes));
+  payload_.resize(dense_.size() + dense_second_.size() + kMessageOverhead);
+  frames_.resize(frames_bound(payload_.size()));
+}
+
+size_t MessageEncoder::serialise(const pb_msgdesc_t* fields, const void* message) {
+  pb_ostream_t stream = pb_ostream_from_buffer(payload_.data(), payload_.size());
+  return pb_encode(&stream, fields, message) ? stream.bytes_written : 0;
+}
+
+// Packs values_ (size.count() x n_components) and points `out` at the bytes.
+void MessageEncoder::pack(ruffini_Dense& out, GridSize size, size_t n_components, std::vector<uint8_t>& bytes) {
+  const size_t n_values = static_cast<size_t>(size.count()) * n_components;
+  const DenseBytes packed = encode_dense({values_.data(), n_values}, n_components, bytes);
+  std::span<const uint8_t>& span = &bytes == &dense_ ? span_ : span_second_;
+  span = {bytes.data(), packed.n_bytes};
+  out.codec = packed.codec == DenseCodec::kSparse ? ruffini_Dense_Codec_CODEC_SPARSE : ruffini_Dense_Codec_CODEC_PACKED;
+  out.n_x = static_cast<uint32_t>(size.n_x);
+  out.n_y = static_cast<uint32_t>(size.n_y);
+  out.n_components = static_cast<uint32_t>(n_components);
+  out.data.funcs.encode = write_span;
+  out.data.arg = &span;
+}
+
+size_t MessageEncoder::wrench(const FramePath& path, const FrameStamp& stamp) {
+  const FrameState& s = path.state();
+  ruffini_Wrench m = ruffini_Wrench_init_zero;
+  m.has_stamp = true;
+  m.stamp = to_proto(stamp, s.flags);
+  const ruffini_Validity xy = to_proto(s.force_xy);
+  const ruffini_Validity z = to_proto(s.force_z);
+  m.validity_count = 6;
+  const ruffini_Validity each[6] = {xy, xy, z, z, z, xy};
+  std::copy(each, each + 6, m.validity);
+  m.force_x_un = s.wrench.force_x_un;
+  m.force_y_un = s.wrench.force_y_un;
+  m.force_z_un = s.wrench.force_z_un;
+  m.torque_x_un_um = s.wrench.torque_x_un_um;
+  m.torque_y_un_um = s.wrench.torque_y_un_um;
+  m.torque_z_un_um = s.wrench.torque_z_un_um;
+  return serialise(ruffini_Wrench_fields, &m);
+}
+
+size_t MessageEncoder::field(const FramePath& path, const FrameStamp& stamp) {
+  const FrameState& s = path.state();
+  ruffini_Field m = ruffini_Field_init_zero;
+  m.has_stamp = true;
+  m.stamp = to_proto(stamp, s.flags);
+  m.force_lsb_un = static_cast<uint32_t>(path.board().force_lsb_un);
+  m.displacement_lsb_nm = 125;
+  m.validity_count = 3;
+  m.validity[0] = m.validity[1] = to_proto(s.force_xy);
+  m.validity[2] = to_proto(s.force_z);
+  for (size_t i = 0; i < s.solve.force.size(); ++i) {
+    values_[3 * i] = s.solve.force[i].x;
+    values_[3 * i + 1] = s.solve.force[i].y;
+    values_[3 * i + 2] = s.solve.force[i].z;
+  }
+  m.has_force = true;
+  pack(m.force, path.nodes().size(), 3, dense_);
+  for (size_t i = 0; i < s.displacement.node.size(); ++i) {
+    values_[3 * i] = s.displacement.node[i].x.raw();
+    values_[3 * i + 1] = s.displacement.node[i].y.raw();
+    values_[3 * i + 2] = s.displacement.node[i].z.raw();
+  }
+  m.has_displacement = true;
+  pack(m.displacement, path.nodes().size(), 3, dense_second_);
+  return serialise(ruffini_Field_fields, &m);
+}
+
+size_t MessageEncoder::depth(const FramePath& path, const FrameStamp& stamp) {
+  const FrameState& s = path.state();
+  ruffini_Depth m = ruffini_Depth_init_zero;
+  m.has_stamp = true;
+  m.stamp = to_proto(stamp, s.flags);
+  m.depth_lsb_nm = 125;
+  m.step_px = static_cast<uint32_t>(path.board().depth.step_px);
+  m.validity = to_proto(s.depth_validity);
+  std::transform(s.poisson.depth.begin(), s.poisson.depth.end(), values_.begin(),
+                 [](DisplacementUm d) { return int32_t{d.raw()}; });
+  m.has_depth = true;
+  pack(m.depth, path.depth_grid(), 1, dense_);
+  return serialise(ruffini_Depth_fields, &m);
+}
+
+size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) {
+  const FrameState& s = path.state();
+  ruffini_Contacts m = ruffini_Contacts_init_zero;
+  m.has_stamp = true;
+  m.stamp = to_proto(stamp, s.flags);
+  m.n_found = static_cast<uint32_t>(s.contacts.n_found);
+  m.contacts_count = static_cast<pb_size_t>(s.contacts.n_listed);
+  for (size_t i = 0; i < m.contacts_count; ++i) {
+    const Contact& c = s.contacts.contacts[i];
+    m.contacts[i] = {.id = static_cast<uint32_t>(i),
+                     .area_um2_k = static_cast<uint32_t>(c.area_um2 / 1'000),
+                     .center_x_um = static_cast<int32_t>(c.center_x_um),
+                     .center_y_um = static_cast<int32_t>(c.center_y_um),
+                     .force_x_un = c.force_x_un,
+                     .force_y_un = c.force_y_un,
+                     .force_z_un = c.force_z_un,
+                     .peak_depth_nm = static_cast<int32_t>(c.peak_depth_nm),
+                     .validity = to_proto(s.force_z)};
+  }
+  return serialise(ruffini_Contacts_fields, &m);
+}
+
+size_t MessageEncoder::markers(const FramePath& path, const FrameStamp& stamp) {
+  const std::span<const Marker> markers = path.markers();
+  ruffini_Markers m = ruffini_Markers_init_zero;
+  m.has_stamp = true;
+  m.stamp = to_proto(stamp, path.state().flags);
+  const GridSize lattice = path.board().markers.lattice;
+  m.n_x = static_cast<uint32_t>(lattice.n_x);
+  m.n_y = static_cast<uint32_t>(lattice.n_y);
+  m.position_lsb_upx = 1'000;  // Q16 rounded to thousandths of a pixel
+  m.lost.size = static_cast<pb_size_t>((markers.size() + 7) / 8);
+  for (size_t i = 0; i < markers.size(); ++i) {
+    values_[2 * i] = static_cast<int32_t>(round_shift(int64_t{markers[i].displacement_x.raw()} * 1'000, 16));
+    values_[2 * i + 1] = static_cast<int32_t>(round_shift(int64_t{markers[i].displacement_y.raw()} * 1'000, 16));
+    if (markers[i].is_lost) m.lost.bytes[i / 8] = static_cast<uint8_t>(m.lost.bytes[i / 8] | 1U << (i % 8));
+  }
+  m.has_displacement = true;
+  pack(m.displacement, lattice, 2, dense_);
+  return serialise(ruffini_Markers_fields, &m);
+}
+
+size_t MessageEncoder::image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp) {
+  ruffini_Image m = ruffini_Image_init_zero;
+  m.has_stamp = true;
+  m.stamp = to_proto(stamp, path.state().flags);
+  m.format = ruffini_Image_Format_FORMAT_BGR8;
+  m.width_px = static_cast<uint32_t>(frame.width);
+  m.height_px = static_cast<uint32_t>(frame.height);
+  m.step_px = 1;
+  const auto n_row = static_cast<size_t>(frame.width) * 3;
+  for (int y = 0; y < frame.height; ++y) {
+    std::copy_n(frame.row(y), n_row, dense_.begin() + static_cast<ptrdiff_t>(n_row) * y);
+  }
+  span_ = {dense_.data(), n_row * static_cast<size_t>(frame.height)};
+  m.data.funcs.encode = write_span;
+  m.data.arg = &span_;
+  return serialise(ruffini_Image_fields, &m);
+}
+
+void MessageEncoder::encode(ruffini_MessageType type, const FramePath& path, const FrameView& frame,
+                            const FrameStamp& stamp, const Sink& sink) {
+  size_t n = 0;
+  switch (type) {
+    case ruffini_MessageType_MESSAGE_TYPE_WRENCH: n = wrench(path, stamp); break;
+    case ruffini_MessageType_MESSAGE_TYPE_FIELD: n = field(path, stamp); break;
+    case ruffini_MessageType_MESSAGE_TYPE_DEPTH: n = depth(path, stamp); break;
+    case ruffini_MessageType_MESSAGE_TYPE_CONTACTS: n = contacts(path, stamp); break;
+    case ruffini_MessageType_MESSAGE_TYPE_MARKERS: n = markers(path, stamp); break;
+    case ruffini_MessageType_MESSAGE_TYPE_IMAGE: n = image(frame, path, stamp); break;
+    default: return;
+  }
+  const size_t n_bytes = write_frames(type, stamp.flags, sensor_, sequence_++, {payload_.data(), n}, frames_);
+  sink(type, {frames_.data(), n_bytes});
+}
+
+}  // namespace ruffini

@@ -1,0 +1,66 @@
+// FrameState -> protobuf messages (nanopb) -> frames, into memory that was there before.
+//
+// Thread-bound to the frame thread. No allocation after the constructor.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "frame_path.h"
+#include "link/dense_codec.h"
+#include "link/frame_codec.h"
+#include "ruffini.pb.h"
+
+namespace ruffini {
+
+struct FrameStamp {
+  uint64_t capture_us = 0;       // mid-exposure, monotonic
+  uint64_t frame = 0;
+  uint32_t calibration_id = 0;
+  uint8_t flags = 0;             // FrameFlag: simulated, replay
+};
+
+class MessageEncoder {
+ public:
+  // One encoded message: all its frames, back to back.
+  using Sink = std::function<void(ruffini_MessageType, std::span<const uint8_t>)>;
+
+  MessageEncoder(const FramePath& path, uint8_t sensor);
+
+  // Encodes what `type` says of the path's last frame and hands its frames to `sink`.
+  void encode(ruffini_MessageType type, const FramePath& path, const FrameView& frame, const FrameStamp& stamp,
+              const Sink& sink);
+
+ private:
+  size_t wrench(const FramePath& path, const FrameStamp& stamp);
+  size_t field(const FramePath& path, const FrameStamp& stamp);
+  size_t depth(const FramePath& path, const FrameStamp& stamp);
+  size_t contacts(const FramePath& path, const FrameStamp& stamp);
+  size_t markers(const FramePath& path, const FrameStamp& stamp);
+  size_t image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp);
+  size_t serialise(const pb_msgdesc_t* fields, const void* message);
+  void pack(ruffini_Dense& out, GridSize size, size_t n_components, std::vector<uint8_t>& bytes);
+
+  uint8_t sensor_;
+  uint32_t sequence_ = 0;
+  std::vector<int32_t> values_;
+  std::vector<uint8_t> dense_;          // packed bytes of the message's first dense part
+  std::vector<uint8_t> dense_second_;
+  std::span<const uint8_t> span_;       // what the nanopb callbacks write
+  std::span<const uint8_t> span_second_;
+  std::vector<uint8_t> payload_;        // serialised message
+  std::vector<uint8_t> frames_;         // its frames
+};
+
+// Splits a serialised message into frames; returns the bytes written to `out`.
+size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uint32_t sequence,
+                    std::span<const uint8_t> message, std::vector<uint8_t>& out);
+
+// Bytes that write_frames needs at most.
+[[nodiscard]] constexpr size_t frames_bound(size_t n_message) {
+  return (n_message / kMaxPayloadBytes + 1) * kMaxFrameBytes;
+}
+
+}  // namespace ruffini
