@@ -12,7 +12,10 @@ NodeGrid::NodeGrid(const BoardSettings& board)
       size_y_um_(board.pad.size_y_um) {}
 
 int64_t NodeGrid::scale(int64_t sum, int64_t size_um, int64_t steps) {
-  return floor_div(sum * size_um + steps, 2 * steps);
+  // Whole and rest of sum / (2 steps) apart, so that sum size_um need not fit 64 bits.
+  const int64_t whole = floor_div(sum, 2 * steps);
+  const int64_t rest = sum - whole * 2 * steps;
+  return whole * size_um + floor_div(rest * size_um + steps, 2 * steps);
 }
 
 int64_t NodeGrid::node_area_um2() const {

@@ -1,0 +1,118 @@
+#include "image/photometric.h"
+
+#include <gtest/gtest.h>
+
+#include "support/dot_picture.h"
+#include "support/test_board.h"
+
+namespace ruffini {
+namespace {
+
+constexpr int kN = Photometric::kSlopeSize;
+
+// q_x = blue change, q_y = green change (both /1), slope = q: a pad whose colours are its slopes.
+struct Tables {
+  std::vector<int16_t> unmix;
+  std::vector<int16_t> slope;
+
+  Tables() {
+    for (int cell = 0; cell < 4; ++cell) {
+      for (const int m : {4096, 0, 0, 0, 4096, 0}) unmix.push_back(static_cast<int16_t>(m));
+    }
+    for (int y = 0; y < kN; ++y) {
+      for (int x = 0; x < kN; ++x) {
+        slope.push_back(static_cast<int16_t>((x - 32) * 128));  // Q12 of -1 .. 1
+        slope.push_back(static_cast<int16_t>((y - 32) * 128));
+      }
+    }
+  }
+  [[nodiscard]] PhotometricTable view() const { return {unmix, {2, 2}, slope}; }
+};
+
+struct Bench {
+  explicit Bench(BoardSettings settings) : board(std::move(settings)), lattice(board), stage(board, tables.view()) {
+    lattice.learn(test::exact_dots(test::nominal_dots(board)));
+    change.resize(static_cast<size_t>(board.camera.width_px * board.camera.height_px * 3));
+    slope.resize(static_cast<size_t>(stage.cells().count()));
+  }
+  void fill(int blue, int green) {
+    for (size_t i = 0; i < change.size(); i += 3) {
+      change[i] = RelativeChange::from_raw(static_cast<int16_t>(blue));
+      change[i + 1] = RelativeChange::from_raw(static_cast<int16_t>(green));
+    }
+  }
+
+  BoardSettings board;
+  Tables tables;
+  MarkerLattice lattice;
+  Photometric stage;
+  std::vector<RelativeChange> change;
+  std::vector<CellSlope> slope;
+};
+
+TEST(Photometric, ColourBecomesSlopeThroughBothTables) {
+  Bench run(test::round_board());
+  run.fill(410, -1024);  // +10 %, -25 %
+  run.stage.run(run.change, run.lattice.markers(), run.slope);
+  for (const CellSlope& s : run.slope) {
+    EXPECT_EQ(s.x.raw(), 410);
+    EXPECT_EQ(s.y.raw(), -1024);
+  }
+}
+
+TEST(Photometric, BeyondTheTableTheSlopeIsHeld) {
+  Bench run(test::round_board());
+  run.fill(32767, -32768);
+  run.stage.run(run.change, run.lattice.markers(), run.slope);
+  EXPECT_EQ(run.slope[0].x.raw(), 4096);
+  EXPECT_EQ(run.slope[0].y.raw(), -4096);
+}
+
+TEST(Photometric, WhatADotShowsDoesNotReachTheSlope) {
+  for (const int step : {1, 2}) {
+    BoardSettings board = test::round_board();
+    board.depth.step_px = step;
+    Bench run(board);
+    auto now = test::nominal_dots(board);
+    for (test::Place& p : now) p = {p.x + 3, p.y - 2};
+    run.lattice.track(test::exact_dots(now));
+    run.fill(200, 100);
+    // Garbage under the discs at rest and now, 3 px radius.
+    const auto spoil = [&](const std::vector<test::Place>& places) {
+      for (const test::Place& p : places) {
+        for (int y = 0; y < 120; ++y) {
+          for (int x = 0; x < 160; ++x) {
+            if (std::hypot(x - p.x, y - p.y) <= 3) {
+              run.change[static_cast<size_t>(y * 160 + x) * 3] = RelativeChange::from_raw(-3500);
+            }
+          }
+        }
+      }
+    };
+    spoil(test::nominal_dots(board));
+    spoil(now);
+    run.stage.run(run.change, run.lattice.markers(), run.slope);
+    for (const CellSlope& s : run.slope) {
+      ASSERT_EQ(s.x.raw(), 200);
+      ASSERT_EQ(s.y.raw(), 100);
+    }
+  }
+}
+
+TEST(Photometric, UnmixingIsBilinearOverTheImage) {
+  BoardSettings board = test::round_board();
+  Tables tables;
+  tables.unmix[6] = 8192;   // upper right cell: blue counts twice
+  tables.unmix[18] = 8192;  // lower right
+  Photometric stage(board, tables.view());
+  std::vector<RelativeChange> change(160 * 120 * 3);
+  for (size_t i = 0; i < change.size(); i += 3) change[i] = RelativeChange::from_raw(1000);
+  std::vector<CellSlope> slope(160 * 120);
+  stage.run(change, {}, slope);
+  EXPECT_EQ(slope[0].x.raw(), 1000);
+  EXPECT_EQ(slope[159].x.raw(), 2000);
+  EXPECT_NEAR(slope[53].x.raw(), 1333, 1);  // one third of the way
+}
+
+}  // namespace
+}  // namespace ruffini

@@ -1,0 +1,52 @@
+#include "image/rest.h"
+
+#include <gtest/gtest.h>
+
+namespace ruffini {
+namespace {
+
+FrameView view(const std::vector<uint8_t>& pixels) { return {pixels.data(), 2, 1, 3, 6}; }
+
+TEST(Rest, IsTheMeanInSixteenthsOfAGreyLevelRoundedHalfUp) {
+  Rest rest(2, 1, 3);
+  EXPECT_FALSE(rest.add(view({0, 10, 255, 1, 100, 7})));
+  EXPECT_FALSE(rest.add(view({0, 11, 255, 0, 100, 7})));
+  EXPECT_FALSE(rest.is_ready());
+  EXPECT_TRUE(rest.add(view({1, 11, 255, 0, 101, 7})));
+  EXPECT_TRUE(rest.is_ready());
+  // Means 1/3, 32/3, 255, 1/3, 301/3, 7 in sixteenths.
+  const std::vector<uint16_t> expected = {5, 171, 4080, 5, 1605, 112};
+  EXPECT_TRUE(std::equal(expected.begin(), expected.end(), rest.image().begin()));
+}
+
+TEST(Rest, ReciprocalOfBlackIsThatOfOneGreyLevel) {
+  Rest rest(2, 1, 1);
+  ASSERT_TRUE(rest.add(view({0, 1, 16, 255, 2, 0})));
+  EXPECT_EQ(rest.reciprocal()[0], 1U << 28);
+  EXPECT_EQ(rest.reciprocal()[1], 1U << 28);
+  EXPECT_EQ(rest.reciprocal()[2], 1U << 24);
+}
+
+TEST(Rest, RestartForgets) {
+  Rest rest(2, 1, 1);
+  ASSERT_TRUE(rest.add(view({9, 9, 9, 9, 9, 9})));
+  rest.restart(2);
+  EXPECT_FALSE(rest.is_ready());
+  EXPECT_FALSE(rest.add(view({1, 1, 1, 1, 1, 1})));
+  EXPECT_TRUE(rest.add(view({1, 1, 1, 1, 1, 1})));
+  EXPECT_EQ(rest.image()[0], 16);
+  rest.restart(0);  // the board's own number
+  EXPECT_TRUE(rest.add(view({2, 2, 2, 2, 2, 2})));
+  EXPECT_EQ(rest.image()[5], 32);
+}
+
+TEST(Rest, LoadedImageIsInForceAtOnce) {
+  Rest rest(2, 1, 4);
+  const std::vector<uint16_t> stored = {16, 32, 48, 64, 80, 4080};
+  rest.load(stored);
+  EXPECT_TRUE(rest.is_ready());
+  EXPECT_TRUE(std::equal(stored.begin(), stored.end(), rest.image().begin()));
+}
+
+}  // namespace
+}  // namespace ruffini
