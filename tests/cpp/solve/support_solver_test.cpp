@@ -1,0 +1,136 @@
+#include "solve/support_solver.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+
+#include "support/calibration_bytes.h"
+
+namespace ruffini {
+namespace {
+
+constexpr int kNodes = 4;
+constexpr int kUnknowns = 3 * kNodes;
+
+using Matrix = std::array<std::array<double, kUnknowns>, kUnknowns>;
+
+// H = 1 on the diagonal, `coupling` between an unknown and the next one: well conditioned below 0.5.
+Matrix tridiagonal(double coupling) {
+  Matrix h{};
+  for (size_t i = 0; i < kUnknowns; ++i) {
+    h[i][i] = 1;
+    if (i + 1 < kUnknowns) h[i][i + 1] = h[i + 1][i] = coupling;
+  }
+  return h;
+}
+
+// Solution of H_SS y = b_S by elimination, in float64.
+std::vector<double> eliminate(const Matrix& h, std::vector<double> b, const std::vector<size_t>& support) {
+  const size_t n = support.size();
+  std::vector<std::vector<double>> a(n, std::vector<double>(n));
+  for (size_t i = 0; i < n; ++i) {
+    for (size_t j = 0; j < n; ++j) a[i][j] = h[support[i]][support[j]];
+  }
+  for (size_t k = 0; k < n; ++k) {
+    for (size_t i = k + 1; i < n; ++i) {
+      const double factor = a[i][k] / a[k][k];
+      for (size_t j = k; j < n; ++j) a[i][j] -= factor * a[k][j];
+      b[i] -= factor * b[k];
+    }
+  }
+  for (size_t k = n; k-- > 0;) {
+    for (size_t j = k + 1; j < n; ++j) b[k] -= a[k][j] * b[j];
+    b[k] /= a[k][k];
+  }
+  return b;
+}
+
+// Tables of H (8 fraction bits beside Q14) and of the projection b = 64 u, force = 4 y.
+class Loaded {
+ public:
+  explicit Loaded(const Matrix& h) {
+    std::vector<int16_t> normal(kUnknowns * 32);
+    std::vector<int16_t> project(kUnknowns * 32);
+    for (size_t i = 0; i < kUnknowns; ++i) {
+      for (size_t j = 0; j < kUnknowns; ++j) normal[i * 32 + j] = static_cast<int16_t>(std::lround(h[i][j] * 8192));
+      project[i * 32 + i] = 8192;
+    }
+    const std::vector<uint8_t> shift(kUnknowns);
+    const std::vector<uint8_t> bytes =
+        test::CalibrationBytes()
+            .meta("support.normal.out_shift", "5")    // 8192 / 2^5 = 256: 8 fraction bits
+            .meta("support.project.out_shift", "7")   // 8192 / 2^7 = 64
+            .tensor("support.scale", "I32", {kUnknowns}, std::vector<int32_t>(kUnknowns, 4 << 16))
+            .tensor("support.normal.entry", "I16", {kUnknowns, 32}, normal)
+            .tensor("support.project.entry", "I16", {kUnknowns, 32}, project)
+            .tensor("support.normal.shift", "U8", {kUnknowns, 1}, shift)
+            .tensor("support.project.shift", "U8", {kUnknowns, 1}, shift)
+            .bytes();
+    storage_.resize((bytes.size() + 7) / 8);
+    std::memcpy(storage_.data(), bytes.data(), bytes.size());
+    auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
+    EXPECT_TRUE(parsed.has_value()) << (parsed ? "" : parsed.error().message);
+    calibration_ = std::move(parsed).value();
+    auto loaded = SupportSolver::load(calibration_, kNodes);
+    EXPECT_TRUE(loaded.has_value()) << (loaded ? "" : loaded.error().message);
+    solver_.emplace(std::move(loaded).value());
+  }
+  SupportSolver& solver() { return *solver_; }
+
+ private:
+  std::vector<uint64_t> storage_;
+  Calibration calibration_;
+  std::optional<SupportSolver> solver_;
+};
+
+double component(const NodeForce& f, size_t i) { return i == 0 ? f.x : i == 1 ? f.y : f.z; }
+
+TEST(SupportSolver, SolvesTheSupportAndLeavesZeroOutside) {
+  const Matrix h = tridiagonal(0.3);
+  Loaded loaded(h);
+  std::vector<int16_t> u(32);
+  for (size_t i = 0; i < kUnknowns; ++i) u[i] = static_cast<int16_t>(1000 * std::sin(static_cast<double>(i)) + 400);
+  const std::vector<uint8_t> mask = {0, 1, 1, 0};
+  const std::vector<size_t> support = {3, 4, 5, 6, 7, 8};
+  std::vector<double> b;
+  for (const size_t i : support) b.push_back(64.0 * u[i]);
+  const std::vector<double> y = eliminate(h, b, support);
+  std::vector<NodeForce> force(kNodes, {777, 777, 777});  // a bad first guess
+  SaturationCounter saturations;
+  loaded.solver().run(u, mask, force, saturations);
+  double largest = 0;
+  for (const double value : y) largest = std::max(largest, std::abs(value));
+  for (size_t i = 0; i < support.size(); ++i) {
+    // y is Q14 of units whose force is 4 Q16-scaled steps: F = y 4 2^16 / 2^30.
+    const double expected = y[i] * 4 / 16'384;
+    EXPECT_NEAR(component(force[support[i] / 3], support[i] % 3), expected, 0.51 + 1e-3 * largest * 4 / 16'384) << i;
+  }
+  for (const size_t node : {size_t{0}, size_t{3}}) {
+    EXPECT_EQ(force[node].x, 0);
+    EXPECT_EQ(force[node].y, 0);
+    EXPECT_EQ(force[node].z, 0);
+  }
+  EXPECT_EQ(saturations.count, 0U);
+}
+
+TEST(SupportSolver, AnEmptyMaskIsNoForce) {
+  Loaded loaded(tridiagonal(0.3));
+  std::vector<NodeForce> force(kNodes, {5, 6, -7});
+  SaturationCounter saturations;
+  loaded.solver().run(std::vector<int16_t>(32, 100), std::vector<uint8_t>(kNodes), force, saturations);
+  for (const NodeForce& f : force) EXPECT_EQ(std::max({std::abs(f.x), std::abs(f.y), std::abs(f.z)}), 0);
+}
+
+TEST(SupportSolver, StaysBoundedWhenTheTablesAreNotPositive) {
+  Matrix h = tridiagonal(0);
+  for (size_t i = 0; i < kUnknowns; ++i) h[i][i] = -1;  // curvature below zero: no step may be taken
+  Loaded loaded(h);
+  std::vector<NodeForce> force(kNodes, {100, 100, 100});
+  SaturationCounter saturations;
+  loaded.solver().run(std::vector<int16_t>(32, 32767), std::vector<uint8_t>(kNodes, 1), force, saturations);
+  for (const NodeForce& f : force) EXPECT_EQ(f.z, 100);
+}
+
+}  // namespace
+}  // namespace ruffini
