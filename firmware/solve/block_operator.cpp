@@ -1,5 +1,7 @@
 #include "solve/block_operator.h"
 
+#include <array>
+
 #include <algorithm>
 
 #include "base/fixed.h"
@@ -41,12 +43,13 @@ int64_t BlockOperator::block_sum(int r, int block, const int16_t* u) const {
   const int16_t* q = entry_.data() + static_cast<size_t>(r) * static_cast<size_t>(padded_cols()) +
                      static_cast<size_t>(block) * kBlock;
   const int16_t* v = u + static_cast<size_t>(block) * kBlock;
-  int64_t sum = 0;
-  for (int lane = 0; lane < kBlock; lane += 4) {
-    int32_t four = 0;
-    for (int i = lane; i < lane + 4; ++i) four += int32_t{q[i]} * v[i];
-    sum += four;
+  // Eight lanes of four products: |lane| <= 4 x 16383 x 32768 < 2^31. Compilers make vectors of this form.
+  std::array<int32_t, kBlock / 4> lanes;
+  for (size_t i = 0; i < lanes.size(); ++i) {
+    lanes[i] = q[i] * v[i] + q[i + 8] * v[i + 8] + q[i + 16] * v[i + 16] + q[i + 24] * v[i + 24];
   }
+  int64_t sum = 0;
+  for (const int32_t lane : lanes) sum += lane;
   return sum << shift_[static_cast<size_t>(r * n_blocks_ + block)];
 }
 

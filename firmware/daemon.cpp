@@ -1,0 +1,170 @@
+#include "daemon.h"
+
+#include <poll.h>
+
+#include <chrono>
+
+namespace ruffini {
+namespace {
+
+constexpr int kBuffers = 4;             // one captured, one posted, one processed, one spare
+constexpr int kLinkPollMs = 2;
+constexpr uint64_t kDrainUs = 2'000'000;  // how long an ended recording waits for its reader
+constexpr auto kReopenPause = std::chrono::milliseconds(50);
+
+uint64_t now_us() {
+  return static_cast<uint64_t>(
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now().time_since_epoch()).count());
+}
+
+}  // namespace
+
+Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, std::unique_ptr<Camera> camera,
+               SerialPort port, Calibrator& calibrator, Exchange& exchange, DeviceIdentity identity,
+               const DaemonOptions& options)
+    : board_(board),
+      path_(std::move(path)),
+      camera_(std::move(camera)),
+      port_(std::move(port)),
+      exchange_(exchange),
+      identity_(std::move(identity)),
+      options_(options),
+      session_(board_, *path_, identity_, calibrator, exchange_),
+      encoder_(*path_, identity_.sensor),
+      sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
+      outgoing_(kTelemetryRingBytes),
+      pool_(kBuffers, board.camera.width_px, board.camera.height_px) {}
+
+void Daemon::run(const std::atomic<bool>& stop) {
+  stop_ = &stop;
+  std::thread capture([this] { capture_loop(); });
+  std::thread frame([this] { frame_loop(); });
+  link_loop();
+  is_done_ = true;
+  mailbox_.wake();
+  capture.join();
+  mailbox_.wake();
+  frame.join();
+}
+
+void Daemon::capture_loop() {
+  using namespace std::chrono_literals;
+  while (options_.waits_for_host && !is_stopping() &&
+         std::none_of(exchange_.every.begin(), exchange_.every.end(), [](const auto& n) { return n.load() != 0; })) {
+    std::this_thread::sleep_for(1ms);
+  }
+  while (!is_stopping()) {
+    const std::optional<int> index = pool_.lend();
+    if (!index) {
+      std::this_thread::sleep_for(100us);
+      continue;
+    }
+    FrameLease lease(pool_, *index);
+    const CaptureStatus status = camera_->capture(pool_[*index]);
+    if (status == CaptureStatus::kEnd) break;
+    ++exchange_.frames_captured;
+    if (status == CaptureStatus::kInvalidFrame) {
+      ++exchange_.frames_invalid;
+      continue;
+    }
+    if (options_.is_lockstep) mailbox_.wait_empty();
+    if (const std::optional<int> dropped = mailbox_.post(lease.release())) {
+      pool_.give_back(*dropped);
+      ++exchange_.frames_overrun;
+    }
+  }
+  if (options_.is_lockstep) mailbox_.wait_empty();
+  is_capture_over_ = true;
+  mailbox_.wake();
+}
+
+void Daemon::frame_loop() {
+  while (!is_stopping()) {
+    mailbox_.wait_full();
+    const std::optional<int> index = mailbox_.take();
+    if (!index) {
+      if (is_capture_over_ || is_stopping()) break;
+      continue;
+    }
+    const FrameLease lease(pool_, *index);
+    swap_path();
+    process(lease);
+    if (options_.max_frames != 0 && exchange_.frames_processed >= options_.max_frames) break;
+  }
+  is_frame_over_ = true;
+}
+
+// A new calibration takes over between two frames and keeps the rest image.
+void Daemon::swap_path() {
+  FramePath* next = exchange_.next_path.exchange(nullptr, std::memory_order_acq_rel);
+  if (next != nullptr) {
+    if ((path_->state().flags & kFlagNoReference) == 0) next->set_rest(path_->rest_image());
+    FramePath* old = path_.release();
+    path_.reset(next);
+    delete exchange_.retired_path.exchange(old, std::memory_order_acq_rel);
+  }
+  const int zero = exchange_.zero_frames.exchange(-1);
+  if (zero >= 0) path_->zero(zero);
+}
+
+void Daemon::process(const FrameLease& lease) {
+  const FrameState& state = path_->process(lease.view());
+  const FrameStamp stamp{lease.capture_us(), lease.number(), exchange_.calibration_id.load(), identity_.stream_flags};
+  const uint64_t n = exchange_.frames_processed.load();
+  for (size_t type = 0; type < kMessageTypes; ++type) {
+    const uint32_t every = exchange_.every[type].load(std::memory_order_relaxed);
+    if (every == 0 || n % every != 0) continue;
+    encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, lease.view(), stamp, sink_);
+  }
+  for (size_t i = 0; i < kStageCount; ++i) {
+    const uint64_t ns = state.stage_ns[i];
+    exchange_.stage_sum_ns[i].fetch_add(ns, std::memory_order_relaxed);
+    if (ns > exchange_.stage_max_ns[i].load(std::memory_order_relaxed)) exchange_.stage_max_ns[i] = ns;
+  }
+  exchange_.flags = state.flags;
+  exchange_.saturations = state.saturations.count;
+  exchange_.frames_processed = n + 1;
+}
+
+// Frame thread: one message into the ring; lockstep waits for room, live drops.
+void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) {
+  outgoing_[0] = static_cast<uint8_t>(type);
+  std::copy(frames.begin(), frames.end(), outgoing_.begin() + 1);
+  const std::span<const uint8_t> message(outgoing_.data(), frames.size() + 1);
+  while (!exchange_.telemetry.push(message)) {
+    if (!options_.is_lockstep || is_stopping()) {
+      ++exchange_.telemetry_dropped;
+      return;
+    }
+    std::this_thread::sleep_for(std::chrono::microseconds(100));
+  }
+}
+
+void Daemon::link_loop() {
+  std::array<uint8_t, 4'096> received;
+  uint64_t ended_us = 0;
+  while (!stop_->load(std::memory_order_relaxed)) {
+    session_.poll(now_us());
+    std::span<const uint8_t> out = session_.pending();
+    pollfd wait{port_.fd(), static_cast<short>(POLLIN | (out.empty() ? 0 : POLLOUT)), 0};
+    ::poll(&wait, 1, kLinkPollMs);
+    const int n_read = port_.read(received);
+    if (n_read > 0) session_.receive({received.data(), static_cast<size_t>(n_read)});
+    int n_written = 0;
+    for (; !out.empty(); out = session_.pending()) {
+      n_written = port_.write(out);
+      if (n_written <= 0) break;
+      session_.consumed(static_cast<size_t>(n_written));
+    }
+    if (n_read < 0 || n_written < 0) {
+      session_.reset_line();
+      std::this_thread::sleep_for(kReopenPause);
+      port_.reopen();
+    }
+    if (!is_frame_over_) continue;
+    if (ended_us == 0) ended_us = now_us();
+    if (!options_.lingers && (session_.is_drained() || now_us() - ended_us > kDrainUs)) return;
+  }
+}
+
+}  // namespace ruffini

@@ -1,0 +1,39 @@
+// What the frame thread and the link thread share: atomics and one ring, no lock.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <memory>
+
+#include "base/spsc_ring.h"
+#include "frame_path.h"
+
+namespace ruffini {
+
+inline constexpr size_t kMessageTypes = 16;
+inline constexpr size_t kTelemetryRingBytes = size_t{4} << 20;
+
+struct Exchange {
+  // Written by the link thread, read by the frame thread.
+  std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send each n-th frame; 0 = never
+  std::atomic<int> zero_frames{-1};                           // request; -1 = none
+  std::atomic<FramePath*> next_path{nullptr};                 // to swap in between frames; ownership passes
+  std::atomic<uint32_t> calibration_id{0};
+  // Written by the frame thread, read by the link thread.
+  std::atomic<FramePath*> retired_path{nullptr};              // to be deleted by the link thread
+  SpscRing telemetry{kTelemetryRingBytes};                    // u8 message type, then its frames
+  std::atomic<uint64_t> frames_processed{0};
+  std::atomic<uint64_t> saturations{0};
+  std::atomic<uint64_t> telemetry_dropped{0};
+  std::atomic<uint32_t> flags{0};
+  std::array<std::atomic<uint64_t>, kStageCount> stage_sum_ns{};  // since the last status
+  std::array<std::atomic<uint64_t>, kStageCount> stage_max_ns{};
+  // Written by the capture thread.
+  std::atomic<uint64_t> frames_captured{0};
+  std::atomic<uint64_t> frames_overrun{0};
+  std::atomic<uint64_t> frames_invalid{0};
+  std::atomic<bool> has_ended{false};                         // the recording is over
+};
+
+}  // namespace ruffini

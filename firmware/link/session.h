@@ -1,0 +1,92 @@
+// The device's side of the conversation: commands in, replies and telemetry out.
+//
+// Link thread only. Replies are never dropped; of telemetry the newest message of each type wins, and what
+// it replaces is counted. Bytes are written as the line takes them; a frame that was begun is finished first.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <deque>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "link/calibrator.h"
+#include "link/exchange.h"
+#include "link/frame_codec.h"
+#include "ruffini.pb.h"
+
+namespace ruffini {
+
+inline constexpr uint8_t kDeviceSensor = 255;  // in packets about the device itself
+
+struct DeviceIdentity {
+  std::string serial;
+  std::string version;
+  uint32_t session_id = 0;
+  uint8_t sensor = 0;
+  uint8_t stream_flags = 0;   // FrameFlag: simulated, replay
+  bool is_lossless = false;   // lockstep: telemetry waits instead of being replaced
+};
+
+class Session {
+ public:
+  Session(const BoardSettings& board, const FramePath& path, DeviceIdentity identity, Calibrator& calibrator,
+          Exchange& exchange);
+
+  void receive(std::span<const uint8_t> bytes);
+  // Takes telemetry from the ring, deletes retired paths, sends STATUS once a second.
+  void poll(uint64_t now_us);
+  // Bytes to write next; consumed(n) after n of them went out.
+  [[nodiscard]] std::span<const uint8_t> pending();
+  void consumed(size_t n_bytes);
+  // The line was lost: forget what was half written, and who subscribed.
+  void reset_line();
+  // Everything that was to be sent is sent.
+  [[nodiscard]] bool is_drained();
+
+ private:
+  struct Outgoing {
+    std::vector<uint8_t> bytes;
+    bool is_full = false;
+    uint64_t order = 0;
+  };
+
+  void handle(const WireFrame& frame);
+  void command(const ruffini_Command& command);
+  void flash(const ruffini_Command& command, ruffini_Reply& reply);
+  void subscribe(const ruffini_Subscribe& request);
+  void send_hello();
+  void send_schema();
+  void send_status(uint64_t now_us);
+  void send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message);
+  void take_telemetry();
+
+  BoardSettings board_;
+  DeviceIdentity identity_;
+  Calibrator& calibrator_;
+  Exchange& exchange_;
+  GridSize grid_;
+  NodeRange first_x_;
+  NodeRange first_y_;
+  FrameDecoder decoder_;
+  uint64_t rx_malformed_ = 0;
+  uint64_t rx_echo_ = 0;
+  uint32_t sequence_ = 0;
+  uint32_t last_request_id_ = 0;
+  bool has_last_reply_ = false;
+  ruffini_Reply last_reply_{};
+  uint64_t started_us_ = 0;
+  uint64_t status_us_ = 0;
+  uint64_t status_frames_ = 0;
+  uint64_t bytes_sent_ = 0;
+  uint64_t status_bytes_ = 0;
+  std::deque<std::vector<uint8_t>> replies_;
+  std::array<Outgoing, kMessageTypes> telemetry_;
+  uint64_t order_ = 0;
+  std::vector<uint8_t> popped_;
+  std::vector<uint8_t> writing_;
+  size_t written_ = 0;
+};
+
+}  // namespace ruffini

@@ -1,0 +1,135 @@
+// ruffinid: composition root. Everything else is in the folders beside this file (README.md).
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <random>
+
+#include "board/parse.h"
+#include "capture/replay_camera.h"
+#include "daemon.h"
+
+#ifndef RUFFINI_VERSION
+#define RUFFINI_VERSION "0"
+#endif
+#ifndef RUFFINI_BOARDS_DIR
+#define RUFFINI_BOARDS_DIR "/usr/share/ruffini/boards"
+#endif
+
+namespace {
+
+// Exit codes, the same as the host tool's.
+constexpr int kExitUsage = 2;
+constexpr int kExitNoDevice = 3;
+constexpr int kExitRefused = 4;
+constexpr int kExitVerify = 5;
+
+std::atomic<bool> stop_requested{false};
+
+void request_stop(int) { stop_requested = true; }
+
+int fail(const ruffini::Error& error) {
+  fmt::print(stderr, "ruffinid: {}\n", error.message);
+  switch (error.kind) {
+    case ruffini::ErrorKind::kBadInput: return kExitUsage;
+    case ruffini::ErrorKind::kUnavailable: return kExitNoDevice;
+    case ruffini::ErrorKind::kRefused: return kExitRefused;
+    case ruffini::ErrorKind::kStorage: return kExitVerify;
+  }
+  return 1;
+}
+
+uint64_t now_ns() {
+  return static_cast<uint64_t>(
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count());
+}
+
+struct Arguments {
+  std::string board;
+  std::string boards_dir = RUFFINI_BOARDS_DIR;
+  std::string camera;
+  std::string link;
+  std::string store;
+  std::string serial = "0000";
+  bool is_loop = false;
+  ruffini::DaemonOptions daemon;
+};
+
+int run(const Arguments& arguments) {
+  namespace fs = std::filesystem;
+  const std::string folder = fs::exists(fs::path(arguments.board) / "board.toml")
+                                 ? arguments.board
+                                 : (fs::path(arguments.boards_dir) / arguments.board).string();
+  auto board = ruffini::load_board(folder);
+  if (!board) return fail(board.error());
+  if (arguments.camera.rfind("replay:", 0) != 0) {
+    return fail({ruffini::ErrorKind::kBadInput, "--camera " + arguments.camera + ": give replay:PATH"});
+  }
+  auto camera = ruffini::open_replay({arguments.camera.substr(7), arguments.daemon.is_lockstep, arguments.is_loop},
+                                     board.value());
+  if (!camera) return fail(camera.error());
+  auto store = ruffini::SlotStore::open(arguments.store);
+  if (!store) return fail(store.error());
+  auto port = ruffini::SerialPort::open(arguments.link);
+  if (!port) return fail(port.error());
+
+  ruffini::Exchange exchange;
+  ruffini::Calibrator calibrator(board.value(), arguments.serial, std::move(store).value(), exchange);
+  std::string problem;
+  auto path = calibrator.start(now_ns, problem);
+  if (!path) return fail(path.error());
+  if (!problem.empty()) fmt::print(stderr, "ruffinid: stored calibration not used: {}\n", problem);
+  fmt::print("link: {}\n", port.value().host_path());
+  std::fflush(stdout);
+
+  const int stream_flags = (camera.value()->is_simulated() ? ruffini::kSimulated : 0) |
+                           (camera.value()->is_replay() ? ruffini::kReplay : 0);
+  const ruffini::DeviceIdentity identity{.serial = arguments.serial,
+                                         .version = RUFFINI_VERSION,
+                                         .session_id = std::random_device{}(),
+                                         .sensor = 0,
+                                         .stream_flags = static_cast<uint8_t>(stream_flags),
+                                         .is_lossless = arguments.daemon.is_lockstep};
+  ruffini::Daemon daemon(board.value(), std::move(path).value(), std::move(camera).value(), std::move(port).value(),
+                         calibrator, exchange, identity, arguments.daemon);
+  daemon.run(stop_requested);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Arguments arguments;
+  CLI::App app{"ruffinid: frames in, forces out. Exit codes: 0 ok, 2 usage or bad input, 3 no device, 4 refused, 5 storage"};
+  app.set_version_flag("--version", RUFFINI_VERSION);
+  app.add_option("--board", arguments.board, "board name, or a folder with a board.toml")->required();
+  app.add_option("--boards-dir", arguments.boards_dir, "where board names are looked up");
+  app.add_option("--camera", arguments.camera, "replay:PATH, a video file or a folder of images")->required();
+  app.add_option("--link", arguments.link, "serial device, pty, or pty:SYMLINK")->required();
+  app.add_option("--store", arguments.store, "folder that keeps the calibration")->required();
+  app.add_option("--serial", arguments.serial, "serial number of this unit");
+  app.add_flag("--lockstep", arguments.daemon.is_lockstep, "every frame in order, none dropped");
+  app.add_flag("--loop", arguments.is_loop, "start the recording again at its end");
+  app.add_flag("--wait-for-host", arguments.daemon.waits_for_host, "start when a host has subscribed");
+  app.add_flag("--linger", arguments.daemon.lingers, "keep the link after the recording's end");
+  app.add_option("--frames", arguments.daemon.max_frames, "stop after so many frames");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : kExitUsage;
+  }
+  struct sigaction action {};
+  action.sa_handler = request_stop;
+  sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGINT, &action, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGHUP, SIG_IGN);
+  try {
+    return run(arguments);
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "ruffinid: {}\n", error.what());
+    return 1;
+  }
+}
