@@ -14,9 +14,15 @@ class InputError(RuffiniError, ValueError):
 
 
 class NoDeviceError(RuffiniError):
-    """No device, several devices where one is needed, or the port is busy (exit code 3)."""
+    """No device, or the port is busy (exit code 3)."""
 
     exit_code = 3
+
+
+class SeveralDevicesError(RuffiniError):
+    """Several devices where one is needed: the user must choose (exit code 2)."""
+
+    exit_code = 2
 
 
 class RefusedError(RuffiniError):

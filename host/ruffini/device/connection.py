@@ -1,0 +1,265 @@
+"""One device on one port: who it is, what it streams, commands and flashing."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from ruffini.errors import NoDeviceError, RefusedError, RuffiniError, SeveralDevicesError, VerifyError
+from ruffini.wire import Decoder, Frame, Schema, encode_message
+
+HELLO_TIMEOUT_S = 2.0
+REPLY_TIMEOUT_S = 2.0
+COMMIT_TIMEOUT_S = 30.0  # proof, fsync and read-back of a large table on a slow medium
+RETRIES = 3
+CHUNK_BYTES = 3072
+MAX_BACKLOG = 4096  # messages kept while a command waits for its reply
+DEVICE = 255
+
+
+class Connection:
+    """An open sensor; use as a context manager.
+
+    Parameters
+    ----------
+    port : str
+        Serial device, e.g. /dev/ttyACM0 or a pty.
+
+    Raises
+    ------
+    NoDeviceError
+        The port is missing or busy, or nothing answers HELLO on it.
+    """
+
+    def __init__(self, port: str, *, hello_timeout_s: float = HELLO_TIMEOUT_S) -> None:
+        import serial
+
+        self.port = port
+        try:
+            self._serial = serial.Serial(port, baudrate=115200, timeout=0.02, write_timeout=2.0, exclusive=True)
+        except (serial.SerialException, OSError, ValueError) as error:
+            reason = "busy: another program has it open" if _is_busy(error) else f"cannot be opened: {error}"
+            raise NoDeviceError(f"{port} is {reason}" if "busy" in reason else f"{port} {reason}") from error
+        self.schema = Schema.own()
+        self.decoder = Decoder()
+        self.messages: deque[tuple[Frame, Any]] = deque(maxlen=MAX_BACKLOG)
+        self.raw_sink: Callable[[bytes], None] | None = None
+        self._sequence = 0
+        self._request_id = int.from_bytes(os.urandom(3), "little") + 1
+        try:
+            self.hello = self._say_hello(hello_timeout_s)
+            if self.hello.schema_sha256 != self.schema.sha256:
+                self.schema = self._fetch_schema()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Connection:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the port back."""
+        with contextlib.suppress(OSError):
+            self._serial.close()
+
+    @property
+    def serial_number(self) -> str:
+        return str(self.hello.device_serial)
+
+    # ---- receiving ----------------------------------------------------------------------------
+
+    def _read(self) -> None:
+        """Decode what has arrived (waits at most 20 ms) into `messages`."""
+        import serial
+
+        try:
+            data = self._serial.read(max(self._serial.in_waiting, 1))
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise NoDeviceError(f"{self.port}: the line was lost: {error}") from error
+        if self.raw_sink is not None and data:
+            self.raw_sink(data)
+        for frame in self.decoder.feed(data):
+            message = self.schema.decode(frame.type, frame.payload)
+            if message is not None:
+                self.messages.append((frame, message))
+
+    def stream(self, *, timeout_s: float | None = None) -> Iterator[tuple[Frame, Any]]:
+        """Messages as they come; ends after `timeout_s` without one (never when None)."""
+        last = time.monotonic()
+        while True:
+            while self.messages:
+                last = time.monotonic()
+                yield self.messages.popleft()
+            self._read()
+            if timeout_s is not None and not self.messages and time.monotonic() - last > timeout_s:
+                return
+
+    def _wait_for(self, type_name: str, timeout_s: float, accept: Callable[[Any], bool]) -> Any | None:
+        wanted = self.schema.type_numbers[type_name]
+        deadline = time.monotonic() + timeout_s
+        kept: list[tuple[Frame, Any]] = []
+        try:
+            while time.monotonic() < deadline:
+                while self.messages:
+                    frame, message = self.messages.popleft()
+                    if frame.type == wanted and accept(message):
+                        return message
+                    kept.append((frame, message))
+                self._read()
+            return None
+        finally:
+            self.messages.extendleft(reversed(kept))
+
+    # ---- sending ------------------------------------------------------------------------------
+
+    def _send(self, type_name: str, payload: bytes = b"") -> None:
+        import serial
+
+        number = self.schema.type_numbers[type_name]
+        try:
+            self._serial.write(encode_message(number, payload, sensor=DEVICE, sequence=self._sequence))
+        except (serial.SerialException, OSError) as error:
+            raise NoDeviceError(f"{self.port}: the line was lost: {error}") from error
+        self._sequence += 1
+
+    def _say_hello(self, timeout_s: float) -> Any:
+        self._serial.write(b"\0")  # end whatever half frame is in the device's buffer
+        for _ in range(RETRIES):
+            self._send("HELLO")
+            hello = self._wait_for("HELLO", timeout_s / RETRIES, lambda m: True)
+            if hello is not None:
+                return hello
+        raise NoDeviceError(f"{self.port}: nothing answers HELLO: is ruffinid running, and is it this port?")
+
+    def _fetch_schema(self) -> Schema:
+        for _ in range(RETRIES):
+            self._send("SCHEMA")
+            message = self._wait_for("SCHEMA", REPLY_TIMEOUT_S, lambda m: True)
+            if message is not None:
+                return Schema(message.file_descriptor_set)
+        raise NoDeviceError(f"{self.port}: the device does not serve its schema")
+
+    def command(self, *, timeout_s: float = REPLY_TIMEOUT_S, **action: Any) -> Any:
+        """Send one command, e.g. command(zero={"n_frames": 0}); retried under the same request id.
+
+        Raises
+        ------
+        RefusedError, VerifyError, RuffiniError
+            What the device says against it.
+        """
+        self._request_id = self._request_id % 0xFFFFFFFF + 1
+        request = self._request_id
+        payload = self.schema.new("Command", request_id=request, **action).SerializeToString()
+        for _ in range(RETRIES):
+            self._send("COMMAND", payload)
+            reply = self._wait_for("REPLY", timeout_s, lambda m: m.request_id == request)
+            if reply is not None:
+                return reply
+        raise NoDeviceError(f"{self.port}: no reply to {next(iter(action))} after {RETRIES} tries")
+
+    def checked(self, **action: Any) -> Any:
+        """`command`, and an exception unless the device says OK."""
+        reply = self.command(**action)
+        if reply.code:
+            raise RefusedError(f"{self.port}: {reply.text}")
+        return reply
+
+    def subscribe(self, **every: int) -> None:
+        """Ask for each n-th message of a type, e.g. subscribe(wrench=1, field=2); replaces what was asked before."""
+        numbers = self.schema.type_numbers
+        self.checked(
+            subscribe={"subscriptions": [{"type": numbers[name.upper()], "every": n} for name, n in every.items()]}
+        )
+
+    def flash(self, data: bytes, progress: Callable[[float], None] = lambda _: None) -> Any:
+        """Upload a calibration file; returns when the device says that it is in force.
+
+        The device names the next byte that it wants, so a lost chunk is sent again and an interrupted
+        upload goes on where it was.
+
+        Raises
+        ------
+        RefusedError
+            Wrong board, wrong key, or a table that the device cannot prove.
+        VerifyError
+            What arrived or was stored is not what was sent.
+        """
+        reply = self.checked(flash_begin={"size_bytes": len(data), "sha256": hashlib.sha256(data).digest()})
+        offset, stuck = reply.next_offset, 0
+        while offset < len(data):
+            reply = self.command(flash_chunk={"offset": offset, "data": data[offset : offset + CHUNK_BYTES]})
+            stuck = stuck + 1 if reply.next_offset <= offset else 0
+            if stuck > RETRIES:
+                raise RefusedError(f"{self.port}: the upload does not go on: {reply.text}")
+            offset = reply.next_offset
+            progress(offset / len(data))
+        reply = self.command(flash_commit={}, timeout_s=COMMIT_TIMEOUT_S)
+        if reply.code == self._reply_code("REPLY_STORAGE"):
+            raise VerifyError(f"{self.port}: {reply.text}")
+        if reply.code or reply.flash_state != 4:
+            raise RefusedError(f"{self.port}: {reply.text}")
+        self.hello = self._say_hello(HELLO_TIMEOUT_S)
+        active = self.hello.sensors[0].calibration.sha256
+        if active != hashlib.sha256(data).digest():
+            raise VerifyError(f"{self.port}: the calibration in force is not the one that was sent")
+        return reply
+
+    def _reply_code(self, name: str) -> int:
+        return int(self.schema._pool.FindEnumTypeByName("ruffini.ReplyCode").values_by_name[name].number)
+
+
+def _is_busy(error: Exception) -> bool:
+    text = str(error).lower()
+    return "busy" in text or "lock" in text or "resource temporarily unavailable" in text
+
+
+def candidate_ports() -> list[str]:
+    """Serial ports that may be sensors: USB devices whose product or maker says ruffini."""
+    from serial.tools import list_ports
+
+    return sorted(
+        p.device
+        for p in list_ports.comports()
+        if "ruffini" in f"{p.product or ''} {p.manufacturer or ''}".lower()
+    )
+
+
+def connect(port: str | None = None, serial: str | None = None) -> Connection:
+    """Open the sensor on `port`, the one with `serial`, or the only one there is.
+
+    RUFFINI_PORT and RUFFINI_SERIAL stand in for arguments that are not given.
+
+    Raises
+    ------
+    NoDeviceError
+        None, or several and no choice; the text lists them and names the option.
+    """
+    port = port or os.environ.get("RUFFINI_PORT")
+    serial = serial or os.environ.get("RUFFINI_SERIAL")
+    ports = port.split(",") if port else candidate_ports()
+    if not ports:
+        raise NoDeviceError("no sensor found: plug one in, or name its port with --port")
+    if len(ports) == 1 and serial is None:
+        return Connection(ports[0])
+    found: list[str] = []
+    for candidate in ports:
+        try:
+            connection = Connection(candidate)
+        except RuffiniError as error:
+            found.append(f"{candidate} ({error})")
+            continue
+        if serial is not None and connection.serial_number == serial:
+            return connection
+        found.append(f"{candidate} (serial {connection.serial_number})")
+        connection.close()
+    if serial is not None:
+        raise NoDeviceError(f"no sensor with serial {serial!r} among: {', '.join(found)}")
+    raise SeveralDevicesError(f"several sensors, choose one with --port or --serial: {', '.join(found)}")

@@ -1,0 +1,73 @@
+"""Protobuf messages from a FileDescriptorSet: no generated module, and old hosts decode new devices."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from typing import Any
+
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf.message import DecodeError, Message
+
+from ruffini.errors import InputError
+
+TYPE_PREFIX = "MESSAGE_TYPE_"
+
+
+class Schema:
+    """Message classes of one FileDescriptorSet."""
+
+    def __init__(self, descriptor_set: bytes) -> None:
+        self.bytes = descriptor_set
+        self.sha256 = hashlib.sha256(descriptor_set).digest()
+        try:
+            files = descriptor_pb2.FileDescriptorSet.FromString(descriptor_set)
+            pool = descriptor_pool.DescriptorPool()
+            for file in files.file:
+                pool.Add(file)
+            self._classes = message_factory.GetMessageClassesForFiles([f.name for f in files.file], pool)
+            types = pool.FindEnumTypeByName("ruffini.MessageType")
+        except (DecodeError, TypeError, KeyError) as error:
+            raise InputError(f"the schema cannot be read: {error}") from error
+        self._pool = pool
+        self.type_numbers: dict[str, int] = {v.name.removeprefix(TYPE_PREFIX): v.number for v in types.values}
+        self._type_names = {number: name for name, number in self.type_numbers.items()}
+
+    @staticmethod
+    @cache
+    def own() -> Schema:
+        """The schema that this package was built with."""
+        from ruffini.core import native_folder
+
+        return Schema((native_folder() / "ruffini.desc").read_bytes())
+
+    def new(self, name: str, **fields: Any) -> Any:
+        """An instance of message `name`, e.g. new("Command", request_id=1)."""
+        return self._classes[f"ruffini.{name}"](**fields)
+
+    def type_name(self, number: int) -> str | None:
+        """WRENCH for 4, None for a type that this schema does not know."""
+        return self._type_names.get(number)
+
+    def decode(self, type_number: int, payload: bytes) -> Message | None:
+        """The message of a packet; None for an unknown type.
+
+        Raises
+        ------
+        InputError
+            The payload is not that message.
+        """
+        name = self.type_name(type_number)
+        cls = self._classes.get(f"ruffini.{name.title()}") if name else None
+        if cls is None:
+            return None
+        try:
+            message: Message = cls.FromString(payload)
+        except DecodeError as error:
+            raise InputError(f"a {name} packet cannot be decoded: {error}") from error
+        return message
+
+    def enum_names(self, enum: str, mask: int) -> list[str]:
+        """Names of the bits of a mask, e.g. enum_names("FlagBit", 4) -> ["FLAG_UNCALIBRATED_Z"]."""
+        values = self._pool.FindEnumTypeByName(f"ruffini.{enum}").values
+        return [v.name for v in values if v.number and v.number & mask]
