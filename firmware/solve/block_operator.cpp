@@ -1,8 +1,7 @@
 #include "solve/block_operator.h"
 
-#include <array>
-
 #include <algorithm>
+#include <array>
 
 #include "base/fixed.h"
 
@@ -44,9 +43,10 @@ int64_t BlockOperator::block_sum(int r, int block, const int16_t* u) const {
                      static_cast<size_t>(block) * kBlock;
   const int16_t* v = u + static_cast<size_t>(block) * kBlock;
   // Eight lanes of four products: |lane| <= 4 x 16383 x 32768 < 2^31. Compilers make vectors of this form.
-  std::array<int32_t, kBlock / 4> lanes;
-  for (size_t i = 0; i < lanes.size(); ++i) {
-    lanes[i] = q[i] * v[i] + q[i + 8] * v[i + 8] + q[i + 16] * v[i + 16] + q[i + 24] * v[i + 24];
+  constexpr size_t n = kBlock / 4;
+  std::array<int32_t, n> lanes;
+  for (size_t i = 0; i < n; ++i) {
+    lanes[i] = q[i] * v[i] + q[i + n] * v[i + n] + q[i + 2 * n] * v[i + 2 * n] + q[i + 3 * n] * v[i + 3 * n];
   }
   int64_t sum = 0;
   for (const int32_t lane : lanes) sum += lane;

@@ -1,0 +1,160 @@
+// What a frame costs on one core: every stage inside the real frame path, and peers on the same input.
+//
+//   ruffini_bench --data=FOLDER [google-benchmark options]
+//
+// FOLDER is made by tests/bench/run.py: board.toml, calibration.safetensors, rest.bgr, pressed.bgr.
+#include <benchmark/benchmark.h>
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <chrono>
+#include <cstring>
+#include <fstream>
+#include <iostream>
+#include <iterator>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+
+#include "board/parse.h"
+#include "frame_path.h"
+
+namespace {
+
+using namespace ruffini;
+
+uint64_t now_ns() {
+  return static_cast<uint64_t>(
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count());
+}
+
+std::vector<uint8_t> read_file(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) {
+    std::cerr << path << ": cannot be read: run tests/bench/run.py, which makes it\n";
+    std::exit(2);
+  }
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+template <typename T>
+T value_or_exit(Result<T> result) {
+  if (!result) {
+    std::cerr << result.error().message << "\n";
+    std::exit(2);
+  }
+  return std::move(result).value();
+}
+
+struct Input {
+  BoardSettings board;
+  std::shared_ptr<const CalibrationFile> calibration;
+  std::vector<uint8_t> rest;
+  std::vector<uint8_t> pressed;
+
+  explicit Input(const std::string& folder) : rest(read_file(folder + "/rest.bgr")), pressed(read_file(folder + "/pressed.bgr")) {
+    const std::vector<uint8_t> toml = read_file(folder + "/board.toml");
+    board = value_or_exit(parse_board({reinterpret_cast<const char*>(toml.data()), toml.size()}, folder + "/board.toml"));
+    calibration = value_or_exit(CalibrationFile::load(read_file(folder + "/calibration.safetensors")));
+  }
+  [[nodiscard]] FrameView view(const std::vector<uint8_t>& pixels) const {
+    return {pixels.data(), board.camera.width_px, board.camera.height_px, 3, ptrdiff_t{3} * board.camera.width_px};
+  }
+  [[nodiscard]] cv::Mat grey(std::vector<uint8_t> pixels) const {
+    const cv::Mat bgr(board.camera.height_px, board.camera.width_px, CV_8UC3, pixels.data());
+    cv::Mat out;
+    cv::cvtColor(bgr, out, cv::COLOR_BGR2GRAY);
+    return out;
+  }
+};
+
+// The whole frame; each stage's mean nanoseconds as a counter of its name.
+void frame(benchmark::State& state, const Input& input) {
+  const auto path = value_or_exit(FramePath::configure(input.board, input.calibration, now_ns));
+  for (int i = 0; i < input.board.n_rest_frames; ++i) path->process(input.view(input.rest));
+  std::vector<double> total(kStageCount);
+  for (auto _ : state) {
+    const FrameState& s = path->process(input.view(input.pressed));
+    for (size_t i = 0; i < kStageCount; ++i) total[i] += static_cast<double>(s.stage_ns[i]);
+  }
+  for (size_t i = 0; i < kStageCount; ++i) {
+    state.counters[known_stages()[i]] = benchmark::Counter(total[i], benchmark::Counter::kAvgIterations);
+  }
+  const auto& mask = path->state().solve.mask;
+  state.counters["touched_nodes"] = static_cast<double>(std::count(mask.begin(), mask.end(), uint8_t{1}));
+  state.counters["flags"] = path->state().flags;
+}
+
+// OpenCV's pyramidal Lucas-Kanade on the board's own markers (at most n_points of them).
+void lucas_kanade(benchmark::State& state, const Input& input, int n_points) {
+  const auto path = value_or_exit(FramePath::configure(input.board, nullptr, now_ns));
+  for (int i = 0; i < input.board.n_rest_frames; ++i) path->process(input.view(input.rest));
+  std::vector<cv::Point2f> points;
+  for (const Marker& m : path->markers()) {
+    if (static_cast<int>(points.size()) == n_points) break;
+    points.emplace_back(static_cast<float>(m.rest_x.raw()) / 65536.0F, static_cast<float>(m.rest_y.raw()) / 65536.0F);
+  }
+  const cv::Mat rest = input.grey(input.rest);
+  const cv::Mat pressed = input.grey(input.pressed);
+  std::vector<cv::Point2f> moved;
+  std::vector<uint8_t> found;
+  std::vector<float> error;
+  for (auto _ : state) {
+    cv::calcOpticalFlowPyrLK(rest, pressed, points, moved, found, error, cv::Size(15, 15), 3);
+    benchmark::DoNotOptimize(moved.data());
+  }
+  state.counters["points"] = static_cast<double>(points.size());
+}
+
+// float32 matrix times vector, as large as the board's operator.
+void eigen_gemv(benchmark::State& state, const Input& input) {
+  const Eigen::Index n = Eigen::Index{3} * NodeGrid(input.board).size().count();
+  const Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> matrix = Eigen::MatrixXf::Random(n, n);
+  const Eigen::VectorXf u = Eigen::VectorXf::Random(n);
+  Eigen::VectorXf force(n);
+  for (auto _ : state) {
+    force.noalias() = matrix * u;
+    benchmark::DoNotOptimize(force.data());
+  }
+  state.counters["n"] = static_cast<double>(n);
+}
+
+// What this machine's memory allows: copies of 64 MiB.
+void memory_copy(benchmark::State& state) {
+  constexpr size_t kBytes = size_t{64} << 20;
+  std::vector<uint8_t> from(kBytes, 1);
+  std::vector<uint8_t> to(kBytes);
+  for (auto _ : state) {
+    std::memcpy(to.data(), from.data(), kBytes);
+    benchmark::DoNotOptimize(to.data());
+    benchmark::ClobberMemory();
+  }
+  state.SetBytesProcessed(state.iterations() * static_cast<int64_t>(kBytes));
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::string folder;
+  int kept = 1;
+  for (int i = 1; i < argc; ++i) {
+    const std::string argument = argv[i];
+    if (argument.starts_with("--data=")) folder = argument.substr(7);
+    else argv[kept++] = argv[i];
+  }
+  argc = kept;
+  benchmark::Initialize(&argc, argv);
+  if (folder.empty() || benchmark::ReportUnrecognizedArguments(argc, argv)) {
+    std::cerr << "usage: ruffini_bench --data=FOLDER [--benchmark_...]\n";
+    return 2;
+  }
+  cv::setNumThreads(1);
+  const Input input(folder);
+  benchmark::RegisterBenchmark("frame", [&](benchmark::State& s) { frame(s, input); });
+  benchmark::RegisterBenchmark("lucas_kanade/70", [&](benchmark::State& s) { lucas_kanade(s, input, 70); });
+  benchmark::RegisterBenchmark("lucas_kanade/all", [&](benchmark::State& s) { lucas_kanade(s, input, 1 << 30); });
+  benchmark::RegisterBenchmark("eigen_gemv", [&](benchmark::State& s) { eigen_gemv(s, input); });
+  benchmark::RegisterBenchmark("memory_copy", memory_copy);
+  benchmark::RunSpecifiedBenchmarks();
+  benchmark::Shutdown();
+  return 0;
+}
