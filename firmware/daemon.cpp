@@ -98,7 +98,7 @@ void Daemon::frame_loop() {
 void Daemon::swap_path() {
   FramePath* next = exchange_.next_path.exchange(nullptr, std::memory_order_acq_rel);
   if (next != nullptr) {
-    if ((path_->state().flags & kFlagNoReference) == 0) next->set_rest(path_->rest_image());
+    if (path_->has_rest()) next->set_rest(path_->rest_image());
     FramePath* old = path_.release();
     path_.reset(next);
     delete exchange_.retired_path.exchange(old, std::memory_order_acq_rel);
@@ -163,7 +163,8 @@ void Daemon::link_loop() {
     }
     if (!is_frame_over_) continue;
     if (ended_us == 0) ended_us = now_us();
-    if (!options_.lingers && (session_.is_drained() || now_us() - ended_us > kDrainUs)) return;
+    const bool is_drained = session_.is_drained() && port_.unsent() == 0;
+    if (!options_.lingers && (is_drained || now_us() - ended_us > kDrainUs)) return;
   }
 }
 

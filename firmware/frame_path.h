@@ -51,6 +51,7 @@ class FramePath {
 
   [[nodiscard]] const FrameState& state() const { return state_; }
   [[nodiscard]] std::span<const Marker> markers() const { return lattice_.markers(); }
+  [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
   [[nodiscard]] std::span<const uint16_t> rest_image() const { return rest_.image(); }
   [[nodiscard]] const BoardSettings& board() const { return board_; }
   [[nodiscard]] const NodeGrid& nodes() const { return nodes_; }

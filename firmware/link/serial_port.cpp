@@ -80,6 +80,12 @@ int SerialPort::read(std::span<uint8_t> out) { return moved(::read(fd_.get(), ou
 
 int SerialPort::write(std::span<const uint8_t> bytes) { return moved(::write(fd_.get(), bytes.data(), bytes.size())); }
 
+int SerialPort::unsent() const {
+  int n = 0;
+  const int failed = slave_ ? ::ioctl(slave_.get(), FIONREAD, &n) : ::ioctl(fd_.get(), TIOCOUTQ, &n);
+  return failed == 0 ? n : 0;
+}
+
 bool SerialPort::reopen() {
   if (slave_) return true;  // a pty's master outlives its hosts
   fd_.reset();

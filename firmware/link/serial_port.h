@@ -27,6 +27,8 @@ class SerialPort {
   // Bytes moved; 0 = nothing now; -1 = the line is gone (reopen() may bring it back).
   int read(std::span<uint8_t> out);
   int write(std::span<const uint8_t> bytes);
+  // Bytes written that the other side has not taken yet.
+  [[nodiscard]] int unsent() const;
   // After a hang-up. True when the line is usable again.
   bool reopen();
 
