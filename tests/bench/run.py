@@ -8,17 +8,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-
-# One core: before numpy loads its threads.
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
 
 import numpy as np
 import numpy.typing as npt
@@ -41,7 +36,8 @@ def dot_places(board: Board) -> Array:
     x = (m.first_x_um + np.arange(m.n_x) * m.pitch_x_um - board.pad.size_x_um / 2) * px_per_um
     y = (m.first_y_um + np.arange(m.n_y) * m.pitch_y_um - board.pad.size_y_um / 2) * px_per_um
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    return np.asarray(grid + [camera.center_x_mpx / 1000, camera.center_y_mpx / 1000])
+    center = np.array([camera.center_x_mpx, camera.center_y_mpx]) / 1000
+    return np.asarray(grid + center)
 
 
 def picture(board: Board, *, is_pressed: bool) -> npt.NDArray[np.uint8]:
@@ -151,8 +147,8 @@ def main() -> None:
     n = int(results["eigen_gemv"]["n"])
     peers = {
         "markers": [
-            (f"OpenCV Lucas-Kanade, {int(results[f'lucas_kanade/{k}']['points'])} points", ms[f"lucas_kanade/{k}"])
-            for k in ("70", "all")
+            (f"OpenCV Lucas-Kanade, {int(results[name]['points'])} points", ms[name])
+            for name in ("lucas_kanade/70", "lucas_kanade/all")
         ],
         "poisson": [
             (f"scipy float32 Poisson, {shape[1]}x{shape[0]}", poisson_ms(shape))

@@ -14,7 +14,8 @@ MAX_DOTS = 4096
 
 
 def _pointer(array: npt.NDArray[np.generic], dtype: type[np.generic]) -> ctypes.c_void_p:
-    assert array.dtype == dtype and array.flags.c_contiguous, (array.dtype, dtype)
+    assert array.dtype == dtype
+    assert array.flags.c_contiguous
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
@@ -36,13 +37,9 @@ class CoreStages:
         self._lib.stages_close(self._handle)
 
     def cos_pi_q30(self, numerator: int, denominator: int) -> int:
-        return int(
-            self._lib.stages_cos_pi_q30(ctypes.c_int64(numerator), ctypes.c_int64(denominator))
-        )
+        return int(self._lib.stages_cos_pi_q30(ctypes.c_int64(numerator), ctypes.c_int64(denominator)))
 
-    def rest(
-        self, frames: npt.NDArray[np.uint8]
-    ) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint32]]:
+    def rest(self, frames: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint32]]:
         image = np.zeros(frames.shape[1:], np.uint16)
         reciprocal = np.zeros(frames.shape[1:], np.uint32)
         assert self._lib.stages_rest(
@@ -86,9 +83,7 @@ class CoreStages:
         count = call(self._handle, _pointer(dots, np.int32), len(dots), _pointer(out, np.int32))
         return out, int(count)
 
-    def set_photometric(
-        self, unmix: npt.NDArray[np.int16], slope: npt.NDArray[np.int16]
-    ) -> None:
+    def set_photometric(self, unmix: npt.NDArray[np.int16], slope: npt.NDArray[np.int16]) -> None:
         self._lib.stages_set_photometric(
             self._handle,
             _pointer(unmix, np.int16),

@@ -57,9 +57,7 @@ def test_every_stage_over_a_recording(step: int) -> None:
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(step)
     kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
-    file = pack(
-        {**kind.tensors, **photometric_tables(rng)}, {**base_metadata(typed), **kind.metadata}
-    )
+    file = pack({**kind.tensors, **photometric_tables(rng)}, {**base_metadata(typed), **kind.metadata})
     rest = np.stack([render(board, np.random.default_rng(7), 0.0) for _ in range(N_REST)])
     mirror = FramePath(board, file.tensors, file.metadata)
     n_touched = 0

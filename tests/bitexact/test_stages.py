@@ -44,15 +44,14 @@ def render(board: Board, rng: np.random.Generator, moved_px: float) -> npt.NDArr
         for i in range(m["n_x"]):
             place = [
                 center_q16(board, a) / 65536
-                + (m[f"first_{a}_um"] + n * m[f"pitch_{a}_um"] - board["pad"][f"size_{a}_um"] / 2)
-                * px_per_um
+                + (m[f"first_{a}_um"] + n * m[f"pitch_{a}_um"] - board["pad"][f"size_{a}_um"] / 2) * px_per_um
                 + rng.uniform(-moved_px, moved_px)
                 for a, n in (("x", i), ("y", j))
             ]
             distance = np.hypot(x - place[0], y - place[1])
             level = level + depth * np.clip(radius + 0.5 - distance, 0, 1)
     noisy = level[..., None] + rng.normal(0, 2, frame_shape(board))
-    return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.round(noisy), 0, 255), np.uint8)
 
 
 def random_frame(board: Board, rng: np.random.Generator) -> npt.NDArray[np.uint8]:
@@ -105,7 +104,7 @@ def test_markers_over_a_sequence_with_losses_and_dust(open_stages: OpenStages, t
     rng = np.random.default_rng(3)
     lattice = Lattice(board)
     n = board["markers"]["n_x"] * board["markers"]["n_y"]
-    place = lattice.nominal + rng.integers(-90_000, 90_000, (n, 2)) + [130_000, -70_000]
+    place = lattice.nominal + rng.integers(-90_000, 90_000, (n, 2)) + np.array([130_000, -70_000])
     area = np.full((n, 1), 30)
 
     def dots_of(places: npt.NDArray[np.int64], keep: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
@@ -207,9 +206,7 @@ def test_poisson_of_one_steep_plane_saturates_alike(open_stages: OpenStages, sig
 @pytest.mark.parametrize("text", [*SIZES, board_text("gelslim"), board_text("gelsight-mini")])
 @pytest.mark.parametrize("has_depth", [False, True])
 @pytest.mark.parametrize("moved_q16", [150_000, 40_000_000])
-def test_displacement(
-    open_stages: OpenStages, text: str, has_depth: bool, moved_q16: int
-) -> None:
+def test_displacement(open_stages: OpenStages, text: str, has_depth: bool, moved_q16: int) -> None:
     core, board = open_stages(text)
     rng = np.random.default_rng(6)
     markers = random_markers(board, rng, moved_q16)
@@ -217,9 +214,7 @@ def test_displacement(
     deepest = board["pad"]["thickness_um"] * 4
     depth = rng.integers(-deepest, deepest, depth_grid(board)).astype(np.int16)
     saturations = Saturations()
-    expected = displacement(
-        board, markers, depth.astype(np.int64) if has_depth else None, saturations
-    )
+    expected = displacement(board, markers, depth.astype(np.int64) if has_depth else None, saturations)
     out, n_saturated = core.displacement(markers, depth if has_depth else None, nodes)
     assert np.array_equal(out, expected)
     assert n_saturated == saturations.count

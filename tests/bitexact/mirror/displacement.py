@@ -55,7 +55,7 @@ def read_depth(board: Board, depth: I64 | None, x_q16: I64, y_q16: I64) -> I64:
     column, fx = cell(x_q16, depth.shape[1])
     upper = depth[row, column] * (65536 - fx) + depth[row, column + 1] * fx
     lower = depth[row + 1, column] * (65536 - fx) + depth[row + 1, column + 1] * fx
-    return round_shift(upper * (65536 - fy) + lower * fy, 32)
+    return round_shift(np.asarray(upper * (65536 - fy) + lower * fy, np.int64), 32)
 
 
 def marker_displacement(

@@ -17,9 +17,7 @@ def detect_dots(board: Board, grey: I64) -> npt.NDArray[np.int32]:
     pitch = length_q16(board, min(markers["pitch_x_um"], markers["pitch_y_um"]))
     diameter = length_q16(board, markers["diameter_um"])
     area = ((diameter * diameter >> 16) * 201 // 256) >> 16
-    weight = _weight(
-        grey, max((pitch * 6 // 10) >> 16, 2), markers["threshold_1e3"], markers["polarity"]
-    )
+    weight = _weight(grey, max((pitch * 6 // 10) >> 16, 2), markers["threshold_1e3"], markers["polarity"])
     label = _components(weight > 0)
     height, width = grey.shape
     y, x = np.mgrid[:height, :width]
@@ -28,9 +26,7 @@ def detect_dots(board: Board, grey: I64) -> npt.NDArray[np.int32]:
         pixels = label == i
         px, py, w = x[pixels], y[pixels], weight[pixels]
         n = len(px)
-        at_border = (
-            px.min() == 0 or py.min() == 0 or px.max() == width - 1 or py.max() == height - 1
-        )
+        at_border = px.min() == 0 or py.min() == 0 or px.max() == width - 1 or py.max() == height - 1
         if at_border or not max(area // 4, 4) <= n <= max(area * 3, 16):
             continue
         total = int(w.sum())
@@ -50,7 +46,7 @@ def _weight(grey: I64, radius: int, threshold_1e3: int, polarity: str) -> I64:
     total = table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left]
     background = total // ((bottom - top) * (right - left))
     contrast = background - grey if polarity == "dark" else grey - background
-    return np.maximum(contrast - background * threshold_1e3 // 1000, 0)
+    return np.asarray(np.maximum(contrast - background * threshold_1e3 // 1000, 0))
 
 
 def _components(is_dot: npt.NDArray[np.bool_]) -> I64:

@@ -97,9 +97,9 @@ class Lattice:
                     mean = self._neighbour_mean(int(i), known)
                     if mean is not None:
                         expected[i] = rows[i, [X, Y]] + mean
-            for i, j in self._mutual(place, expected, is_open, taken):
-                rows[i, [DX, DY]] = place[j] - rows[i, [X, Y]]
-                known[i], is_open[i], taken[j] = True, False, True
+            for marker, j in self._mutual(place, expected, is_open, taken):
+                rows[marker, [DX, DY]] = place[j] - rows[marker, [X, Y]]
+                known[marker], is_open[marker], taken[j] = True, False, True
         rows[:, LOST] = ~known
         self._fill(known)
         return int(is_open.sum())
@@ -122,9 +122,7 @@ class Lattice:
             if of_dot[b] == a and distance2[a, b] < self.gate2
         ]
 
-    def _neighbour_mean(
-        self, at: int, known: npt.NDArray[np.bool_]
-    ) -> npt.NDArray[np.int64] | None:
+    def _neighbour_mean(self, at: int, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64] | None:
         y, x = divmod(at, self.n_x)
         around = [
             v * self.n_x + u

@@ -74,9 +74,7 @@ class FramePath:
         change, _ = difference(frame, self._reciprocal, saturations)
         self._lattice.track(detect_dots(board, grey(frame)))
         markers = self._lattice.rows.copy()
-        slope = cell_slope(
-            board, pixel_slope(change, self._unmix, self._slope), marker_mask(board, markers)
-        )
+        slope = cell_slope(board, pixel_slope(change, self._unmix, self._slope), marker_mask(board, markers))
         depth = poisson(board, slope, saturations)
         u = displacement(board, markers, depth, saturations)
         force, mask = self.solve(u)

@@ -20,7 +20,8 @@ def upsample(unmix: npt.NDArray[np.int16], height: int, width: int) -> I64:
     u, fu = _lattice_place(width, cells.shape[1])
     fu, fv = fu[None, :, None, None], fv[:, None, None, None]
     along_x = cells[:, u] * (65536 - fu) + cells[:, u + 1] * fu
-    return round_shift(along_x[v] * (65536 - fv) + along_x[v + 1] * fv, 32)
+    both = np.asarray(along_x[v] * (65536 - fv) + along_x[v + 1] * fv, np.int64)
+    return round_shift(both, 32)
 
 
 def _lattice_place(n: int, lines: int) -> tuple[I64, I64]:

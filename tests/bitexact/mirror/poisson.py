@@ -13,26 +13,24 @@ MAX_FOLD = ONE_Q14 * 9 // 10
 
 def cos_pi_q30(numerator: I64, denominator: int) -> I64:
     """The integer nearest to 2^30 cos(pi numerator / denominator)."""
-    angle = np.longdouble("3.14159265358979323846264338327950288") * (
-        numerator % (2 * denominator)
-    ) / denominator
-    return np.floor(np.cos(angle) * 2**30 + np.longdouble(0.5)).astype(np.int64)
+    angle = (
+        np.longdouble("3.14159265358979323846264338327950288") * (numerator % (2 * denominator)) / denominator
+    )
+    return np.asarray(np.floor(np.cos(angle) * 2**30 + np.longdouble(0.5)), np.int64)
 
 
 def ray_slopes(board: Board, axis: str, n: int) -> I64:
     """Slope, Q16, of the ray through the middle of each depth cell."""
     camera, step = board["camera"], board["depth"]["step_px"]
     middle_mpx = (2 * np.arange(n, dtype=np.int64) * step + step - 1) * 500
-    return (middle_mpx - camera[f"center_{axis}_mpx"]) * 65536 // camera["focal_mpx"]
+    return np.asarray((middle_mpx - camera[f"center_{axis}_mpx"]) * 65536 // camera["focal_mpx"])
 
 
 def gradient(board: Board, slope: I64, saturations: Saturations) -> I64:
     """(n_y, n_x, 2), micrometres per cell, Q10."""
     n_y, n_x = slope.shape[:2]
     camera = board["camera"]
-    cell_q10 = (
-        camera["standoff_um"] * board["depth"]["step_px"] * 1024 * 1000 // camera["focal_mpx"]
-    )
+    cell_q10 = camera["standoff_um"] * board["depth"]["step_px"] * 1024 * 1000 // camera["focal_mpx"]
     ray_x, ray_y = ray_slopes(board, "x", n_x)[None, :], ray_slopes(board, "y", n_y)[:, None]
     fold = np.minimum(round_shift(slope[..., 0] * ray_x + slope[..., 1] * ray_y, 14), MAX_FOLD)
     scale = (1 << 30) // (ONE_Q14 - fold) * cell_q10
