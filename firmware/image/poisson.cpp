@@ -110,8 +110,8 @@ void CosineTransform::inverse_level(size_t level, const int64_t* in, int stride,
   if (level == levels_.size()) {
     for (int i = 0; i < base_n_; ++i) {
       int64_t sum = 0;
-      for (int k = 0; k < base_n_; ++k) sum += (base_[static_cast<size_t>(k * base_n_ + i)] >> 2) * in[k * stride];
-      out[i] = round_shift(sum, 28);
+      for (int k = 0; k < base_n_; ++k) sum += (base_[static_cast<size_t>(k * base_n_ + i)] >> 3) * in[k * stride];
+      out[i] = round_shift(sum, 27);
     }
     return;
   }
@@ -120,8 +120,8 @@ void CosineTransform::inverse_level(size_t level, const int64_t* in, int stride,
   const int32_t* row = levels_[level].odd.data();
   for (int i = 0; i < half; ++i, row += half) {  // the odd matrix is symmetric: row i serves as column i
     int64_t sum = 0;
-    for (int k = 0; k < half; ++k) sum += (row[k] >> 2) * in[(2 * k + 1) * stride];
-    const int64_t odd = round_shift(sum, 28);
+    for (int k = 0; k < half; ++k) sum += (row[k] >> 3) * in[(2 * k + 1) * stride];
+    const int64_t odd = round_shift(sum, 27);
     out[i] = work[i] + odd;
     out[2 * half - 1 - i] = work[i] - odd;
   }

@@ -14,8 +14,8 @@
 //   4. gauge: minus the mean over the gauge cells; z = w + w^2 / (2 H) + w^3 / (6 H^2)
 //
 // A field that is a gradient on the half-way points is reproduced up to rounding (below 10 nm).
-// Accumulators: |f| <= 2^22 and at most 320 products of Q30; |v| <= 2^26 (8 mm) and 320 products of Q28:
-// both below 2^63. Frame thread; no allocation after the constructor.
+// Accumulators, up to kMaxCells = 640: |f| <= 2^23 and 640 products of Q30; |v| <= 2^26 (8 mm) and 640 products
+// of Q27: both below 2^63. Frame thread; no allocation after the constructor.
 #pragma once
 
 #include <cstdint>
@@ -35,7 +35,7 @@ class CosineTransform {
 
   // X_k = sum_i x_i cos(pi k (2 i + 1) / (2 n)). `work` holds 2 n values. In and out may not overlap.
   void forward(const int64_t* in, int64_t* out, int64_t* work) const;
-  // x_i = sum_k a_k cos(pi k (2 i + 1) / (2 n)), coefficients in Q28.
+  // x_i = sum_k a_k cos(pi k (2 i + 1) / (2 n)), coefficients in Q27.
   void inverse(const int64_t* in, int64_t* out, int64_t* work) const;
 
  private:

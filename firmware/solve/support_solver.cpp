@@ -7,23 +7,28 @@ namespace ruffini {
 namespace {
 
 constexpr int64_t kLimit = (int64_t{1} << 31) - 1;
+constexpr int64_t kImageLimit = int64_t{1} << 33;  // of H p16: its energy over 2^14 unknowns stays below 2^62
+constexpr int64_t kWideLimit = int64_t{1} << 62;
 constexpr int kImageFraction = 8;
 constexpr int kForceFraction = 30;
 
-int64_t limited(int64_t x, SaturationCounter& saturations) {
-  if (x < -kLimit || x > kLimit) {
+int64_t limited(int64_t x, SaturationCounter& saturations, int64_t limit = kLimit) {
+  if (x < -limit || x > limit) {
     ++saturations.count;
-    return x < 0 ? -kLimit : kLimit;
+    return x < 0 ? -limit : limit;
   }
   return x;
 }
 
 int bit_width(int64_t x) { return static_cast<int>(std::bit_width(static_cast<uint64_t>(x))); }
 
-// Rounding shift in either direction, zero where everything is shifted out.
+// Rounding shift in either direction, at most +-2^62; zero where everything is shifted out.
 int64_t shifted(int64_t x, int right) {
-  if (right <= 0) return right < -20 ? 0 : x * (int64_t{1} << -right);
-  return right > 62 ? 0 : round_shift(x, right);
+  if (right > 0) return right > 62 ? 0 : round_shift(x, right);
+  if (x == 0) return 0;
+  const int64_t room = right < -62 ? 0 : kWideLimit >> -right;
+  if (x > room || x < -room) return x < 0 ? -kWideLimit : kWideLimit;
+  return x * (int64_t{1} << -right);
 }
 
 int common_shift(std::span<const int64_t> values) {
@@ -101,9 +106,11 @@ int SupportSolver::spread(std::span<const int64_t> values) {
   return shift;
 }
 
-void SupportSolver::multiply() {
+void SupportSolver::multiply(SaturationCounter& saturations) {
   image_.resize(index_.size());
-  for (size_t i = 0; i < index_.size(); ++i) image_[i] = normal_.row(static_cast<int>(index_[i]), p16_, blocks_);
+  for (size_t i = 0; i < index_.size(); ++i) {
+    image_[i] = limited(normal_.row(static_cast<int>(index_[i]), p16_, blocks_), saturations, kImageLimit);
+  }
 }
 
 // y from the linear estimate; r = b - H y; p = r.
@@ -117,7 +124,7 @@ void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce>
     y_[i] = limited(floor_div(value * (int64_t{1} << kForceFraction), scale_[index_[i]]), saturations);
   }
   const int shift = spread(y_);
-  multiply();
+  multiply(saturations);
   for (size_t i = 0; i < index_.size(); ++i) {
     y_[i] = int64_t{p16_[index_[i]]} << shift;  // what was multiplied, exactly
     const int64_t b = project_.row(static_cast<int>(index_[i]), u);
@@ -128,7 +135,7 @@ void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce>
 
 bool SupportSolver::step(Energy& current, SaturationCounter& saturations) {
   const int shift = spread(p_);
-  multiply();
+  multiply(saturations);
   int64_t curvature = 0;  // p16 . H p16, with kImageFraction bits
   for (size_t i = 0; i < index_.size(); ++i) curvature += p16_[index_[i]] * image_[i];
   if (curvature <= 0) return false;

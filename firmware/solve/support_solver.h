@@ -5,7 +5,7 @@
 //
 //   y, r, p    Q14, clamped to +-2^31, counted
 //   p16        p rounded to 16 bits with one common shift (as r16 for the energies)
-//   H p16      `support.normal`, 8 more fraction bits;   b = `support.project` u
+//   H p16      `support.normal`, 8 more fraction bits, clamped to +-2^33, counted;  b = `support.project` u
 //   step, beta mantissa of 24 bits and a power of two
 //   F = (y d + 2^29) >> 30, d = `support.scale` (Q16 force steps per unit of y)
 //
@@ -52,7 +52,7 @@ class SupportSolver {
   bool step(Energy& current, SaturationCounter& saturations);
   // Spread `values` (one per unknown of the support) to p16_; returns the shift.
   int spread(std::span<const int64_t> values);
-  void multiply();
+  void multiply(SaturationCounter& saturations);
 
   BlockOperator normal_;
   BlockOperator project_;

@@ -101,3 +101,35 @@ def test_solve_on_random_displacements() -> None:
             for one_u, force in zip(u, forces, strict=True):
                 expected, _ = mirror.solve(one_u.astype(np.int64))
                 assert np.array_equal(force, expected)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_second_pass_with_hostile_tables_never_overflows(seed: int) -> None:
+    """Whatever the loader lets through: the mirror's integers are unbounded, so a wrap would show."""
+    text = board_with_all_stages(2)
+    typed, board = parse_board(text.encode(), "small"), read_board(text)
+    rng = np.random.default_rng(seed)
+    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    tables, metadata = dict(kind.tensors), dict(kind.metadata)
+    for name in ("support.normal", "support.project"):
+        entry, shift = tables[f"{name}.entry"], tables[f"{name}.shift"]
+        tables[f"{name}.entry"] = rng.integers(-16383, 16384, entry.shape).astype(np.int16)
+        tables[f"{name}.shift"] = rng.integers(0, 26, shift.shape).astype(np.uint8)
+        metadata[f"{name}.out_shift"] = str(rng.integers(1, 61))
+    if seed % 2:  # positive curvature, so that the steps are taken
+        tables["support.normal.entry"] = np.eye(*entry.shape, dtype=np.int16) * np.int16(16383)
+    scale = tables["support.scale"]
+    tables["support.scale"] = rng.integers(1, 2**31, scale.shape).astype(np.int32)
+    file = pack({**tables, **photometric_tables(rng)}, {**base_metadata(typed), **metadata})
+    mirror = FramePath(board, file.tensors, file.metadata)
+    n_touched = 0
+    with Pipeline(typed, file.data) as core:
+        n = core.layout.node_n_x * core.layout.node_n_y
+        for limit in (3, 3000, 32767):
+            u = rng.integers(-limit, limit + 1, (4, n, 3)).astype(np.int16)
+            u[:, n // 3 : n // 2, 2] = -limit
+            for one_u, force in zip(u, core.solve(u), strict=True):
+                expected, mask = mirror.solve(one_u.astype(np.int64))
+                n_touched += int(mask.any())
+                assert np.array_equal(force, expected)
+    assert n_touched > 3

@@ -72,11 +72,11 @@ def forward_transform(x: I64) -> I64:
 
 
 def inverse_transform(a: I64) -> I64:
-    """x_i = sum_k a_k cos(pi k (2 i + 1) / (2 n)) of each row, with coefficients in Q28."""
+    """x_i = sum_k a_k cos(pi k (2 i + 1) / (2 n)) of each row, with coefficients in Q27."""
     n = a.shape[1]
     if n % 2:
-        return round_shift(a @ (_base_cosines(n) >> 2), 28)
-    odd = round_shift(a[:, 1::2] @ (_odd_cosines(n) >> 2), 28)
+        return round_shift(a @ (_base_cosines(n) >> 3), 27)
+    odd = round_shift(a[:, 1::2] @ (_odd_cosines(n) >> 3), 27)
     even = inverse_transform(a[:, 0::2])
     return np.concatenate([even + odd, (even - odd)[:, ::-1]], axis=1)
 

@@ -11,6 +11,8 @@ from mirror.fixed import I64, Saturations, round_shift
 
 BLOCK = 32
 LIMIT = (1 << 31) - 1
+IMAGE_LIMIT = 1 << 33
+WIDE_LIMIT = 1 << 62
 STEPS = 6
 
 
@@ -72,17 +74,17 @@ class _Pass:
     def __init__(self, saturations: Saturations) -> None:
         self.saturations = saturations
 
-    def limited(self, x: int) -> int:
-        if abs(x) > LIMIT:
+    def limited(self, x: int, limit: int = LIMIT) -> int:
+        if abs(x) > limit:
             self.saturations.count += 1
-            return LIMIT if x > 0 else -LIMIT
+            return limit if x > 0 else -limit
         return x
 
 
 def _shifted(x: int, right: int) -> int:
-    if right <= 0:
-        return 0 if right < -20 else x << -right
-    return 0 if right > 62 else (x + (1 << (right - 1))) >> right
+    if right > 0:
+        return 0 if right > 62 else (x + (1 << (right - 1))) >> right
+    return max(-WIDE_LIMIT, min(WIDE_LIMIT, x << -right))
 
 
 def _common_shift(values: list[int]) -> int:
@@ -127,7 +129,7 @@ def support_force(
     def image_of(values: list[int]) -> list[int]:
         full = np.zeros(force.size, np.int64)
         full[index] = values
-        return [int(v) for v in tables.normal.times(full)[index]]
+        return [limited(int(v), IMAGE_LIMIT) for v in tables.normal.times(full)[index]]
 
     y = [limited((int(f) << 30) // s) for f, s in zip(force.ravel()[index], scale, strict=True)]
     shift = _common_shift(y)
