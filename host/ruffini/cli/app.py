@@ -1,0 +1,27 @@
+"""The tree of commands: one line per verb or group."""
+
+from __future__ import annotations
+
+import typer
+
+from ruffini.cli import board, cal, demo, device, offline, sim
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Newtons from a camera that looks at a soft pad: simulate, calibrate, flash, record, show.",
+    epilog="Exit codes: 0 ok, 1 failed check, 2 usage or bad input, 3 no device, 4 refused, 5 verify failed.",
+)
+app.callback()(device.common_options)
+app.command("devices")(device.devices)
+app.command("info")(device.info)
+app.command("monitor")(device.monitor)
+app.command("record")(device.record)
+app.command("snapshot")(device.snapshot)
+app.command("track")(offline.track)
+app.command("depth")(offline.depth)
+app.command("field")(offline.field)
+app.add_typer(cal.app, name="cal")
+app.add_typer(sim.app, name="sim")
+app.add_typer(board.app, name="board")
+app.command("demo")(demo.demo)

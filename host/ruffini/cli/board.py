@@ -1,0 +1,42 @@
+"""Verbs about board folders."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ruffini.cli.common import JsonFlag, emit
+
+app = typer.Typer(no_args_is_help=True, help="Board folders: check, show, list.")
+
+
+@app.command("check")
+def check(board: Annotated[str, typer.Argument(help="Board name, or a folder.")], json_: JsonFlag = False) -> None:
+    """Read board.toml as strictly as the firmware does; both parsers must accept it."""
+    from ruffini.boards import find_board
+    from ruffini.core.pipeline import check_board_text
+    from ruffini.errors import InputError
+
+    found = find_board(board)
+    problem = check_board_text(found.text.encode(), f"{found.folder}/board.toml")
+    if problem:
+        raise InputError(problem)
+    emit({"board": found.name, "ok": True}, json_, f"{found.name}: ok")
+
+
+@app.command("show")
+def show(board: Annotated[str, typer.Argument(help="Board name, or a folder.")], json_: JsonFlag = False) -> None:
+    """Print a board's settings."""
+    from ruffini.boards import find_board
+
+    found = find_board(board)
+    emit(found.model_dump(by_alias=True), json_, found.text)
+
+
+@app.command("list")
+def list_(json_: JsonFlag = False) -> None:
+    """Names of the boards that come with ruffini."""
+    from ruffini.boards import board_names
+
+    emit({"boards": board_names()}, json_, "\n".join(board_names()))

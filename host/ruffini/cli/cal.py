@@ -1,0 +1,170 @@
+"""Verbs of calibration: make tables, flash them, check them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.device import open_sensor
+from ruffini.errors import InputError, RefusedError
+
+app = typer.Typer(no_args_is_help=True, help="Calibration: operator, photometric, flash, verify, zero, show, merge.")
+
+OutOption = Annotated[Path, typer.Option("--out", help="Calibration file to write.")]
+FILE = typer.Argument(help="Calibration file.")
+
+
+def _micrometres(text: str) -> tuple[float, float, float]:
+    try:
+        values = tuple(float(v) for v in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 3 or not all(0 < v < 1000 for v in values):
+        raise InputError(f"--noise-um {text!r}: give three numbers above zero, e.g. 5,5,20")
+    return values[0], values[1], values[2]
+
+
+@app.command("operator")
+def operator(
+    board: BoardOption,
+    out: OutOption,
+    method: Annotated[str, typer.Option(help="raw, ridge, optimal, or support (optimal with the second pass).")] = "support",
+    noise_um: Annotated[str, typer.Option(help="Noise of the displacement along x,y,z, micrometres.")] = "5,5,20",
+    gauge_um: Annotated[float, typer.Option(help="Uncertainty of the depth's free constant (optimal, support).")] = 100.0,
+    tilt_um: Annotated[float, typer.Option(help="Uncertainty of the depth's tilt at the edge (optimal, support).")] = 30.0,
+    ridge_weight: Annotated[float, typer.Option(help="w over the largest eigenvalue squared (ridge).")] = 1e-4,
+    json_: JsonFlag = False,
+) -> None:
+    """Solve the inverse FEM of a board and compile it to the board's integers."""
+    from ruffini.boards import find_board
+    from ruffini.calibrate import container
+    from ruffini.calibrate.operator import make_operator
+    from ruffini.fem.operators import Noise
+
+    found = find_board(board)
+    x, y, z = _micrometres(noise_um)
+    noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_um * 1e-6, tilt_m=tilt_um * 1e-6)
+    with progress_bar("inverse FEM") as progress:
+        kind = make_operator(found, method=method, noise=noise, ridge_weight=ridge_weight, progress=progress)
+    file = container.pack(kind.tensors, {**container.base_metadata(found), **kind.metadata})
+    container.write(out, file)
+    error = int(kind.metadata["operator.error_1e9"]) * 1e-9
+    result = {"file": str(out), "board": found.name, "method": method, "grid": [int(kind.metadata["operator.n_x"]),
+              int(kind.metadata["operator.n_y"])], "rounding_error": error, "bytes": len(file.data)}  # fmt: skip
+    emit(result, json_, f"{out}: {method} operator of {found.name}, rounding error {error:.1e}, {len(file.data) / 1e6:.1f} MB")
+
+
+@app.command("photometric")
+def photometric(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Ball presses: reference.png, images, presses.csv.")],
+    board: BoardOption,
+    out: OutOption,
+    ball_mm: Annotated[float | None, typer.Option(help="Diameter of the ball (default: presses.toml).")] = None,
+    px_per_mm: Annotated[float | None, typer.Option(help="Scale of the images (default: presses.toml).")] = None,
+    truth: Annotated[Path | None, typer.Option(help="CSV of contact circles (default: DIR/presses.csv).")] = None,
+    foreign: Annotated[bool, typer.Option("--foreign", help="The presses come from other optics than the board's: z stays UNCALIBRATED.")] = False,
+    json_: JsonFlag = False,
+) -> None:
+    """Fit colour change -> surface slope on ball presses of known size."""
+    from ruffini.boards import find_board
+    from ruffini.calibrate import container
+    from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
+    from ruffini.calibrate.presses import Pinhole, load_presses
+
+    found = find_board(board)
+    presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth)
+    height, width = presses.reference.shape[:2]
+    if not foreign and (width, height) != (found.camera.width_px, found.camera.height_px):
+        raise InputError(f"{folder}: images are {width}x{height}, board {found.name!r} has {found.resolution}: "
+                         "give --foreign if they come from other optics")  # fmt: skip
+    camera = found.camera
+    view = Pinhole(camera.focal_mpx / 1e3, camera.center_x_mpx / 1e3, camera.center_y_mpx / 1e3, camera.standoff_um / 1e3)
+    with progress_bar("fit") as progress:
+        fit = fit_photometric(collect_samples(presses, None if foreign else view), progress=progress)
+    report = fit.report()
+    metadata = {**container.base_metadata(found), "residuals": json.dumps(report)}
+    if foreign:
+        metadata["optics"] = "foreign"
+    container.write(out, container.pack({**tabulate(fit.model)}, metadata))
+    emit({"file": str(out), **report}, json_,
+         f"{out}: normals of presses left out of the fit: median {report['held_out_normal_median_deg']:.2f} deg, "
+         f"worst press {report['held_out_normal_worst_deg']:.2f} deg ({report['n_presses']} presses)")  # fmt: skip
+
+
+@app.command("merge")
+def merge(files: Annotated[list[Path], typer.Argument(help="Calibration files; later ones win.")], out: OutOption, json_: JsonFlag = False) -> None:
+    """One file with the kinds of several."""
+    from ruffini.calibrate import container
+
+    merged = container.merge([container.read(f) for f in files])
+    container.write(out, merged)
+    emit({"file": str(out), "kinds": merged.kinds}, json_, f"{out}: {', '.join(merged.kinds)}")
+
+
+@app.command("flash")
+def flash(
+    files: Annotated[list[Path], typer.Argument(help="Calibration files; several are merged, later ones win.")],
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, write nothing.")] = False,
+    json_: JsonFlag = False,
+) -> None:
+    """Put a calibration in force on the sensor; success means ACTIVE and read back."""
+    from ruffini.boards import parse_board
+    from ruffini.calibrate import container
+
+    read = [container.read(f) for f in files]
+    file = container.merge(read) if len(read) > 1 else read[0]
+    container.verify(file)
+    with open_sensor() as sensor:
+        board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
+        container.check_board(file, board)
+        active = sensor.hello.sensors[0].calibration
+        state = "same" if active.sha256 == file.sha256 else "dry-run" if dry_run else "active"
+        note(f"{sensor.port}: {', '.join(file.kinds)} for {board.name} replaces "
+             + (f"{','.join(active.kinds)} of {active.created_utc}" if active.present else "nothing"))  # fmt: skip
+        if state == "active":
+            with progress_bar("flash") as progress:
+                sensor.flash(file.data, progress)
+    words = {"same": "already in force", "dry-run": "dry run, nothing written", "active": "in force"}
+    emit({"state": state, "sha256": file.sha256.hex(), "kinds": file.kinds}, json_, f"{sensor.port}: {words[state]}")
+
+
+@app.command("verify")
+def verify(file: Annotated[Path, FILE], board: Annotated[str | None, typer.Option(help="Also: is it for this board, and does the core take it?")] = None, json_: JsonFlag = False) -> None:
+    """Check a file's layout and signature, and that the core can prove it."""
+    from ruffini.boards import find_board
+    from ruffini.calibrate import container
+    from ruffini.core import Pipeline
+
+    read = container.read(file)
+    container.verify(read)
+    if board is not None:
+        found = find_board(board)
+        container.check_board(read, found)
+        Pipeline(found, read.data).close()
+    emit({"file": str(file), "ok": True, "kinds": read.kinds, "board": read.metadata["board"]}, json_,
+         f"{file}: {', '.join(read.kinds)} for {read.metadata['board']}, signature ok")  # fmt: skip
+
+
+@app.command("show")
+def show(file: Annotated[Path, FILE], json_: JsonFlag = False) -> None:
+    """Print what a calibration file says of itself."""
+    from ruffini.calibrate import container
+
+    read = container.read(file)
+    tensors = {k: f"{v.dtype} {list(v.shape)}" for k, v in read.tensors.items()}
+    text = "\n".join([*(f"{k} = {v}" for k, v in read.metadata.items()), "", *(f"{k}: {v}" for k, v in tensors.items())])
+    emit({"metadata": read.metadata, "tensors": tensors, "sha256": read.sha256.hex()}, json_, text)
+
+
+@app.command("zero")
+def zero(n: Annotated[int, typer.Option("--n", help="Frames to average (0 = the board's own number).")] = 0, json_: JsonFlag = False) -> None:
+    """Learn the untouched image anew: nothing may touch the pad now."""
+    with open_sensor() as sensor:
+        reply = sensor.command(zero={"n_frames": n})
+        if reply.code:
+            raise RefusedError(f"{sensor.port}: {reply.text}")
+    emit({"ok": True}, json_, f"{sensor.port}: learning rest")

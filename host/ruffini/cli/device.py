@@ -1,0 +1,176 @@
+"""Verbs that talk to a sensor."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ruffini.cli.common import JsonFlag, Settings, emit, note
+from ruffini.errors import InputError
+
+if TYPE_CHECKING:
+    from ruffini.device import Connection
+
+
+def common_options(
+    port: Annotated[str | None, typer.Option(envvar="RUFFINI_PORT", help="Serial port of the sensor.")] = None,
+    serial: Annotated[str | None, typer.Option(envvar="RUFFINI_SERIAL", help="Serial number of the sensor.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Results only.")] = False,
+    no_progress: Annotated[bool, typer.Option("--no-progress", help="No progress bars.")] = False,
+) -> None:
+    """Options before the verb."""
+    Settings.port, Settings.serial = port, serial
+    Settings.quiet, Settings.progress = quiet, not no_progress
+
+
+def open_sensor() -> Connection:
+    """The sensor that the global options choose."""
+    from ruffini.device import connect
+
+    return connect(Settings.port, Settings.serial)
+
+
+def devices(json_: JsonFlag = False) -> None:
+    """List the sensors that answer."""
+    from ruffini.device import Connection
+    from ruffini.device.connection import candidate_ports
+    from ruffini.errors import NoDeviceError, RuffiniError
+
+    ports = Settings.port.split(",") if Settings.port else candidate_ports()
+    rows: list[dict[str, Any]] = []
+    for port in ports:
+        try:
+            with Connection(port) as sensor:
+                boards = [s.board for s in sensor.hello.sensors]
+                rows.append({"port": port, "serial": sensor.serial_number, "boards": boards})
+        except RuffiniError as error:
+            rows.append({"port": port, "error": str(error)})
+    text = "\n".join(f"{r['port']}  " + (r.get("error") or f"{r['serial']}  {', '.join(r['boards'])}") for r in rows)
+    if not any("serial" in r for r in rows):
+        raise NoDeviceError(text or "no sensor found: plug one in, or name its port with --port")
+    emit({"devices": rows}, json_, text)
+
+
+def info(json_: JsonFlag = False) -> None:
+    """Who the sensor is and what it is calibrated for."""
+    with open_sensor() as sensor:
+        hello = sensor.hello
+    rows = []
+    for s in hello.sensors:
+        c = s.calibration
+        rows.append(
+            {
+                "sensor": s.sensor, "board": s.board, "product": s.product,
+                "image": f"{s.image_width_px}x{s.image_height_px}", "grid": [s.grid_n_x, s.grid_n_y],
+                "markers": s.n_markers, "stages": list(s.stages), "not_measured": list(s.not_measured),
+                "calibration": {
+                    "present": c.present, "sha256": c.sha256.hex(), "created_utc": c.created_utc,
+                    "kinds": ",".join(c.kinds), "key_id": c.key_id, "development_key": c.development_key,
+                },
+            }  # fmt: skip
+        )
+    result = {
+        "port": sensor.port, "serial": hello.device_serial, "firmware": hello.firmware_version,
+        "protocol": hello.protocol_version, "sensors": rows,
+    }  # fmt: skip
+    lines = [f"{sensor.port}  serial {hello.device_serial}  firmware {hello.firmware_version}"]
+    for r in rows:
+        c = r["calibration"]
+        state = f"{c['kinds']} of {c['created_utc']}" if c["present"] else "none: forces are not measured"
+        lines.append(f"  sensor {r['sensor']}: {r['board']} ({r['product']}), {r['image']} px, grid {r['grid'][0]}x{r['grid'][1]}")
+        lines.append(f"    calibration: {state}" + ("  DEVELOPMENT KEY" if c["development_key"] else ""))
+    emit(result, json_, "\n".join(lines))
+
+
+def monitor(
+    n: Annotated[int, typer.Option("--n", help="Stop after so many frames (0 = never).")] = 0,
+    json_: Annotated[bool, typer.Option("--json", help="One JSON object per line and frame.")] = False,
+) -> None:
+    """The wrench as it comes."""
+    from ruffini.device import Wrench
+
+    with open_sensor() as sensor:
+        sensor.subscribe(wrench=1)
+        count = 0
+        wanted = sensor.schema.type_numbers["WRENCH"]
+        for frame, message in sensor.stream(timeout_s=5.0):
+            if frame.type != wanted:
+                continue
+            wrench = Wrench.from_message(message)
+            flags = sensor.schema.enum_names("FlagBit", wrench.flags)
+            if json_:
+                values = [None if v != v else v for v in wrench.values.tolist()]
+                print(json.dumps({"frame": wrench.frame, "capture_s": wrench.capture_s, "wrench": values,
+                                  "validity": list(wrench.validity), "flags": flags,
+                                  "simulated": frame.is_simulated, "replay": frame.is_replay}))  # fmt: skip
+            else:
+                fx, fy, fz = wrench.values[:3]
+                tx, ty, tz = wrench.values[3:] * 1e3
+                tag = " SIMULATED" if frame.is_simulated else ""
+                line = (f"{wrench.frame:6d}  F {fx:8.3f} {fy:8.3f} {fz:8.3f} N   T {tx:8.3f} {ty:8.3f} {tz:8.3f} N mm"
+                        f"{tag} {' '.join(flags)}")  # fmt: skip
+                end = "\r" if sys.stdout.isatty() else "\n"
+                print(line.ljust(110), end=end, flush=True)
+            count += 1
+            if n and count >= n:
+                break
+        if count == 0:
+            from ruffini.errors import NoDeviceError
+
+            raise NoDeviceError(f"{sensor.port}: no frame within 5 s: is the camera running?")
+
+
+def record(
+    out: Annotated[Path, typer.Argument(help="MCAP file to write.")],
+    n: Annotated[int, typer.Option("--n", help="Stop after so many frames (0 = until interrupted).")] = 0,
+    image_every: Annotated[int, typer.Option(help="Every so many frames also the camera image (0 = never).")] = 0,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    json_: JsonFlag = False,
+) -> None:
+    """Record the stream to MCAP: every message as protobuf with its schema, and the raw bytes."""
+    from ruffini.record import record_stream
+
+    if out.exists() and not force:
+        raise InputError(f"{out} exists: choose another name, or give --force")
+    with open_sensor() as sensor:
+        note(f"recording {sensor.port} to {out}, stop with Ctrl-C")
+        counts = record_stream(sensor, out, n_frames=n, image_every=image_every)
+    total = sum(counts.values())
+    emit({"file": str(out), "messages": counts}, json_, f"{out}: {total} messages, {counts.get('WRENCH', 0)} frames")
+
+
+def snapshot(
+    out: Annotated[Path, typer.Option("--out", help="PNG to write.")] = Path("snapshot.png"),
+    json_: JsonFlag = False,
+) -> None:
+    """A picture of the field as it is now."""
+    from ruffini.boards import parse_board
+    from ruffini.demo.pictures import field_over_frame
+    from ruffini.demo.view import node_pixels
+    from ruffini.device.results import RESULTS
+    from ruffini.errors import NoDeviceError
+
+    with open_sensor() as sensor:
+        sensor.subscribe(field=1, image=1)
+        board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
+        got: dict[str, dict[int, Any]] = {"FIELD": {}, "IMAGE": {}}
+        for frame, message in sensor.stream(timeout_s=5.0):
+            name = sensor.schema.type_name(frame.type)
+            if name not in got:
+                continue
+            got[name][message.stamp.frame] = RESULTS[name].from_message(message)
+            both = sorted(got["FIELD"].keys() & got["IMAGE"].keys())
+            if both:
+                break
+        else:
+            raise NoDeviceError(f"{sensor.port}: no field within 5 s: is the camera running?")
+    field, image = got["FIELD"][both[0]], got["IMAGE"][both[0]]
+    badge = " SIMULATED" if frame.is_simulated else ""
+    title = f"{board.name}, frame {field.frame}{badge}"
+    field_over_frame(out, image.pixels, node_pixels(board), field.force, title=title,
+                     z_calibrated=field.validity[2] in (1, 3))  # fmt: skip
+    emit({"file": str(out), "frame": field.frame, "force_n": field.force.sum(axis=(0, 1)).tolist()}, json_, str(out))

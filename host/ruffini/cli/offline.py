@@ -1,0 +1,155 @@
+"""Verbs that run the device's own arithmetic on files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.errors import InputError
+
+
+def track(
+    video: Annotated[Path, typer.Argument(help="Video file, or folder of images.")],
+    board: BoardOption,
+    out: Annotated[Path | None, typer.Option("--out", help="NPZ with displacement, rest and lost.")] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """Follow the printed markers of a recording: displacement against rest, in pixels."""
+    import numpy as np
+
+    from ruffini.boards import find_board
+    from ruffini.core import Pipeline
+    from ruffini.demo.frames import read_frames
+
+    found = find_board(board)
+    moved, lost, flags = [], [], []
+    with Pipeline(found) as pipeline, progress_bar("track") as progress:
+        frames = read_frames(video)
+        for i, frame in enumerate(frames):
+            result = pipeline.process(frame)
+            rest, displacement, state = pipeline.markers()
+            if not result.has_reference:
+                displacement, state = np.zeros_like(displacement), np.zeros_like(state)
+            moved.append(displacement)
+            lost.append(state)
+            flags.append(result.flags)
+            progress((i + 1) / len(frames))
+    displacement, state = np.array(moved), np.array(lost)
+    if result.n_markers_at_rest == 0:
+        raise InputError(f"{video}: no markers of board {found.name!r} found: is it the right board?")
+    if out is not None:
+        np.savez_compressed(out, displacement_px=displacement, rest_px=rest, lost=state)
+    learned = found.pipeline.n_rest_frames
+    seen = state[learned:] == 0
+    length = np.linalg.norm(displacement, axis=-1)
+    step = np.linalg.norm(np.diff(displacement[learned:], axis=0), axis=-1)
+    per_frame = [
+        {"frame": i, "lost": int((s == 1).sum()), "mean_px": d.reshape(-1, 2).mean(axis=0).round(4).tolist(),
+         "displacement_px": d.round(4).tolist()}
+        for i, (d, s) in enumerate(zip(displacement, state, strict=True))
+    ]  # fmt: skip
+    summary = {
+        "frames": len(displacement), "lattice": list(rest.shape[1::-1]), "markers_at_rest": result.n_markers_at_rest,
+        "rest_px": rest.round(4).tolist(), "largest_displacement_px": round(float(length.max()), 3),
+        "largest_step_px": round(float(step.max(initial=0.0)), 3), "lost_most": int((state == 1).sum(axis=(1, 2)).max()),
+        "seen_share": round(float(seen.mean()), 5) if seen.size else None,
+    }  # fmt: skip
+    emit({**summary, "per_frame": per_frame}, json_,
+         f"{summary['frames']} frames, {summary['markers_at_rest']} markers at rest, largest displacement "
+         f"{summary['largest_displacement_px']} px, largest step {summary['largest_step_px']} px, "
+         f"at most {summary['lost_most']} lost")  # fmt: skip
+
+
+def depth(
+    images: Annotated[list[Path], typer.Argument(help="Images of the pressed pad.")],
+    calibration: Annotated[Path, typer.Option("--calibration", help="File with a photometric table.")],
+    board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
+    reference: Annotated[Path | None, typer.Option(help="Untouched image (default: reference*.png beside the first image or one folder up).")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for <name>.npy (metres, size of the image) and <name>.png.")] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """Depth of the surface in single images, against an untouched one."""
+    import cv2
+    import numpy as np
+
+    from ruffini.boards import find_board
+    from ruffini.calibrate import container
+    from ruffini.calibrate.presses import read_image
+    from ruffini.core import Pipeline
+    from ruffini.demo.pictures import depth_map
+
+    file = container.read(calibration)
+    found = find_board(board or file.metadata["board"])
+    container.check_board(file, found)
+    if "photometric" not in file.kinds:
+        raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal photometric`")
+    references = [reference] if reference else sorted(images[0].parent.glob("reference*.png")) or sorted(
+        images[0].parent.parent.glob("reference*.png")
+    )
+    if not references:
+        raise InputError(f"no untouched image beside {images[0]}: give one with --reference")
+    rest = np.mean([read_image(p).astype(float) for p in references], axis=0)
+    rows = []
+    with Pipeline(found, file.data) as pipeline, progress_bar("depth") as progress:
+        pipeline.set_rest(rest)
+        for i, path in enumerate(images):
+            result = pipeline.process(read_image(path))
+            grid = pipeline.depth_m()
+            full = cv2.resize(grid, (found.camera.width_px, found.camera.height_px), interpolation=cv2.INTER_LINEAR)
+            if out is not None:
+                out.mkdir(parents=True, exist_ok=True)
+                np.save(out / f"{path.stem}.npy", full)
+                depth_map(out / f"{path.stem}.png", full * 1e6, title=path.name)
+            rows.append({"image": str(path), "lowest_um": round(float(grid.min() * 1e6), 3),
+                         "highest_um": round(float(grid.max() * 1e6), 3), "flags": result.flags,
+                         "validity": result.depth_validity})  # fmt: skip
+            progress((i + 1) / len(images))
+    text = "\n".join(f"{r['image']}: {r['lowest_um']:.1f} to {r['highest_um']:.1f} um" for r in rows)
+    emit({"images": rows}, json_, text)
+
+
+def field(
+    calibration: Annotated[Path, typer.Option("--calibration", help="File with an operator.")],
+    displacement: Annotated[Path, typer.Option("--displacement", help="NPY: U[frame, iy, ix, 3] float64, mm, pad's corner, x = ix hx.")],
+    out: Annotated[Path, typer.Option("--out", help="NPY to write: F, newtons, NaN at nodes that are not observed.")],
+    board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """Displacement field -> force field with the device's fixed-point solve."""
+    import numpy as np
+
+    from ruffini.boards import find_board
+    from ruffini.calibrate import container
+    from ruffini.core import Pipeline
+    from ruffini.core.pipeline import DISPLACEMENT_LSB_M
+
+    file = container.read(calibration)
+    found = find_board(board or file.metadata["board"])
+    container.check_board(file, found)
+    if "operator" not in file.kinds:
+        raise InputError(f"{calibration} has no operator: make one with `ruffini cal operator`")
+    try:
+        u = np.load(displacement)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{displacement}: cannot be read as NPY: {error}") from error
+    shape = (found.grid.n_y, found.grid.n_x, 3)
+    if u.ndim != 4 or u.shape[1:] != shape or u.dtype.kind != "f":
+        raise InputError(f"{displacement}: is {u.dtype} {u.shape}, board {found.name!r} needs float (frames, {shape[0]}, {shape[1]}, 3)")
+    if not np.isfinite(u).all():
+        raise InputError(f"{displacement}: holds NaN or infinity: fill lost nodes first")
+    steps = np.floor(u * 1e-3 / DISPLACEMENT_LSB_M + 0.5)
+    if np.abs(steps).max(initial=0) > 32767:
+        raise InputError(f"{displacement}: holds more than 4.096 mm, which the board's integers do not: are these millimetres?")
+    rows, columns = found.observed
+    seen = steps[:, rows, columns].astype(np.int16)
+    force = np.full(u.shape, np.nan)
+    with Pipeline(found, file.data) as pipeline:
+        solved = pipeline.solve(seen.reshape(len(u), -1, 3)).reshape(seen.shape)
+    force[:, rows, columns] = solved * (found.field.force_lsb_un * 1e-6)
+    np.save(out, force)
+    total = np.nansum(force, axis=(1, 2))
+    emit({"file": str(out), "frames": len(u), "resultant_n": total.round(6).tolist()}, json_,
+         f"{out}: {len(u)} frames, largest resultant {np.linalg.norm(total, axis=1).max(initial=0):.4f} N")  # fmt: skip

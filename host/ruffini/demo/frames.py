@@ -1,0 +1,59 @@
+"""Frames of a recording: a video file, or a folder of images as the replay camera reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.errors import InputError
+
+ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".ppm")
+
+
+class Frames:
+    """A sized iterable of (h, w, 3) uint8 images, B G R."""
+
+    def __init__(self, path: Path) -> None:
+        import cv2
+
+        self.path = path
+        self._files: list[Path] = []
+        if path.is_dir():
+            folder = path / "frames" if (path / "frames").is_dir() else path
+            self._files = sorted(p for p in folder.iterdir() if p.suffix in ENDINGS)
+            if not self._files:
+                raise InputError(f"{folder} holds no PNG or JPEG images")
+            self._count = len(self._files)
+            return
+        if not path.is_file():
+            raise InputError(f"{path}: no such recording")
+        video = cv2.VideoCapture(str(path))
+        self._count = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+        if self._count <= 0:
+            raise InputError(f"{path}: cannot be read as a video: is the file whole?")
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[npt.NDArray[np.uint8]]:
+        import cv2
+
+        from ruffini.calibrate.presses import read_image
+
+        if self._files:
+            yield from (read_image(p) for p in self._files)
+            return
+        video = cv2.VideoCapture(str(self.path))
+        while True:
+            ok, frame = video.read()
+            if not ok:
+                return
+            yield np.asarray(frame, dtype=np.uint8)
+
+
+def read_frames(path: Path) -> Frames:
+    """Open a recording. Raises InputError where there is none."""
+    return Frames(path)

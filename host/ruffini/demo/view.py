@@ -1,0 +1,18 @@
+"""Where things are in the image."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+
+
+def node_pixels(board: Board) -> npt.NDArray[np.float64]:
+    """Image position of each observed node of the undeformed pad, (n_y, n_x, 2) pixels."""
+    rows, columns = board.observed
+    camera, pad = board.camera, board.pad
+    x = np.linspace(-0.5, 0.5, board.grid.n_x)[columns] * pad.size_x_um
+    y = np.linspace(-0.5, 0.5, board.grid.n_y)[rows] * pad.size_y_um
+    grid = np.stack(np.meshgrid(x, y), axis=-1) * (camera.focal_mpx * 1e-3 / camera.standoff_um)
+    return np.asarray(grid + np.array([camera.center_x_mpx, camera.center_y_mpx]) * 1e-3)

@@ -1,0 +1,81 @@
+"""MCAP with the device's own protobuf schema: opens in Foxglove and the mcap tools as it is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from ruffini.device import Connection
+from ruffini.errors import InputError, NoDeviceError
+
+RAW_TOPIC = "/ruffini/raw"
+
+
+def record_stream(sensor: Connection, path: Path, *, n_frames: int = 0, image_every: int = 0) -> dict[str, int]:
+    """Record until `n_frames` wrenches came (0: until interrupted or the line is lost).
+
+    Every message goes to topic /ruffini/<type>; all received bytes to /ruffini/raw, for bit-exact
+    replay. The file is finished and valid whatever ends the recording.
+
+    Returns
+    -------
+    dict
+        Number of messages by type.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    from mcap.writer import Writer
+
+    counts: dict[str, int] = {}
+    channels: dict[str, int] = {}
+    try:
+        stream = path.open("wb")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    with stream:
+        writer = Writer(stream)
+        writer.start(profile="ruffini", library="ruffini")
+        clock_us = 0
+        raw_channel = writer.register_channel(topic=RAW_TOPIC, message_encoding="application/octet-stream", schema_id=0)
+
+        def keep_raw(data: bytes) -> None:
+            writer.add_message(raw_channel, log_time=clock_us * 1000, data=data, publish_time=clock_us * 1000)
+
+        sensor.raw_sink = keep_raw
+        sensor.subscribe(wrench=1, field=1, depth=1, contacts=1, markers=1, status=1, image=image_every)
+        try:
+            for frame, message in sensor.stream(timeout_s=5.0):
+                name = sensor.schema.type_name(frame.type)
+                if name is None or name in ("HELLO", "SCHEMA", "REPLY"):
+                    continue
+                if name not in channels:
+                    channels[name] = _channel(writer, name, sensor.schema.bytes)
+                stamp: Any = getattr(message, "stamp", None)
+                clock_us = stamp.capture_us if stamp is not None else clock_us
+                writer.add_message(
+                    channels[name], log_time=clock_us * 1000, data=frame.payload,
+                    publish_time=clock_us * 1000, sequence=frame.sequence,
+                )  # fmt: skip
+                counts[name] = counts.get(name, 0) + 1
+                if n_frames and counts.get("CONTACTS", 0) >= n_frames:
+                    break
+        except (KeyboardInterrupt, NoDeviceError):
+            if not counts:
+                raise
+        finally:
+            sensor.raw_sink = None
+            writer.finish()
+            stream.flush()
+            os.fsync(stream.fileno())
+    return counts
+
+
+def _channel(writer: Any, name: str, schema: bytes) -> int:
+    schema_id = writer.register_schema(name=f"ruffini.{name.title()}", encoding="protobuf", data=schema)
+    return int(
+        writer.register_channel(topic=f"/ruffini/{name.lower()}", message_encoding="protobuf", schema_id=schema_id)
+    )
