@@ -1,6 +1,8 @@
 """Rigid indenters on the pad: unilateral contact with Coulomb friction along a loading path.
 
-Contact acts at the surface nodes, so the nodal forces are exact. Force ON the pad, z out of it.
+Unknowns are tractions that are bilinear between the surface nodes (`ruffini.sim.surface`), so the
+forces are exact. The surface touches the indenter where it is after it moved sideways. Force ON the
+pad, z out of it.
 """
 
 from __future__ import annotations
@@ -9,33 +11,45 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
 
-from ruffini.errors import InputError
+from ruffini.errors import InputError, RuffiniError
 from ruffini.sim.pad import PadModel
+from ruffini.sim.surface import hat_shares, on_grid
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+
+SHAPES = ("sphere", "flat")
+MAX_STEP_M = 0.1e-3  # of the indenter's path between two equilibria: friction follows the path
+STEEP = 0.95  # part of a sphere's radius beyond which its side goes on straight
+TOLERANCE = 1e-5  # change of the forces between two rounds, of the largest force
+MAX_ROUNDS = 80
+UNDAMPED_ROUNDS = 6
+OPEN_GAP_M = 1e-9  # penetration outside the candidates that is rounding
 
 
 @dataclass(frozen=True)
 class Indenter:
-    """A ball ("sphere") or a flat-ended round punch ("flat")."""
+    """A ball ("sphere") or a round punch with a flat face and a 45 degree flank ("flat")."""
 
     shape: str
     radius_m: float
 
     def __post_init__(self) -> None:
-        if self.shape not in ("sphere", "flat"):
-            raise InputError(f"unknown indenter {self.shape!r}: sphere or flat")
+        if self.shape not in SHAPES:
+            raise InputError(f"unknown indenter {self.shape!r}: {' or '.join(SHAPES)}")
         if not self.radius_m > 0:
-            raise InputError(f"the indenter's radius must be positive, got {self.radius_m}")
+            raise InputError(f"the indenter's radius must be positive, got {self.radius_m} m")
 
     def height(self, r: Array) -> Array:
-        """Height of its surface above its lowest point at distance r from the axis (inf outside)."""
-        inside = r < self.radius_m
+        """Height of its surface above its lowest point at distance r from the axis."""
         if self.shape == "flat":
-            return np.where(inside, 0.0, np.inf)
-        cap = self.radius_m - np.sqrt(np.maximum(self.radius_m**2 - r**2, 0.0))
-        return np.where(inside, cap, np.inf)
+            return np.maximum(r - self.radius_m, 0.0)
+        edge = STEEP * self.radius_m
+        slope = STEEP / np.sqrt(1 - STEEP**2)
+        round_part = self.radius_m - np.sqrt(self.radius_m**2 - np.minimum(r, edge) ** 2)
+        return np.asarray(round_part + slope * np.maximum(r - edge, 0.0))
 
 
 @dataclass(frozen=True)
@@ -46,6 +60,15 @@ class Pose:
     y_m: float
     depth_m: float
     turn_rad: float = 0.0
+
+    def towards(self, end: Pose, part: float) -> Pose:
+        """The pose at `part` (0 to 1) of the straight way to `end`."""
+        return Pose(
+            self.x_m + part * (end.x_m - self.x_m),
+            self.y_m + part * (end.y_m - self.y_m),
+            self.depth_m + part * (end.depth_m - self.depth_m),
+            self.turn_rad + part * (end.turn_rad - self.turn_rad),
+        )
 
 
 @dataclass
@@ -64,111 +87,164 @@ class ContactSolver:
     compliance: Array
     indenter: Indenter
     friction: float
-    _force: Array = field(init=False)
-    _displacement: Array = field(init=False)
-    _pose: Pose | None = None
+    hat_force: Array = field(init=False)  # (n, 3) N, of each node's hat
+    displacement: Array = field(init=False)  # (n, 3) m, of the surface nodes
+    _pose: Pose | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         x, y = np.meshgrid(self.model.node_x(), self.model.node_y())
-        self._x, self._y = x.ravel(), y.ravel()
-        self._force = np.zeros((self._x.size, 3))
-        self._displacement = np.zeros((self._x.size, 3))
+        self._place = np.column_stack([x.ravel(), y.ravel()])
+        self._shares = hat_shares(self.model)
+        self.hat_force = np.zeros((len(self._place), 3))
+        self.displacement = np.zeros((len(self._place), 3))
 
     @property
-    def force(self) -> Array:
-        """Nodal force, (n, 3), newtons."""
-        return self._force
+    def nodal_force(self) -> Array:
+        """Force at each node of the pad model's surface, (n, 3), newtons."""
+        return np.asarray(self._shares @ self.hat_force)
 
-    @property
-    def displacement(self) -> Array:
-        """Nodal displacement of the surface, (n, 3), metres."""
-        return self._displacement
+    def forces_on_grid(self, n_x: int, n_y: int) -> Array:
+        """Nodal forces of the same tractions on another grid over the pad, (n_y, n_x, 3), newtons."""
+        return on_grid(self.model, self.hat_force, n_x, n_y)
 
     def advance(self, pose: Pose) -> None:
-        """Move the indenter; stick and slip follow from where it was before.
+        """Move the indenter in a straight line; stick and slip follow from where it was before.
 
         Raises
         ------
         InputError
-            The indenter's axis leaves the pad, or presses through it.
+            The indenter is beside the pad, or deeper than a linear model of pad and ball can go.
+        RuffiniError
+            No equilibrium was found.
         """
-        half = (self.model.size_x_m / 2, self.model.size_y_m / 2)
-        if abs(pose.x_m) > half[0] or abs(pose.y_m) > half[1]:
-            raise InputError(f"the indenter at ({pose.x_m:.4f}, {pose.y_m:.4f}) m is beside the pad")
-        if pose.depth_m > 0.5 * self.model.thickness_m:
-            raise InputError(f"depth {pose.depth_m:.4f} m is more than half the pad: no linear model holds there")
-        # The surface yields to the axis' place on the undeformed pad: shear moves the pad with the tool.
-        reach = np.hypot(self._x - pose.x_m, self._y - pose.y_m)
-        gap = self.indenter.height(reach) - pose.depth_m
-        near = np.flatnonzero(gap < 0)
-        if not near.size:
-            self._force[:], self._displacement[:] = 0.0, 0.0
-            self._pose = pose
-            return
-        unknowns = (3 * near[:, None] + np.arange(3)).ravel()
-        sub = self.compliance[np.ix_(unknowns, unknowns)]
-        target = self._stick_target(near, pose)
-        force = self._solve(sub, gap[near], target, self._force[near])
-        self._force[:] = 0.0
-        self._force[near] = force
-        self._displacement = (self.compliance[:, unknowns] @ force.ravel()).reshape(-1, 3)
+        self._check(pose)
+        start = self._pose or Pose(pose.x_m, pose.y_m, 0.0, pose.turn_rad)
+        way = np.abs([pose.x_m - start.x_m, pose.y_m - start.y_m, pose.depth_m - start.depth_m])
+        arc = abs(pose.turn_rad - start.turn_rad) * self.indenter.radius_m
+        n_steps = max(1, int(np.ceil(max(way.max(), arc) / MAX_STEP_M - 1e-6)))
+        before = start
+        for i in range(n_steps):
+            after = start.towards(pose, (i + 1) / n_steps)
+            self._step(before, after)
+            before = after
         self._pose = pose
 
-    def _stick_target(self, near: npt.NDArray[np.intp], pose: Pose) -> Array:
-        """Tangential displacement that each node would have if it stuck since the last pose, (m, 2)."""
-        before = self._pose
-        moved = self._displacement[near, :2].copy()
-        if before is None or before.depth_m <= 0:
-            return moved
-        turn = pose.turn_rad - before.turn_rad
-        arm = np.stack([self._x[near] - before.x_m, self._y[near] - before.y_m], axis=1)
-        step = np.array([pose.x_m - before.x_m, pose.y_m - before.y_m])
-        return moved + step + turn * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+    def _check(self, pose: Pose) -> None:
+        half = (self.model.size_x_m / 2, self.model.size_y_m / 2)
+        if abs(pose.x_m) > half[0] or abs(pose.y_m) > half[1]:
+            raise InputError(
+                f"the indenter at ({pose.x_m * 1e3:.2f}, {pose.y_m * 1e3:.2f}) mm is beside the pad, "
+                f"which ends at +-({half[0] * 1e3:.2f}, {half[1] * 1e3:.2f}) mm"
+            )
+        deepest = 0.5 * self.model.thickness_m
+        if self.indenter.shape == "sphere":
+            deepest = min(deepest, 0.8 * self.indenter.radius_m)
+        if pose.depth_m > deepest:
+            raise InputError(
+                f"depth {pose.depth_m * 1e3:.2f} mm is beyond this linear model, "
+                f"which holds to {deepest * 1e3:.2f} mm here: press less deep"
+            )
 
-    def _solve(self, sub: Array, gap: Array, target: Array, start: Array) -> Array:
-        """Alternate the normal complementarity problem and the friction problem until they agree."""
-        m = len(gap)
-        c = sub.reshape(m, 3, m, 3)
-        normal = c[:, 2, :, 2]
-        tangent = c[:, :2, :, :2].reshape(2 * m, 2 * m)
-        cross = c[:, 2, :, :2].reshape(m, 2 * m)  # u_z from tangential force
-        pressure = np.maximum(-start[:, 2], 0.0)
-        shear = start[:, :2].copy()
-        largest = _largest_eigenvalue(tangent)
-        for _ in range(12):
-            previous = pressure.copy(), shear.copy()
-            # u_z = normal (-p) + cross t <= gap where touching: normal p = cross t - gap on the active set.
-            pressure = _nonnegative(normal, cross @ shear.ravel() - gap, pressure > 0)
-            wanted = target.ravel() + cross.T @ pressure
-            shear = _in_discs(tangent, wanted, self.friction * pressure, shear, 1 / largest)
-            change = np.abs(pressure - previous[0]).max() + np.abs(shear - previous[1]).max()
-            if change < 1e-5 * max(pressure.max(), 1e-9):
+    def _step(self, before: Pose, after: Pose) -> None:
+        near = np.flatnonzero(self._gap(after, self._place + self.displacement[:, :2]) < 0.3 * after.depth_m)
+        if after.depth_m <= 0 or not near.size:
+            self.hat_force[:], self.displacement[:] = 0.0, 0.0
+            return
+        target = self._stick_target(before, after)
+        while True:  # the pad may bulge up against the indenter outside the first guess
+            force, nodes, nodal = self._balance(near, after, target)
+            dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
+            displacement = (nodal.ravel() @ self.compliance[dofs]).reshape(-1, 3)
+            over = displacement[:, 2] - self._gap(after, self._place + displacement[:, :2])
+            through = np.flatnonzero(self._shares.T @ over > OPEN_GAP_M)
+            grown = np.union1d(near, through)
+            if len(grown) == len(near):
                 break
-        return np.column_stack([shear, -pressure])
+            near = grown
+        self.hat_force[:] = 0.0
+        self.hat_force[near] = force
+        self.displacement = displacement
+
+    def _gap(self, pose: Pose, place: Array) -> Array:
+        """Height of the indenter's surface over the undeformed pad's surface at `place`."""
+        r = np.hypot(place[:, 0] - pose.x_m, place[:, 1] - pose.y_m)
+        return self.indenter.height(r) - pose.depth_m
+
+    def _stick_target(self, before: Pose, after: Pose) -> Array:
+        """Tangential displacement (n, 2) of nodes that would follow the indenter rigidly in this step."""
+        turn = after.turn_rad - before.turn_rad
+        arm = self._place + self.displacement[:, :2] - (before.x_m, before.y_m)
+        shift = np.array([after.x_m - before.x_m, after.y_m - before.y_m])
+        return self.displacement[:, :2] + shift + turn * np.column_stack([-arm[:, 1], arm[:, 0]])
+
+    def _balance(self, near: Indices, pose: Pose, target: Array) -> tuple[Array, Indices, Array]:
+        """Equilibrium of the candidates: their hat forces, the nodes that these load, the nodal forces.
+
+        Pressure and friction are solved in turn, each exactly for the other, until they agree.
+        """
+        columns = self._shares[:, near]
+        nodes = np.unique(columns.indices)
+        shares = sp.csr_matrix(columns[nodes])
+        dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
+        local = self.compliance[np.ix_(dofs, dofs)]
+        spread = sp.kron(shares, sp.identity(3), format="csr")
+        c = np.asarray(spread.T @ (spread.T @ local).T).reshape(len(near), 3, len(near), 3)
+        normal, cross = c[:, 2, :, 2], c[:, 2, :, :2].reshape(len(near), -1)
+        tangent = c[:, :2, :, :2].reshape(2 * len(near), -1)
+        step = 1 / _largest_eigenvalue(tangent)
+        stick = shares.T @ target[nodes]
+        place = self._place[nodes]
+        pressure, shear = np.maximum(-self.hat_force[near, 2], 0.0), self.hat_force[near, :2].copy()
+        moved = self.displacement[nodes, :2]
+        for i in range(MAX_ROUNDS):
+            last_pressure, last_shear = pressure, shear
+            nodal = shares @ np.column_stack([shear, -pressure])
+            damping = 1.0 if i < UNDAMPED_ROUNDS else 0.5  # nodes at an edge may swing about it
+            moved = moved + damping * ((local @ nodal.ravel()).reshape(-1, 3)[:, :2] - moved)
+            gap = shares.T @ self._gap(pose, place + moved)
+            pressure = _nonnegative(normal, cross @ shear.ravel() - gap, pressure > 0)
+            wanted = stick.ravel() + cross.T @ pressure
+            shear = _in_discs(tangent, wanted, self.friction * pressure, shear, step)
+            change = max(np.abs(pressure - last_pressure).max(), np.abs(shear - last_shear).max())
+            if change <= TOLERANCE * pressure.max():
+                force = np.column_stack([shear, -pressure])
+                return force, nodes, np.asarray(shares @ force)
+        raise RuffiniError(
+            f"the simulated contact at {pose} found no equilibrium in {MAX_ROUNDS} rounds: "
+            "press less deep or with less friction"
+        )
 
 
 def _largest_eigenvalue(matrix: Array) -> float:
+    """An upper estimate of a positive definite matrix's largest eigenvalue, by power iteration."""
     v = np.ones(len(matrix))
     for _ in range(30):
         v = matrix @ v
         v /= np.linalg.norm(v)
-    return float(v @ matrix @ v) * 1.02
+    return float(np.linalg.norm(matrix @ v)) * 1.05
 
 
 def _nonnegative(matrix: Array, right: Array, active: npt.NDArray[np.bool_]) -> Array:
-    """p >= 0, matrix p - right >= 0, complementary: primal-dual active set (matrix SPD)."""
-    active = active | (right > 0) if not active.any() else active
+    """p >= 0 with matrix p - right >= 0 and complementary, for a positive definite matrix.
+
+    Primal-dual active set; when that cycles, the non-negative least squares of the Cholesky factor.
+    """
     scale = float(np.abs(right).max())
-    for _ in range(60):
+    active = active if active.any() else right > 0
+    for _ in range(40):
         p = np.zeros(len(right))
         if active.any():
             p[active] = np.linalg.solve(matrix[np.ix_(active, active)], right[active])
-        lack = right - matrix @ p  # > 0: would penetrate
+        lack = right - matrix @ p  # > 0: the surface would go through
         wanted = (active & (p > 0)) | (~active & (lack > 1e-9 * scale))
         if (wanted == active).all():
             return p
         active = wanted
-    return np.maximum(p, 0.0)
+    from scipy.optimize import nnls
+
+    upper = np.linalg.cholesky(matrix).T
+    p, _ = nnls(upper, np.linalg.solve(upper.T, right))
+    return np.asarray(p)
 
 
 def _in_discs(matrix: Array, wanted: Array, radius: Array, start: Array, step: float) -> Array:
@@ -176,45 +252,19 @@ def _in_discs(matrix: Array, wanted: Array, radius: Array, start: Array, step: f
 
     def project(t: Array) -> Array:
         length = np.hypot(t[:, 0], t[:, 1])
-        return np.asarray(t * np.minimum(1.0, radius / np.maximum(length, 1e-15))[:, None])
+        return np.asarray(t * np.minimum(1.0, radius / np.maximum(length, 1e-300))[:, None])
 
     t = project(start)
     lead, momentum = t, 1.0
-    tolerance = 1e-6 * max(float(radius.max(initial=0.0)), 1e-12)
-    for _ in range(400):
+    tolerance = 0.02 * TOLERANCE * float(radius.max(initial=0.0))
+    for _ in range(600):
         gradient = (matrix @ lead.ravel() - wanted).reshape(-1, 2)
         following = project(lead - step * gradient)
         if float(((lead - following) * (following - t)).sum()) > 0:
-            momentum = 1.0  # restart
+            momentum = 1.0  # restart (O'Donoghue and Candes)
         grown = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
-        lead = following + (momentum - 1) / grown * (following - t)
-        if np.abs(following - t).max() < tolerance:
-            return following
-        t, momentum = following, grown
+        change, t = following - t, following
+        if np.abs(change).max() <= tolerance:
+            return t
+        lead, momentum = t + (momentum - 1) / grown * change, grown
     return t
-
-
-def wrench_of(model: PadModel, force: Array) -> Array:
-    """Force (N) and moment (N m) about the undeformed pad centre of nodal forces (n, 3): (6,)."""
-    x, y = np.meshgrid(model.node_x(), model.node_y())
-    arm = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    return np.concatenate([force.sum(axis=0), np.cross(arm, force).sum(axis=0)])
-
-
-def transfer_forces(model: PadModel, force: Array, n_x: int, n_y: int) -> Array:
-    """Nodal forces shared out to another grid over the same pad, (n_y, n_x, 3).
-
-    Bilinear shares keep force and moments.
-    """
-
-    def shares(n_from: int, n_to: int) -> Array:
-        place = np.linspace(0, n_to - 1, n_from)
-        low = np.minimum(place.astype(int), n_to - 2)
-        out = np.zeros((n_to, n_from))
-        out[low, np.arange(n_from)] = 1 - (place - low)
-        out[low + 1, np.arange(n_from)] += place - low
-        return out
-
-    rows, columns = model.shape
-    field_ = force.reshape(rows, columns, 3)
-    return np.einsum("ai,bj,ijc->abc", shares(rows, n_y), shares(columns, n_x), field_)

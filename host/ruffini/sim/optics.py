@@ -6,93 +6,20 @@ Shading is Lambertian with exact normals of the deformed surface; light falls wi
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from scipy.interpolate import RectBivariateSpline
 
 from ruffini.boards import Board
-from ruffini.errors import InputError
 from ruffini.sim.pad import PadModel
+from ruffini.sim.settings import TwinSettings
 
 Array = npt.NDArray[np.float64]
-Triple = Annotated[list[int], Field(min_length=3, max_length=3)]
-PerMille = Annotated[int, Field(ge=0, le=1000)]
 FINE_STEP_MM = 0.05  # of the grid on which the surface is looked up
-ROUNDS = 5  # of the ray's fixed point: each gains a factor of about 5
-
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class UnitSettings(_Section):
-    """[unit] of twin.toml."""
-
-    lattice_shift_um: Annotated[list[int], Field(min_length=2, max_length=2)]
-    lattice_turn_mrad: int
-    friction_1e3: Annotated[int, Field(ge=0, le=5000)]
-
-
-class LightSettings(_Section):
-    """[light] of twin.toml."""
-
-    led_b_um: Triple
-    led_g_um: Triple
-    led_r_um: Triple
-    power_1e3: Triple
-    ambient_1e3: PerMille
-    crosstalk_1e3: PerMille
-    mean_level: Annotated[int, Field(ge=10, le=240)]
-    vignette_1e3: PerMille
-
-
-class DotSettings(_Section):
-    """[dots] of twin.toml."""
-
-    darkness_1e3: PerMille
-    blur_um: Annotated[int, Field(ge=1, le=1000)]
-
-
-class NoiseSettings(_Section):
-    """[noise] of twin.toml."""
-
-    read_1e3: Annotated[int, Field(ge=0, le=20_000)]
-    shot_1e3: Annotated[int, Field(ge=0, le=1000)]
-
-
-class TwinSettings(_Section):
-    """A whole twin.toml."""
-
-    schema_version: Annotated[int, Field(alias="schema", ge=1, le=1)]
-    unit: UnitSettings
-    light: LightSettings
-    dots: DotSettings
-    noise: NoiseSettings
-
-
-def load_twin(board: Board) -> TwinSettings:
-    """twin.toml beside the board's board.toml.
-
-    Raises
-    ------
-    InputError
-        The board has no twin, or the file is not as it should be.
-    """
-    path = (board.folder or Path()) / "twin.toml"
-    if not path.is_file():
-        raise InputError(f"board {board.name!r} has no twin.toml, so it cannot be simulated: {path}")
-    try:
-        return TwinSettings.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, ValidationError) as error:
-        raise InputError(f"{path}: {error}") from error
-
-
+RAY_TOLERANCE_MM = 0.5e-3  # of the ray's fixed point: below 0.01 px
+MAX_RAY_ROUNDS = 40  # where the surface hides a part of itself there is no fixed point
 @dataclass
 class Renderer:
     """Pictures of one simulated unit. Reusable for any displacement of the same pad model."""
@@ -113,9 +40,11 @@ class Renderer:
         self._fine_y = np.arange(-half_y, half_y + FINE_STEP_MM / 2, FINE_STEP_MM)
         radius2 = self._ray_x**2 + self._ray_y**2
         self._vignette = 1 - self.twin.light.vignette_1e3 * 1e-3 * radius2 / radius2.max()
-        self._gain = 1.0
-        rest = self._shade(np.zeros((*self.model.shape, 3)), dots=False)
-        self._gain = self.twin.light.mean_level / float(rest.mean())
+        self._gain, self._ambient = 1.0, 0.0
+        at_rest = np.zeros((*self.model.shape, 3))
+        light = self.twin.light
+        self._ambient = light.ambient_1e3 * 1e-3 * float(self._shade(at_rest, dots=False).mean())
+        self._gain = light.mean_level / float(self._shade(at_rest, dots=False).mean())
 
     def image(self, displacement_m: Array, rng: np.random.Generator) -> npt.NDArray[np.uint8]:
         """One frame, (h, w, 3) uint8 B G R, of a surface displacement (n_nodes, 3) in metres."""
@@ -154,12 +83,14 @@ class Renderer:
     def _material_points(self, maps: list[npt.NDArray[np.float32]]) -> tuple[Array, Array]:
         """Undeformed place (mm) of the surface point that each pixel sees."""
         x, y = self._ray_x * self._height_mm, self._ray_y * self._height_mm
-        for _ in range(ROUNDS):
+        for _ in range(MAX_RAY_ROUNDS):
             distance = self._height_mm + self._look(maps[2], x, y)
-            x, y = (
-                self._ray_x * distance - self._look(maps[0], x, y),
-                self._ray_y * distance - self._look(maps[1], x, y),
-            )
+            next_x = self._ray_x * distance - self._look(maps[0], x, y)
+            next_y = self._ray_y * distance - self._look(maps[1], x, y)
+            change = max(np.abs(next_x - x).max(), np.abs(next_y - y).max())
+            x, y = next_x, next_y
+            if change < RAY_TOLERANCE_MM:
+                break
         return x, y
 
     def _shade(self, displacement_m: Array, *, dots: bool) -> npt.NDArray[np.float32]:
@@ -183,11 +114,10 @@ class Renderer:
             to_led = np.array(place) * 1e-3 - point
             distance2 = (to_led**2).sum(axis=-1)
             cosine = np.maximum((normal * to_led).sum(axis=-1), 0) / np.sqrt(distance2)
-            single.append(power * 1e-3 * cosine / distance2 * 400.0)
+            single.append(power * 1e-3 * cosine / distance2)
         leak = light.crosstalk_1e3 * 1e-3
-        total = sum(single)
-        channels = np.stack([(1 - 3 * leak) * s + leak * total for s in single], axis=-1)
-        channels += light.ambient_1e3 * 1e-3 * 0.5
+        total = np.sum(single, axis=0)
+        channels = np.stack([(1 - 3 * leak) * s + leak * total for s in single], axis=-1) + self._ambient
         channels *= (self._vignette * self._gain)[..., None]
         if dots:
             channels *= (1 - self.twin.dots.darkness_1e3 * 1e-3 * self._dot_cover(x, y))[..., None]

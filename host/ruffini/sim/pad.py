@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg as la
 import scipy.sparse as sp
 
 from ruffini.reflection import dense_from_blocks, parity_bases, spd_inverse
@@ -48,7 +49,7 @@ class PadModel:
         return np.linspace(-self.size_y_m / 2, self.size_y_m / 2, self.shape[0])
 
 
-def _lagrange(point: float) -> tuple[Array, Array]:
+def quadratic_shapes(point: float) -> tuple[Array, Array]:
     """Quadratic shape functions on nodes -1, 0, 1 and their derivatives at `point`."""
     t = point
     return (
@@ -68,7 +69,7 @@ def element_stiffness(step_m: tuple[float, float, float], modulus_pa: float, poi
     for k, wz in zip(points, weights, strict=True):
         for j, wy in zip(points, weights, strict=True):
             for i, wx in zip(points, weights, strict=True):
-                (x, dx), (y, dy), (z, dz) = _lagrange(i), _lagrange(j), _lagrange(k)
+                (x, dx), (y, dy), (z, dz) = quadratic_shapes(i), quadratic_shapes(j), quadratic_shapes(k)
                 g = np.stack(
                     [
                         np.einsum("c,b,a->cba", z, y, dx).ravel() * 2 / step_m[0],
@@ -119,12 +120,12 @@ def surface_compliance(model: PadModel, *, progress: Callable[[float], None] = l
             if below is not None:  # eliminate the bottom plane; in the first layer it is bonded
                 inverse = spd_inverse(k[0][0].toarray() + below)
                 to_middle, to_top = k[1][0], k[2][0]
-                half = (to_middle @ inverse.T).T  # inverse @ K_bm
+                half = (to_middle @ inverse).T  # inverse @ K_bm
                 middle -= to_middle @ half
                 coupling -= to_top @ half
                 top -= to_top @ (to_top @ inverse).T
-            below = top - coupling @ spd_inverse(middle) @ coupling.T
-            below = (below + below.T) / 2
+            root = la.solve_triangular(la.cholesky(middle, lower=True), coupling.T, lower=True)
+            below = top - root.T @ root
             progress((i + (done + 1) / len(layers)) / len(bases))
         assert below is not None
         blocks.append(spd_inverse(below))

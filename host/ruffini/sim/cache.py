@@ -1,0 +1,70 @@
+"""Compliances of simulated pads, kept between runs: `$XDG_CACHE_HOME/ruffini/twin/<hash>.npy`.
+
+Only time depends on it: a file is taken when its name is the hash of everything that the result
+depends on and its shape is right, and left unwritten when the disk does not want it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import astuple
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.sim import pad
+from ruffini.sim.pad import PadModel, surface_compliance
+
+Array = npt.NDArray[np.float64]
+
+KEPT_FILES = 4  # of about 260 MB each at the default mesh
+
+
+def cache_folder() -> Path:
+    """Where the compliances are."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "ruffini" / "twin"
+
+
+def _path_for(model: PadModel) -> Path:
+    code = Path(pad.__file__).read_bytes()  # another element is another result
+    key = hashlib.sha256(repr(astuple(model)).encode() + np.__version__.encode() + code).hexdigest()
+    return cache_folder() / f"{key[:32]}.npy"
+
+
+def cached_compliance(model: PadModel, *, progress: Callable[[float], None] = lambda _: None) -> Array:
+    """`surface_compliance` of the model, from the cache where it is there."""
+    path = _path_for(model)
+    size = 3 * model.shape[0] * model.shape[1]
+    try:
+        kept = np.load(path, mmap_mode="r", allow_pickle=False)
+        if kept.shape == (size, size) and kept.dtype == np.float64:
+            path.touch()
+            return np.asarray(kept)
+    except (OSError, ValueError):
+        pass  # not there, or not whole
+    compliance = surface_compliance(model, progress=progress)
+    _keep(path, compliance)
+    return compliance
+
+
+def _keep(path: Path, compliance: Array) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.save(file, compliance)
+            os.replace(temporary, path)
+        except OSError:
+            os.unlink(temporary)
+            raise
+        by_age = sorted(path.parent.glob("*.npy"), key=lambda p: p.stat().st_mtime, reverse=True)
+        for old in by_age[KEPT_FILES:]:
+            old.unlink(missing_ok=True)
+    except OSError:
+        return  # a cache that cannot be written is no error

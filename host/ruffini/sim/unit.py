@@ -1,0 +1,93 @@
+"""One simulated sensor: a pad that is not quite the board's, and a camera that looks at it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import RectBivariateSpline
+
+from ruffini.boards import Board
+from ruffini.errors import InputError
+from ruffini.sim.cache import cached_compliance
+from ruffini.sim.contact import ContactSolver, Indenter
+from ruffini.sim.optics import Renderer
+from ruffini.sim.pad import PadModel
+from ruffini.sim.settings import TwinSettings, load_twin
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PadError:
+    """The simulated pad's true numbers over the board's, as factors."""
+
+    modulus: float = 1.0
+    poisson: float = 1.0
+    thickness: float = 1.0
+
+
+def pad_model(board: Board, error: PadError) -> PadModel:
+    """The simulated pad of a board.
+
+    Raises
+    ------
+    InputError
+        The factors make a pad that cannot be.
+    """
+    pad = board.pad
+    poisson = pad.poisson_1e4 * 1e-4 * error.poisson
+    if not (0 <= poisson < 0.4999 and error.modulus > 0 and error.thickness > 0):
+        raise InputError(
+            f"a pad with Poisson's ratio {poisson:.4f}, {error.modulus:g} times the modulus and "
+            f"{error.thickness:g} times the thickness cannot be simulated: "
+            "the factors must be positive and the ratio below 0.4999"
+        )
+    return PadModel(
+        size_x_m=pad.size_x_um * 1e-6,
+        size_y_m=pad.size_y_um * 1e-6,
+        thickness_m=pad.thickness_um * 1e-6 * error.thickness,
+        modulus_pa=pad.modulus_pa * error.modulus,
+        poisson=poisson,
+    )
+
+
+@dataclass
+class TwinUnit:
+    """One simulated sensor: its pad's compliance and its camera's settings."""
+
+    board: Board
+    twin: TwinSettings
+    model: PadModel
+    compliance: Array
+
+    @classmethod
+    def build(
+        cls, board: Board, error: PadError | None = None, *, progress: Callable[[float], None] = lambda _: None
+    ) -> TwinUnit:
+        """Solve the pad's mechanics (seconds), or take them from the cache."""
+        twin = load_twin(board)
+        model = pad_model(board, error or PadError())
+        return cls(board, twin, model, cached_compliance(model, progress=progress))
+
+    def solver(self, indenter: Indenter) -> ContactSolver:
+        """A fresh contact of an indenter with this pad."""
+        return ContactSolver(self.model, self.compliance, indenter, self.twin.unit.friction_1e3 * 1e-3)
+
+    def renderer(self) -> Renderer:
+        """This unit's camera."""
+        return Renderer(self.board, self.twin, self.model)
+
+    def at_rest(self) -> Array:
+        """Displacement of the untouched surface, (n, 3)."""
+        return np.zeros((self.model.shape[0] * self.model.shape[1], 3))
+
+    def at_nodes(self, displacement: Array) -> Array:
+        """Surface displacement at the board's nodes, (n_y, n_x, 3)."""
+        node_x, node_y = self.model.node_x(), self.model.node_y()
+        x = np.linspace(node_x[0], node_x[-1], self.board.grid.n_x)
+        y = np.linspace(node_y[0], node_y[-1], self.board.grid.n_y)
+        field = displacement.reshape(*self.model.shape, 3)
+        return np.stack([RectBivariateSpline(node_y, node_x, field[:, :, c])(y, x) for c in range(3)], axis=-1)
