@@ -52,6 +52,7 @@ void FramePath::learn_markers() {
     state_.markers.grey[i] = static_cast<uint16_t>(rest[3 * i] + rest[3 * i + 1] + rest[3 * i + 2]);
   }
   n_markers_at_rest_ = lattice_.learn(dots_.detect(state_.markers.grey));
+  displacement_.learn(lattice_.markers());
 }
 
 void FramePath::run_difference(const FrameView& frame) {

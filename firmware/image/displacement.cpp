@@ -12,24 +12,75 @@ Displacement::Displacement(const BoardSettings& board)
       center_x_q16_(floor_div(camera_.center_x_mpx * 65'536 + 500, 1'000)),
       center_y_q16_(floor_div(camera_.center_y_mpx * 65'536 + 500, 1'000)),
       inverse_focal_q32_(floor_div((int64_t{1} << 32) * 1'000, camera_.focal_mpx)),
+      pitch_x_q3_(board.markers.pitch_x_um * 8),
+      pitch_y_q3_(board.markers.pitch_y_um * 8),
+      rest_q3_(static_cast<size_t>(lattice_.count())),
       lattice_u_(static_cast<size_t>(lattice_.count())) {
-  const auto axis = [](int n_nodes, int64_t size_um, int64_t low_um, int64_t high_um, int64_t first_um,
-                       int64_t pitch_um, int n_lines, std::vector<Taps>& taps_out, std::vector<int64_t>& place) {
-    const NodeRange range = observed_nodes(n_nodes, size_um, low_um, high_um);
-    for (int i = range.first; i < range.first + range.count; ++i) {
-      // X = i size / (n - 1) from the corner; place on the lattice (X - first) / pitch.
-      const int64_t steps = n_nodes - 1;
-      taps_out.push_back(taps(floor_div((i * size_um - first_um * steps) * 65'536, pitch_um * steps), n_lines));
-      place.push_back(floor_div(2 * i * size_um * 8 - size_um * steps * 8, 2 * steps));
-    }
-    return range.count;
-  };
   const MarkerSettings& m = board.markers;
   const WindowSettings& w = board.window;
-  nodes_.n_x = axis(board.grid.n_x, board.pad.size_x_um, w.min_x_um, w.max_x_um, m.first_x_um, m.pitch_x_um,
-                    lattice_.n_x, taps_x_, node_x_q3_);
-  nodes_.n_y = axis(board.grid.n_y, board.pad.size_y_um, w.min_y_um, w.max_y_um, m.first_y_um, m.pitch_y_um,
-                    lattice_.n_y, taps_y_, node_y_q3_);
+  const NodeRange x = observed_nodes(board.grid.n_x, board.pad.size_x_um, w.min_x_um, w.max_x_um);
+  const NodeRange y = observed_nodes(board.grid.n_y, board.pad.size_y_um, w.min_y_um, w.max_y_um);
+  nodes_ = {x.count, y.count};
+  // Node i of n: X = i size / (n - 1) from the pad's corner.
+  const auto from_center_q3 = [](int64_t i, int64_t steps, int64_t size_um) {
+    return floor_div(2 * i * size_um * 8 - size_um * steps * 8, 2 * steps);
+  };
+  const auto on_lattice_q16 = [](int64_t i, int64_t steps, int64_t size_um, int64_t first_um, int64_t pitch_um) {
+    return floor_div((i * size_um - first_um * steps) * 65'536, pitch_um * steps);
+  };
+  for (int row = y.first; row < y.first + y.count; ++row) {
+    for (int column = x.first; column < x.first + x.count; ++column) {
+      node_q3_.push_back({from_center_q3(column, board.grid.n_x - 1, board.pad.size_x_um),
+                          from_center_q3(row, board.grid.n_y - 1, board.pad.size_y_um)});
+      nominal_q16_.push_back(
+          {on_lattice_q16(column, board.grid.n_x - 1, board.pad.size_x_um, m.first_x_um, m.pitch_x_um),
+           on_lattice_q16(row, board.grid.n_y - 1, board.pad.size_y_um, m.first_y_um, m.pitch_y_um)});
+    }
+  }
+  taps_x_.resize(node_q3_.size());
+  taps_y_.resize(node_q3_.size());
+}
+
+void Displacement::learn(std::span<const Marker> markers) {
+  for (size_t i = 0; i < markers.size(); ++i) {
+    rest_q3_[i] = {to_pad_q3((markers[i].rest_x.raw() - center_x_q16_) * camera_.standoff_um * 8),
+                   to_pad_q3((markers[i].rest_y.raw() - center_y_q16_) * camera_.standoff_um * 8)};
+  }
+  for (size_t node = 0; node < node_q3_.size(); ++node) {
+    Place at = nominal_q16_[node];
+    place_node(node, at);
+    for (int round = 0; round < kPlaceRounds; ++round) {
+      const auto miss = [&](int64_t wanted, int64_t Place::*axis) {
+        return wanted - round_shift(interpolate(taps_x_[node], taps_y_[node], [&](size_t i) { return rest_q3_[i].*axis; }), 28);
+      };
+      at.x += floor_div(miss(node_q3_[node].x, &Place::x) * 65'536, pitch_x_q3_);
+      at.y += floor_div(miss(node_q3_[node].y, &Place::y) * 65'536, pitch_y_q3_);
+      at = {std::clamp<int64_t>(at.x, -65'536, int64_t{lattice_.n_x} * 65'536),
+            std::clamp<int64_t>(at.y, -65'536, int64_t{lattice_.n_y} * 65'536)};
+      place_node(node, at);
+    }
+  }
+}
+
+void Displacement::place_node(size_t node, Place at_q16) {
+  taps_x_[node] = taps(at_q16.x, lattice_.n_x);
+  taps_y_[node] = taps(at_q16.y, lattice_.n_y);
+}
+
+template <typename Value>
+int64_t Displacement::interpolate(const Taps& tx, const Taps& ty, Value value) const {
+  int64_t sum = 0;
+  for (size_t j = 0; j < 4; ++j) {
+    for (size_t i = 0; i < 4; ++i) {
+      sum += ty.weight[j] * tx.weight[i] * value(static_cast<size_t>(ty.line[j] * lattice_.n_x + tx.line[i]));
+    }
+  }
+  return sum;
+}
+
+// length / f: from px um in Q19 to micrometres in Q3.
+int64_t Displacement::to_pad_q3(int64_t length_um_px_q19) const {
+  return round_shift(round_shift(length_um_px_q19, 10) * inverse_focal_q32_, 38);
 }
 
 // Catmull-Rom weights at `position`; lines outside the lattice are extrapolated: u_-1 = 2 u_0 - u_1.
@@ -85,8 +136,7 @@ int64_t Displacement::read_depth(std::span<const DisplacementUm> depth, int64_t 
 void Displacement::markers_to_pad(std::span<const Marker> markers, std::span<const DisplacementUm> depth,
                                   SaturationCounter& saturations) {
   const auto to_pad = [&](int64_t moved_q16, int64_t from_center_q16, int64_t uz_q3) {
-    const int64_t wide = moved_q16 * camera_.standoff_um * 8 + from_center_q16 * uz_q3;  // px um, Q19
-    return saturate_raw<int16_t>(round_shift(round_shift(wide, 10) * inverse_focal_q32_, 38), saturations);
+    return saturate_raw<int16_t>(to_pad_q3(moved_q16 * camera_.standoff_um * 8 + from_center_q16 * uz_q3), saturations);
   };
   for (size_t i = 0; i < markers.size(); ++i) {
     const Marker& m = markers[i];
@@ -99,40 +149,30 @@ void Displacement::markers_to_pad(std::span<const Marker> markers, std::span<con
   }
 }
 
+NodeDisplacement Displacement::at_node(size_t node, std::span<const DisplacementUm> depth,
+                                       SaturationCounter& saturations) const {
+  const auto read = [&](DisplacementUm NodeDisplacement::*axis) {
+    return round_shift(interpolate(taps_x_[node], taps_y_[node], [&](size_t i) { return (lattice_u_[i].*axis).raw(); }), 28);
+  };
+  const int64_t ux = read(&NodeDisplacement::x);
+  const int64_t uy = read(&NodeDisplacement::y);
+  int64_t uz = read(&NodeDisplacement::z);
+  for (int round = 0; round < 2 && !depth.empty(); ++round) {
+    const int64_t distance = (camera_.standoff_um * 8 + uz) * 1'000;
+    const auto image = [&](int64_t place_q3, int64_t center_q16) {
+      return center_q16 + floor_div(place_q3 * camera_.focal_mpx * 65'536, distance);
+    };
+    uz = read_depth(depth, image(node_q3_[node].x + ux, center_x_q16_), image(node_q3_[node].y + uy, center_y_q16_));
+  }
+  return {DisplacementUm::from_raw(saturate_raw<int16_t>(ux, saturations)),
+          DisplacementUm::from_raw(saturate_raw<int16_t>(uy, saturations)),
+          DisplacementUm::from_raw(saturate_raw<int16_t>(uz, saturations))};
+}
+
 void Displacement::run(std::span<const Marker> markers, std::span<const DisplacementUm> depth,
                        std::span<NodeDisplacement> out, SaturationCounter& saturations) {
   markers_to_pad(markers, depth, saturations);
-  for (int row = 0; row < nodes_.n_y; ++row) {
-    const Taps& ty = taps_y_[static_cast<size_t>(row)];
-    for (int column = 0; column < nodes_.n_x; ++column) {
-      const Taps& tx = taps_x_[static_cast<size_t>(column)];
-      int64_t sum[3] = {0, 0, 0};
-      for (size_t j = 0; j < 4; ++j) {
-        for (size_t i = 0; i < 4; ++i) {
-          const int64_t weight = ty.weight[j] * tx.weight[i];
-          const NodeDisplacement& u = lattice_u_[static_cast<size_t>(ty.line[j] * lattice_.n_x + tx.line[i])];
-          sum[0] += weight * u.x.raw();
-          sum[1] += weight * u.y.raw();
-          sum[2] += weight * u.z.raw();
-        }
-      }
-      const int64_t ux = round_shift(sum[0], 28);
-      const int64_t uy = round_shift(sum[1], 28);
-      int64_t uz = round_shift(sum[2], 28);
-      for (int round = 0; round < 2 && !depth.empty(); ++round) {
-        const int64_t distance = (camera_.standoff_um * 8 + uz) * 1'000;
-        const auto image = [&](int64_t place_q3, int64_t center_q16) {
-          return center_q16 + floor_div(place_q3 * camera_.focal_mpx * 65'536, distance);
-        };
-        uz = read_depth(depth, image(node_x_q3_[static_cast<size_t>(column)] + ux, center_x_q16_),
-                        image(node_y_q3_[static_cast<size_t>(row)] + uy, center_y_q16_));
-      }
-      out[static_cast<size_t>(row * nodes_.n_x + column)] = {
-          DisplacementUm::from_raw(saturate_raw<int16_t>(ux, saturations)),
-          DisplacementUm::from_raw(saturate_raw<int16_t>(uy, saturations)),
-          DisplacementUm::from_raw(saturate_raw<int16_t>(uz, saturations))};
-    }
-  }
+  for (size_t node = 0; node < out.size(); ++node) out[node] = at_node(node, depth, saturations);
 }
 
 }  // namespace ruffini

@@ -1,7 +1,9 @@
 // Markers and depth -> displacement of the nodes, in the pad's frame, micrometres.
 //
 //   marker:  u = [(p - p_0) H + (p - c) u_z] / f, u_z = depth read where the marker is now (bilinear)
-//   lattice -> nodes: Catmull-Rom along each axis, linear beyond the outermost markers (at most one pitch)
+//   lattice -> nodes: Catmull-Rom along each axis, linear beyond the outermost markers (at most one pitch).
+//            Where a node is on the lattice, (a, b) in pitches, follows from the markers' real rest places, not from
+//            the board's: kPlaceRounds times  a += (X_node - X(a, b)) / pitch,  X(a, b) interpolated likewise
 //   node:    u_z = depth read at p = c + f (X + u_xy) / (H + u_z), two rounds
 //
 // Markers are Lagrangian and depth Eulerian: both readings are at the deformed place. Not in the paper.
@@ -29,6 +31,9 @@ class Displacement {
  public:
   explicit Displacement(const BoardSettings& board);
 
+  // Place the nodes on the lattice of markers at rest. Before the first run(), and when rest changes.
+  void learn(std::span<const Marker> markers);
+
   // `depth` on the depth grid, or empty where depth is not measured (u_z = 0).
   void run(std::span<const Marker> markers, std::span<const DisplacementUm> depth,
            std::span<NodeDisplacement> out, SaturationCounter& saturations);
@@ -41,7 +46,20 @@ class Displacement {
     std::array<int, 4> line{};
     std::array<int64_t, 4> weight{};
   };
+  struct Place {
+    int64_t x = 0;
+    int64_t y = 0;
+  };
+  static constexpr int kPlaceRounds = 8;  // the pitch is right within 30 %: 0.3^8 of a pitch remains
+
   static Taps taps(int64_t position_q16, int n_lines);
+  // sum over 4 x 4 markers of weight value(marker), Q28.
+  template <typename Value>
+  [[nodiscard]] int64_t interpolate(const Taps& tx, const Taps& ty, Value value) const;
+  [[nodiscard]] int64_t to_pad_q3(int64_t length_um_px_q19) const;
+  void place_node(size_t node, Place at_q16);
+  [[nodiscard]] NodeDisplacement at_node(size_t node, std::span<const DisplacementUm> depth,
+                                         SaturationCounter& saturations) const;
 
   [[nodiscard]] int64_t read_depth(std::span<const DisplacementUm> depth, int64_t px_x_q16, int64_t px_y_q16) const;
   void markers_to_pad(std::span<const Marker> markers, std::span<const DisplacementUm> depth,
@@ -55,10 +73,13 @@ class Displacement {
   int64_t center_x_q16_;
   int64_t center_y_q16_;
   int64_t inverse_focal_q32_;         // 1 / px
-  std::vector<Taps> taps_x_;          // per node column
-  std::vector<Taps> taps_y_;          // per node row
-  std::vector<int64_t> node_x_q3_;    // from the pad's centre, micrometres
-  std::vector<int64_t> node_y_q3_;
+  int64_t pitch_x_q3_;                // micrometres
+  int64_t pitch_y_q3_;
+  std::vector<Place> node_q3_;        // from the pad's centre, micrometres
+  std::vector<Place> nominal_q16_;    // of each node on the board's lattice, pitches
+  std::vector<Taps> taps_x_;          // per node
+  std::vector<Taps> taps_y_;
+  std::vector<Place> rest_q3_;        // of each marker, from the pad's centre, micrometres
   std::vector<NodeDisplacement> lattice_u_;
 };
 

@@ -184,9 +184,11 @@ int64_t stages_poisson(Stages* stages, const int16_t* slope_q12, int16_t* depth_
 int64_t stages_displacement(Stages* stages, const int32_t* markers, const int16_t* depth_q3, int n_depth, int16_t* out) {
   std::vector<DisplacementUm> depth(static_cast<size_t>(n_depth));
   for (size_t i = 0; i < depth.size(); ++i) depth[i] = DisplacementUm::from_raw(depth_q3[i]);
+  const std::vector<Marker> lattice = get_markers(markers, stages->board.markers.lattice.count());
   std::vector<NodeDisplacement> nodes(static_cast<size_t>(stages->displacement.nodes().count()));
   SaturationCounter saturations;
-  stages->displacement.run(get_markers(markers, stages->board.markers.lattice.count()), depth, nodes, saturations);
+  stages->displacement.learn(lattice);
+  stages->displacement.run(lattice, depth, nodes, saturations);
   for (const NodeDisplacement& u : nodes) {
     *out++ = u.x.raw();
     *out++ = u.y.raw();

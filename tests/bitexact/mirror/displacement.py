@@ -10,34 +10,40 @@ from mirror.fixed import I64, Saturations, round_shift
 from mirror.markers import DX, DY, X, Y
 
 ONE = 16384  # Q14
+PLACE_ROUNDS = 8
 
 
-def tap_weights(position_q16: int, n_lines: int) -> dict[int, int]:
-    """Lattice line -> Catmull-Rom weight Q14; a missing line is 2 u_0 - u_1, linear outside."""
-    position = min(max(position_q16, -65536), n_lines * 65536)
-    base = min(max(position >> 16, 0), n_lines - 2)
+def tap_weights(position_q16: I64, n_lines: int) -> I64:
+    """Catmull-Rom weights Q14 of each position on each lattice line, (n, n_lines).
+
+    A missing line is 2 u_0 - u_1; beyond the lattice the field is linear, for at most one pitch.
+    """
+    position = np.clip(position_q16, -65536, n_lines * 65536)
+    base = np.clip(position >> 16, 0, n_lines - 2)
     t = (position - (base << 16)) >> 2
-    if not 0 <= t <= ONE:
-        return {base: ONE - t, base + 1: t}
     t2 = t * t >> 14
     t3 = t2 * t >> 14
-    before = (-t + 2 * t2 - t3) >> 1
-    first = (2 * ONE - 5 * t2 + 3 * t3) >> 1
-    second = (t + 4 * t2 - 3 * t3) >> 1
-    after = (t3 - t2) >> 1
-    taps = {base: first, base + 1: second}
-    if base > 0:
-        taps[base - 1] = before
-    else:
-        taps[base] += 2 * before
-        taps[base + 1] -= before
-    if base + 2 < n_lines:
-        taps[base + 2] = after
-    else:
-        taps[base + 1] += 2 * after
-        taps[base] -= after
-    taps[base if t < ONE // 2 else base + 1] += ONE - sum(taps.values())
-    return taps
+    # One column more at either end for the missing lines.
+    weights = np.zeros((len(t), n_lines + 2), np.int64)
+    row = np.arange(len(t))
+    is_inside = (t >= 0) & (t <= ONE)
+    cubic = [
+        (-t + 2 * t2 - t3) >> 1,
+        (2 * ONE - 5 * t2 + 3 * t3) >> 1,
+        (t + 4 * t2 - 3 * t3) >> 1,
+        (t3 - t2) >> 1,
+    ]
+    linear = [0 * t, ONE - t, t, 0 * t]
+    for tap in range(4):
+        weights[row, base + tap] = np.where(is_inside, cubic[tap], linear[tap])
+    weights[:, 1] += 2 * weights[:, 0]
+    weights[:, 2] -= weights[:, 0]
+    weights[:, -2] += 2 * weights[:, -1]
+    weights[:, -3] -= weights[:, -1]
+    weights = weights[:, 1:-1]
+    # What rounding lost goes to the nearer line.
+    weights[row, np.where(t < ONE // 2, base, base + 1)] += ONE - weights.sum(axis=1)
+    return weights
 
 
 def read_depth(board: Board, depth: I64 | None, x_q16: I64, y_q16: I64) -> I64:
@@ -58,38 +64,59 @@ def read_depth(board: Board, depth: I64 | None, x_q16: I64, y_q16: I64) -> I64:
     return round_shift(np.asarray(upper * (65536 - fy) + lower * fy, np.int64), 32)
 
 
+def _to_pad_q3(board: Board, length_um_px_q19: I64) -> I64:
+    """length / f in 1/8 micrometre."""
+    inverse_focal = (1 << 32) * 1000 // board["camera"]["focal_mpx"]
+    return round_shift(round_shift(length_um_px_q19, 10) * inverse_focal, 38)
+
+
 def marker_displacement(
     board: Board, markers: npt.NDArray[np.integer], depth: I64 | None, saturations: Saturations
 ) -> I64:
     """(n_markers, 3), 1/8 micrometre."""
     m = markers.astype(np.int64)
-    camera = board["camera"]
     x, y = m[:, X] + m[:, DX], m[:, Y] + m[:, DY]
     uz = read_depth(board, depth, x, y)
-    inverse_focal = (1 << 32) * 1000 // camera["focal_mpx"]
 
     def to_pad(moved: I64, from_center: I64) -> I64:
-        wide = moved * camera["standoff_um"] * 8 + from_center * uz
-        return saturations.int16(round_shift(round_shift(wide, 10) * inverse_focal, 38))
+        wide = moved * board["camera"]["standoff_um"] * 8 + from_center * uz
+        return saturations.int16(_to_pad_q3(board, wide))
 
     ux = to_pad(m[:, DX], x - center_q16(board, "x"))
     uy = to_pad(m[:, DY], y - center_q16(board, "y"))
     return np.stack([ux, uy, uz], axis=1)
 
 
-def _axis(board: Board, axis: str) -> tuple[npt.NDArray[np.int64], I64]:
-    """Weight matrix (n_nodes, n_lines) Q14 and node places from the pad's centre, 1/8 um."""
+def _node_axis(board: Board, axis: str) -> tuple[I64, I64]:
+    """Of the observed node lines: places from the pad's centre, 1/8 um, and on the lattice, Q16."""
     m = board["markers"]
     steps = board["grid"][f"n_{axis}"] - 1
-    size = board["pad"][f"size_{axis}_um"]
-    nodes = observed_nodes(board, axis)
-    weights = np.zeros((len(nodes), m[f"n_{axis}"]), np.int64)
-    for row, i in enumerate(nodes):
-        place = (i * size - m[f"first_{axis}_um"] * steps) * 65536 // (m[f"pitch_{axis}_um"] * steps)
-        for line, weight in tap_weights(place, m[f"n_{axis}"]).items():
-            weights[row, line] += weight
-    places = np.array([(16 * i * size - 8 * size * steps) // (2 * steps) for i in nodes])
-    return weights, places
+    size, first, pitch = board["pad"][f"size_{axis}_um"], m[f"first_{axis}_um"], m[f"pitch_{axis}_um"]
+    i = np.array(observed_nodes(board, axis), dtype=np.int64)
+    place = (16 * i * size - 8 * size * steps) // (2 * steps)
+    return place, (i * size - first * steps) * 65536 // (pitch * steps)
+
+
+def _interpolate(board: Board, a_q16: I64, b_q16: I64, values: I64) -> I64:
+    """Catmull-Rom over the lattice at each (a, b); values (lattice rows, columns, k)."""
+    weight_x = tap_weights(a_q16, board["markers"]["n_x"])
+    weight_y = tap_weights(b_q16, board["markers"]["n_y"])
+    return round_shift(np.asarray(np.einsum("nj,ni,jik->nk", weight_y, weight_x, values), np.int64), 28)
+
+
+def _place_on_lattice(board: Board, rest: I64) -> tuple[I64, I64, I64, I64]:
+    """Places of all nodes, x and y, and where they lie on the lattice of real rest places, a and b."""
+    m = board["markers"]
+    (x, a), (y, b) = _node_axis(board, "x"), _node_axis(board, "y")
+    shape = (len(y), len(x))
+    node_x, a = (np.broadcast_to(v, shape).ravel().copy() for v in (x, a))
+    node_y, b = (np.broadcast_to(v[:, None], shape).ravel().copy() for v in (y, b))
+    for _ in range(PLACE_ROUNDS):
+        here = _interpolate(board, a, b, rest)
+        a += (node_x - here[:, 0]) * 65536 // (8 * m["pitch_x_um"])
+        b += (node_y - here[:, 1]) * 65536 // (8 * m["pitch_y_um"])
+        a, b = np.clip(a, -65536, m["n_x"] * 65536), np.clip(b, -65536, m["n_y"] * 65536)
+    return node_x, node_y, a, b
 
 
 def displacement(
@@ -97,18 +124,21 @@ def displacement(
 ) -> I64:
     """(node rows, node columns, 3), 1/8 micrometre."""
     m, camera = board["markers"], board["camera"]
-    u = marker_displacement(board, markers, depth, saturations).reshape(m["n_y"], m["n_x"], 3)
-    weight_x, node_x = _axis(board, "x")
-    weight_y, node_y = _axis(board, "y")
-    wide = np.einsum("rj,ci,jik->rck", weight_y, weight_x, u)
-    nodes = round_shift(wide, 28)
+    lattice = (m["n_y"], m["n_x"])
+    u = marker_displacement(board, markers, depth, saturations).reshape(*lattice, 3)
+    place = markers[:, [X, Y]].astype(np.int64)
+    place -= np.array([center_q16(board, "x"), center_q16(board, "y")])
+    rest = _to_pad_q3(board, place * camera["standoff_um"] * 8).reshape(*lattice, 2)
+    node_x, node_y, a, b = _place_on_lattice(board, rest)
+    nodes = _interpolate(board, a, b, u)
     if depth is not None:
         assert depth.shape == depth_grid(board)
-        uz = nodes[..., 2]
+        uz = nodes[:, 2]
         for _ in range(2):
             distance = (camera["standoff_um"] * 8 + uz) * 1000
-            px = (node_x[None, :] + nodes[..., 0]) * camera["focal_mpx"] * 65536 // distance
-            py = (node_y[:, None] + nodes[..., 1]) * camera["focal_mpx"] * 65536 // distance
+            px = (node_x + nodes[:, 0]) * camera["focal_mpx"] * 65536 // distance
+            py = (node_y + nodes[:, 1]) * camera["focal_mpx"] * 65536 // distance
             uz = read_depth(board, depth, center_q16(board, "x") + px, center_q16(board, "y") + py)
-        nodes[..., 2] = uz
-    return saturations.int16(nodes)
+        nodes[:, 2] = uz
+    shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
+    return saturations.int16(nodes).reshape(*shape, 3)
