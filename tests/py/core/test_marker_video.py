@@ -19,7 +19,6 @@ from ruffini.core import Pipeline
 DATA = os.environ.get("RUFFINI_RECORDED_DATA", "")
 VIDEO = Path(DATA) / "marker-shear-video" / "mini_example.avi"
 BOARD = Path(__file__).parents[3] / "boards" / "gelsight-mini"
-N_REST = 8
 FLAG_MARKERS_LOST = 8
 
 pytestmark = pytest.mark.skipif(
@@ -41,9 +40,11 @@ def frames() -> Iterator[npt.NDArray[np.uint8]]:
 def test_every_dot_keeps_its_identity_and_comes_back() -> None:
     pictures = list(frames())
     assert len(pictures) == 219
+    board = find_board(BOARD)
+    n_rest = board.pipeline.n_rest_frames
     moved, lost, flags = [], [], []
-    with Pipeline(find_board(BOARD)) as pipeline:
-        for picture in pictures[:N_REST]:
+    with Pipeline(board) as pipeline:
+        for picture in pictures[:n_rest]:
             pipeline.process(picture)
         for picture in [*pictures, *pictures[::-1]]:
             flags.append(pipeline.process(picture).flags)
@@ -54,7 +55,7 @@ def test_every_dot_keeps_its_identity_and_comes_back() -> None:
     assert not any(f & FLAG_MARKERS_LOST for f in flags)
 
     length = np.linalg.norm(motion, axis=-1)
-    assert length[:N_REST].max() <= 0.15  # at rest
+    assert length[:n_rest].max() <= 0.15  # at rest
     assert 19 < length.max() < 22  # the largest shear in the recording is 20.9 px
     assert np.array_equal(motion[0], motion[-1])  # forward and back
 
