@@ -25,7 +25,7 @@ const FrameState& FramePath::process(const FrameView& frame) {
     timed(Stage::kMarkers, [&] { run_markers(frame); });
     run_depth();
     timed(Stage::kDisplacement, [&] { run_displacement(); });
-    run_solve();
+    run_solve(depth_is_trusted());
     run_estimators();
   }
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
@@ -57,7 +57,7 @@ void FramePath::learn_markers() {
 
 void FramePath::run_difference(const FrameView& frame) {
   state_.difference.exposure =
-      difference(frame, rest_.reciprocal(), state_.difference.change, state_.saturations);
+      difference(frame, rest_.image(), rest_.reciprocal(), state_.difference.change);
 }
 
 void FramePath::run_markers(const FrameView& frame) {
@@ -75,17 +75,19 @@ void FramePath::run_depth() {
   if (!photometric_) return;
   timed(Stage::kPhotometric,
         [&] { photometric_->run(state_.difference.change, lattice_.markers(), state_.photometric.slope); });
-  timed(Stage::kPoisson, [&] { poisson_.run(state_.photometric.slope, state_.poisson.depth, state_.saturations); });
+  SaturationCounter& saturations = depth_is_trusted() ? state_.saturations : untrusted_saturations_;
+  timed(Stage::kPoisson, [&] { poisson_.run(state_.photometric.slope, state_.poisson.depth, saturations); });
 }
 
 void FramePath::run_displacement() {
-  const bool is_measured = photometric_ && has(Stage::kPoisson);
+  // A table of other optics gives a depth to look at, not one to make forces of.
+  const bool is_measured = depth_is_trusted();
   displacement_.run(lattice_.markers(),
                     is_measured ? std::span<const DisplacementUm>(state_.poisson.depth) : std::span<const DisplacementUm>(),
                     state_.displacement.node, state_.saturations);
 }
 
-void FramePath::run_solve() {
+void FramePath::run_solve(bool with_support) {
   if (!operator_) return;
   timed(Stage::kOperator, [&] {
     std::vector<int16_t>& u = state_.solve.padded;
@@ -102,7 +104,7 @@ void FramePath::run_solve() {
     }
     state_.solve.mask = mask_.find(state_.solve.force);
   });
-  if (!support_) return;
+  if (!support_ || !with_support) return;
   timed(Stage::kSupport,
         [&] { support_->run(state_.solve.padded, state_.solve.mask, state_.solve.force, state_.saturations); });
 }
@@ -117,7 +119,7 @@ void FramePath::run_estimators() {
 void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   state_.flags = 0;
   std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
-  run_solve();
+  run_solve(true);
   run_estimators();
 }
 
@@ -153,7 +155,7 @@ void FramePath::judge() {
   const bool has_depth = photometric_ && has(Stage::kPoisson);
   s.depth_validity = verdict(has_depth, !is_foreign_optics_);
   s.force_xy = verdict(operator_.has_value(), true);
-  s.force_z = verdict(operator_ && has_depth, !is_foreign_optics_);
+  s.force_z = verdict(operator_ && depth_is_trusted(), true);
 }
 
 void FramePath::zero(int n_frames) { rest_.restart(n_frames); }

@@ -61,6 +61,7 @@ class FramePath {
  private:
   FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration, ClockFunction clock);
   Status load_tables();
+  [[nodiscard]] bool depth_is_trusted() const { return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_; }
   [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
 
   void learn(const FrameView& frame);
@@ -69,7 +70,7 @@ class FramePath {
   void run_markers(const FrameView& frame);
   void run_depth();
   void run_displacement();
-  void run_solve();
+  void run_solve(bool with_support);
   void run_estimators();
   void judge();
   template <typename Work>
@@ -93,6 +94,7 @@ class FramePath {
   std::optional<SupportSolver> support_;
   ContactMask mask_;
   ContactFinder contacts_;
+  SaturationCounter untrusted_saturations_;  // of a depth that no force is made of
   FrameState state_;
 };
 

@@ -1,8 +1,8 @@
 // Relative change of each pixel against rest; flat field and difference in one step.
 //
-//   d = (I reciprocal + 2^15) >> 16, minus 4096         Q12: 4096 = +100 %
+//   d = ((16 I - rest) reciprocal + 2^19) >> 20         Q12: 4096 = +100 %
 //
-// since reciprocal = 2^32 / (16 I_rest). Also counts dark and full pixels, which the flags need.
+// rest in 1/16 grey levels, reciprocal = 2^32 / max(rest, 512): exactly zero at rest, and |d| < 8. Also counts dark and full pixels, which the flags need.
 #pragma once
 
 #include <cstdint>
@@ -20,8 +20,8 @@ struct ExposureCounts {
 
 inline constexpr int kDarkLevel = 8;
 
-// `out`: width x height x 3. Saturation counted.
-ExposureCounts difference(const FrameView& frame, std::span<const uint32_t> reciprocal,
-                          std::span<RelativeChange> out, SaturationCounter& saturations);
+// `rest`, `reciprocal`, `out`: width x height x 3.
+ExposureCounts difference(const FrameView& frame, std::span<const uint16_t> rest,
+                          std::span<const uint32_t> reciprocal, std::span<RelativeChange> out);
 
 }  // namespace ruffini

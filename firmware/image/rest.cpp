@@ -3,6 +3,11 @@
 #include <algorithm>
 
 namespace ruffini {
+namespace {
+
+constexpr uint16_t kMinRest = 512;  // 32 grey levels
+
+}  // namespace
 
 Rest::Rest(int width_px, int height_px, int n_frames)
     : width_px_(width_px),
@@ -41,8 +46,8 @@ bool Rest::add(const FrameView& frame) {
 
 void Rest::finish() {
   for (size_t i = 0; i < image_.size(); ++i) {
-    const uint64_t rest = std::max<uint64_t>(image_[i], 16);
-    reciprocal_[i] = static_cast<uint32_t>(((uint64_t{1} << 32) + rest / 2) / rest);
+    const uint64_t divisor = std::max(image_[i], kMinRest);
+    reciprocal_[i] = static_cast<uint32_t>(((uint64_t{1} << 32) + divisor / 2) / divisor);
   }
   is_ready_ = true;
 }

@@ -1,7 +1,9 @@
 // The untouched image: mean of the first frames, and what later stages need of it.
 //
 //   rest = (16 sum + n / 2) / n          per channel, 1/16 grey level, uint16
-//   reciprocal = (2^32 + rest / 2) / max(rest, 16)
+//   reciprocal = (2^32 + floor / 2) / floor, floor = max(rest, 512)
+//
+// Below 32 grey levels (512) a ratio says little and could leave the 16 bits of RelativeChange.
 //
 // Frame thread; no allocation after the constructor.
 #pragma once

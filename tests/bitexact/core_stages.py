@@ -25,7 +25,7 @@ class CoreStages:
     def __init__(self, library: Path, board_toml: str) -> None:
         self._lib = ctypes.CDLL(str(library))
         self._lib.stages_open.restype = ctypes.c_void_p
-        for name in ("stages_difference", "stages_poisson", "stages_displacement"):
+        for name in ("stages_poisson", "stages_displacement"):
             getattr(self._lib, name).restype = ctypes.c_int64
         error = ctypes.create_string_buffer(256)
         handle = self._lib.stages_open(board_toml.encode(), error)
@@ -52,19 +52,23 @@ class CoreStages:
         return image, reciprocal
 
     def difference(
-        self, frame: npt.NDArray[np.uint8], reciprocal: npt.NDArray[np.uint32]
-    ) -> tuple[npt.NDArray[np.int16], tuple[int, int], int]:
-        """Relative change, (dark, full) pixel counts, saturations."""
+        self,
+        frame: npt.NDArray[np.uint8],
+        rest: npt.NDArray[np.uint16],
+        reciprocal: npt.NDArray[np.uint32],
+    ) -> tuple[npt.NDArray[np.int16], tuple[int, int]]:
+        """Relative change, (dark, full) pixel counts."""
         out = np.zeros(frame.shape, np.int16)
         counts = np.zeros(2, np.int32)
-        saturations = self._lib.stages_difference(
+        self._lib.stages_difference(
             self._handle,
             _pointer(frame, np.uint8),
+            _pointer(rest, np.uint16),
             _pointer(reciprocal, np.uint32),
             _pointer(out, np.int16),
             _pointer(counts, np.int32),
         )
-        return out, (int(counts[0]), int(counts[1])), int(saturations)
+        return out, (int(counts[0]), int(counts[1]))
 
     def dots(self, grey: npt.NDArray[np.uint16]) -> I32:
         """Rows of x, y (Q16), area."""

@@ -114,15 +114,14 @@ int stages_rest(Stages* stages, const uint8_t* frames, int n_frames, uint16_t* i
   return is_complete ? 1 : 0;
 }
 
-// `counts`: dark, full. Returns the saturations.
-int64_t stages_difference(Stages* stages, const uint8_t* frame, const uint32_t* reciprocal, int16_t* out, int32_t* counts) {
-  SaturationCounter saturations;
+// `counts`: dark, full.
+void stages_difference(Stages* stages, const uint8_t* frame, const uint16_t* rest, const uint32_t* reciprocal,
+                       int16_t* out, int32_t* counts) {
   std::vector<RelativeChange> change(3 * n_pixels(*stages));
-  const ExposureCounts exposure = difference(view(*stages, frame), {reciprocal, change.size()}, change, saturations);
+  const ExposureCounts exposure = difference(view(*stages, frame), {rest, change.size()}, {reciprocal, change.size()}, change);
   std::ranges::transform(change, out, [](RelativeChange d) { return d.raw(); });
   counts[0] = exposure.dark;
   counts[1] = exposure.full;
-  return static_cast<int64_t>(saturations.count);
 }
 
 // Rows of x, y, area; `out` has room for DotDetector::kMaxDots. Returns their number.

@@ -40,9 +40,12 @@ Array = npt.NDArray[np.float64]
 DEMO_ERROR = {"modulus": 1.03, "poisson": 1.03, "thickness": 0.97}
 N_BALLS, BALL_MM = 40, 5.0
 NOISE = Noise((5e-6, 5e-6, 20e-6), gauge_m=100e-6, tilt_m=30e-6)
+# Without a calibrated depth u_z is not observed: the operator marginalises it.
+NOISE_WITHOUT_DEPTH = Noise((5e-6, 5e-6, 1e-3))
 MAX_REST_PX = 0.15
 MIN_COSINE = 0.95
-CONTACT_START_PX = 0.5  # mean dot motion that tells that touching has begun
+CONTACT_START_PX = 0.2  # mean dot motion that tells that touching has begun
+GUARD_FRAMES = 2  # before that: the touch may show in single dots first
 
 
 class CheckFailed(RuffiniError):
@@ -225,7 +228,7 @@ def run_real(board_name: str, out: Path, given: RealInput, *, as_json: bool) -> 
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     with _step("calibrate: inverse FEM"), progress_bar("inverse FEM") as progress:
-        kind = make_operator(board, method="optimal", noise=NOISE, progress=progress)
+        kind = make_operator(board, method="optimal", noise=NOISE_WITHOUT_DEPTH, progress=progress)
     tensors, metadata = dict(kind.tensors), {**container.base_metadata(board), **kind.metadata}
     if given.presses is not None:
         with _step("calibrate: colour -> slope (other optics)"), progress_bar("photometric") as progress:
@@ -244,8 +247,8 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
     motion = np.array([run.results["MARKERS"][i] for i in frames])
     mean = motion.mean(axis=(1, 2))
     shear = np.array([run.results["WRENCH"][i].values[:2] for i in frames])
-    begun = np.flatnonzero(np.linalg.norm(motion, axis=-1).max(axis=(1, 2)) > CONTACT_START_PX)
-    n_rest = int(begun[0]) if begun.size else len(frames)
+    begun = np.flatnonzero(np.linalg.norm(motion, axis=-1).mean(axis=(1, 2)) > CONTACT_START_PX)
+    n_rest = int(begun[0]) - GUARD_FRAMES if begun.size else len(frames)
     if n_rest < 2:
         raise CheckFailed(f"{given.video}: touched from the start: no untouched frame to judge rest by")
     rest_px = float(np.linalg.norm(motion[:n_rest], axis=-1).max())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from mirror.fixed import I64, Saturations, round_shift
+from mirror.fixed import I64, round_shift
 
 DARK_LEVEL = 8
 
@@ -17,18 +17,16 @@ def rest_image(frames: npt.NDArray[np.uint8]) -> I64:
 
 
 def reciprocal(rest: I64) -> I64:
-    limited = np.maximum(rest, 16)
+    limited = np.maximum(rest, 512)
     return np.asarray(((1 << 32) + limited // 2) // limited)
 
 
-def difference(
-    frame: npt.NDArray[np.uint8], reciprocal_q32: I64, saturations: Saturations
-) -> tuple[I64, tuple[int, int]]:
+def difference(frame: npt.NDArray[np.uint8], rest: I64, reciprocal_q32: I64) -> tuple[I64, tuple[int, int]]:
     """Relative change Q12, and how many pixels are dark, full."""
-    ratio = round_shift(frame.astype(np.int64) * reciprocal_q32, 16)
+    change = round_shift((16 * frame.astype(np.int64) - rest) * reciprocal_q32, 20)
     dark = int((frame < DARK_LEVEL).all(axis=2).sum())
     full = int((frame == 255).any(axis=2).sum())
-    return saturations.int16(ratio - 4096), (dark, full)
+    return change, (dark, full)
 
 
 def grey(frame: npt.NDArray[np.uint8]) -> I64:

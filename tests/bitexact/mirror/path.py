@@ -66,12 +66,12 @@ class FramePath:
     def learn(self, frames: npt.NDArray[np.uint8]) -> int:
         """Rest from untouched frames; number of markers found."""
         rest = rest_image(frames)
-        self._reciprocal = reciprocal(rest)
+        self._rest, self._reciprocal = rest, reciprocal(rest)
         return self._lattice.learn(detect_dots(self.board, rest.sum(axis=2)))
 
     def process(self, frame: npt.NDArray[np.uint8]) -> Outcome:
         board, saturations = self.board, self.saturations
-        change, _ = difference(frame, self._reciprocal, saturations)
+        change, _ = difference(frame, self._rest, self._reciprocal)
         self._lattice.track(detect_dots(board, grey(frame)))
         markers = self._lattice.rows.copy()
         slope = cell_slope(board, pixel_slope(change, self._unmix, self._slope), marker_mask(board, markers))

@@ -10,7 +10,6 @@ namespace {
 struct Outcome {
   std::vector<RelativeChange> change;
   ExposureCounts exposure;
-  SaturationCounter saturations;
 };
 
 // One row of pixels against one row of rest pixels.
@@ -19,24 +18,22 @@ Outcome run(const std::vector<uint8_t>& rest_pixels, const std::vector<uint8_t>&
   const auto stride = static_cast<ptrdiff_t>(pixels.size());
   Rest rest(width, 1, 1);
   rest.add({rest_pixels.data(), width, 1, 3, stride});
-  Outcome out{std::vector<RelativeChange>(pixels.size()), {}, {}};
-  out.exposure = difference({pixels.data(), width, 1, 3, stride}, rest.reciprocal(), out.change, out.saturations);
+  Outcome out{std::vector<RelativeChange>(pixels.size()), {}};
+  out.exposure = difference({pixels.data(), width, 1, 3, stride}, rest.image(), rest.reciprocal(), out.change);
   return out;
 }
 
 TEST(Difference, IsRelativeToRest) {
-  const Outcome out = run({100, 100, 100, 100, 60, 3}, {100, 200, 50, 0, 66, 4});
-  const std::vector<int> expected = {0, 4096, -2048, -4096, 410, 1365};  // 0, +100, -50, -100, +10, +33.3 %
+  const Outcome out = run({100, 100, 100, 100, 60, 200}, {100, 200, 50, 0, 66, 250});
+  const std::vector<int> expected = {0, 4096, -2048, -4096, 410, 1024};  // 0, +100, -50, -100, +10, +25 %
   for (size_t i = 0; i < expected.size(); ++i) EXPECT_EQ(out.change[i].raw(), expected[i]) << i;
-  EXPECT_EQ(out.saturations.count, 0U);
 }
 
-TEST(Difference, GlareOnABlackPixelSaturatesAndIsCounted) {
-  const Outcome out = run({1, 1, 1}, {255, 8, 9});
-  EXPECT_EQ(out.change[0].raw(), 32767);
-  EXPECT_EQ(out.change[1].raw(), 7 * 4096);
-  EXPECT_EQ(out.change[2].raw(), 32767);  // +800 % is one step beyond
-  EXPECT_EQ(out.saturations.count, 2U);
+TEST(Difference, DarkRestIsMeasuredAgainst32LevelsAndFits16Bits) {
+  const Outcome out = run({0, 0, 16}, {255, 0, 32});
+  EXPECT_EQ(out.change[0].raw(), 32640);  // 255 / 32
+  EXPECT_EQ(out.change[1].raw(), 0);      // at rest, however dark
+  EXPECT_EQ(out.change[2].raw(), 2048);   // 16 / 32
 }
 
 TEST(Difference, CountsDarkAndFullPixels) {

@@ -19,12 +19,12 @@ TEST(Rest, IsTheMeanInSixteenthsOfAGreyLevelRoundedHalfUp) {
   EXPECT_TRUE(std::equal(expected.begin(), expected.end(), rest.image().begin()));
 }
 
-TEST(Rest, ReciprocalOfBlackIsThatOfOneGreyLevel) {
+TEST(Rest, ReciprocalOfBlackIsThatOf32GreyLevels) {
   Rest rest(2, 1, 1);
-  ASSERT_TRUE(rest.add(view({0, 1, 16, 255, 2, 0})));
-  EXPECT_EQ(rest.reciprocal()[0], 1U << 28);
-  EXPECT_EQ(rest.reciprocal()[1], 1U << 28);
-  EXPECT_EQ(rest.reciprocal()[2], 1U << 24);
+  ASSERT_TRUE(rest.add(view({0, 32, 128, 255, 2, 0})));
+  EXPECT_EQ(rest.reciprocal()[0], 1U << 23);
+  EXPECT_EQ(rest.reciprocal()[1], 1U << 23);
+  EXPECT_EQ(rest.reciprocal()[2], 1U << 21);
 }
 
 TEST(Rest, RestartForgets) {
