@@ -20,5 +20,10 @@ test: build  ## all tests that need no hardware
 	@ctest --test-dir $(BUILD) --output-on-failure --no-tests=ignore
 	@$(PYTHON) -m pytest -q tests
 
+bench: build  ## time of every stage on one core, peers beside them
+	@cmake -S . -B $(BUILD) -DRUFFINI_BENCH=ON >/dev/null
+	@cmake --build $(BUILD) -j $(JOBS) --target ruffini_bench
+	@$(PYTHON) tests/bench/run.py --build $(BUILD)
+
 clean:  ## remove what was built (not .venv)
 	@rm -rf $(BUILD) out
