@@ -1,29 +1,76 @@
 # The front door. `make help` lists what there is.
 SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+MAKEFLAGS += --no-print-directory
+
 PYTHON := .venv/bin/python
 BUILD := build
 # One compile job takes up to 1.5 GB.
 JOBS := $(shell awk -v n=$$(nproc) '/MemAvailable/ {m = int($$2 / 1572864); if (m < 1) m = 1; print (m < n) ? m : n}' /proc/meminfo)
 
-.PHONY: help setup build run test lint bench fresh clean
+# make run: the twin of BOARD, or a recording INPUT=VIDEO with ball presses PRESSES=DIR.
+INPUT ?=
+PRESSES ?=
+BOARD ?= $(if $(INPUT),gelsight-mini,gelslim)
+OUT ?= out/$(if $(INPUT),$(BOARD),run)
+SUITE ?= bookworm
+# Seconds for each fuzzer.
+FUZZ_S ?= 60
+
+.PHONY: help setup build run test lint lint-python lint-cpp werror sanitize fuzz bench fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
 setup:  ## install Debian packages and .venv (needs root or sudo the first time)
 	@.ci/setup
 
+# $(call compile,FOLDER,CMAKE OPTIONS,TARGETS)
+compile = log=$$(cmake -G Ninja -S . -B $(1) $(2) 2>&1) || { echo "$$log" >&2; exit 1; }; \
+  cmake --build $(1) -j $(JOBS) $(if $(3),--target $(3))
+
 build: setup  ## compile firmware, library and tests into build/
-	@cmake -G Ninja -S . -B $(BUILD) -DCMAKE_BUILD_TYPE=RelWithDebInfo >/dev/null
-	@cmake --build $(BUILD) -j $(JOBS)
+	@$(call compile,$(BUILD))
+
+run: build  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the digital twin without INPUT
+	@.venv/bin/ruffini demo --board '$(BOARD)' --out '$(OUT)' $(if $(INPUT),--input '$(INPUT)') $(if $(PRESSES),--presses '$(PRESSES)')
 
 test: build  ## all tests that need no hardware
-	@ctest --test-dir $(BUILD) --output-on-failure --no-tests=ignore
-	@$(PYTHON) -m pytest -q tests
+	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS)
+	@$(PYTHON) -m pytest -c host/pyproject.toml tests
 
-bench: build  ## time of every stage on one core, peers beside them
-	@cmake -S . -B $(BUILD) -DRUFFINI_BENCH=ON >/dev/null
-	@cmake --build $(BUILD) -j $(JOBS) --target ruffini_bench
+lint: lint-python lint-cpp werror  ## formatters, linters, types, and a build where warnings are errors
+
+lint-python: setup  ## ruff and mypy --strict
+	@$(PYTHON) -m ruff check --config host/pyproject.toml host tests
+	@$(PYTHON) -m ruff format --check --config host/pyproject.toml host tests
+	@$(PYTHON) -m mypy --config-file host/pyproject.toml host/ruffini
+
+lint-cpp: build  ## clang-format on all C++, clang-tidy on the core
+	@.ci/setup lint
+	@git ls-files '*.cpp' '*.h' | xargs .venv/bin/clang-format --dry-run -Werror
+	@git ls-files 'firmware/image/*.cpp' 'firmware/solve/*.cpp' 'firmware/estimators/*.cpp' firmware/frame_path.cpp \
+	  firmware/link/frame_codec.cpp firmware/link/dense_codec.cpp firmware/store/calibration.cpp \
+	  | xargs -P $(JOBS) -n 1 clang-tidy -p $(BUILD) --quiet 2> >(grep -v 'warnings\? generated' >&2)
+
+werror: setup  ## a build where warnings are errors
+	@$(call compile,$(BUILD)/werror,-DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON)
+
+comma := ,
+SANITIZE_FLAGS = -fno-omit-frame-pointer -fno-sanitize-recover=all
+sanitize: setup  ## C++ tests under ASan + UBSan, then under TSan
+	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_tests)
+	@$(BUILD)/asan/ruffini_tests --gtest_brief=1
+	@$(call compile,$(BUILD)/tsan,-DCMAKE_CXX_FLAGS='-fsanitize=thread $(SANITIZE_FLAGS)',ruffini_tests)
+	@$(BUILD)/tsan/ruffini_tests --gtest_brief=1
+
+
+bench: setup  ## time of every stage on one core, peers beside them
+	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
 	@$(PYTHON) tests/bench/run.py --build $(BUILD)
+
+fresh:  ## the README's commands in a clean root: SUITE=bookworm|trixie (needs root and debootstrap)
+	@.ci/fresh '$(SUITE)'
 
 clean:  ## remove what was built (not .venv)
 	@rm -rf $(BUILD) out
