@@ -45,7 +45,7 @@ NOISE_WITHOUT_DEPTH = Noise((5e-6, 5e-6, 1e-3))
 MAX_REST_PX = 0.15
 MIN_COSINE = 0.95
 CONTACT_START_PX = 0.2  # mean dot motion that tells that touching has begun
-GUARD_FRAMES = 2  # before that: the touch may show in single dots first
+GUARD_FRAMES = 4  # before that: the touch may show in single dots first
 
 
 class CheckFailed(RuffiniError):
@@ -252,8 +252,11 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
     if n_rest < 2:
         raise CheckFailed(f"{given.video}: touched from the start: no untouched frame to judge rest by")
     rest_px = float(np.linalg.norm(motion[:n_rest], axis=-1).max())
-    sigma = shear[:n_rest].std(axis=0)
-    before = np.abs(shear[:n_rest].mean(axis=0))
+    rest_rms_px = np.sqrt((motion[:n_rest] ** 2).mean(axis=(0, 1, 2)))
+    # Noise of the total from the first half of the untouched frames, judged on the second half.
+    half = n_rest // 2
+    sigma = np.sqrt((shear[:half] ** 2).mean(axis=0))
+    before = np.abs(shear[half:n_rest]).max(axis=0)
     moving = np.linalg.norm(mean, axis=1) > 1.0
     a, b = shear[moving], mean[moving]
     cosine = (a * b).sum(axis=1) / np.maximum(np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-12)
@@ -280,6 +283,7 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
     sums = _check_sums(run)
     result = {
         "board": board.name, "frames": len(run.frames()), "rest_frames": n_rest, "rest_displacement_px": rest_px,
+        "rest_displacement_rms_px": float(np.linalg.norm(rest_rms_px)),
         "before_touch_n": before.tolist(), "before_touch_sigma_n": sigma.tolist(), "before_touch_within_3_sigma": within,
         "shear_direction_cosine": overall, "shear_direction_cosine_worst_frame": worst, "sum_difference_un": sums,
         "z": "UNCALIBRATED" if z_state == UNCALIBRATED else "NOT MEASURED" if z_state == 0 else str(z_state),
@@ -289,8 +293,9 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
         print(json.dumps(result))
     else:
         print(f"{board.name}: {len(run.frames())} frames of {given.video} over the serial line; z {result['z']}")
-        print(f"  rest: largest displacement {rest_px:.3f} px over {n_rest} frames (limit {MAX_REST_PX})")
-        print(f"  before touch: |mean shear| {1e3 * before.max():.2f} mN, sigma {1e3 * sigma.max():.2f} mN (within 3 sigma: {within})")
+        print(f"  rest: largest displacement {rest_px:.3f} px (limit {MAX_REST_PX}), RMS {np.linalg.norm(rest_rms_px):.3f} px, {n_rest} frames")
+        print(f"  before touch: largest total shear {1e3 * before[0]:.1f}, {1e3 * before[1]:.1f} mN in any frame, "
+              f"sigma from other untouched frames {1e3 * sigma[0]:.1f}, {1e3 * sigma[1]:.1f} mN (within 3 sigma: {within})")  # fmt: skip
         print(f"  direction of total shear against mean dot motion: cosine {overall:.3f}, worst frame {worst:.3f} (limit {MIN_COSINE})")
         for picture in pictures:
             print(f"  {picture}")
