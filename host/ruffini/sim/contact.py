@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from threadpoolctl import ThreadpoolController
 
 from ruffini.errors import InputError, RuffiniError
 from ruffini.sim.pad import PadModel
@@ -20,12 +21,16 @@ from ruffini.sim.surface import hat_shares, on_grid
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
+# Contacts are small: on a busy machine a second BLAS thread costs far more than it brings.
+BLAS = ThreadpoolController()
+
 SHAPES = ("sphere", "flat")
 MAX_STEP_M = 0.1e-3  # of the indenter's path between two equilibria: friction follows the path
 STEEP = 0.95  # part of a sphere's radius beyond which its side goes on straight
 TOLERANCE = 1e-5  # change of the forces between two rounds, of the largest force
 MAX_ROUNDS = 80
 UNDAMPED_ROUNDS = 6
+MAX_GRADIENT_STEPS = 600
 OPEN_GAP_M = 1e-9  # penetration outside the candidates that is rounding
 
 
@@ -123,10 +128,11 @@ class ContactSolver:
         arc = abs(pose.turn_rad - start.turn_rad) * self.indenter.radius_m
         n_steps = max(1, int(np.ceil(max(way.max(), arc) / MAX_STEP_M - 1e-6)))
         before = start
-        for i in range(n_steps):
-            after = start.towards(pose, (i + 1) / n_steps)
-            self._step(before, after)
-            before = after
+        with BLAS.limit(limits=1):
+            for i in range(n_steps):
+                after = start.towards(pose, (i + 1) / n_steps)
+                self._step(before, after)
+                before = after
         self._pose = pose
 
     def _check(self, pose: Pose) -> None:
@@ -168,14 +174,15 @@ class ContactSolver:
     def _gap(self, pose: Pose, place: Array) -> Array:
         """Height of the indenter's surface over the undeformed pad's surface at `place`."""
         r = np.hypot(place[:, 0] - pose.x_m, place[:, 1] - pose.y_m)
-        return self.indenter.height(r) - pose.depth_m
+        return np.asarray(self.indenter.height(r) - pose.depth_m)
 
     def _stick_target(self, before: Pose, after: Pose) -> Array:
         """Tangential displacement (n, 2) of nodes that would follow the indenter rigidly in this step."""
         turn = after.turn_rad - before.turn_rad
         arm = self._place + self.displacement[:, :2] - (before.x_m, before.y_m)
         shift = np.array([after.x_m - before.x_m, after.y_m - before.y_m])
-        return self.displacement[:, :2] + shift + turn * np.column_stack([-arm[:, 1], arm[:, 0]])
+        swing = turn * np.column_stack([-arm[:, 1], arm[:, 0]])
+        return np.asarray(self.displacement[:, :2] + shift + swing)
 
     def _balance(self, near: Indices, pose: Pose, target: Array) -> tuple[Array, Indices, Array]:
         """Equilibrium of the candidates: their hat forces, the nodes that these load, the nodal forces.
@@ -195,7 +202,7 @@ class ContactSolver:
         stick = shares.T @ target[nodes]
         place = self._place[nodes]
         pressure, shear = np.maximum(-self.hat_force[near, 2], 0.0), self.hat_force[near, :2].copy()
-        moved = self.displacement[nodes, :2]
+        moved, change = self.displacement[nodes, :2], np.inf
         for i in range(MAX_ROUNDS):
             last_pressure, last_shear = pressure, shear
             nodal = shares @ np.column_stack([shear, -pressure])
@@ -204,7 +211,10 @@ class ContactSolver:
             gap = shares.T @ self._gap(pose, place + moved)
             pressure = _nonnegative(normal, cross @ shear.ravel() - gap, pressure > 0)
             wanted = stick.ravel() + cross.T @ pressure
-            shear = _in_discs(tangent, wanted, self.friction * pressure, shear, step)
+            limit = self.friction * pressure
+            largest = float(limit.max())
+            inner = np.clip(0.01 * change, 0.02 * TOLERANCE * largest, 0.01 * largest)
+            shear = _in_discs(tangent, wanted, limit, shear, step, float(inner))
             change = max(np.abs(pressure - last_pressure).max(), np.abs(shear - last_shear).max())
             if change <= TOLERANCE * pressure.max():
                 force = np.column_stack([shear, -pressure])
@@ -247,8 +257,21 @@ def _nonnegative(matrix: Array, right: Array, active: npt.NDArray[np.bool_]) -> 
     return np.asarray(p)
 
 
-def _in_discs(matrix: Array, wanted: Array, radius: Array, start: Array, step: float) -> Array:
-    """Minimise t.A t / 2 - wanted.t with |t_i| <= radius_i: accelerated projected gradient."""
+def _in_discs(
+    matrix: Array, wanted: Array, radius: Array, start: Array, step: float, tolerance: float
+) -> Array:
+    """Minimise t.A t / 2 - wanted.t with |t_i| <= radius_i: accelerated projected gradient.
+
+    Ends when no component changes by more than `tolerance` in a step.
+    """
+    loaded = np.flatnonzero(radius > 0)
+    out = np.zeros_like(start)
+    if loaded.size < len(radius):
+        both = (2 * loaded[:, None] + np.arange(2)).ravel()
+        part = matrix[np.ix_(both, both)]
+        if loaded.size:
+            out[loaded] = _in_discs(part, wanted[both], radius[loaded], start[loaded], step, tolerance)
+        return out
 
     def project(t: Array) -> Array:
         length = np.hypot(t[:, 0], t[:, 1])
@@ -256,8 +279,7 @@ def _in_discs(matrix: Array, wanted: Array, radius: Array, start: Array, step: f
 
     t = project(start)
     lead, momentum = t, 1.0
-    tolerance = 0.02 * TOLERANCE * float(radius.max(initial=0.0))
-    for _ in range(600):
+    for _ in range(MAX_GRADIENT_STEPS):
         gradient = (matrix @ lead.ravel() - wanted).reshape(-1, 2)
         following = project(lead - step * gradient)
         if float(((lead - following) * (following - t)).sum()) > 0:

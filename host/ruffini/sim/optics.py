@@ -20,6 +20,8 @@ Array = npt.NDArray[np.float64]
 FINE_STEP_MM = 0.05  # of the grid on which the surface is looked up
 RAY_TOLERANCE_MM = 0.5e-3  # of the ray's fixed point: below 0.01 px
 MAX_RAY_ROUNDS = 40  # where the surface hides a part of itself there is no fixed point
+
+
 @dataclass
 class Renderer:
     """Pictures of one simulated unit. Reusable for any displacement of the same pad model."""
@@ -52,7 +54,7 @@ class Renderer:
         noise = self.twin.noise
         sigma = np.sqrt((noise.read_1e3 * 1e-3) ** 2 + noise.shot_1e3 * 1e-3 * light)
         noisy = light + sigma * rng.standard_normal(light.shape, dtype=np.float32)
-        return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(np.round(noisy), 0, 255), dtype=np.uint8)
 
     def depth_mm(self, displacement_m: Array) -> Array:
         """u_z along each pixel's ray, (h, w), millimetres: what a perfect depth stage would say."""
@@ -110,7 +112,9 @@ class Renderer:
         point = np.stack([x + ux, y + uy, uz], axis=-1)
         light = self.twin.light
         single = []
-        for place, power in zip((light.led_b_um, light.led_g_um, light.led_r_um), light.power_1e3, strict=True):
+        for place, power in zip(
+            (light.led_b_um, light.led_g_um, light.led_r_um), light.power_1e3, strict=True
+        ):
             to_led = np.array(place) * 1e-3 - point
             distance2 = (to_led**2).sum(axis=-1)
             cosine = np.maximum((normal * to_led).sum(axis=-1), 0) / np.sqrt(distance2)

@@ -99,7 +99,9 @@ def _plane_matrices(model: PadModel, thickness_m: float) -> list[list[sp.csr_mat
     size = 3 * n_x * n_y
     return [
         [
-            sp.csr_matrix((np.tile(element[a, :, b].ravel(), len(corner)), (rows, columns)), shape=(size, size))
+            sp.csr_matrix(
+                (np.tile(element[a, :, b].ravel(), len(corner)), (rows, columns)), shape=(size, size)
+            )
             for b in range(3)
         ]
         for a in range(3)

@@ -19,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -50,7 +51,8 @@ def _write(path: Path, data: bytes) -> None:
     except OSError as error:
         temporary.unlink(missing_ok=True)
         raise InputError(
-            f"{path} cannot be written ({error.strerror}): the files before it are whole; make room and choose a new --out"
+            f"{path} cannot be written ({error.strerror}): the files before it are whole; "
+            "make room and choose a new --out"
         ) from error
 
 
@@ -100,7 +102,7 @@ class _Truth:
         rows["touch"].append(-1)
 
     def npz(self) -> bytes:
-        arrays = {k: np.asarray(v) for k, v in self.rows.items()}
+        arrays: dict[str, Any] = {k: np.asarray(v) for k, v in self.rows.items()}
         rate_hz = self.unit.board.camera.rate_mhz * 1e-3
         file = BytesIO()
         np.savez_compressed(file, time_s=np.arange(len(arrays["wrench"])) / rate_hz, **arrays)
@@ -108,7 +110,13 @@ class _Truth:
 
 
 def record_touches(
-    unit: TwinUnit, story: list[Step], out: Path, *, seed: int, program: str, progress: Progress = lambda _: None
+    unit: TwinUnit,
+    story: list[Step],
+    out: Path,
+    *,
+    seed: int,
+    program: str,
+    progress: Progress = lambda _: None,
 ) -> int:
     """Play a story and write the recording. Returns the number of frames.
 
@@ -152,9 +160,11 @@ def _write_settings(unit: TwinUnit, out: Path, seed: int, program: str) -> None:
     text = (
         f'simulated = true\nboard = "{unit.board.name}"\nrate_mhz = {unit.board.camera.rate_mhz}\n'
         f'seed = {seed}\nprogram = "{program}"\n\n[pad]\n'
-        f"modulus_pa = {model.modulus_pa!r}\npoisson = {model.poisson!r}\nthickness_m = {model.thickness_m!r}\n"
+        f"modulus_pa = {model.modulus_pa!r}\npoisson = {model.poisson!r}\n"
+        f"thickness_m = {model.thickness_m!r}\n"
         f"n_nodes_x = {model.shape[1]}\nn_nodes_y = {model.shape[0]}\n"
-        f'\n[versions]\nruffini = "{__version__}"\nnumpy = "{np.__version__}"\nscipy = "{scipy.__version__}"\n'
+        f'\n[versions]\nruffini = "{__version__}"\n'
+        f'numpy = "{np.__version__}"\nscipy = "{scipy.__version__}"\n'
     )
     for section, values in unit.twin.model_dump(by_alias=True, exclude={"schema_version"}).items():
         text += f"\n[twin.{section}]\n" + "".join(f"{key} = {value}\n" for key, value in values.items())

@@ -72,7 +72,8 @@ def on_grid(model: PadModel, hat_force: Array, n_x: int, n_y: int) -> Array:
     """
     rows, columns = model.shape
     to_y, to_x = _hat_on_hat(rows, n_y), _hat_on_hat(columns, n_x)
-    return np.einsum("ai,bj,ijc->abc", to_y, to_x, hat_force.reshape(rows, columns, 3), optimize=True)
+    out = np.einsum("ai,bj,ijc->abc", to_y, to_x, hat_force.reshape(rows, columns, 3), optimize=True)
+    return np.asarray(out)
 
 
 def wrench_of(model: PadModel, nodal_force: Array) -> Array:
