@@ -7,14 +7,15 @@
 namespace ruffini {
 namespace {
 
-constexpr int kBuffers = 4;             // one captured, one posted, one processed, one spare
+constexpr int kBuffers = 4;  // one captured, one posted, one processed, one spare
 constexpr int kLinkPollMs = 2;
 constexpr uint64_t kDrainUs = 2'000'000;  // how long an ended recording waits for its reader
 constexpr auto kReopenPause = std::chrono::milliseconds(50);
 
 uint64_t now_us() {
   return static_cast<uint64_t>(
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now().time_since_epoch()).count());
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now().time_since_epoch())
+          .count());
 }
 
 }  // namespace
@@ -41,6 +42,8 @@ void Daemon::run(const std::atomic<bool>& stop) {
   std::thread frame([this] { frame_loop(); });
   link_loop();
   is_done_ = true;
+  // Whoever still waits at the mailbox: the capture thread for room, the frame thread for a frame.
+  if (const std::optional<int> left = mailbox_.take()) pool_.give_back(*left);
   mailbox_.wake();
   capture.join();
   mailbox_.wake();
@@ -73,7 +76,7 @@ void Daemon::capture_loop() {
       ++exchange_.frames_overrun;
     }
   }
-  if (options_.is_lockstep) mailbox_.wait_empty();
+  mailbox_.wait_empty();  // the last frame is processed, too
   is_capture_over_ = true;
   mailbox_.wake();
 }

@@ -6,7 +6,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int kMinMarkersPercent = 50;   // fewer at rest: this is not the board's pad
+constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board's pad
 
 int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
 
@@ -56,8 +56,7 @@ void FramePath::learn_markers() {
 }
 
 void FramePath::run_difference(const FrameView& frame) {
-  state_.difference.exposure =
-      difference(frame, rest_.image(), rest_.reciprocal(), state_.difference.change);
+  state_.difference.exposure = difference(frame, rest_.image(), rest_.reciprocal(), state_.difference.change);
 }
 
 void FramePath::run_markers(const FrameView& frame) {
@@ -82,9 +81,10 @@ void FramePath::run_depth() {
 void FramePath::run_displacement() {
   // A table of other optics gives a depth to look at, not one to make forces of.
   const bool is_measured = depth_is_trusted();
-  displacement_.run(lattice_.markers(),
-                    is_measured ? std::span<const DisplacementUm>(state_.poisson.depth) : std::span<const DisplacementUm>(),
-                    state_.displacement.node, state_.saturations);
+  displacement_.run(
+      lattice_.markers(),
+      is_measured ? std::span<const DisplacementUm>(state_.poisson.depth) : std::span<const DisplacementUm>(),
+      state_.displacement.node, state_.saturations);
 }
 
 void FramePath::run_solve(bool with_support) {
@@ -145,8 +145,8 @@ void FramePath::judge() {
       break;
     }
   }
-  const bool is_wrong = (s.flags & (kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange |
-                                    kFlagDark | kFlagOverexposed)) != 0;
+  const bool is_wrong = (s.flags & (kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark |
+                                    kFlagOverexposed)) != 0;
   const auto verdict = [&](bool is_measured, bool is_calibrated) {
     if (!is_measured) return Validity::kNotMeasured;
     if (is_wrong) return Validity::kInvalid;
@@ -206,11 +206,13 @@ Status FramePath::load_tables() {
     const Tensor* unmix = c.tensor("photometric.unmix");
     if (unmix == nullptr || unmix->type != Tensor::Type::kI16 || unmix->shape.size() != 4 || unmix->shape[0] < 2 ||
         unmix->shape[1] < 2 || unmix->shape[2] != 2 || unmix->shape[3] != 3) {
-      return Error{ErrorKind::kBadInput, "calibration file: photometric.unmix is not [cells, cells, 2, 3]: make it again"};
+      return Error{ErrorKind::kBadInput,
+                   "calibration file: photometric.unmix is not [cells, cells, 2, 3]: make it again"};
     }
-    photometric_.emplace(board_, PhotometricTable{unmix->as<int16_t>(),
-                                                  {static_cast<int>(unmix->shape[1]), static_cast<int>(unmix->shape[0])},
-                                                  slope.value()->as<int16_t>()});
+    photometric_.emplace(board_,
+                         PhotometricTable{unmix->as<int16_t>(),
+                                          {static_cast<int>(unmix->shape[1]), static_cast<int>(unmix->shape[0])},
+                                          slope.value()->as<int16_t>()});
     is_foreign_optics_ = c.text("optics") != board_.camera.optics;
   }
   if (has(Stage::kOperator) && c.has_kind("operator")) {

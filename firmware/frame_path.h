@@ -36,8 +36,9 @@ using ClockFunction = uint64_t (*)();
 class FramePath {
  public:
   // `calibration` may be null: then forces are not measured. Errors: kBadInput, kRefused.
-  [[nodiscard]] static Result<std::unique_ptr<FramePath>> configure(
-      const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration, ClockFunction clock);
+  [[nodiscard]] static Result<std::unique_ptr<FramePath>> configure(const BoardSettings& board,
+                                                                    std::shared_ptr<const CalibrationFile> calibration,
+                                                                    ClockFunction clock);
 
   // Precondition: frame has the board's size. The state holds until the next call.
   const FrameState& process(const FrameView& frame);

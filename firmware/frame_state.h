@@ -36,39 +36,48 @@ enum Flag : uint32_t {
 enum class Validity : uint8_t { kNotMeasured = 0, kValid = 1, kUncalibrated = 2, kInvalid = 3 };
 
 enum class Stage : uint8_t {
-  kDifference, kMarkers, kPhotometric, kPoisson, kDisplacement, kOperator, kSupport, kWrench, kContacts, kCount
+  kDifference,
+  kMarkers,
+  kPhotometric,
+  kPoisson,
+  kDisplacement,
+  kOperator,
+  kSupport,
+  kWrench,
+  kContacts,
+  kCount
 };
 inline constexpr size_t kStageCount = static_cast<size_t>(Stage::kCount);
 
 struct FrameState {
   uint32_t flags = 0;
-  SaturationCounter saturations;                  // since configure
-  std::array<uint64_t, kStageCount> stage_ns{};   // of this frame
+  SaturationCounter saturations;                 // since configure
+  std::array<uint64_t, kStageCount> stage_ns{};  // of this frame
   Validity force_xy = Validity::kNotMeasured;
   Validity force_z = Validity::kNotMeasured;
   Validity depth_validity = Validity::kNotMeasured;
 
   struct {
-    std::vector<RelativeChange> change;           // height x width x 3
+    std::vector<RelativeChange> change;  // height x width x 3
     ExposureCounts exposure;
   } difference;
   struct {
-    std::vector<uint16_t> grey;                   // B + G + R, 1/16 levels
+    std::vector<uint16_t> grey;  // B + G + R, 1/16 levels
     int n_lost = 0;
-  } markers;                                      // the markers themselves: FramePath::markers()
+  } markers;  // the markers themselves: FramePath::markers()
   struct {
-    std::vector<CellSlope> slope;                 // depth grid
+    std::vector<CellSlope> slope;  // depth grid
   } photometric;
   struct {
-    std::vector<DisplacementUm> depth;            // depth grid
+    std::vector<DisplacementUm> depth;  // depth grid
   } poisson;
   struct {
-    std::vector<NodeDisplacement> node;           // observed nodes
+    std::vector<NodeDisplacement> node;  // observed nodes
   } displacement;
   struct {
-    std::vector<int16_t> padded;                  // displacement, xyz interleaved, zero padded
-    std::vector<NodeForce> force;                 // observed nodes; the second pass overwrites it
-    std::span<const uint8_t> mask;                // where touched
+    std::vector<int16_t> padded;    // displacement, xyz interleaved, zero padded
+    std::vector<NodeForce> force;   // observed nodes; the second pass overwrites it
+    std::span<const uint8_t> mask;  // where touched
   } solve;
   Wrench wrench;
   ContactList contacts;

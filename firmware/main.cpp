@@ -33,17 +33,22 @@ void request_stop(int) { stop_requested = true; }
 int fail(const ruffini::Error& error) {
   fmt::print(stderr, "ruffinid: {}\n", error.message);
   switch (error.kind) {
-    case ruffini::ErrorKind::kBadInput: return kExitUsage;
-    case ruffini::ErrorKind::kUnavailable: return kExitNoDevice;
-    case ruffini::ErrorKind::kRefused: return kExitRefused;
-    case ruffini::ErrorKind::kStorage: return kExitVerify;
+    case ruffini::ErrorKind::kBadInput:
+      return kExitUsage;
+    case ruffini::ErrorKind::kUnavailable:
+      return kExitNoDevice;
+    case ruffini::ErrorKind::kRefused:
+      return kExitRefused;
+    case ruffini::ErrorKind::kStorage:
+      return kExitVerify;
   }
   return 1;
 }
 
 uint64_t now_ns() {
   return static_cast<uint64_t>(
-      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count());
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+          .count());
 }
 
 struct Arguments {
@@ -84,8 +89,8 @@ int run(const Arguments& arguments) {
   fmt::print("link: {}\n", port.value().host_path());
   std::fflush(stdout);
 
-  const int stream_flags = (camera.value()->is_simulated() ? ruffini::kSimulated : 0) |
-                           (camera.value()->is_replay() ? ruffini::kReplay : 0);
+  const int stream_flags =
+      (camera.value()->is_simulated() ? ruffini::kSimulated : 0) | (camera.value()->is_replay() ? ruffini::kReplay : 0);
   const ruffini::DeviceIdentity identity{.serial = arguments.serial,
                                          .version = RUFFINI_VERSION,
                                          .session_id = std::random_device{}(),
@@ -102,7 +107,8 @@ int run(const Arguments& arguments) {
 
 int main(int argc, char** argv) {
   Arguments arguments;
-  CLI::App app{"ruffinid: frames in, forces out. Exit codes: 0 ok, 2 usage or bad input, 3 no device, 4 refused, 5 storage"};
+  CLI::App app{
+      "ruffinid: frames in, forces out. Exit codes: 0 ok, 2 usage or bad input, 3 no device, 4 refused, 5 storage"};
   app.set_version_flag("--version", RUFFINI_VERSION);
   app.add_option("--board", arguments.board, "board name, or a folder with a board.toml")->required();
   app.add_option("--boards-dir", arguments.boards_dir, "where board names are looked up");
@@ -120,7 +126,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : kExitUsage;
   }
-  struct sigaction action {};
+  struct sigaction action{};
   action.sa_handler = request_stop;
   sigaction(SIGTERM, &action, nullptr);
   sigaction(SIGINT, &action, nullptr);

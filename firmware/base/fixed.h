@@ -17,9 +17,7 @@ struct SaturationCounter {
 };
 
 // x / 2^shift, half up. Precondition: 1 <= shift <= 62 and |x| < 2^62.
-[[nodiscard]] constexpr int64_t round_shift(int64_t x, int shift) {
-  return (x + (int64_t{1} << (shift - 1))) >> shift;
-}
+[[nodiscard]] constexpr int64_t round_shift(int64_t x, int shift) { return (x + (int64_t{1} << (shift - 1))) >> shift; }
 
 // Division that rounds towards minus infinity. Precondition: denominator > 0.
 [[nodiscard]] constexpr int64_t floor_div(int64_t numerator, int64_t denominator) {
@@ -76,9 +74,9 @@ struct Ratio {};
 struct Pixel {};
 struct Micrometre {};
 
-using RelativeChange = Fixed<int16_t, 12, Ratio>;     // I / I_rest - 1
-using Slope = Fixed<int16_t, 12, Ratio>;              // dz/dx of the surface
-using ImagePx = Fixed<int32_t, 16, Pixel>;            // image position or displacement
-using DisplacementUm = Fixed<int16_t, 3, Micrometre>; // 125 nm, +-4.096 mm
+using RelativeChange = Fixed<int16_t, 12, Ratio>;      // I / I_rest - 1
+using Slope = Fixed<int16_t, 12, Ratio>;               // dz/dx of the surface
+using ImagePx = Fixed<int32_t, 16, Pixel>;             // image position or displacement
+using DisplacementUm = Fixed<int16_t, 3, Micrometre>;  // 125 nm, +-4.096 mm
 
 }  // namespace ruffini

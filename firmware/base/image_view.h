@@ -9,10 +9,10 @@ namespace ruffini {
 template <typename T>
 struct ImageView {
   T* data = nullptr;
-  int width = 0;             // pixels
-  int height = 0;            // pixels
-  int channels = 1;          // interleaved
-  ptrdiff_t stride = 0;      // elements of T from one row to the next
+  int width = 0;         // pixels
+  int height = 0;        // pixels
+  int channels = 1;      // interleaved
+  ptrdiff_t stride = 0;  // elements of T from one row to the next
 
   [[nodiscard]] T* row(int y) const { return data + y * stride; }
 };

@@ -32,12 +32,24 @@ class [[nodiscard]] Result {
   explicit operator bool() const { return has_value(); }
 
   // Precondition: has_value().
-  [[nodiscard]] T& value() & { assert(has_value()); return *std::get_if<T>(&state_); }
-  [[nodiscard]] const T& value() const& { assert(has_value()); return *std::get_if<T>(&state_); }
-  [[nodiscard]] T&& value() && { assert(has_value()); return std::move(*std::get_if<T>(&state_)); }
+  [[nodiscard]] T& value() & {
+    assert(has_value());
+    return *std::get_if<T>(&state_);
+  }
+  [[nodiscard]] const T& value() const& {
+    assert(has_value());
+    return *std::get_if<T>(&state_);
+  }
+  [[nodiscard]] T&& value() && {
+    assert(has_value());
+    return std::move(*std::get_if<T>(&state_));
+  }
 
   // Precondition: !has_value().
-  [[nodiscard]] const Error& error() const { assert(!has_value()); return *std::get_if<Error>(&state_); }
+  [[nodiscard]] const Error& error() const {
+    assert(!has_value());
+    return *std::get_if<Error>(&state_);
+  }
 
  private:
   std::variant<T, Error> state_;

@@ -82,8 +82,7 @@ class Reader {
       if (table == nullptr) continue;
       for (const auto& [inner, unused] : *table) {
         if (!asked_keys_.contains(name + "." + std::string(inner.str()))) {
-          fail("unknown key " + name + "." + std::string(inner.str()) +
-               ": check the spelling, or remove it");
+          fail("unknown key " + name + "." + std::string(inner.str()) + ": check the spelling, or remove it");
         }
       }
     }
@@ -233,8 +232,7 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
   const toml::parse_result parsed = toml::parse(text);
   if (!parsed) {
     std::ostringstream what;
-    what << where << ":" << parsed.error().source().begin.line << ": not TOML: "
-         << parsed.error().description();
+    what << where << ":" << parsed.error().source().begin.line << ": not TOML: " << parsed.error().description();
     return Error{ErrorKind::kBadInput, what.str()};
   }
   const toml::table& root = parsed.table();

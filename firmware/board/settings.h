@@ -67,7 +67,7 @@ struct BoardSettings {
   std::vector<std::string> not_measured;
   CameraSettings camera;
   PadSettings pad;
-  GridSize grid;        // nodes over the whole pad
+  GridSize grid;  // nodes over the whole pad
   int n_layers = 0;
   WindowSettings window;
   MarkerSettings markers;
@@ -76,7 +76,7 @@ struct BoardSettings {
   int64_t force_lsb_un = 0;
   int n_rest_frames = 0;
   std::vector<std::string> stages;
-  std::string toml;     // the text that these settings came from
+  std::string toml;  // the text that these settings came from
 };
 
 // First observed node and number of observed nodes along one axis.
@@ -86,8 +86,7 @@ struct NodeRange {
 };
 
 // Nodes of [0, size] in n - 1 steps that lie in [low, high], all in micrometres.
-[[nodiscard]] constexpr NodeRange observed_nodes(int n, int64_t size_um, int64_t low_um,
-                                                 int64_t high_um) {
+[[nodiscard]] constexpr NodeRange observed_nodes(int n, int64_t size_um, int64_t low_um, int64_t high_um) {
   const int64_t steps = n - 1;
   const int64_t first = (low_um * steps + size_um - 1) / size_um;
   const int64_t last = (high_um * steps) / size_um;
@@ -96,9 +95,8 @@ struct NodeRange {
 
 // The pipeline's stage names in the only order in which they make sense.
 inline const std::vector<std::string>& known_stages() {
-  static const std::vector<std::string> kStages = {
-      "difference", "markers", "photometric", "poisson", "displacement",
-      "operator",   "support", "wrench",      "contacts"};
+  static const std::vector<std::string> kStages = {"difference", "markers", "photometric", "poisson", "displacement",
+                                                   "operator",   "support", "wrench",      "contacts"};
   return kStages;
 }
 

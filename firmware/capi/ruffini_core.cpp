@@ -28,7 +28,8 @@ int fail(const std::string& message) {
 
 uint64_t now_ns() {
   return static_cast<uint64_t>(
-      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count());
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+          .count());
 }
 
 template <typename Range, typename Out>
@@ -69,8 +70,10 @@ void ruffini_close(ruffini_pipeline* pipeline) { delete pipeline; }
 int ruffini_layout(const ruffini_pipeline* pipeline, ruffini_layout_t* out) {
   const FramePath& path = *pipeline->path;
   const ruffini::BoardSettings& board = path.board();
-  const auto x = ruffini::observed_nodes(board.grid.n_x, board.pad.size_x_um, board.window.min_x_um, board.window.max_x_um);
-  const auto y = ruffini::observed_nodes(board.grid.n_y, board.pad.size_y_um, board.window.min_y_um, board.window.max_y_um);
+  const auto x =
+      ruffini::observed_nodes(board.grid.n_x, board.pad.size_x_um, board.window.min_x_um, board.window.max_x_um);
+  const auto y =
+      ruffini::observed_nodes(board.grid.n_y, board.pad.size_y_um, board.window.min_y_um, board.window.max_y_um);
   *out = {.width_px = board.camera.width_px,
           .height_px = board.camera.height_px,
           .depth_n_x = path.depth_grid().n_x,

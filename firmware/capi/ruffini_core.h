@@ -20,18 +20,18 @@ typedef struct ruffini_pipeline ruffini_pipeline;
 typedef struct {
   int32_t width_px, height_px;
   int32_t depth_n_x, depth_n_y, depth_step_px;
-  int32_t node_n_x, node_n_y;        /* observed nodes */
-  int32_t node_first_x, node_first_y;/* within the pad's grid */
+  int32_t node_n_x, node_n_y;         /* observed nodes */
+  int32_t node_first_x, node_first_y; /* within the pad's grid */
   int32_t marker_n_x, marker_n_y;
   int32_t force_lsb_un;
 } ruffini_layout_t;
 
 typedef struct {
-  uint32_t flags;                    /* FlagBit of ruffini.proto */
-  int32_t force_xy, force_z, depth;  /* Validity of ruffini.proto */
+  uint32_t flags;                   /* FlagBit of ruffini.proto */
+  int32_t force_xy, force_z, depth; /* Validity of ruffini.proto */
   int32_t n_markers_lost, n_markers_at_rest;
-  uint64_t saturations;              /* since ruffini_open */
-  int64_t wrench[6];                 /* uN, uN um */
+  uint64_t saturations; /* since ruffini_open */
+  int64_t wrench[6];    /* uN, uN um */
   int32_t n_contacts;
   uint64_t stage_ns[9];
 } ruffini_result_t;
@@ -49,8 +49,8 @@ RUFFINI_API void ruffini_close(ruffini_pipeline* pipeline);
 RUFFINI_API int ruffini_layout(const ruffini_pipeline* pipeline, ruffini_layout_t* out);
 
 /* B, G, R, width x height of the board. */
-RUFFINI_API int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t width_px,
-                                int32_t height_px, ruffini_result_t* out);
+RUFFINI_API int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t width_px, int32_t height_px,
+                                ruffini_result_t* out);
 RUFFINI_API int ruffini_zero(ruffini_pipeline* pipeline, int32_t n_frames);
 /* Rest image [height][width][3] in 1/16 grey levels, in force at once. */
 RUFFINI_API int ruffini_set_rest(ruffini_pipeline* pipeline, const uint16_t* image);
@@ -61,7 +61,7 @@ RUFFINI_API int ruffini_solve(ruffini_pipeline* pipeline, const int16_t* displac
 
 /* Of the last processed frame. */
 RUFFINI_API int ruffini_get_markers(const ruffini_pipeline* pipeline, int32_t* rest_q16, int32_t* displacement_q16,
-                                    uint8_t* lost);            /* [marker][2], [marker][2], [marker]: 1 lost, 2 absent */
+                                    uint8_t* lost); /* [marker][2], [marker][2], [marker]: 1 lost, 2 absent */
 RUFFINI_API int ruffini_get_change(const ruffini_pipeline* pipeline, int16_t* out);       /* [h][w][3] Q12 */
 RUFFINI_API int ruffini_get_slope(const ruffini_pipeline* pipeline, int16_t* out);        /* [dy][dx][2] Q12 */
 RUFFINI_API int ruffini_get_depth(const ruffini_pipeline* pipeline, int16_t* out);        /* [dy][dx] 125 nm */

@@ -19,9 +19,9 @@ class FramePool {
   FramePool(int n_buffers, int width_px, int height_px);
 
   struct Buffer {
-    std::vector<uint8_t> pixels;   // B, G, R
-    uint64_t capture_us = 0;       // mid-exposure, monotonic
-    uint64_t number = 0;           // of the camera; gaps mean drops
+    std::vector<uint8_t> pixels;  // B, G, R
+    uint64_t capture_us = 0;      // mid-exposure, monotonic
+    uint64_t number = 0;          // of the camera; gaps mean drops
     std::atomic<bool> is_lent{false};
   };
 

@@ -63,8 +63,8 @@ ContactList ContactFinder::find(std::span<const uint8_t> mask, std::span<const N
     const Contact contact = grow(seed, mask, force, displacement);
     ++list.n_found;
     const auto end = list.contacts.begin() + list.n_listed;
-    const auto place = std::find_if(list.contacts.begin(), end,
-                                    [&](const Contact& c) { return c.area_um2 < contact.area_um2; });
+    const auto place =
+        std::find_if(list.contacts.begin(), end, [&](const Contact& c) { return c.area_um2 < contact.area_um2; });
     if (place == list.contacts.end()) continue;
     list.n_listed = std::min(list.n_listed + 1, ContactList::kMax);
     std::move_backward(place, list.contacts.begin() + list.n_listed - 1, list.contacts.begin() + list.n_listed);

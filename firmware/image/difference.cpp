@@ -2,8 +2,8 @@
 
 namespace ruffini {
 
-ExposureCounts difference(const FrameView& frame, std::span<const uint16_t> rest,
-                          std::span<const uint32_t> reciprocal, std::span<RelativeChange> out) {
+ExposureCounts difference(const FrameView& frame, std::span<const uint16_t> rest, std::span<const uint32_t> reciprocal,
+                          std::span<RelativeChange> out) {
   ExposureCounts counts;
   size_t i = 0;
   for (int y = 0; y < frame.height; ++y) {

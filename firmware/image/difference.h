@@ -21,7 +21,7 @@ struct ExposureCounts {
 inline constexpr int kDarkLevel = 8;
 
 // `rest`, `reciprocal`, `out`: width x height x 3.
-ExposureCounts difference(const FrameView& frame, std::span<const uint16_t> rest,
-                          std::span<const uint32_t> reciprocal, std::span<RelativeChange> out);
+ExposureCounts difference(const FrameView& frame, std::span<const uint16_t> rest, std::span<const uint32_t> reciprocal,
+                          std::span<RelativeChange> out);
 
 }  // namespace ruffini

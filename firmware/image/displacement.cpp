@@ -50,8 +50,9 @@ void Displacement::learn(std::span<const Marker> markers) {
     Place at = nominal_q16_[node];
     place_node(node, at);
     for (int round = 0; round < kPlaceRounds; ++round) {
-      const auto miss = [&](int64_t wanted, int64_t Place::*axis) {
-        return wanted - round_shift(interpolate(taps_x_[node], taps_y_[node], [&](size_t i) { return rest_q3_[i].*axis; }), 28);
+      const auto miss = [&](int64_t wanted, int64_t Place::* axis) {
+        return wanted -
+               round_shift(interpolate(taps_x_[node], taps_y_[node], [&](size_t i) { return rest_q3_[i].*axis; }), 28);
       };
       at.x += floor_div(miss(node_q3_[node].x, &Place::x) * 65'536, pitch_x_q3_);
       at.y += floor_div(miss(node_q3_[node].y, &Place::y) * 65'536, pitch_y_q3_);
@@ -151,8 +152,9 @@ void Displacement::markers_to_pad(std::span<const Marker> markers, std::span<con
 
 NodeDisplacement Displacement::at_node(size_t node, std::span<const DisplacementUm> depth,
                                        SaturationCounter& saturations) const {
-  const auto read = [&](DisplacementUm NodeDisplacement::*axis) {
-    return round_shift(interpolate(taps_x_[node], taps_y_[node], [&](size_t i) { return (lattice_u_[i].*axis).raw(); }), 28);
+  const auto read = [&](DisplacementUm NodeDisplacement::* axis) {
+    return round_shift(interpolate(taps_x_[node], taps_y_[node], [&](size_t i) { return (lattice_u_[i].*axis).raw(); }),
+                       28);
   };
   const int64_t ux = read(&NodeDisplacement::x);
   const int64_t uy = read(&NodeDisplacement::y);

@@ -35,8 +35,8 @@ class Displacement {
   void learn(std::span<const Marker> markers);
 
   // `depth` on the depth grid, or empty where depth is not measured (u_z = 0).
-  void run(std::span<const Marker> markers, std::span<const DisplacementUm> depth,
-           std::span<NodeDisplacement> out, SaturationCounter& saturations);
+  void run(std::span<const Marker> markers, std::span<const DisplacementUm> depth, std::span<NodeDisplacement> out,
+           SaturationCounter& saturations);
 
   [[nodiscard]] GridSize nodes() const { return nodes_; }
 
@@ -69,17 +69,17 @@ class Displacement {
   int step_px_;
   GridSize depth_grid_;
   GridSize lattice_;
-  GridSize nodes_;                    // observed ones
+  GridSize nodes_;  // observed ones
   int64_t center_x_q16_;
   int64_t center_y_q16_;
-  int64_t inverse_focal_q32_;         // 1 / px
-  int64_t pitch_x_q3_;                // micrometres
+  int64_t inverse_focal_q32_;  // 1 / px
+  int64_t pitch_x_q3_;         // micrometres
   int64_t pitch_y_q3_;
-  std::vector<Place> node_q3_;        // from the pad's centre, micrometres
-  std::vector<Place> nominal_q16_;    // of each node on the board's lattice, pitches
-  std::vector<Taps> taps_x_;          // per node
+  std::vector<Place> node_q3_;      // from the pad's centre, micrometres
+  std::vector<Place> nominal_q16_;  // of each node on the board's lattice, pitches
+  std::vector<Taps> taps_x_;        // per node
   std::vector<Taps> taps_y_;
-  std::vector<Place> rest_q3_;        // of each marker, from the pad's centre, micrometres
+  std::vector<Place> rest_q3_;  // of each marker, from the pad's centre, micrometres
   std::vector<NodeDisplacement> lattice_u_;
 };
 

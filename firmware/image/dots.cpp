@@ -99,8 +99,8 @@ std::span<const Dot> DotDetector::detect(std::span<const uint16_t> grey) {
       left = label;
       Component& component = components_[static_cast<size_t>(label)];
       ++component.area;
-      component.touches_border = component.touches_border || x == 0 || y == 0 ||
-                                 x == p_.width_px - 1 || y == p_.height_px - 1;
+      component.touches_border =
+          component.touches_border || x == 0 || y == 0 || x == p_.width_px - 1 || y == p_.height_px - 1;
       component.weight += weight;
       component.weight_x += int64_t{weight} * x;
       component.weight_y += int64_t{weight} * y;

@@ -29,8 +29,7 @@ DotParameters dot_parameters(const BoardSettings& board) {
           .max_area_px = static_cast<int>(std::max<int64_t>(area * 3, 16))};
 }
 
-MarkerLattice::MarkerLattice(const BoardSettings& board)
-    : size_(board.markers.lattice), settings_(board.markers) {
+MarkerLattice::MarkerLattice(const BoardSettings& board) : size_(board.markers.lattice), settings_(board.markers) {
   const CameraSettings& camera = board.camera;
   const int64_t pitch = length_q16(camera, std::min(settings_.pitch_x_um, settings_.pitch_y_um));
   const auto squared_share = [pitch](int64_t percent) { return (pitch * percent / 100) * (pitch * percent / 100); };

@@ -21,8 +21,8 @@ struct Marker {
   ImagePx rest_y;
   ImagePx displacement_x;  // image, against rest
   ImagePx displacement_y;
-  bool is_lost = true;     // displacement estimated from neighbours
-  bool is_absent = true;   // was not seen at rest either
+  bool is_lost = true;    // displacement estimated from neighbours
+  bool is_absent = true;  // was not seen at rest either
 };
 
 class MarkerLattice {
@@ -61,19 +61,19 @@ class MarkerLattice {
 
   GridSize size_;
   MarkerSettings settings_;
-  int64_t gate2_;                  // squared, Q16 px: dot from the place where it is expected
-  int64_t seed_gate2_;             // the first dot from its nominal place
-  int64_t step_gate2_;             // a dot from one nominal step beside its neighbour
-  int64_t um_to_px_q32_;           // image pixels per micrometre at the undeformed surface
-  Point corner_;                   // image position of the pad's corner, Q16
+  int64_t gate2_;         // squared, Q16 px: dot from the place where it is expected
+  int64_t seed_gate2_;    // the first dot from its nominal place
+  int64_t step_gate2_;    // a dot from one nominal step beside its neighbour
+  int64_t um_to_px_q32_;  // image pixels per micrometre at the undeformed surface
+  Point corner_;          // image position of the pad's corner, Q16
   std::vector<Marker> markers_;
   std::vector<Point> expected_;
   std::vector<Nearest> dot_of_marker_;
   std::vector<Nearest> marker_of_dot_;
   std::vector<uint8_t> is_dot_taken_;
-  std::vector<int> queue_;         // markers found, in order of growth
-  std::vector<uint8_t> is_open_;   // still looking for its dot
-  std::vector<uint8_t> known_;     // has a displacement of its own, or a filled one
+  std::vector<int> queue_;        // markers found, in order of growth
+  std::vector<uint8_t> is_open_;  // still looking for its dot
+  std::vector<uint8_t> known_;    // has a displacement of its own, or a filled one
   std::vector<uint8_t> known_next_;
 };
 

@@ -5,8 +5,8 @@
 namespace ruffini {
 namespace {
 
-constexpr int kOne = 16'384;          // Q14
-constexpr int kTableFraction = 9;     // bits of q below one table step: 2 * 16384 / 64 = 512
+constexpr int kOne = 16'384;       // Q14
+constexpr int kTableFraction = 9;  // bits of q below one table step: 2 * 16384 / 64 = 512
 
 // Place of pixel i of n on a lattice of `lines`, Q16: line and fraction.
 struct LatticePlace {
@@ -118,8 +118,7 @@ void Photometric::fill_masked(std::span<CellSlope> out) {
         }
       }
       const auto mean = [&](int64_t sum) {
-        return Slope::from_raw(count == 0 ? int16_t{0}
-                                          : static_cast<int16_t>(floor_div(2 * sum + count, 2 * count)));
+        return Slope::from_raw(count == 0 ? int16_t{0} : static_cast<int16_t>(floor_div(2 * sum + count, 2 * count)));
       };
       out[static_cast<size_t>(y * grid_.n_x + x)] = {mean(sum_x), mean(sum_y)};
     }

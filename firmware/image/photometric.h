@@ -38,8 +38,7 @@ class Photometric {
 
   Photometric(const BoardSettings& board, const PhotometricTable& table);
 
-  void run(std::span<const RelativeChange> difference, std::span<const Marker> markers,
-           std::span<CellSlope> out);
+  void run(std::span<const RelativeChange> difference, std::span<const Marker> markers, std::span<CellSlope> out);
 
   [[nodiscard]] GridSize cells() const { return grid_; }
 

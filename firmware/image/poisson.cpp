@@ -8,7 +8,7 @@ namespace ruffini {
 namespace {
 
 constexpr int64_t kOneQ14 = 16'384;
-constexpr int64_t kMaxFold = kOneQ14 * 9 / 10;     // steeper than the ray: the surface would hide itself
+constexpr int64_t kMaxFold = kOneQ14 * 9 / 10;      // steeper than the ray: the surface would hide itself
 constexpr int64_t kMaxGradient = int64_t{1} << 20;  // Q10: 1 mm per cell
 constexpr int64_t kMaxWave = int64_t{1} << 26;      // Q13: 8 mm
 
@@ -21,9 +21,7 @@ int64_t clamp_counted(int64_t x, int64_t limit, SaturationCounter& saturations) 
 }
 
 // x / pivot with the pivot in Q30, half up. Precondition: |x| < 2^32.
-int64_t divide_q30(int64_t x, int64_t pivot) {
-  return floor_div(x * (int64_t{1} << 30) + pivot / 2, pivot);
-}
+int64_t divide_q30(int64_t x, int64_t pivot) { return floor_div(x * (int64_t{1} << 30) + pivot / 2, pivot); }
 
 // Cells of the ring that the gauge averages: inside the window, within margin of its edge.
 std::vector<uint32_t> ring(const BoardSettings& board, GridSize grid, std::span<const int32_t> ray_x,

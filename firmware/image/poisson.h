@@ -40,15 +40,15 @@ class CosineTransform {
 
  private:
   struct Level {
-    int n;                          // length at this level
-    std::vector<int32_t> odd;       // n/2 x n/2, Q30: cos(pi (2 k + 1)(2 i + 1) / (2 n)), row k
+    int n;                     // length at this level
+    std::vector<int32_t> odd;  // n/2 x n/2, Q30: cos(pi (2 k + 1)(2 i + 1) / (2 n)), row k
   };
   void forward_level(size_t level, const int64_t* in, int64_t* out, int stride, int64_t* work) const;
   void inverse_level(size_t level, const int64_t* in, int stride, int64_t* out, int64_t* work) const;
 
   std::vector<Level> levels_;
-  int base_n_ = 0;                  // odd length that remains
-  std::vector<int32_t> base_;       // base_n x base_n, Q30, row k
+  int base_n_ = 0;             // odd length that remains
+  std::vector<int32_t> base_;  // base_n x base_n, Q30, row k
 };
 
 class Poisson {
@@ -69,16 +69,16 @@ class Poisson {
 
   GridSize grid_;
   int64_t standoff_um_;
-  int64_t cell_um_q10_;                // H step / f
-  std::vector<int32_t> ray_x_q16_;     // per column
-  std::vector<int32_t> ray_y_q16_;     // per row
+  int64_t cell_um_q10_;             // H step / f
+  std::vector<int32_t> ray_x_q16_;  // per column
+  std::vector<int32_t> ray_y_q16_;  // per row
   std::vector<uint32_t> gauge_cells_;
   CosineTransform transform_;
-  std::vector<int32_t> factor_q30_;    // [y][k]: 1 / pivot of all rows but the last, at most 1
+  std::vector<int32_t> factor_q30_;      // [y][k]: 1 / pivot of all rows but the last, at most 1
   std::vector<int64_t> last_pivot_q30_;  // [k]: small where the wave is long, so it divides
-  std::vector<int32_t> gradient_x_;    // Q10
+  std::vector<int32_t> gradient_x_;      // Q10
   std::vector<int32_t> gradient_y_;
-  std::vector<int64_t> f_;             // divergence, then its transform, then w; Q11
+  std::vector<int64_t> f_;  // divergence, then its transform, then w; Q11
   std::vector<int64_t> row_;
   std::vector<int64_t> work_;
 };

@@ -10,8 +10,7 @@ uint64_t mul_q60(uint64_t a, uint64_t b) {
   constexpr uint64_t kLowHalf = 0xFFFF'FFFF;
   const uint64_t a_high = a >> 32;
   const uint64_t b_high = b >> 32;
-  const uint64_t middle =
-      a_high * (b & kLowHalf) + (a & kLowHalf) * b_high + ((a & kLowHalf) * (b & kLowHalf) >> 32);
+  const uint64_t middle = a_high * (b & kLowHalf) + (a & kLowHalf) * b_high + ((a & kLowHalf) * (b & kLowHalf) >> 32);
   return (a_high * b_high << 4) + (middle >> 28);
 }
 
@@ -41,10 +40,10 @@ uint64_t series_q60(uint64_t angle, bool is_sine) {
 int32_t cos_pi_q30(int64_t numerator, int64_t denominator) {
   int64_t n = numerator % (2 * denominator);
   n = n < 0 ? n + 2 * denominator : n;
-  if (n > denominator) n = 2 * denominator - n;      // cos is even about pi
-  const bool is_negative = 2 * n > denominator;      // second quadrant
+  if (n > denominator) n = 2 * denominator - n;  // cos is even about pi
+  const bool is_negative = 2 * n > denominator;  // second quadrant
   if (is_negative) n = denominator - n;
-  const bool is_sine = 4 * n > denominator;          // beyond pi / 4: cos x = sin(pi/2 - x)
+  const bool is_sine = 4 * n > denominator;  // beyond pi / 4: cos x = sin(pi/2 - x)
   // angle = pi n / denominator or pi (denominator - 2 n) / (2 denominator)
   const auto top = static_cast<uint64_t>(is_sine ? denominator - 2 * n : n);
   const auto bottom = static_cast<uint64_t>(is_sine ? 2 * denominator : denominator);

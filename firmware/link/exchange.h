@@ -17,12 +17,12 @@ inline constexpr size_t kTelemetryRingBytes = size_t{4} << 20;
 struct Exchange {
   // Written by the link thread, read by the frame thread.
   std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send each n-th frame; 0 = never
-  std::atomic<int> zero_frames{-1};                           // request; -1 = none
-  std::atomic<FramePath*> next_path{nullptr};                 // to swap in between frames; ownership passes
+  std::atomic<int> zero_frames{-1};                          // request; -1 = none
+  std::atomic<FramePath*> next_path{nullptr};                // to swap in between frames; ownership passes
   std::atomic<uint32_t> calibration_id{0};
   // Written by the frame thread, read by the link thread.
-  std::atomic<FramePath*> retired_path{nullptr};              // to be deleted by the link thread
-  SpscRing telemetry{kTelemetryRingBytes};                    // u8 message type, then its frames
+  std::atomic<FramePath*> retired_path{nullptr};  // to be deleted by the link thread
+  SpscRing telemetry{kTelemetryRingBytes};        // u8 message type, then its frames
   std::atomic<uint64_t> frames_processed{0};
   std::atomic<uint64_t> saturations{0};
   std::atomic<uint64_t> telemetry_dropped{0};
@@ -33,7 +33,7 @@ struct Exchange {
   std::atomic<uint64_t> frames_captured{0};
   std::atomic<uint64_t> frames_overrun{0};
   std::atomic<uint64_t> frames_invalid{0};
-  std::atomic<bool> has_ended{false};                         // the recording is over
+  std::atomic<bool> has_ended{false};  // the recording is over
 };
 
 }  // namespace ruffini

@@ -28,8 +28,8 @@ size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uin
   size_t at = 0;
   for (size_t i = 0; i < n_fragments; ++i) {
     const size_t begin = i * kMaxPayloadBytes;
-    const FrameHeader header{flags, static_cast<uint8_t>(type), sensor, sequence, static_cast<uint8_t>(i),
-                             static_cast<uint8_t>(n_fragments)};
+    const FrameHeader header{flags,    static_cast<uint8_t>(type), sensor,
+                             sequence, static_cast<uint8_t>(i),    static_cast<uint8_t>(n_fragments)};
     at += encode_frame(header, message.subspan(begin, std::min(kMaxPayloadBytes, message.size() - begin)),
                        std::span<uint8_t, kMaxFrameBytes>(out.data() + at, kMaxFrameBytes));
   }
@@ -192,13 +192,26 @@ void MessageEncoder::encode(ruffini_MessageType type, const FramePath& path, con
                             const FrameStamp& stamp, const Sink& sink) {
   size_t n = 0;
   switch (type) {
-    case ruffini_MessageType_MESSAGE_TYPE_WRENCH: n = wrench(path, stamp); break;
-    case ruffini_MessageType_MESSAGE_TYPE_FIELD: n = field(path, stamp); break;
-    case ruffini_MessageType_MESSAGE_TYPE_DEPTH: n = depth(path, stamp); break;
-    case ruffini_MessageType_MESSAGE_TYPE_CONTACTS: n = contacts(path, stamp); break;
-    case ruffini_MessageType_MESSAGE_TYPE_MARKERS: n = markers(path, stamp); break;
-    case ruffini_MessageType_MESSAGE_TYPE_IMAGE: n = image(frame, path, stamp); break;
-    default: return;
+    case ruffini_MessageType_MESSAGE_TYPE_WRENCH:
+      n = wrench(path, stamp);
+      break;
+    case ruffini_MessageType_MESSAGE_TYPE_FIELD:
+      n = field(path, stamp);
+      break;
+    case ruffini_MessageType_MESSAGE_TYPE_DEPTH:
+      n = depth(path, stamp);
+      break;
+    case ruffini_MessageType_MESSAGE_TYPE_CONTACTS:
+      n = contacts(path, stamp);
+      break;
+    case ruffini_MessageType_MESSAGE_TYPE_MARKERS:
+      n = markers(path, stamp);
+      break;
+    case ruffini_MessageType_MESSAGE_TYPE_IMAGE:
+      n = image(frame, path, stamp);
+      break;
+    default:
+      return;
   }
   const size_t n_bytes = write_frames(type, stamp.flags, sensor_, sequence_++, {payload_.data(), n}, frames_);
   sink(type, {frames_.data(), n_bytes});

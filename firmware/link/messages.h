@@ -16,10 +16,10 @@
 namespace ruffini {
 
 struct FrameStamp {
-  uint64_t capture_us = 0;       // mid-exposure, monotonic
+  uint64_t capture_us = 0;  // mid-exposure, monotonic
   uint64_t frame = 0;
   uint32_t calibration_id = 0;
-  uint8_t flags = 0;             // FrameFlag: simulated, replay
+  uint8_t flags = 0;  // FrameFlag: simulated, replay
 };
 
 class MessageEncoder {
@@ -46,12 +46,12 @@ class MessageEncoder {
   uint8_t sensor_;
   uint32_t sequence_ = 0;
   std::vector<int32_t> values_;
-  std::vector<uint8_t> dense_;          // packed bytes of the message's first dense part
+  std::vector<uint8_t> dense_;  // packed bytes of the message's first dense part
   std::vector<uint8_t> dense_second_;
-  std::span<const uint8_t> span_;       // what the nanopb callbacks write
+  std::span<const uint8_t> span_;  // what the nanopb callbacks write
   std::span<const uint8_t> span_second_;
-  std::vector<uint8_t> payload_;        // serialised message
-  std::vector<uint8_t> frames_;         // its frames
+  std::vector<uint8_t> payload_;  // serialised message
+  std::vector<uint8_t> frames_;   // its frames
 };
 
 // Splits a serialised message into frames; returns the bytes written to `out`.

@@ -38,7 +38,7 @@ class SerialPort {
   Status open_device();
 
   UniqueFd fd_;
-  UniqueFd slave_;           // pty: kept open so that a host's close does not hang up the master
+  UniqueFd slave_;  // pty: kept open so that a host's close does not hang up the master
   std::string link_;
   std::string host_path_;
   std::string symlink_;

@@ -13,7 +13,7 @@ namespace ruffini {
 namespace {
 
 constexpr uint64_t kStatusPeriodUs = 1'000'000;
-constexpr size_t kMaxReplies = 64;   // a host that asks faster than it reads is not answered
+constexpr size_t kMaxReplies = 64;  // a host that asks faster than it reads is not answered
 constexpr size_t kMaxDeviceMessage = 32'768;
 
 template <size_t N>
@@ -35,10 +35,14 @@ bool write_schema(pb_ostream_t* stream, const pb_field_t* field, void* const*) {
 
 ruffini_ReplyCode code_of(ErrorKind kind) {
   switch (kind) {
-    case ErrorKind::kBadInput: return ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
-    case ErrorKind::kUnavailable: return ruffini_ReplyCode_REPLY_NOT_READY;
-    case ErrorKind::kRefused: return ruffini_ReplyCode_REPLY_REFUSED;
-    case ErrorKind::kStorage: return ruffini_ReplyCode_REPLY_STORAGE;
+    case ErrorKind::kBadInput:
+      return ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
+    case ErrorKind::kUnavailable:
+      return ruffini_ReplyCode_REPLY_NOT_READY;
+    case ErrorKind::kRefused:
+      return ruffini_ReplyCode_REPLY_REFUSED;
+    case ErrorKind::kStorage:
+      return ruffini_ReplyCode_REPLY_STORAGE;
   }
   return ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
 }
@@ -82,11 +86,20 @@ void Session::handle(const WireFrame& frame) {
     return;
   }
   switch (frame.header.type) {
-    case ruffini_MessageType_MESSAGE_TYPE_HELLO: send_hello(); return;
-    case ruffini_MessageType_MESSAGE_TYPE_SCHEMA: send_schema(); return;
-    case ruffini_MessageType_MESSAGE_TYPE_STATUS: status_us_ = 0; return;
-    case ruffini_MessageType_MESSAGE_TYPE_COMMAND: break;
-    default: ++rx_malformed_; return;
+    case ruffini_MessageType_MESSAGE_TYPE_HELLO:
+      send_hello();
+      return;
+    case ruffini_MessageType_MESSAGE_TYPE_SCHEMA:
+      send_schema();
+      return;
+    case ruffini_MessageType_MESSAGE_TYPE_STATUS:
+      status_us_ = 0;
+      return;
+    case ruffini_MessageType_MESSAGE_TYPE_COMMAND:
+      break;
+    default:
+      ++rx_malformed_;
+      return;
   }
   ruffini_Command message = ruffini_Command_init_zero;
   pb_istream_t stream = pb_istream_from_buffer(frame.payload.data(), frame.payload.size());
@@ -105,7 +118,9 @@ void Session::command(const ruffini_Command& request) {
   ruffini_Reply reply = ruffini_Reply_init_zero;
   reply.request_id = request.request_id;
   switch (request.which_action) {
-    case ruffini_Command_subscribe_tag: subscribe(request.action.subscribe); break;
+    case ruffini_Command_subscribe_tag:
+      subscribe(request.action.subscribe);
+      break;
     case ruffini_Command_zero_tag:
       if (request.action.zero.n_frames > 256) {
         reply.code = ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
@@ -117,7 +132,9 @@ void Session::command(const ruffini_Command& request) {
     case ruffini_Command_flash_begin_tag:
     case ruffini_Command_flash_chunk_tag:
     case ruffini_Command_flash_commit_tag:
-    case ruffini_Command_flash_abort_tag: flash(request, reply); break;
+    case ruffini_Command_flash_abort_tag:
+      flash(request, reply);
+      break;
     case ruffini_Command_get_tag:
     case ruffini_Command_set_tag: {
       const bool is_get = request.which_action == ruffini_Command_get_tag;
@@ -163,7 +180,8 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
       }
       break;
     }
-    default: calibrator_.abort();
+    default:
+      calibrator_.abort();
   }
   reply.next_offset = calibrator_.next_offset();
   reply.flash_state = calibrator_.is_complete()    ? ruffini_FlashState_FLASH_STATE_RECEIVED
@@ -175,7 +193,8 @@ void Session::subscribe(const ruffini_Subscribe& request) {
   for (auto& every : exchange_.every) every = 0;
   for (pb_size_t i = 0; i < request.subscriptions_count; ++i) {
     const ruffini_Subscription& s = request.subscriptions[i];
-    if (s.type > 0 && static_cast<size_t>(s.type) < kMessageTypes) exchange_.every[static_cast<size_t>(s.type)] = s.every;
+    if (s.type > 0 && static_cast<size_t>(s.type) < kMessageTypes)
+      exchange_.every[static_cast<size_t>(s.type)] = s.every;
   }
 }
 
@@ -242,8 +261,10 @@ void Session::send_status(uint64_t now_us) {
   const uint64_t frames = exchange_.frames_processed.load();
   const uint64_t elapsed_us = std::max<uint64_t>(now_us - status_us_, 1);
   m.uptime_us = now_us - started_us_;
-  m.frame_rate_mhz = status_us_ == 0 ? 0 : static_cast<uint32_t>((frames - status_frames_) * 1'000'000'000 / elapsed_us);
-  m.link_bytes_per_s = status_us_ == 0 ? 0 : static_cast<uint32_t>((bytes_sent_ - status_bytes_) * 1'000'000 / elapsed_us);
+  m.frame_rate_mhz =
+      status_us_ == 0 ? 0 : static_cast<uint32_t>((frames - status_frames_) * 1'000'000'000 / elapsed_us);
+  m.link_bytes_per_s =
+      status_us_ == 0 ? 0 : static_cast<uint32_t>((bytes_sent_ - status_bytes_) * 1'000'000 / elapsed_us);
   m.frames_captured = exchange_.frames_captured.load();
   m.frames_processed = frames;
   m.has_drops = true;
@@ -277,7 +298,8 @@ void Session::send_status(uint64_t now_us) {
 
 void Session::take_telemetry() {
   // Lossless: leave messages in the ring until their slot is free, so that the frame thread waits.
-  if (identity_.is_lossless && std::any_of(telemetry_.begin(), telemetry_.end(), [](const Outgoing& o) { return o.is_full; })) {
+  if (identity_.is_lossless &&
+      std::any_of(telemetry_.begin(), telemetry_.end(), [](const Outgoing& o) { return o.is_full; })) {
     return;
   }
   while (exchange_.telemetry.pop(popped_)) {
@@ -294,7 +316,8 @@ void Session::poll(uint64_t now_us) {
   if (started_us_ == 0) started_us_ = now_us;
   delete exchange_.retired_path.exchange(nullptr, std::memory_order_acq_rel);
   const bool wants_status = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_STATUS] != 0;
-  if (status_us_ == 0 ? wants_status || started_us_ != now_us : wants_status && now_us - status_us_ >= kStatusPeriodUs) {
+  if (status_us_ == 0 ? wants_status || started_us_ != now_us
+                      : wants_status && now_us - status_us_ >= kStatusPeriodUs) {
     send_status(now_us);
   }
   take_telemetry();

@@ -25,8 +25,8 @@ struct DeviceIdentity {
   std::string version;
   uint32_t session_id = 0;
   uint8_t sensor = 0;
-  uint8_t stream_flags = 0;   // FrameFlag: simulated, replay
-  bool is_lossless = false;   // lockstep: telemetry waits instead of being replaced
+  uint8_t stream_flags = 0;  // FrameFlag: simulated, replay
+  bool is_lossless = false;  // lockstep: telemetry waits instead of being replaced
 };
 
 class Session {

@@ -21,8 +21,8 @@ Result<BlockOperator> BlockOperator::load(const Calibration& calibration, const 
   out.entry_ = entry.value()->as<int16_t>();
   out.shift_ = shift.value()->as<uint8_t>();
   out.out_shift_ = static_cast<int>(out_shift.value());
-  const Error overflow{ErrorKind::kBadInput, "calibration file: " + name +
-                                                 " could overflow an accumulator: compile the operator again"};
+  const Error overflow{ErrorKind::kBadInput,
+                       "calibration file: " + name + " could overflow an accumulator: compile the operator again"};
   for (const int16_t q : out.entry_) {
     if (q < -kMaxEntry || q > kMaxEntry) return overflow;
   }
@@ -39,8 +39,8 @@ Result<BlockOperator> BlockOperator::load(const Calibration& calibration, const 
 }
 
 int64_t BlockOperator::block_sum(int r, int block, const int16_t* u) const {
-  const int16_t* q = entry_.data() + static_cast<size_t>(r) * static_cast<size_t>(padded_cols()) +
-                     static_cast<size_t>(block) * kBlock;
+  const int16_t* q =
+      entry_.data() + static_cast<size_t>(r) * static_cast<size_t>(padded_cols()) + static_cast<size_t>(block) * kBlock;
   const int16_t* v = u + static_cast<size_t>(block) * kBlock;
   // Eight lanes of four products: |lane| <= 4 x 16383 x 32768 < 2^31. Compilers make vectors of this form.
   constexpr size_t n = kBlock / 4;

@@ -23,8 +23,8 @@ class BlockOperator {
   BlockOperator() = default;
 
   // Tensors `<name>.entry`, `<name>.shift` and the integer `<name>.out_shift`; proves the bounds.
-  [[nodiscard]] static Result<BlockOperator> load(const Calibration& calibration, const std::string& name,
-                                                  int n_rows, int n_cols);
+  [[nodiscard]] static Result<BlockOperator> load(const Calibration& calibration, const std::string& name, int n_rows,
+                                                  int n_cols);
 
   [[nodiscard]] int n_rows() const { return n_rows_; }
   [[nodiscard]] int n_blocks() const { return n_blocks_; }

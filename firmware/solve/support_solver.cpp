@@ -163,8 +163,7 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const uint8_t> mas
   }
   std::fill(force.begin(), force.end(), NodeForce{});
   for (size_t i = 0; i < index_.size(); ++i) {
-    const auto value =
-        saturate_raw<int32_t>(round_shift(y_[i] * scale_[index_[i]], kForceFraction), saturations);
+    const auto value = saturate_raw<int32_t>(round_shift(y_[i] * scale_[index_[i]], kForceFraction), saturations);
     NodeForce& f = force[index_[i] / 3];
     (index_[i] % 3 == 0 ? f.x : index_[i] % 3 == 1 ? f.y : f.z) = value;
   }

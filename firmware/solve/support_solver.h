@@ -57,13 +57,13 @@ class SupportSolver {
   BlockOperator normal_;
   BlockOperator project_;
   std::span<const int32_t> scale_;
-  std::vector<uint32_t> index_;    // unknowns of the support
-  std::vector<uint16_t> blocks_;   // column blocks that hold one
-  std::vector<int16_t> p16_;       // all unknowns, padded
+  std::vector<uint32_t> index_;   // unknowns of the support
+  std::vector<uint16_t> blocks_;  // column blocks that hold one
+  std::vector<int16_t> p16_;      // all unknowns, padded
   std::vector<int64_t> y_;
   std::vector<int64_t> r_;
   std::vector<int64_t> p_;
-  std::vector<int64_t> image_;     // H p16
+  std::vector<int64_t> image_;  // H p16
 };
 
 }  // namespace ruffini

@@ -25,10 +25,13 @@ uint64_t read_u64(std::span<const uint8_t> bytes) {
 
 size_t item_bytes(Tensor::Type type) {
   switch (type) {
-    case Tensor::Type::kU8: return 1;
+    case Tensor::Type::kU8:
+      return 1;
     case Tensor::Type::kI16:
-    case Tensor::Type::kU16: return 2;
-    case Tensor::Type::kI32: return 4;
+    case Tensor::Type::kU16:
+      return 2;
+    case Tensor::Type::kI32:
+      return 4;
   }
   return 0;
 }
@@ -49,8 +52,7 @@ class HeaderParser {
     do {
       std::string_view name;
       if (!take_name(name) || !take(':')) return "header key is not a plain string";
-      const std::string problem =
-          name == "__metadata__" ? metadata() : tensor(name, next_offset);
+      const std::string problem = name == "__metadata__" ? metadata() : tensor(name, next_offset);
       if (!problem.empty()) return problem;
     } while (take(','));
     if (!take('}')) return "header is not closed";
@@ -92,10 +94,14 @@ class HeaderParser {
       if (c == '\\') {
         if (at_ >= text_.size()) return false;
         const char kind = text_[at_++];
-        if (kind == 'n') c = '\n';
-        else if (kind == 't') c = '\t';
-        else if (kind == '"' || kind == '\\' || kind == '/') c = kind;
-        else return false;
+        if (kind == 'n')
+          c = '\n';
+        else if (kind == 't')
+          c = '\t';
+        else if (kind == '"' || kind == '\\' || kind == '/')
+          c = kind;
+        else
+          return false;
       }
       out.push_back(c);
     }
@@ -140,16 +146,21 @@ class HeaderParser {
     if (!take('{') || !take_name(key) || key != "dtype" || !take(':') || !take_name(type) || !take(',')) {
       return what + " has no dtype";
     }
-    if (type == "U8") tensor.type = Tensor::Type::kU8;
-    else if (type == "I16") tensor.type = Tensor::Type::kI16;
-    else if (type == "U16") tensor.type = Tensor::Type::kU16;
-    else if (type == "I32") tensor.type = Tensor::Type::kI32;
-    else return what + " has unknown dtype " + std::string(type);
+    if (type == "U8")
+      tensor.type = Tensor::Type::kU8;
+    else if (type == "I16")
+      tensor.type = Tensor::Type::kI16;
+    else if (type == "U16")
+      tensor.type = Tensor::Type::kU16;
+    else if (type == "I32")
+      tensor.type = Tensor::Type::kI32;
+    else
+      return what + " has unknown dtype " + std::string(type);
     if (!take_name(key) || key != "shape" || !take(':') || !take_shape(tensor.shape) || !take(',')) {
       return what + " has no shape";
     }
-    if (!take_name(key) || key != "data_offsets" || !take(':') || !take('[') || !take_number(begin) ||
-        !take(',') || !take_number(end) || !take(']') || !take('}')) {
+    if (!take_name(key) || key != "data_offsets" || !take(':') || !take('[') || !take_number(begin) || !take(',') ||
+        !take_number(end) || !take(']') || !take('}')) {
       return what + " has no data_offsets";
     }
     uint64_t size = item_bytes(tensor.type);
@@ -230,8 +241,8 @@ Result<int64_t> Calibration::integer(std::string_view key, int64_t low, int64_t 
     if (!valid) break;
   }
   if (!valid || value < low || value > high) {
-    return bad(std::string(key) + " = \"" + std::string(digits) + "\" is not an integer from " +
-               std::to_string(low) + " to " + std::to_string(high));
+    return bad(std::string(key) + " = \"" + std::string(digits) + "\" is not an integer from " + std::to_string(low) +
+               " to " + std::to_string(high));
   }
   return value;
 }
@@ -264,8 +275,7 @@ bool Calibration::has_kind(std::string_view kind) const {
 }
 
 Status Calibration::check_target(const BoardSettings& board, std::string_view sensor_serial) const {
-  const std::string resolution =
-      std::to_string(board.camera.width_px) + "x" + std::to_string(board.camera.height_px);
+  const std::string resolution = std::to_string(board.camera.width_px) + "x" + std::to_string(board.camera.height_px);
   const auto refuse = [](std::string_view what, std::string_view theirs, std::string_view ours) -> Error {
     return {ErrorKind::kRefused, "calibration is for " + std::string(what) + " \"" + std::string(theirs) +
                                      "\", this is \"" + std::string(ours) + "\": use the right file"};

@@ -29,7 +29,7 @@ Error storage_error(const std::string& what, const std::string& path) {
 Result<std::vector<uint8_t>> read_all(const std::string& path, bool from_medium) {
   const UniqueFd file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
   if (!file) return storage_error("open", path);
-  struct stat status {};
+  struct stat status{};
   if (::fstat(file.get(), &status) != 0) return storage_error("stat", path);
   if (!S_ISREG(status.st_mode) || static_cast<size_t>(status.st_size) > kMaxFileBytes) {
     errno = EFBIG;

@@ -48,11 +48,7 @@ def parity_bases(n_x: int, n_y: int) -> list[sp.csr_matrix]:
                 along_y = _parity_basis(n_y, even=y_even != (component == 1))
                 scalar = sp.kron(along_y, along_x, format="coo")
                 rows = 3 * scalar.row + component
-                blocks.append(
-                    sp.coo_matrix(
-                        (scalar.data, (rows, scalar.col)), shape=(3 * n_x * n_y, scalar.shape[1])
-                    )
-                )
+                blocks.append(sp.coo_matrix((scalar.data, (rows, scalar.col)), shape=(3 * n_x * n_y, scalar.shape[1])))
             bases.append(sp.hstack(blocks, format="csr"))
     return bases
 

@@ -24,7 +24,8 @@ using namespace ruffini;
 
 uint64_t now_ns() {
   return static_cast<uint64_t>(
-      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count());
+      std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+          .count());
 }
 
 std::vector<uint8_t> read_file(const std::string& path) {
@@ -51,9 +52,11 @@ struct Input {
   std::vector<uint8_t> rest;
   std::vector<uint8_t> pressed;
 
-  explicit Input(const std::string& folder) : rest(read_file(folder + "/rest.bgr")), pressed(read_file(folder + "/pressed.bgr")) {
+  explicit Input(const std::string& folder)
+      : rest(read_file(folder + "/rest.bgr")), pressed(read_file(folder + "/pressed.bgr")) {
     const std::vector<uint8_t> toml = read_file(folder + "/board.toml");
-    board = value_or_exit(parse_board({reinterpret_cast<const char*>(toml.data()), toml.size()}, folder + "/board.toml"));
+    board =
+        value_or_exit(parse_board({reinterpret_cast<const char*>(toml.data()), toml.size()}, folder + "/board.toml"));
     calibration = value_or_exit(CalibrationFile::load(read_file(folder + "/calibration.safetensors")));
   }
   [[nodiscard]] FrameView view(const std::vector<uint8_t>& pixels) const {
@@ -138,8 +141,10 @@ int main(int argc, char** argv) {
   int kept = 1;
   for (int i = 1; i < argc; ++i) {
     const std::string argument = argv[i];
-    if (argument.starts_with("--data=")) folder = argument.substr(7);
-    else argv[kept++] = argv[i];
+    if (argument.starts_with("--data="))
+      folder = argument.substr(7);
+    else
+      argv[kept++] = argv[i];
   }
   argc = kept;
   benchmark::Initialize(&argc, argv);

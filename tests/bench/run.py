@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
+
 from ruffini.boards import Board, find_board
 from ruffini.calibrate.container import base_metadata, pack, write
 from ruffini.calibrate.operator import make_operator

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from core_stages import CoreStages
 from mirror.board import Board, read_board
+
 from ruffini.core import native_folder
 
 BOARDS = Path(__file__).parents[2] / "boards"

@@ -110,9 +110,7 @@ class CoreStages:
 
     def poisson(self, slope: npt.NDArray[np.int16]) -> tuple[npt.NDArray[np.int16], int]:
         depth = np.zeros(slope.shape[:2], np.int16)
-        saturations = self._lib.stages_poisson(
-            self._handle, _pointer(slope, np.int16), _pointer(depth, np.int16)
-        )
+        saturations = self._lib.stages_poisson(self._handle, _pointer(slope, np.int16), _pointer(depth, np.int16))
         return depth, int(saturations)
 
     def displacement(

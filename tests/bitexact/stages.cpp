@@ -45,9 +45,8 @@ constexpr int kMarkerColumns = 6;
 
 void put_markers(std::span<const Marker> markers, int32_t* out) {
   for (const Marker& m : markers) {
-    const int32_t row[kMarkerColumns] = {m.rest_x.raw(),         m.rest_y.raw(),
-                                         m.displacement_x.raw(), m.displacement_y.raw(),
-                                         m.is_lost ? 1 : 0,      m.is_absent ? 1 : 0};
+    const int32_t row[kMarkerColumns] = {m.rest_x.raw(),         m.rest_y.raw(),    m.displacement_x.raw(),
+                                         m.displacement_y.raw(), m.is_lost ? 1 : 0, m.is_absent ? 1 : 0};
     out = std::copy(std::begin(row), std::end(row), out);
   }
 }
@@ -118,7 +117,8 @@ int stages_rest(Stages* stages, const uint8_t* frames, int n_frames, uint16_t* i
 void stages_difference(Stages* stages, const uint8_t* frame, const uint16_t* rest, const uint32_t* reciprocal,
                        int16_t* out, int32_t* counts) {
   std::vector<RelativeChange> change(3 * n_pixels(*stages));
-  const ExposureCounts exposure = difference(view(*stages, frame), {rest, change.size()}, {reciprocal, change.size()}, change);
+  const ExposureCounts exposure =
+      difference(view(*stages, frame), {rest, change.size()}, {reciprocal, change.size()}, change);
   std::ranges::transform(change, out, [](RelativeChange d) { return d.raw(); });
   counts[0] = exposure.dark;
   counts[1] = exposure.full;
@@ -180,7 +180,8 @@ int64_t stages_poisson(Stages* stages, const int16_t* slope_q12, int16_t* depth_
 }
 
 // `n_depth` = 0: depth not measured. Returns the saturations.
-int64_t stages_displacement(Stages* stages, const int32_t* markers, const int16_t* depth_q3, int n_depth, int16_t* out) {
+int64_t stages_displacement(Stages* stages, const int32_t* markers, const int16_t* depth_q3, int n_depth,
+                            int16_t* out) {
   std::vector<DisplacementUm> depth(static_cast<size_t>(n_depth));
   for (size_t i = 0; i < depth.size(); ++i) depth[i] = DisplacementUm::from_raw(depth_q3[i]);
   const std::vector<Marker> lattice = get_markers(markers, stages->board.markers.lattice.count());

@@ -8,16 +8,16 @@ import pytest
 from conftest import small_board
 from mirror.board import Board, read_board
 from mirror.path import FramePath
+from test_stages import render
+
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, pack
 from ruffini.calibrate.operator import make_operator
 from ruffini.core import Pipeline
 from ruffini.fem.operators import Noise
-from test_stages import render
 
 ALL_STAGES = (
-    '["difference", "markers", "photometric", "poisson", "displacement", '
-    '"operator", "support", "wrench", "contacts"]'
+    '["difference", "markers", "photometric", "poisson", "displacement", "operator", "support", "wrench", "contacts"]'
 )
 N_REST = 3
 

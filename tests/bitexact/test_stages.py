@@ -156,9 +156,7 @@ def test_photometric(open_stages: OpenStages, text: str, limit: int) -> None:
     slope = pixel_slope(change.astype(np.int64), upsample(unmix, height, width), table)
     mask = marker_mask(board, markers)
     assert 0 < mask.mean() < 1
-    assert np.array_equal(
-        core.photometric(change, markers, depth_grid(board)), cell_slope(board, slope, mask)
-    )
+    assert np.array_equal(core.photometric(change, markers, depth_grid(board)), cell_slope(board, slope, mask))
 
 
 def test_photometric_with_every_pixel_masked(open_stages: OpenStages) -> None:

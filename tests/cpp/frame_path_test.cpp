@@ -18,7 +18,8 @@ struct Sensor {
       : board(std::move(settings)), path(std::move(FramePath::configure(board, nullptr, fake_clock)).value()) {}
 
   const FrameState& show(const std::vector<uint8_t>& pixels) {
-    return path->process({pixels.data(), board.camera.width_px, board.camera.height_px, 3, ptrdiff_t{3} * board.camera.width_px});
+    return path->process(
+        {pixels.data(), board.camera.width_px, board.camera.height_px, 3, ptrdiff_t{3} * board.camera.width_px});
   }
   // One frame of the pad with all dots moved by (dx, 0) pixels.
   const FrameState& show_dots(double dx, double level = 120) {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import tomllib
 from pathlib import Path
@@ -195,7 +196,7 @@ class Board(Section):
         if widest * 1000 * camera.standoff_um > MAX_VIEW_UM * camera.focal_mpx:
             raise ValueError("[camera] sees more than 2 m of pad: check focal_mpx and standoff_um")
         places = [STAGES.index(s) if s in STAGES else -1 for s in self.pipeline.stages]
-        if not places or min(places) < 0 or any(b <= a for a, b in zip(places, places[1:], strict=False)):
+        if not places or min(places) < 0 or any(b <= a for a, b in itertools.pairwise(places)):
             raise ValueError(f"pipeline.stages must be some of {', '.join(STAGES)}, in this order")
         return self
 
@@ -258,14 +259,12 @@ def find_board(name_or_folder: str | Path) -> Board:
     path = folder / "board.toml"
     if not path.is_file():
         raise InputError(
-            f"no board {str(name_or_folder)!r}: give a folder with a board.toml or one of "
-            f"{', '.join(board_names())}"
+            f"no board {str(name_or_folder)!r}: give a folder with a board.toml or one of {', '.join(board_names())}"
         )
     board = parse_board(path.read_bytes(), str(path))
     if board.name != path.resolve().parent.name:
         raise InputError(
-            f"{path}: board.name is {board.name!r} but the folder is called "
-            f"{path.resolve().parent.name!r}"
+            f"{path}: board.name is {board.name!r} but the folder is called {path.resolve().parent.name!r}"
         )
     object.__setattr__(board, "_folder", folder)
     return board

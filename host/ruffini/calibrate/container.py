@@ -93,7 +93,11 @@ def pack(tensors: Tensors, metadata: dict[str, str], seed: bytes = DEVELOPMENT_S
         if label is None:
             raise InputError(f"tensor {name} is {array.dtype}: the format has {', '.join(DTYPES)}")
         raw = array.astype(array.dtype.newbyteorder("<")).tobytes()
-        header[name] = {"dtype": label, "shape": list(array.shape), "data_offsets": [offset, offset + len(raw)]}
+        header[name] = {
+            "dtype": label,
+            "shape": list(array.shape),
+            "data_offsets": [offset, offset + len(raw)],
+        }
         chunks.append(raw)
         offset += len(raw)
     header[SIGNATURE] = {
@@ -113,6 +117,7 @@ def unpack(data: bytes, where: str = "calibration file") -> CalibrationFile:
     InputError
         Whatever the format refuses: lengths, order, gaps, types, duplicate keys.
     """
+
     def refuse(what: str) -> InputError:
         return InputError(f"{where}: {what}: make or copy the file again")
 

@@ -119,9 +119,7 @@ def _add(tensors: Tensors, metadata: dict[str, str], name: str, table: BlockTabl
     metadata[f"{name}.error_1e9"] = str(round(table.error * 1e9))
 
 
-def _add_support(
-    tensors: Tensors, metadata: dict[str, str], system: SupportSystem, force_lsb_un: int
-) -> None:
+def _add_support(tensors: Tensors, metadata: dict[str, str], system: SupportSystem, force_lsb_un: int) -> None:
     normal = compile_matrix(system.normal * NORMAL_SCALE, "the normal equations")
     step_m = DISPLACEMENT_LSB_NM * 1e-9
     project = compile_matrix(system.project * (step_m * FRACTION_Q14), "the projection")

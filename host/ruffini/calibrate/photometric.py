@@ -98,14 +98,13 @@ def collect_samples(
     rng = np.random.default_rng(seed)
     shape = presses.reference.shape[:2]
     place = pixel_place(shape)
-    smooth_reference = cv2.medianBlur(presses.reference.astype(np.float32).astype(np.uint8), 31)
+    smooth_reference = np.asarray(cv2.medianBlur(presses.reference.astype(np.uint8), 31), dtype=np.uint8)
     samples = []
     for press in presses.presses:
         image = read_image(press.path).astype(float)
         if image.shape != presses.reference.shape:
             raise InputError(
-                f"{press.path} is {image.shape[1]}x{image.shape[0]}, "
-                f"the reference {shape[1]}x{shape[0]} pixels"
+                f"{press.path} is {image.shape[1]}x{image.shape[0]}, the reference {shape[1]}x{shape[0]} pixels"
             )
         mask, slope = ball_slope(
             press,
@@ -132,7 +131,7 @@ def _dot_mask(image: Array, background: npt.NDArray[np.uint8]) -> npt.NDArray[np
     import cv2
 
     dark = (relative_change(image, background.astype(float)) < MARKER_CHANGE).all(axis=2)
-    grown = cv2.dilate(dark.astype(np.uint8), np.ones((5, 5), np.uint8))
+    grown = cv2.dilate(np.asarray(dark, dtype=np.uint8), np.ones((5, 5), np.uint8))
     return np.asarray(grown, dtype=bool)
 
 
@@ -151,9 +150,7 @@ def fit_model(samples: list[Samples], unmix_order: int, slope_order: int) -> Pho
         return model
     q = model.normal(change, place)
     keep = np.hypot(q[:, 0], q[:, 1]) < Q_LIMIT
-    correction = _ridge(
-        _monomials(q[keep], slope_order)[:, 1:], (slope - _lambertian_slope(q))[keep], weight[keep]
-    )
+    correction = _ridge(_monomials(q[keep], slope_order)[:, 1:], (slope - _lambertian_slope(q))[keep], weight[keep])
     return PhotometricModel(unmix, unmix_order, correction, slope_order)
 
 
@@ -166,6 +163,7 @@ def _ridge(features: Array, target: Array, weight: Array, relative: float = 1e-5
 
 def angle_deg(slope: Array, truth: Array) -> Array:
     """Angle between the normals of two sets of slopes, degrees."""
+
     def normal(s: Array) -> Array:
         n = np.column_stack([-s, np.ones(len(s))])
         return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
@@ -194,9 +192,7 @@ class PhotometricFit:
         }
 
 
-def fit_photometric(
-    samples: list[Samples], *, progress: Callable[[float], None] = lambda _: None
-) -> PhotometricFit:
+def fit_photometric(samples: list[Samples], *, progress: Callable[[float], None] = lambda _: None) -> PhotometricFit:
     """Choose the orders by cross-validation over presses, then fit on all of them."""
     folds = min(len(samples), 8)
     tried: dict[str, float] = {}
@@ -205,9 +201,7 @@ def fit_photometric(
     for done, (unmix_order, slope_order) in enumerate(orders):
         errors = np.zeros(len(samples))
         for fold in range(folds):
-            model = fit_model(
-                [s for i, s in enumerate(samples) if i % folds != fold], unmix_order, slope_order
-            )
+            model = fit_model([s for i, s in enumerate(samples) if i % folds != fold], unmix_order, slope_order)
             for i in range(fold, len(samples), folds):
                 s = samples[i]
                 estimate = model.slope(model.normal(s.change, s.place))

@@ -84,9 +84,7 @@ def load_presses(
     ball = ball_mm if ball_mm is not None else settings.get("ball_mm")
     scale = px_per_mm if px_per_mm is not None else settings.get("px_per_mm")
     if ball is None or scale is None:
-        raise InputError(
-            f"{folder} does not say its ball and scale: give --ball-mm (diameter) and --px-per-mm"
-        )
+        raise InputError(f"{folder} does not say its ball and scale: give --ball-mm (diameter) and --px-per-mm")
     if not (ball > 0 and scale > 0):
         raise InputError(f"ball_mm and px_per_mm must be positive, got {ball} and {scale}")
     references = sorted(folder.glob("reference*.png"))
@@ -112,9 +110,7 @@ def _rows(table: Path) -> list[dict[str, str]]:
 
 
 def _parse_row(folder: Path, table: Path, index: int, row: dict[str, str]) -> Press:
-    path = next(
-        (p for p in (folder / row["image"], folder / "press" / row["image"]) if p.is_file()), None
-    )
+    path = next((p for p in (folder / row["image"], folder / "press" / row["image"]) if p.is_file()), None)
     if path is None:
         raise InputError(f"{table} row {index + 1}: no image {row['image']!r} in {folder}")
     try:

@@ -32,10 +32,16 @@ def _micrometres(text: str) -> tuple[float, float, float]:
 def operator(
     board: BoardOption,
     out: OutOption,
-    method: Annotated[str, typer.Option(help="raw, ridge, optimal, or support (optimal with the second pass).")] = "support",
+    method: Annotated[
+        str, typer.Option(help="raw, ridge, optimal, or support (optimal with the second pass).")
+    ] = "support",
     noise_um: Annotated[str, typer.Option(help="Noise of the displacement along x,y,z, micrometres.")] = "5,5,20",
-    gauge_um: Annotated[float, typer.Option(help="Uncertainty of the depth's free constant (optimal, support).")] = 100.0,
-    tilt_um: Annotated[float, typer.Option(help="Uncertainty of the depth's tilt at the edge (optimal, support).")] = 30.0,
+    gauge_um: Annotated[
+        float, typer.Option(help="Uncertainty of the depth's free constant (optimal, support).")
+    ] = 100.0,
+    tilt_um: Annotated[
+        float, typer.Option(help="Uncertainty of the depth's tilt at the edge (optimal, support).")
+    ] = 30.0,
     ridge_weight: Annotated[float, typer.Option(help="w over the largest eigenvalue squared (ridge).")] = 1e-4,
     json_: JsonFlag = False,
 ) -> None:
@@ -55,7 +61,11 @@ def operator(
     error = int(kind.metadata["operator.error_1e9"]) * 1e-9
     result = {"file": str(out), "board": found.name, "method": method, "grid": [int(kind.metadata["operator.n_x"]),
               int(kind.metadata["operator.n_y"])], "rounding_error": error, "bytes": len(file.data)}  # fmt: skip
-    emit(result, json_, f"{out}: {method} operator of {found.name}, rounding error {error:.1e}, {len(file.data) / 1e6:.1f} MB")
+    emit(
+        result,
+        json_,
+        f"{out}: {method} operator of {found.name}, rounding error {error:.1e}, {len(file.data) / 1e6:.1f} MB",
+    )
 
 
 @app.command("photometric")
@@ -66,7 +76,10 @@ def photometric(
     ball_mm: Annotated[float | None, typer.Option(help="Diameter of the ball (default: presses.toml).")] = None,
     px_per_mm: Annotated[float | None, typer.Option(help="Scale of the images (default: presses.toml).")] = None,
     truth: Annotated[Path | None, typer.Option(help="CSV of contact circles (default: DIR/presses.csv).")] = None,
-    foreign: Annotated[bool, typer.Option("--foreign", help="The presses come from other optics than the board's: z stays UNCALIBRATED.")] = False,
+    foreign: Annotated[
+        bool,
+        typer.Option("--foreign", help="The presses come from other optics than the board's: z stays UNCALIBRATED."),
+    ] = False,
     json_: JsonFlag = False,
 ) -> None:
     """Fit colour change -> surface slope on ball presses of known size."""
@@ -82,7 +95,9 @@ def photometric(
         raise InputError(f"{folder}: images are {width}x{height}, board {found.name!r} has {found.resolution}: "
                          "give --foreign if they come from other optics")  # fmt: skip
     camera = found.camera
-    view = Pinhole(camera.focal_mpx / 1e3, camera.center_x_mpx / 1e3, camera.center_y_mpx / 1e3, camera.standoff_um / 1e3)
+    view = Pinhole(
+        camera.focal_mpx / 1e3, camera.center_x_mpx / 1e3, camera.center_y_mpx / 1e3, camera.standoff_um / 1e3
+    )
     with progress_bar("fit") as progress:
         fit = fit_photometric(collect_samples(presses, None if foreign else view), progress=progress)
     report = fit.report()
@@ -96,7 +111,11 @@ def photometric(
 
 
 @app.command("merge")
-def merge(files: Annotated[list[Path], typer.Argument(help="Calibration files; later ones win.")], out: OutOption, json_: JsonFlag = False) -> None:
+def merge(
+    files: Annotated[list[Path], typer.Argument(help="Calibration files; later ones win.")],
+    out: OutOption,
+    json_: JsonFlag = False,
+) -> None:
     """One file with the kinds of several."""
     from ruffini.calibrate import container
 
@@ -129,11 +148,19 @@ def flash(
             with progress_bar("flash") as progress:
                 sensor.flash(file.data, progress)
     words = {"same": "already in force", "dry-run": "dry run, nothing written", "active": "in force"}
-    emit({"state": state, "sha256": file.sha256.hex(), "kinds": file.kinds}, json_, f"{sensor.port}: {words[state]}")
+    emit(
+        {"state": state, "sha256": file.sha256.hex(), "kinds": file.kinds},
+        json_,
+        f"{sensor.port}: {words[state]}",
+    )
 
 
 @app.command("verify")
-def verify(file: Annotated[Path, FILE], board: Annotated[str | None, typer.Option(help="Also: is it for this board, and does the core take it?")] = None, json_: JsonFlag = False) -> None:
+def verify(
+    file: Annotated[Path, FILE],
+    board: Annotated[str | None, typer.Option(help="Also: is it for this board, and does the core take it?")] = None,
+    json_: JsonFlag = False,
+) -> None:
     """Check a file's layout and signature, and that the core can prove it."""
     from ruffini.boards import find_board
     from ruffini.calibrate import container
@@ -156,12 +183,17 @@ def show(file: Annotated[Path, FILE], json_: JsonFlag = False) -> None:
 
     read = container.read(file)
     tensors = {k: f"{v.dtype} {list(v.shape)}" for k, v in read.tensors.items()}
-    text = "\n".join([*(f"{k} = {v}" for k, v in read.metadata.items()), "", *(f"{k}: {v}" for k, v in tensors.items())])
+    text = "\n".join(
+        [*(f"{k} = {v}" for k, v in read.metadata.items()), "", *(f"{k}: {v}" for k, v in tensors.items())]
+    )
     emit({"metadata": read.metadata, "tensors": tensors, "sha256": read.sha256.hex()}, json_, text)
 
 
 @app.command("zero")
-def zero(n: Annotated[int, typer.Option("--n", help="Frames to average (0 = the board's own number).")] = 0, json_: JsonFlag = False) -> None:
+def zero(
+    n: Annotated[int, typer.Option("--n", help="Frames to average (0 = the board's own number).")] = 0,
+    json_: JsonFlag = False,
+) -> None:
     """Learn the untouched image anew: nothing may touch the pad now."""
     with open_sensor() as sensor:
         reply = sensor.command(zero={"n_frames": n})

@@ -14,7 +14,9 @@ def demo(
     board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="Folder for recordings, tables and pictures.")] = Path("out/run"),
     video: Annotated[Path | None, typer.Option("--input", help="A real recording in place of the twin.")] = None,
-    presses: Annotated[Path | None, typer.Option("--presses", help="Ball presses for the real recording's colours.")] = None,
+    presses: Annotated[
+        Path | None, typer.Option("--presses", help="Ball presses for the real recording's colours.")
+    ] = None,
     ball_mm: Annotated[float, typer.Option(help="Ball of --presses, where its folder does not say.")] = 4.70,
     px_per_mm: Annotated[float, typer.Option(help="Scale of --presses, where its folder does not say.")] = 19.58,
     json_: JsonFlag = False,

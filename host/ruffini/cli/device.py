@@ -64,14 +64,23 @@ def info(json_: JsonFlag = False) -> None:
         c = s.calibration
         rows.append(
             {
-                "sensor": s.sensor, "board": s.board, "product": s.product,
-                "image": f"{s.image_width_px}x{s.image_height_px}", "grid": [s.grid_n_x, s.grid_n_y],
-                "markers": s.n_markers, "stages": list(s.stages), "not_measured": list(s.not_measured),
+                "sensor": s.sensor,
+                "board": s.board,
+                "product": s.product,
+                "image": f"{s.image_width_px}x{s.image_height_px}",
+                "grid": [s.grid_n_x, s.grid_n_y],
+                "markers": s.n_markers,
+                "stages": list(s.stages),
+                "not_measured": list(s.not_measured),
                 "calibration": {
-                    "present": c.present, "sha256": c.sha256.hex(), "created_utc": c.created_utc,
-                    "kinds": ",".join(c.kinds), "key_id": c.key_id, "development_key": c.development_key,
+                    "present": c.present,
+                    "sha256": c.sha256.hex(),
+                    "created_utc": c.created_utc,
+                    "kinds": ",".join(c.kinds),
+                    "key_id": c.key_id,
+                    "development_key": c.development_key,
                 },
-            }  # fmt: skip
+            }
         )
     result = {
         "port": sensor.port, "serial": hello.device_serial, "firmware": hello.firmware_version,
@@ -81,7 +90,10 @@ def info(json_: JsonFlag = False) -> None:
     for r in rows:
         c = r["calibration"]
         state = f"{c['kinds']} of {c['created_utc']}" if c["present"] else "none: forces are not measured"
-        lines.append(f"  sensor {r['sensor']}: {r['board']} ({r['product']}), {r['image']} px, grid {r['grid'][0]}x{r['grid'][1]}")
+        lines.append(
+            f"  sensor {r['sensor']}: {r['board']} ({r['product']}), {r['image']} px, "
+            f"grid {r['grid'][0]}x{r['grid'][1]}"
+        )
         lines.append(f"    calibration: {state}" + ("  DEVELOPMENT KEY" if c["development_key"] else ""))
     emit(result, json_, "\n".join(lines))
 
@@ -140,7 +152,11 @@ def record(
         note(f"recording {sensor.port} to {out}, stop with Ctrl-C")
         counts = record_stream(sensor, out, n_frames=n, image_every=image_every)
     total = sum(counts.values())
-    emit({"file": str(out), "messages": counts}, json_, f"{out}: {total} messages, {counts.get('WRENCH', 0)} frames")
+    emit(
+        {"file": str(out), "messages": counts},
+        json_,
+        f"{out}: {total} messages, {counts.get('WRENCH', 0)} frames",
+    )
 
 
 def snapshot(
@@ -173,4 +189,8 @@ def snapshot(
     title = f"{board.name}, frame {field.frame}{badge}"
     field_over_frame(out, image.pixels, node_pixels(board), field.force, title=title,
                      z_calibrated=field.validity[2] in (1, 3))  # fmt: skip
-    emit({"file": str(out), "frame": field.frame, "force_n": field.force.sum(axis=(0, 1)).tolist()}, json_, str(out))
+    emit(
+        {"file": str(out), "frame": field.frame, "force_n": field.force.sum(axis=(0, 1)).tolist()},
+        json_,
+        str(out),
+    )

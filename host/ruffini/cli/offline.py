@@ -54,7 +54,8 @@ def track(
     summary = {
         "frames": len(displacement), "lattice": list(rest.shape[1::-1]), "markers_at_rest": result.n_markers_at_rest,
         "rest_px": rest.round(4).tolist(), "largest_displacement_px": round(float(length.max()), 3),
-        "largest_step_px": round(float(step.max(initial=0.0)), 3), "lost_most": int((state == 1).sum(axis=(1, 2)).max()),
+        "largest_step_px": round(float(step.max(initial=0.0)), 3),
+        "lost_most": int((state == 1).sum(axis=(1, 2)).max()),
         "seen_share": round(float(seen.mean()), 5) if seen.size else None,
     }  # fmt: skip
     emit({**summary, "per_frame": per_frame}, json_,
@@ -67,8 +68,14 @@ def depth(
     images: Annotated[list[Path], typer.Argument(help="Images of the pressed pad.")],
     calibration: Annotated[Path, typer.Option("--calibration", help="File with a photometric table.")],
     board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
-    reference: Annotated[Path | None, typer.Option(help="Untouched image (default: reference*.png beside the first image or one folder up).")] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for <name>.npy (metres, size of the image) and <name>.png.")] = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(help="Untouched image (default: reference*.png beside the first image or one folder up)."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Folder for <name>.npy (metres, size of the image) and <name>.png."),
+    ] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Depth of the surface in single images, against an untouched one."""
@@ -86,8 +93,10 @@ def depth(
     container.check_board(file, found)
     if "photometric" not in file.kinds:
         raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal photometric`")
-    references = [reference] if reference else sorted(images[0].parent.glob("reference*.png")) or sorted(
-        images[0].parent.parent.glob("reference*.png")
+    references = (
+        [reference]
+        if reference
+        else sorted(images[0].parent.glob("reference*.png")) or sorted(images[0].parent.parent.glob("reference*.png"))
     )
     if not references:
         raise InputError(f"no untouched image beside {images[0]}: give one with --reference")
@@ -98,7 +107,8 @@ def depth(
         for i, path in enumerate(images):
             result = pipeline.process(read_image(path))
             grid = pipeline.depth_m()
-            full = cv2.resize(grid, (found.camera.width_px, found.camera.height_px), interpolation=cv2.INTER_LINEAR)
+            size_px = (found.camera.width_px, found.camera.height_px)
+            full = np.asarray(cv2.resize(grid, size_px, interpolation=cv2.INTER_LINEAR), dtype=np.float64)
             if out is not None:
                 out.mkdir(parents=True, exist_ok=True)
                 np.save(out / f"{path.stem}.npy", full)
@@ -113,7 +123,10 @@ def depth(
 
 def field(
     calibration: Annotated[Path, typer.Option("--calibration", help="File with an operator.")],
-    displacement: Annotated[Path, typer.Option("--displacement", help="NPY: U[frame, iy, ix, 3] float64, mm, pad's corner, x = ix hx.")],
+    displacement: Annotated[
+        Path,
+        typer.Option("--displacement", help="NPY: U[frame, iy, ix, 3] float64, mm, pad's corner, x = ix hx."),
+    ],
     out: Annotated[Path, typer.Option("--out", help="NPY to write: F, newtons, NaN at nodes that are not observed.")],
     board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
     json_: JsonFlag = False,
@@ -137,12 +150,17 @@ def field(
         raise InputError(f"{displacement}: cannot be read as NPY: {error}") from error
     shape = (found.grid.n_y, found.grid.n_x, 3)
     if u.ndim != 4 or u.shape[1:] != shape or u.dtype.kind != "f":
-        raise InputError(f"{displacement}: is {u.dtype} {u.shape}, board {found.name!r} needs float (frames, {shape[0]}, {shape[1]}, 3)")
+        raise InputError(
+            f"{displacement}: is {u.dtype} {u.shape}, "
+            f"board {found.name!r} needs float (frames, {shape[0]}, {shape[1]}, 3)"
+        )
     if not np.isfinite(u).all():
         raise InputError(f"{displacement}: holds NaN or infinity: fill lost nodes first")
     steps = np.floor(u * 1e-3 / DISPLACEMENT_LSB_M + 0.5)
     if np.abs(steps).max(initial=0) > 32767:
-        raise InputError(f"{displacement}: holds more than 4.096 mm, which the board's integers do not: are these millimetres?")
+        raise InputError(
+            f"{displacement}: holds more than 4.096 mm, which the board's integers do not: are these millimetres?"
+        )
     rows, columns = found.observed
     seen = steps[:, rows, columns].astype(np.int16)
     force = np.full(u.shape, np.nan)

@@ -22,7 +22,9 @@ def sim() -> None:
 def press(
     board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="New folder for the recording.")],
-    program: Annotated[str, typer.Option(help="demo, grid (presses for judging) or balls (for cal photometric).")] = "demo",
+    program: Annotated[
+        str, typer.Option(help="demo, grid (presses for judging) or balls (for cal photometric).")
+    ] = "demo",
     n: Annotated[int, typer.Option("--n", help="Number of presses (grid, balls).")] = 40,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 1,
     ball_mm: Annotated[float, typer.Option(help="Diameter of the calibration ball (balls).")] = 5.0,

@@ -27,10 +27,19 @@ class _Layout(ctypes.Structure):
     _fields_ = [
         (name, ctypes.c_int32)
         for name in (
-            "width_px", "height_px", "depth_n_x", "depth_n_y", "depth_step_px",
-            "node_n_x", "node_n_y", "node_first_x", "node_first_y",
-            "marker_n_x", "marker_n_y", "force_lsb_un",
-        )  # fmt: skip
+            "width_px",
+            "height_px",
+            "depth_n_x",
+            "depth_n_y",
+            "depth_step_px",
+            "node_n_x",
+            "node_n_y",
+            "node_first_x",
+            "node_first_y",
+            "marker_n_x",
+            "marker_n_y",
+            "force_lsb_un",
+        )
     ]
 
 
@@ -75,7 +84,7 @@ class Frame:
     @property
     def wrench(self) -> npt.NDArray[np.float64]:
         """(6,) force in N and moment in N m about the undeformed pad centre."""
-        return self.wrench_un * np.array([1e-6] * 3 + [1e-12] * 3)
+        return np.asarray(self.wrench_un * np.array([1e-6] * 3 + [1e-12] * 3))
 
 
 def native_folder() -> Path:
@@ -86,9 +95,7 @@ def native_folder() -> Path:
     for folder in candidates:
         if (folder / "libruffini.so").is_file():
             return folder
-    raise RuffiniError(
-        "libruffini.so was not found: run `make build`, or set RUFFINI_NATIVE_DIR to its folder"
-    )
+    raise RuffiniError("libruffini.so was not found: run `make build`, or set RUFFINI_NATIVE_DIR to its folder")
 
 
 @cache
@@ -161,9 +168,12 @@ class Pipeline:
         result = _Result()
         self._check(
             self._lib.ruffini_process(
-                self._pointer, pixels.ctypes.data_as(ctypes.c_void_p),
-                bgr.shape[1], bgr.shape[0], ctypes.byref(result),
-            )  # fmt: skip
+                self._pointer,
+                pixels.ctypes.data_as(ctypes.c_void_p),
+                bgr.shape[1],
+                bgr.shape[0],
+                ctypes.byref(result),
+            )
         )
         return Frame(
             flags=result.flags,
@@ -201,9 +211,11 @@ class Pipeline:
         force = np.zeros(u.shape, np.int32)
         self._check(
             self._lib.ruffini_solve(
-                self._pointer, u.ctypes.data_as(ctypes.c_void_p), len(u),
+                self._pointer,
+                u.ctypes.data_as(ctypes.c_void_p),
+                len(u),
                 force.ctypes.data_as(ctypes.c_void_p),
-            )  # fmt: skip
+            )
         )
         return force
 
@@ -240,11 +252,11 @@ class Pipeline:
 
     def force_n(self) -> npt.NDArray[np.float64]:
         """Nodal force of the last frame, (n_y, n_x, 3), newtons, on the observed nodes."""
-        return self.raw("force") * (self.layout.force_lsb_un * 1e-6)
+        return np.asarray(self.raw("force") * (self.layout.force_lsb_un * 1e-6))
 
     def depth_m(self) -> npt.NDArray[np.float64]:
         """u_z of the last frame on the depth grid, metres, negative where pressed."""
-        return self.raw("depth") * DISPLACEMENT_LSB_M
+        return np.asarray(self.raw("depth") * DISPLACEMENT_LSB_M)
 
     def displacement_m(self) -> npt.NDArray[np.float64]:
         """Nodal displacement of the last frame, (n_y, n_x, 3), metres."""

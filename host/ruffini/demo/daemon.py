@@ -18,7 +18,11 @@ START_TIMEOUT_S = 20.0
 
 def find_daemon() -> Path:
     """The ruffinid binary: RUFFINI_DAEMON, the build tree, or the PATH."""
-    candidates = [os.environ.get("RUFFINI_DAEMON"), str(native_folder().parent / "ruffinid"), shutil.which("ruffinid")]
+    candidates = [
+        os.environ.get("RUFFINI_DAEMON"),
+        str(native_folder().parent / "ruffinid"),
+        shutil.which("ruffinid"),
+    ]
     for candidate in candidates:
         if candidate and Path(candidate).is_file():
             return Path(candidate)
@@ -40,7 +44,8 @@ def running_daemon(board_folder: Path, recording: Path, store: Path, *options: s
     ]  # fmt: skip
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
-            assert process.stdout is not None and process.stderr is not None
+            assert process.stdout is not None
+            assert process.stderr is not None
             ready, _, _ = select.select([process.stdout], [], [], START_TIMEOUT_S)
             line = process.stdout.readline() if ready else ""
             if not line.startswith("link: "):

@@ -182,9 +182,7 @@ def _report_twin(board: Board, out: Path, run: Run, truth: Any, photometric: dic
     true = truth["wrench"][frames]
     error = np.linalg.norm((measured - true)[:, :3], axis=1)
     largest = float(np.linalg.norm(true[:, :3], axis=1).max())
-    strongest = max(
-        (i for i in frames if i in run.results["FIELD"]), key=lambda i: np.hypot(*truth["wrench"][i][:2])
-    )
+    strongest = max((i for i in frames if i in run.results["FIELD"]), key=lambda i: np.hypot(*truth["wrench"][i][:2]))
     rows, columns = board.observed
     image = list(read_frames(out / "recording"))[strongest]
     got = run.results["FIELD"][strongest]
@@ -195,7 +193,8 @@ def _report_twin(board: Board, out: Path, run: Run, truth: Any, photometric: dic
         field_over_frame(out / "field.png", image, node_pixels(board), got.force,
                          title=f"{badge}: force field, frame {strongest}",
                          truth_n=truth["force"][strongest][rows, columns].astype(float)),
-        depth_map(out / "depth.png", run.results["DEPTH"][deepest].depth * 1e6, title=f"{badge}: depth, frame {deepest}"),
+        depth_map(out / "depth.png", run.results["DEPTH"][deepest].depth * 1e6,
+                  title=f"{badge}: depth, frame {deepest}"),
         wrench_over_time(out / "wrench.png", time_s, measured * np.array([1, 1, 1, 1e3, 1e3, 1e3]),
                          title=f"{badge}: wrench over the line", truth=true * np.array([1, 1, 1, 1e3, 1e3, 1e3])),
     ]  # fmt: skip
@@ -211,9 +210,14 @@ def _report_twin(board: Board, out: Path, run: Run, truth: Any, photometric: dic
         print(json.dumps(result))
     else:
         print(f"{board.name}, SIMULATED; the twin's E, nu and thickness are 3 % off what the calibration believes")
-        print(f"  {len(frames)} valid of {len(run.frames())} frames over the serial line; field sums to the wrench within {sums} uN")
-        print(f"  resultant error: mean {1e3 * error.mean():.1f} mN, 95th percentile {1e3 * np.percentile(error, 95):.1f} mN, "
-              f"{100 * np.percentile(error, 95) / largest:.1f} % of the largest true force {largest:.2f} N")  # fmt: skip
+        print(
+            f"  {len(frames)} valid of {len(run.frames())} frames over the serial line; "
+            f"field sums to the wrench within {sums} uN"
+        )
+        print(f"  resultant error: mean {1e3 * error.mean():.1f} mN, "
+              f"95th percentile {1e3 * np.percentile(error, 95):.1f} mN, "
+              f"{100 * np.percentile(error, 95) / largest:.1f} % "
+              f"of the largest true force {largest:.2f} N")  # fmt: skip
         for picture in pictures:
             print(f"  {picture}")
     if sums or np.percentile(error, 95) > 0.05 * largest:
@@ -284,7 +288,8 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
     result = {
         "board": board.name, "frames": len(run.frames()), "rest_frames": n_rest, "rest_displacement_px": rest_px,
         "rest_displacement_rms_px": float(np.linalg.norm(rest_rms_px)),
-        "before_touch_n": before.tolist(), "before_touch_sigma_n": sigma.tolist(), "before_touch_within_3_sigma": within,
+        "before_touch_n": before.tolist(), "before_touch_sigma_n": sigma.tolist(),
+        "before_touch_within_3_sigma": within,
         "shear_direction_cosine": overall, "shear_direction_cosine_worst_frame": worst, "sum_difference_un": sums,
         "z": "UNCALIBRATED" if z_state == UNCALIBRATED else "NOT MEASURED" if z_state == 0 else str(z_state),
         "duration_s": float(time_s[-1] - time_s[0]), "pictures": [str(p) for p in pictures],
@@ -293,10 +298,17 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
         print(json.dumps(result))
     else:
         print(f"{board.name}: {len(run.frames())} frames of {given.video} over the serial line; z {result['z']}")
-        print(f"  rest: largest displacement {rest_px:.3f} px (limit {MAX_REST_PX}), RMS {np.linalg.norm(rest_rms_px):.3f} px, {n_rest} frames")
+        print(
+            f"  rest: largest displacement {rest_px:.3f} px (limit {MAX_REST_PX}), "
+            f"RMS {np.linalg.norm(rest_rms_px):.3f} px, {n_rest} frames"
+        )
         print(f"  before touch: largest total shear {1e3 * before[0]:.1f}, {1e3 * before[1]:.1f} mN in any frame, "
-              f"sigma from other untouched frames {1e3 * sigma[0]:.1f}, {1e3 * sigma[1]:.1f} mN (within 3 sigma: {within})")  # fmt: skip
-        print(f"  direction of total shear against mean dot motion: cosine {overall:.3f}, worst frame {worst:.3f} (limit {MIN_COSINE})")
+              f"sigma from other untouched frames {1e3 * sigma[0]:.1f}, {1e3 * sigma[1]:.1f} mN "
+              f"(within 3 sigma: {within})")  # fmt: skip
+        print(
+            f"  direction of total shear against mean dot motion: cosine {overall:.3f}, "
+            f"worst frame {worst:.3f} (limit {MIN_COSINE})"
+        )
         for picture in pictures:
             print(f"  {picture}")
     if rest_px > MAX_REST_PX or not within or not overall >= MIN_COSINE or sums:

@@ -66,10 +66,17 @@ def field_over_frame(
     longest_px = 28.0
     unit = longest_px / max(float(shear.max()), 1e-9)
     image_axis.quiver(
-        node_px[strong][:, 0], node_px[strong][:, 1],
-        force_n[strong][:, 0] * unit, force_n[strong][:, 1] * unit,
-        color="white", edgecolor="black", linewidth=0.4, width=0.005,
-        angles="xy", scale_units="xy", scale=1.0,
+        node_px[strong][:, 0],
+        node_px[strong][:, 1],
+        force_n[strong][:, 0] * unit,
+        force_n[strong][:, 1] * unit,
+        color="white",
+        edgecolor="black",
+        linewidth=0.4,
+        width=0.005,
+        angles="xy",
+        scale_units="xy",
+        scale=1.0,
     )
     image_axis.set_title(f"shear, longest arrow {1e3 * shear.max():.1f} mN")
     image_axis.set_axis_off()
@@ -77,7 +84,9 @@ def field_over_frame(
     high = max(float(m.max()) for m in maps)
     x, y = node_px[..., 0], node_px[..., 1]
     for axis, (name, _), values in zip(map_axes, panels, maps, strict=True):
-        mesh = axis.pcolormesh(x, y, values, cmap=PRESSURE_MAP, vmin=min(0.0, float(values.min())), vmax=high, shading="gouraud")
+        mesh = axis.pcolormesh(
+            x, y, values, cmap=PRESSURE_MAP, vmin=min(0.0, float(values.min())), vmax=high, shading="gouraud"
+        )
         axis.set_aspect("equal")
         axis.invert_yaxis()
         axis.set_axis_off()
@@ -105,9 +114,7 @@ def depth_map(path: Path, depth_um: Array, *, title: str, truth_um: Array | None
     return _save(figure, path)
 
 
-def wrench_over_time(
-    path: Path, time_s: Array, wrench: Array, *, title: str, truth: Array | None = None
-) -> Path:
+def wrench_over_time(path: Path, time_s: Array, wrench: Array, *, title: str, truth: Array | None = None) -> Path:
     """Force (N) and moment (N mm) over time, the truth dashed.
 
     `wrench` and `truth` are (n, 6): force then moment about the undeformed pad centre; NaN where

@@ -226,9 +226,7 @@ def candidate_ports() -> list[str]:
     from serial.tools import list_ports
 
     return sorted(
-        p.device
-        for p in list_ports.comports()
-        if "ruffini" in f"{p.product or ''} {p.manufacturer or ''}".lower()
+        p.device for p in list_ports.comports() if "ruffini" in f"{p.product or ''} {p.manufacturer or ''}".lower()
     )
 
 

@@ -31,7 +31,8 @@ class Wrench:
     @classmethod
     def from_message(cls, m: Any) -> Wrench:
         raw = np.array(
-            [m.force_x_un, m.force_y_un, m.force_z_un, m.torque_x_un_um, m.torque_y_un_um, m.torque_z_un_um], float
+            [m.force_x_un, m.force_y_un, m.force_z_un, m.torque_x_un_um, m.torque_y_un_um, m.torque_z_un_um],
+            float,
         )
         values = raw * np.array([1e-6] * 3 + [1e-12] * 3)
         validity = tuple(m.validity) or (NOT_MEASURED,) * 6
@@ -94,4 +95,4 @@ class Image:
         return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, pixels)
 
 
-RESULTS = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "IMAGE": Image}
+RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "IMAGE": Image}

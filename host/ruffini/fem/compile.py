@@ -40,9 +40,7 @@ def force_steps(force_lsb_un: int) -> float:
     return DISPLACEMENT_LSB_NM * 1e-9 / (force_lsb_un * 1e-6)
 
 
-def compile_matrix(
-    matrix: npt.NDArray[np.float64], what: str, *, max_error: float = 2e-3
-) -> BlockTable:
+def compile_matrix(matrix: npt.NDArray[np.float64], what: str, *, max_error: float = 2e-3) -> BlockTable:
     """Round a matrix (n_rows, n_cols), in output steps per input step, to the board's table.
 
     Raises
@@ -59,9 +57,7 @@ def compile_matrix(
     blocks = padded.reshape(n_rows, n_blocks, BLOCK)
     peak = np.abs(blocks).max(axis=2)
     # Smallest exponent e with peak <= ENTRY_LIMIT 2^e.
-    exponent = np.where(
-        peak > 0, np.ceil(np.log2(np.maximum(peak, 1e-300) / ENTRY_LIMIT)), -np.inf
-    )
+    exponent = np.where(peak > 0, np.ceil(np.log2(np.maximum(peak, 1e-300) / ENTRY_LIMIT)), -np.inf)
     # The row sum is bounded by sum_b 2^(34 + shift): as much room as BOUND_BITS leaves.
     room = min(BOUND_BITS - 34 - int(np.ceil(np.log2(n_blocks))), MAX_SHIFT)
     out_shift = room - int(exponent.max())
@@ -77,8 +73,5 @@ def compile_matrix(
     rounded = BlockTable(entries, shifts, out_shift, 0.0).to_float()[:, :n_cols]
     error = float(np.linalg.norm(rounded - matrix) / np.linalg.norm(matrix))
     if error > max_error:
-        raise InputError(
-            f"rounding {what} to 15 bits costs {error:.1e} (relative L2), "
-            f"more than {max_error:.1e}"
-        )
+        raise InputError(f"rounding {what} to 15 bits costs {error:.1e} (relative L2), more than {max_error:.1e}")
     return BlockTable(entries, shifts, out_shift, error)

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from ruffini.reflection import parity_bases, spd_inverse
 from ruffini.fem.slab import Slab, assemble_layer
+from ruffini.reflection import parity_bases, spd_inverse
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -35,9 +35,7 @@ class CondensedSlab:
     k_22: list[Array]  # condensed: planes 3 and below are inside
 
 
-def condense(
-    slab: Slab, *, b_bar: bool = True, progress: Progress = lambda _: None
-) -> CondensedSlab:
+def condense(slab: Slab, *, b_bar: bool = True, progress: Progress = lambda _: None) -> CondensedSlab:
     """Condense all planes below the second one into it.
 
     Cost: about n_layers (3 n)^3 / 16 multiplications for n surface nodes, memory a few (3 n)^2 / 16

@@ -21,8 +21,8 @@ from ruffini.fem.condense import (
     condense,
     surface_stiffness,
 )
-from ruffini.reflection import blocks_from_dense, dense_from_blocks, spd_inverse
 from ruffini.fem.slab import Slab
+from ruffini.reflection import blocks_from_dense, dense_from_blocks, spd_inverse
 
 Array = npt.NDArray[np.float64]
 Method = Literal["raw", "ridge", "optimal"]
@@ -78,17 +78,13 @@ def ridge_operator(condensed: CondensedSlab, weight: float) -> list[Array]:
     largest = max(float(values[-1]) for values, _ in spectra)
     w = weight * largest**2
     blocks = []
-    for (values, vectors), k_11, k_12 in zip(
-        spectra, condensed.k_11, condensed.k_12, strict=True
-    ):
+    for (values, vectors), k_11, k_12 in zip(spectra, condensed.k_11, condensed.k_12, strict=True):
         inner = (vectors * (values / (values**2 + w))) @ vectors.T
         blocks.append(k_11 - k_12 @ (k_12 @ inner).T)
     return blocks
 
 
-def optimal_operator(
-    condensed: CondensedSlab, noise: Noise, prior: ForcePrior
-) -> list[Array]:
+def optimal_operator(condensed: CondensedSlab, noise: Noise, prior: ForcePrior) -> list[Array]:
     """Optimal linear estimate G = P C^T (C P C^T + R)^-1 per parity class. Not in the paper.
 
     C = S^-1 is the surface compliance, P the prior covariance of the forces, R that of the noise,
@@ -99,9 +95,7 @@ def optimal_operator(
     nuisance = depth_modes(slab, noise)
     white = np.tile(np.square(noise.sigma_m), slab.n_nodes)
     blocks = []
-    for stiffness, p, q in zip(
-        surface_stiffness(condensed), prior_blocks, bases, strict=True
-    ):
+    for stiffness, p, q in zip(surface_stiffness(condensed), prior_blocks, bases, strict=True):
         compliance = spd_inverse(stiffness)
         modes = q.T @ nuisance
         covariance = compliance @ p @ compliance + modes @ modes.T
@@ -130,9 +124,7 @@ def depth_modes(slab: Slab, noise: Noise) -> Array:
     return modes.reshape(-1, 3)
 
 
-def observed_nodes(
-    slab: Slab, window_m: tuple[float, float, float, float]
-) -> tuple[slice, slice]:
+def observed_nodes(slab: Slab, window_m: tuple[float, float, float, float]) -> tuple[slice, slice]:
     """Node rows and columns inside the window (min_x, min_y, max_x, max_y from the pad's corner).
 
     Raises
@@ -196,9 +188,7 @@ def force_operator(
     return operator
 
 
-def _optimal(
-    condensed: CondensedSlab, noise: Noise, prior: ForcePrior, seen: npt.NDArray[np.bool_]
-) -> Array:
+def _optimal(condensed: CondensedSlab, noise: Noise, prior: ForcePrior, seen: npt.NDArray[np.bool_]) -> Array:
     """In parity classes where the camera sees the whole pad, densely over the seen unknowns otherwise."""
     if seen.all():
         return dense_from_blocks(condensed.bases, optimal_operator(condensed, noise, prior))
@@ -218,6 +208,5 @@ def _restrict(full: Array, seen: npt.NDArray[np.bool_]) -> Array:
     hidden = ~seen
     coupling = full[np.ix_(seen, hidden)]
     return np.asarray(
-        full[np.ix_(seen, seen)]
-        - coupling @ la.solve(full[np.ix_(hidden, hidden)], coupling.T, assume_a="sym")
+        full[np.ix_(seen, seen)] - coupling @ la.solve(full[np.ix_(hidden, hidden)], coupling.T, assume_a="sym")
     )

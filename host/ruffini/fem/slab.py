@@ -56,8 +56,7 @@ class Slab:
             raise InputError(f"pad sizes and modulus must be positive and finite, got {sizes}")
         if not 0.0 <= self.poisson < 0.5:
             raise InputError(
-                f"Poisson's ratio must be in [0, 0.5), got {self.poisson}: "
-                "use 0.4999 for a nearly incompressible gel"
+                f"Poisson's ratio must be in [0, 0.5), got {self.poisson}: use 0.4999 for a nearly incompressible gel"
             )
         if self.n_x < 2 or self.n_y < 2 or self.n_layers < 2:
             raise InputError(

@@ -38,18 +38,16 @@ class SupportSystem:
     scale_n: Array
 
 
-def support_system(
-    condensed: CondensedSlab, noise: Noise, observed: npt.NDArray[np.bool_]
-) -> SupportSystem:
+def support_system(condensed: CondensedSlab, noise: Noise, observed: npt.NDArray[np.bool_]) -> SupportSystem:
     """Normal equations over the observed unknowns (3 n,) bool; hidden nodes carry no force.
 
     In the four parity classes where the whole pad is observed, densely otherwise.
     """
     slab = condensed.slab
     white = 1.0 / np.tile(np.square(noise.sigma_m), slab.n_nodes)
-    compliance = dense_from_blocks(
-        condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)]
-    )[np.ix_(observed, observed)]
+    compliance = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])[
+        np.ix_(observed, observed)
+    ]
     modes = depth_modes(slab, noise)[observed]
     information = white[observed]
     # Woodbury: R^-1 = W - W V (I + V^T W V)^-1 V^T W for R = W^-1 + V V^T.

@@ -68,7 +68,7 @@ def record_stream(sensor: Connection, path: Path, *, n_frames: int = 0, image_ev
                 raise
         finally:
             sensor.raw_sink = None
-            writer.finish()
+            writer.finish()  # type: ignore[no-untyped-call]
             stream.flush()
             os.fsync(stream.fileno())
     return counts

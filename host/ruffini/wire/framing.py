@@ -99,9 +99,7 @@ def encode_message(type_: int, payload: bytes, *, sensor: int, sequence: int, fl
     parts = [payload[i : i + MAX_PAYLOAD_BYTES] for i in range(0, len(payload), MAX_PAYLOAD_BYTES)] or [b""]
     out = bytearray()
     for i, part in enumerate(parts):
-        header = _HEADER.pack(
-            PROTOCOL_VERSION, flags, type_, sensor, sequence & 0xFFFFFFFF, i, len(parts), len(part)
-        )
+        header = _HEADER.pack(PROTOCOL_VERSION, flags, type_, sensor, sequence & 0xFFFFFFFF, i, len(parts), len(part))
         body = header + part
         out += cobs_encode(body + struct.pack("<I", crc32c(body))) + b"\0"
     return bytes(out)

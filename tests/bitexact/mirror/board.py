@@ -28,9 +28,7 @@ def observed_nodes(board: Board, axis: str) -> range:
     size = board["pad"][f"size_{axis}_um"]
     window = board["window"]
     inside = [
-        i
-        for i in range(steps + 1)
-        if window[f"min_{axis}_um"] * steps <= i * size <= window[f"max_{axis}_um"] * steps
+        i for i in range(steps + 1) if window[f"min_{axis}_um"] * steps <= i * size <= window[f"max_{axis}_um"] * steps
     ]
     return range(inside[0], inside[-1] + 1)
 

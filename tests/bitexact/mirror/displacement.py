@@ -119,9 +119,7 @@ def _place_on_lattice(board: Board, rest: I64) -> tuple[I64, I64, I64, I64]:
     return node_x, node_y, a, b
 
 
-def displacement(
-    board: Board, markers: npt.NDArray[np.integer], depth: I64 | None, saturations: Saturations
-) -> I64:
+def displacement(board: Board, markers: npt.NDArray[np.integer], depth: I64 | None, saturations: Saturations) -> I64:
     """(node rows, node columns, 3), 1/8 micrometre."""
     m, camera = board["markers"], board["camera"]
     lattice = (m["n_y"], m["n_x"])

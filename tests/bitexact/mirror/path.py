@@ -58,9 +58,7 @@ class FramePath:
             tensors["support.scale"].astype(np.int32),
         )
         camera = board["camera"]
-        self._unmix = upsample(
-            tensors["photometric.unmix"].astype(np.int16), camera["height_px"], camera["width_px"]
-        )
+        self._unmix = upsample(tensors["photometric.unmix"].astype(np.int16), camera["height_px"], camera["width_px"])
         self._slope = tensors["photometric.slope"].astype(np.int16)
 
     def learn(self, frames: npt.NDArray[np.uint8]) -> int:

@@ -13,9 +13,7 @@ MAX_FOLD = ONE_Q14 * 9 // 10
 
 def cos_pi_q30(numerator: I64, denominator: int) -> I64:
     """The integer nearest to 2^30 cos(pi numerator / denominator)."""
-    angle = (
-        np.longdouble("3.14159265358979323846264338327950288") * (numerator % (2 * denominator)) / denominator
-    )
+    angle = np.longdouble("3.14159265358979323846264338327950288") * (numerator % (2 * denominator)) / denominator
     return np.asarray(np.floor(np.cos(angle) * 2**30 + np.longdouble(0.5)), np.int64)
 
 

@@ -38,9 +38,7 @@ def linear_force(table: BlockTable, u: I64, saturations: Saturations) -> I64:
     return saturations.int32(table.times(u.ravel())).reshape(-1, 3)
 
 
-def contact_mask(
-    force: I64, shape: tuple[int, int], threshold_lsb: int, min_nodes: int
-) -> npt.NDArray[np.bool_]:
+def contact_mask(force: I64, shape: tuple[int, int], threshold_lsb: int, min_nodes: int) -> npt.NDArray[np.bool_]:
     """Nodes of any 2 x 2 square of pressed nodes, grown by one."""
     pressed = force[:, 2].reshape(shape) < -threshold_lsb
     square = pressed[1:, 1:] & pressed[:-1, 1:] & pressed[1:, :-1] & pressed[:-1, :-1]

@@ -32,7 +32,7 @@ TEST(Contacts, NothingTouchedIsNoContact) {
 TEST(Contacts, TwoContactsLargestFirstWithTheirOwnSums) {
   Pad pad;
   pad.touch(2, 3, -100, -80);
-  pad.touch(3, 4, -300, -160);   // touches the first one over the corner
+  pad.touch(3, 4, -300, -160);  // touches the first one over the corner
   pad.touch(12, 9, -100, -8);
   pad.touch(13, 9, -100, -16);
   pad.touch(14, 9, -200, -24);

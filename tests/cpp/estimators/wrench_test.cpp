@@ -42,7 +42,7 @@ TEST(Wrench, NodesBetweenMicrometresAreRoundedOnceAtTheEnd) {
   board.window.max_x_um = 16'001;
   const NodeGrid grid(board);
   std::vector<NodeForce> force(17 * 13);
-  force[9].z = -1;  // X = 1000.0625 um, 10 uN
+  force[9].z = -1;                                                // X = 1000.0625 um, 10 uN
   EXPECT_EQ(sum_wrench(grid, force, 10).torque_y_un_um, 10'001);  // 10000.625
   force[9].z = 0;
   for (int row = 0; row < 13; ++row) force[static_cast<size_t>(row * 17 + 9)].z = -1;

@@ -51,7 +51,8 @@ TEST(Displacement, AUniformShiftIsTheSameEverywhere) {
 
 TEST(Displacement, ALinearFieldIsReproducedInsideAndExtrapolatedOneMillimetreOutside) {
   const BoardSettings board = test::round_board();
-  const auto u = run(board, markers(board, [](double x, double y) { return std::pair{0.0004 * x, 0.0002 * y + 1}; }), {});
+  const auto u =
+      run(board, markers(board, [](double x, double y) { return std::pair{0.0004 * x, 0.0002 * y + 1}; }), {});
   for (size_t i = 0; i < u.size(); ++i) {
     // Beyond one marker pitch outside the lattice (x: 6000 + 1500) the extrapolation stops.
     if (std::abs(node_x_um(i)) > 7500) continue;
@@ -83,7 +84,8 @@ TEST(Displacement, APadThatComesNearerDoesNotSeemToShift) {
   const BoardSettings board = test::round_board();
   const std::vector<DisplacementUm> depth(kDepthX * kDepthY, DisplacementUm::from_raw(-4000));
   const double spread = 20'000.0 / 19'500 - 1;
-  const auto u = run(board, markers(board, [&](double x, double y) { return std::pair{x * spread / 100, y * spread / 100}; }), depth);
+  const auto u = run(
+      board, markers(board, [&](double x, double y) { return std::pair{x * spread / 100, y * spread / 100}; }), depth);
   for (size_t i = 0; i < u.size(); ++i) {
     EXPECT_NEAR(u[i].x.raw() / 8.0, 0, 0.5) << i;
     EXPECT_NEAR(u[i].y.raw() / 8.0, 0, 0.5) << i;

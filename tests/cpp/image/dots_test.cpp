@@ -26,7 +26,8 @@ double rms_error_px(std::span<const Dot> found, const std::vector<Place>& truth)
   for (const Place& place : truth) {
     double best = 1e9;
     for (const Dot& dot : found) {
-      best = std::min(best, std::pow(dot.x.raw() / 65536.0 - place.x, 2) + std::pow(dot.y.raw() / 65536.0 - place.y, 2));
+      best =
+          std::min(best, std::pow(dot.x.raw() / 65536.0 - place.x, 2) + std::pow(dot.y.raw() / 65536.0 - place.y, 2));
     }
     sum += best / 2;
   }

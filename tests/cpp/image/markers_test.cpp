@@ -42,9 +42,8 @@ TEST(MarkerLattice, LearnsAPadThatSitsFourTenthsOfAPitchAskew) {
   for (const double sx : {-0.4, 0.0, 0.4}) {
     for (const double sy : {-0.4, 0.0, 0.4}) {
       MarkerLattice lattice(test::round_board());
-      const auto places = moved(nominal_dots(test::round_board()), [&](Place p) {
-        return Place{p.x + sx * kPitchPx, p.y + sy * kPitchPx};
-      });
+      const auto places = moved(nominal_dots(test::round_board()),
+                                [&](Place p) { return Place{p.x + sx * kPitchPx, p.y + sy * kPitchPx}; });
       EXPECT_EQ(lattice.learn(exact_dots(places)), kCount);
       expect_identity(lattice, places);
     }
@@ -56,7 +55,8 @@ TEST(MarkerLattice, LearnsATurnedAndScaledPad) {
   const auto places = moved(nominal_dots(test::round_board()), [&](Place p) {
     const double x = (p.x - 79.5) * 1.05;
     const double y = (p.y - 59.5) * 1.05;
-    return Place{79.5 + x * std::cos(angle) - y * std::sin(angle) + 4, 59.5 + x * std::sin(angle) + y * std::cos(angle)};
+    return Place{79.5 + x * std::cos(angle) - y * std::sin(angle) + 4,
+                 59.5 + x * std::sin(angle) + y * std::cos(angle)};
   });
   MarkerLattice lattice(test::round_board());
   EXPECT_EQ(lattice.learn(exact_dots(places)), kCount);
@@ -107,7 +107,8 @@ TEST(MarkerLattice, LostMarkersTakeTheirNeighboursMeanAndSaySo) {
   const Marker& lost = lattice.markers()[kMiddle];
   EXPECT_TRUE(lost.is_lost);
   EXPECT_NEAR(moved_x(lost), 0.02 * (rest[kMiddle].x - 79.5) + 1.5, 1e-3);
-  EXPECT_EQ(std::count_if(lattice.markers().begin(), lattice.markers().end(), [](const Marker& m) { return m.is_lost; }), 1);
+  EXPECT_EQ(
+      std::count_if(lattice.markers().begin(), lattice.markers().end(), [](const Marker& m) { return m.is_lost; }), 1);
 }
 
 TEST(MarkerLattice, FindsAMarkerAgainWhereItsNeighboursWent) {

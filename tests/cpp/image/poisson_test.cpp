@@ -78,7 +78,9 @@ TEST(Poisson, ReproducesADentToOneStep) {
     BoardSettings board = test::round_board();
     board.depth.step_px = step;
     const double radius = 0.25;
-    const auto inside = [&](double x, double y) { return std::max(radius * radius - (x - 0.05) * (x - 0.05) - y * y, 0.0); };
+    const auto inside = [&](double x, double y) {
+      return std::max(radius * radius - (x - 0.05) * (x - 0.05) - y * y, 0.0);
+    };
     const double height = 600 / kStandoffUm / std::pow(radius, 4);
     const Field field = field_of(
         board, [&](double x, double y) { return -height * inside(x, y) * inside(x, y); },
@@ -109,7 +111,8 @@ TEST(Poisson, ReproducesTiltedPlanesInPerspective) {
     for (const bool is_x : {true, false}) {
       const double a = raw / 4096.0;
       const auto s = static_cast<int16_t>(raw);
-      const std::vector<CellSlope> slope(160 * 120, {Slope::from_raw(is_x ? s : int16_t{0}), Slope::from_raw(is_x ? int16_t{0} : s)});
+      const std::vector<CellSlope> slope(
+          160 * 120, {Slope::from_raw(is_x ? s : int16_t{0}), Slope::from_raw(is_x ? int16_t{0} : s)});
       Field field{slope, {}};
       for (int y = 0; y < 120; ++y) {
         for (int x = 0; x < 160; ++x) {
@@ -157,7 +160,8 @@ TEST(CosineTransform, InverseUndoesForwardForEvenOddAndPrimeLengths) {
     transform.forward(in.data(), waves.data(), work.data());
     for (size_t k = 0; k < waves.size(); ++k) waves[k] = waves[k] * (k == 0 ? 1 : 2) / n;
     transform.inverse(waves.data(), out.data(), work.data());
-    for (size_t i = 0; i < in.size(); ++i) EXPECT_LE(std::abs(out[i] - in[i]), 2 * n) << n;  // each wave was cut to an integer
+    for (size_t i = 0; i < in.size(); ++i)
+      EXPECT_LE(std::abs(out[i] - in[i]), 2 * n) << n;  // each wave was cut to an integer
   }
 }
 

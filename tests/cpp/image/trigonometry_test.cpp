@@ -16,7 +16,7 @@ TEST(CosPi, KnowsTheExactAngles) {
   EXPECT_EQ(cos_pi_q30(1, 2), 0);
   EXPECT_EQ(cos_pi_q30(2, 3), -kOne / 2);
   EXPECT_EQ(cos_pi_q30(1, 1), -kOne);
-  EXPECT_EQ(cos_pi_q30(1, 4), 759'250'125);   // sqrt(1/2) 2^30 = 759250124.99...
+  EXPECT_EQ(cos_pi_q30(1, 4), 759'250'125);  // sqrt(1/2) 2^30 = 759250124.99...
   EXPECT_EQ(cos_pi_q30(-1, 4), 759'250'125);
   EXPECT_EQ(cos_pi_q30(9, 4), 759'250'125);
 }

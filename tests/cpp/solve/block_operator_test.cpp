@@ -48,9 +48,9 @@ TEST(BlockOperator, ScalesEachBlockAndRoundsHalfUp) {
   const Loaded file(example(example_entry(), {0, 2, 0, 0}, "1"));
   const auto op = BlockOperator::load(file.calibration, "g", 2, 33);
   ASSERT_TRUE(op.has_value());
-  EXPECT_EQ(op.value().row(0, padded(1)), 18);       // (32 + 4) / 2
-  EXPECT_EQ(op.value().row(1, padded(1)), -16);      // -33 / 2 = -16.5, half up
-  EXPECT_EQ(op.value().row(1, padded(-1)), 17);      // 16.5, half up
+  EXPECT_EQ(op.value().row(0, padded(1)), 18);   // (32 + 4) / 2
+  EXPECT_EQ(op.value().row(1, padded(1)), -16);  // -33 / 2 = -16.5, half up
+  EXPECT_EQ(op.value().row(1, padded(-1)), 17);  // 16.5, half up
   EXPECT_EQ(op.value().row(0, padded(-32768)), -589'824);
 }
 

@@ -12,7 +12,8 @@ constexpr GridSize kNodes{7, 5};
 // '#' presses with -301 steps, '+' with -300 (the threshold itself), '^' pulls.
 std::string mask_of(const std::string& picture, int64_t min_nodes) {
   std::vector<NodeForce> force;
-  for (const char c : picture) force.push_back({1'000'000, 0, c == '#' ? -301 : c == '+' ? -300 : c == '^' ? 9'000 : 0});
+  for (const char c : picture)
+    force.push_back({1'000'000, 0, c == '#' ? -301 : c == '+' ? -300 : c == '^' ? 9'000 : 0});
   ContactMask stage(kNodes, 300, min_nodes);
   std::string out;
   for (const uint8_t touched : stage.find(force)) out += touched != 0 ? '#' : '.';
@@ -24,7 +25,8 @@ TEST(ContactMask, OpensByTwoAndGrowsByOne) {
                     "..##..."
                     "..##..#"
                     "......."
-                    "#######", 4),
+                    "#######",
+                    4),
             ".####.."
             ".####.."
             ".####.."
@@ -40,9 +42,24 @@ TEST(ContactMask, NeedsMoreThanTheThresholdAndPressure) {
 }
 
 TEST(ContactMask, IsEmptyBelowTheLeastNumberOfNodes) {
-  EXPECT_EQ(mask_of("##....." "##....." "......." "......." ".......", 5), std::string(35, '.'));
-  EXPECT_EQ(mask_of("##....." "##....." "......." "......." ".......", 4),
-            "###...." "###...." "###...." "......." ".......");
+  EXPECT_EQ(mask_of("##....."
+                    "##....."
+                    "......."
+                    "......."
+                    ".......",
+                    5),
+            std::string(35, '.'));
+  EXPECT_EQ(mask_of("##....."
+                    "##....."
+                    "......."
+                    "......."
+                    ".......",
+                    4),
+            "###...."
+            "###...."
+            "###...."
+            "......."
+            ".......");
 }
 
 }  // namespace

@@ -18,11 +18,11 @@ struct Place {
 struct DotPicture {
   int width = 160;
   int height = 120;
-  double level = 120;      // of the background, per channel
-  double gradient = 0.3;   // relative change of it over the width
-  double contrast = 0.6;   // a dot reflects 1 - contrast of the background; negative = lighter
+  double level = 120;     // of the background, per channel
+  double gradient = 0.3;  // relative change of it over the width
+  double contrast = 0.6;  // a dot reflects 1 - contrast of the background; negative = lighter
   double diameter_px = 6;
-  double noise = 1;        // standard deviation, grey levels, per channel
+  double noise = 1;  // standard deviation, grey levels, per channel
 
   [[nodiscard]] double coverage(int x, int y, const Place& dot) const {
     constexpr int kSub = 8;
@@ -42,8 +42,10 @@ struct DotPicture {
     std::vector<double> cover(static_cast<size_t>(width * height));
     for (const Place& dot : dots) {
       const int reach = static_cast<int>(diameter_px / 2) + 2;
-      for (int y = std::max(static_cast<int>(dot.y) - reach, 0); y <= std::min(static_cast<int>(dot.y) + reach, height - 1); ++y) {
-        for (int x = std::max(static_cast<int>(dot.x) - reach, 0); x <= std::min(static_cast<int>(dot.x) + reach, width - 1); ++x) {
+      for (int y = std::max(static_cast<int>(dot.y) - reach, 0);
+           y <= std::min(static_cast<int>(dot.y) + reach, height - 1); ++y) {
+        for (int x = std::max(static_cast<int>(dot.x) - reach, 0);
+             x <= std::min(static_cast<int>(dot.x) + reach, width - 1); ++x) {
           double& here = cover[static_cast<size_t>(y * width + x)];
           here = std::min(1.0, here + coverage(x, y, dot));
         }
@@ -76,7 +78,8 @@ struct DotPicture {
 // Where the board says its markers are, in the image of the untouched pad.
 inline std::vector<Place> nominal_dots(const BoardSettings& board) {
   const MarkerSettings& m = board.markers;
-  const double px_per_um = static_cast<double>(board.camera.focal_mpx) / 1000 / static_cast<double>(board.camera.standoff_um);
+  const double px_per_um =
+      static_cast<double>(board.camera.focal_mpx) / 1000 / static_cast<double>(board.camera.standoff_um);
   std::vector<Place> out;
   for (int j = 0; j < m.lattice.n_y; ++j) {
     for (int i = 0; i < m.lattice.n_x; ++i) {

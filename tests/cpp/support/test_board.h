@@ -8,15 +8,28 @@ namespace ruffini::test {
 inline BoardSettings round_board() {
   BoardSettings board;
   board.name = "round";
-  board.camera = {.optics = "test", .width_px = 160, .height_px = 120, .rate_mhz = 60'000, .focal_mpx = 200'000,
-                  .center_x_mpx = 79'500, .center_y_mpx = 59'500, .standoff_um = 20'000};
-  board.pad = {.size_x_um = 16'000, .size_y_um = 12'000, .thickness_um = 4'000, .modulus_pa = 200'000,
-               .poisson_1e4 = 4'800};
+  board.camera = {.optics = "test",
+                  .width_px = 160,
+                  .height_px = 120,
+                  .rate_mhz = 60'000,
+                  .focal_mpx = 200'000,
+                  .center_x_mpx = 79'500,
+                  .center_y_mpx = 59'500,
+                  .standoff_um = 20'000};
+  board.pad = {
+      .size_x_um = 16'000, .size_y_um = 12'000, .thickness_um = 4'000, .modulus_pa = 200'000, .poisson_1e4 = 4'800};
   board.grid = {17, 13};
   board.n_layers = 4;
   board.window = {.min_x_um = 0, .min_y_um = 0, .max_x_um = 16'000, .max_y_um = 12'000};
-  board.markers = {.polarity = Polarity::kDark, .lattice = {9, 7}, .pitch_x_um = 1'500, .pitch_y_um = 1'500,
-                   .first_x_um = 2'000, .first_y_um = 1'500, .diameter_um = 600, .threshold_1e3 = 120, .max_lost = 6};
+  board.markers = {.polarity = Polarity::kDark,
+                   .lattice = {9, 7},
+                   .pitch_x_um = 1'500,
+                   .pitch_y_um = 1'500,
+                   .first_x_um = 2'000,
+                   .first_y_um = 1'500,
+                   .diameter_um = 600,
+                   .threshold_1e3 = 120,
+                   .max_lost = 6};
   board.depth = {.gauge = Gauge::kMargin, .margin_um = 1'000, .step_px = 1};
   board.contact = {.threshold_un = 3'000, .min_nodes = 4};
   board.force_lsb_un = 10;

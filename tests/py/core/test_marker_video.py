@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+
 from ruffini.boards import find_board
 from ruffini.core import Pipeline
 

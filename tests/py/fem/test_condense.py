@@ -7,16 +7,22 @@ import scipy.sparse.linalg as sla
 
 from ruffini.errors import InputError
 from ruffini.fem.condense import condense, spd_inverse, surface_stiffness
-from ruffini.reflection import blocks_from_dense, dense_from_blocks, parity_bases
 from ruffini.fem.slab import CORNERS, Slab, assemble_layer, hexahedron_stiffness
+from ruffini.reflection import blocks_from_dense, dense_from_blocks, parity_bases
 
 STEP_M = (0.7e-3, 0.5e-3, 0.6e-3)
 
 
 def small_slab(**changes: float) -> Slab:
     settings = {
-        "size_x_m": 6e-3, "size_y_m": 4e-3, "thickness_m": 3e-3,
-        "n_x": 7, "n_y": 4, "n_layers": 3, "modulus_pa": 2e5, "poisson": 0.48,
+        "size_x_m": 6e-3,
+        "size_y_m": 4e-3,
+        "thickness_m": 3e-3,
+        "n_x": 7,
+        "n_y": 4,
+        "n_layers": 3,
+        "modulus_pa": 2e5,
+        "poisson": 0.48,
     }
     return Slab(**{**settings, **changes})
 
@@ -120,6 +126,7 @@ def test_no_volumetric_locking():
 
 def test_convergence_with_refinement():
     """The compliance of a smooth load converges at second order in the mesh size."""
+
     def mean_settlement(n: int) -> float:
         slab = Slab(8e-3, 8e-3, 4e-3, 2 * n + 1, 2 * n + 1, n, 2e5, 0.45)
         condensed = condense(slab)
@@ -139,7 +146,14 @@ def test_convergence_with_refinement():
 
 @pytest.mark.parametrize(
     "changes",
-    [{"poisson": 0.5}, {"poisson": -0.1}, {"thickness_m": 0.0}, {"n_x": 1}, {"n_layers": 1}, {"modulus_pa": float("nan")}],
+    [
+        {"poisson": 0.5},
+        {"poisson": -0.1},
+        {"thickness_m": 0.0},
+        {"n_x": 1},
+        {"n_layers": 1},
+        {"modulus_pa": float("nan")},
+    ],
 )
 def test_impossible_pads_are_refused(changes):
     with pytest.raises(InputError):

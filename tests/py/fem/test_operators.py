@@ -7,8 +7,8 @@ from ruffini.errors import InputError
 from ruffini.fem.compile import BLOCK, compile_matrix, force_steps
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.operators import METHODS, Noise, force_operator, observed_nodes
-from ruffini.reflection import dense_from_blocks, spd_inverse
 from ruffini.fem.slab import Slab
+from ruffini.reflection import dense_from_blocks, spd_inverse
 
 SLAB = Slab(10e-3, 8e-3, 4e-3, 11, 9, 4, 2e5, 0.48)
 NOISE = Noise((5e-6, 5e-6, 20e-6))
@@ -21,9 +21,7 @@ def true_field(slab: Slab) -> tuple[np.ndarray, np.ndarray]:
     bump = np.exp(-(x**2 + y**2) / 0.15)
     force = np.stack([0.01 * bump, -0.004 * bump, -0.03 * bump], axis=1).ravel()
     condensed = condense(slab)
-    compliance = dense_from_blocks(
-        condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)]
-    )
+    compliance = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
     return force, compliance @ force
 
 
@@ -74,10 +72,12 @@ def test_nodes_outside_the_window_carry_no_force():
 def test_table_rounds_within_its_certificate():
     operator = force_operator(SLAB, "raw", noise=NOISE) * force_steps(10)
     table = compile_matrix(operator, "the operator")
-    assert table.entry.shape == (297, 320) and table.shift.shape == (297, 320 // BLOCK)
+    assert table.entry.shape == (297, 320)
+    assert table.shift.shape == (297, 320 // BLOCK)
     assert np.abs(table.entry).max() <= 16383
     measured = np.linalg.norm(table.to_float()[:, :297] - operator) / np.linalg.norm(operator)
-    assert measured == pytest.approx(table.error) and 1e-6 < table.error < 3e-4
+    assert measured == pytest.approx(table.error)
+    assert 1e-6 < table.error < 3e-4
     bound = (2.0 ** (34 + table.shift.astype(float))).sum(axis=1).max()
     assert bound <= 2.0**62
 
