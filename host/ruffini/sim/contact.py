@@ -12,17 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from threadpoolctl import ThreadpoolController
 
 from ruffini.errors import InputError, RuffiniError
-from ruffini.sim.pad import PadModel
+from ruffini.sim.pad import BLAS, PadModel
 from ruffini.sim.surface import hat_shares, on_grid
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
-
-# Contacts are small: on a busy machine a second BLAS thread costs far more than it brings.
-BLAS = ThreadpoolController()
 
 SHAPES = ("sphere", "flat")
 MAX_STEP_M = 0.1e-3  # of the indenter's path between two equilibria: friction follows the path
@@ -257,9 +253,7 @@ def _nonnegative(matrix: Array, right: Array, active: npt.NDArray[np.bool_]) -> 
     return np.asarray(p)
 
 
-def _in_discs(
-    matrix: Array, wanted: Array, radius: Array, start: Array, step: float, tolerance: float
-) -> Array:
+def _in_discs(matrix: Array, wanted: Array, radius: Array, start: Array, step: float, tolerance: float) -> Array:
     """Minimise t.A t / 2 - wanted.t with |t_i| <= radius_i: accelerated projected gradient.
 
     Ends when no component changes by more than `tolerance` in a step.

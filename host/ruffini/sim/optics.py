@@ -78,9 +78,7 @@ class Renderer:
 
         u = ((x - self._fine_x[0]) / FINE_STEP_MM).astype(np.float32)
         v = ((y - self._fine_y[0]) / FINE_STEP_MM).astype(np.float32)
-        return np.asarray(
-            cv2.remap(grid, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=float
-        )
+        return np.asarray(cv2.remap(grid, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=float)
 
     def _material_points(self, maps: list[npt.NDArray[np.float32]]) -> tuple[Array, Array]:
         """Undeformed place (mm) of the surface point that each pixel sees."""
@@ -112,9 +110,7 @@ class Renderer:
         point = np.stack([x + ux, y + uy, uz], axis=-1)
         light = self.twin.light
         single = []
-        for place, power in zip(
-            (light.led_b_um, light.led_g_um, light.led_r_um), light.power_1e3, strict=True
-        ):
+        for place, power in zip((light.led_b_um, light.led_g_um, light.led_r_um), light.power_1e3, strict=True):
             to_led = np.array(place) * 1e-3 - point
             distance2 = (to_led**2).sum(axis=-1)
             cosine = np.maximum((normal * to_led).sum(axis=-1), 0) / np.sqrt(distance2)

@@ -120,9 +120,7 @@ def _presses(board: Board, n: int, rng: np.random.Generator) -> Iterator[Step]:
         yield Rest(2)
 
 
-def ball_presses(
-    board: Board, n: int, ball_radius_m: float, rng: np.random.Generator
-) -> list[tuple[Indenter, Pose]]:
+def ball_presses(board: Board, n: int, ball_radius_m: float, rng: np.random.Generator) -> list[tuple[Indenter, Pose]]:
     """n presses of a calibration ball, spread over the pad at different depths."""
     margin = 2.5 * MM
     presses = []

@@ -94,6 +94,4 @@ class TwinUnit:
         x = np.linspace(node_x[0], node_x[-1], self.board.grid.n_x)
         y = np.linspace(node_y[0], node_y[-1], self.board.grid.n_y)
         field = displacement.reshape(*self.model.shape, 3)
-        return np.stack(
-            [RectBivariateSpline(node_y, node_x, field[:, :, c])(y, x) for c in range(3)], axis=-1
-        )
+        return np.stack([RectBivariateSpline(node_y, node_x, field[:, :, c])(y, x) for c in range(3)], axis=-1)

@@ -48,9 +48,7 @@ def test_conditions_hold_at_every_node(pad, indenter, friction):
     assert gap.min() > -0.2e-6  # metres
     assert np.abs(gap[pressure > 0]).max() < 0.2e-6
     assert (shear <= friction * pressure * (1 + 1e-9)).all()
-    np.testing.assert_allclose(
-        solver.displacement.ravel(), compliance @ solver.nodal_force.ravel(), atol=1e-12
-    )
+    np.testing.assert_allclose(solver.displacement.ravel(), compliance @ solver.nodal_force.ravel(), atol=1e-12)
 
 
 def test_ball_follows_hertz(deep_pad):
@@ -62,17 +60,13 @@ def test_ball_follows_hertz(deep_pad):
 
 
 def test_press_at_the_centre_is_symmetric(pad):
-    wrench = wrench_of(
-        pad[0], pressed(pad, Indenter("sphere", 3 * MM), 0.7, Pose(0, 0, 0.8 * MM)).nodal_force
-    )
+    wrench = wrench_of(pad[0], pressed(pad, Indenter("sphere", 3 * MM), 0.7, Pose(0, 0, 0.8 * MM)).nodal_force)
     assert np.abs(wrench[[0, 1]]).max() < 1e-5 * abs(wrench[2])
     assert np.abs(wrench[3:]).max() < 1e-5 * MM * abs(wrench[2])
 
 
 def test_press_off_centre_has_its_moment(pad):
-    wrench = wrench_of(
-        pad[0], pressed(pad, Indenter("flat", 2 * MM), 0.0, Pose(2 * MM, -1 * MM, 0.5 * MM)).nodal_force
-    )
+    wrench = wrench_of(pad[0], pressed(pad, Indenter("flat", 2 * MM), 0.0, Pose(2 * MM, -1 * MM, 0.5 * MM)).nodal_force)
     # M = r x F with F along z: Mx = y Fz, My = -x Fz; the pad's sides pull the pressure a little.
     assert wrench[3] == pytest.approx(-1 * MM * wrench[2], rel=0.1)
     assert wrench[4] == pytest.approx(-2 * MM * wrench[2], rel=0.1)

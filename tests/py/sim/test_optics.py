@@ -86,9 +86,7 @@ def test_noise_is_what_twin_toml_says(coarse_unit):
 
 def test_same_seed_same_picture(coarse_unit):
     renderer = coarse_unit.renderer()
-    first, again, other = (
-        renderer.image(coarse_unit.at_rest(), np.random.default_rng(seed)) for seed in (1, 1, 2)
-    )
+    first, again, other = (renderer.image(coarse_unit.at_rest(), np.random.default_rng(seed)) for seed in (1, 1, 2))
     assert (first == again).all()
     assert (first != other).any()
 

@@ -94,9 +94,7 @@ def pressed_square(model, half_cells, pressure_pa):
 
     area = model.size_x_m / model.n_cells_x * model.size_y_m / model.n_cells_y
     force = np.zeros((n_y, n_x, 3))
-    force[:, :, 2] = (
-        -pressure_pa * area * np.outer(weights(n_y, model.n_cells_y), weights(n_x, model.n_cells_x))
-    )
+    force[:, :, 2] = -pressure_pa * area * np.outer(weights(n_y, model.n_cells_y), weights(n_x, model.n_cells_x))
     u = (surface_compliance(model) @ force.ravel()).reshape(n_y, n_x, 3)
     return u[n_y // 2, n_x // 2, 2], (force * u).sum()
 
@@ -142,9 +140,7 @@ def test_hats_keep_force_and_moments_on_every_grid():
 def test_uniform_traction_is_uniform_on_another_grid():
     hat_force = np.outer(hat_areas(SMALL), [1.0, 2.0, -3.0])
     other = on_grid(SMALL, hat_force, 5, 3)
-    np.testing.assert_allclose(
-        other[1, 1:-1], np.tile(np.array([1, 2, -3]) * 1.5e-3 * 2e-3, (3, 1)), rtol=1e-12
-    )
+    np.testing.assert_allclose(other[1, 1:-1], np.tile(np.array([1, 2, -3]) * 1.5e-3 * 2e-3, (3, 1)), rtol=1e-12)
 
 
 def test_twin_knows_nothing_of_the_estimators():

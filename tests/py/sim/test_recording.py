@@ -115,9 +115,7 @@ def test_ball_presses_are_marked_where_they_are(coarse_unit, tmp_path):
     scale = tomllib.loads((tmp_path / "balls" / "presses.toml").read_text())
     assert scale == {"ball_mm": 5.0, "px_per_mm": 15.0}
     assert len(rows) == 4
-    reference = np.mean(
-        [cv2.imread(str(p)) for p in (tmp_path / "balls").glob("reference_*.png")], axis=0, dtype=float
-    )
+    reference = np.mean([cv2.imread(str(p)) for p in (tmp_path / "balls").glob("reference_*.png")], axis=0, dtype=float)
     v, u = np.mgrid[:240, :320]
     for row in rows:
         change = np.abs(cv2.imread(str(tmp_path / "balls" / row["image"])) - reference).sum(axis=2)
