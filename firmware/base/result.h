@@ -25,8 +25,11 @@ struct Error {
 template <typename T>
 class [[nodiscard]] Result {
  public:
+  // Implicit, so that `return value;` and `return Error{...};` both read as they are meant.
+  // NOLINTBEGIN(google-explicit-constructor)
   Result(T value) : state_(std::move(value)) {}
   Result(Error error) : state_(std::move(error)) {}
+  // NOLINTEND(google-explicit-constructor)
 
   [[nodiscard]] bool has_value() const { return std::holds_alternative<T>(state_); }
   explicit operator bool() const { return has_value(); }

@@ -69,7 +69,7 @@ SupportSolver::Scale SupportSolver::ratio(int64_t numerator, int64_t denominator
   const int down = std::max(bit_width(denominator) - 38, 0);
   // numerator 2^up has 62 bits, denominator 2^-down at most 38: the quotient has at least 24.
   int64_t mantissa = (numerator << up) / (denominator >> down);
-  const int extra = bit_width(mantissa) - 24;
+  const int extra = std::max(bit_width(mantissa) - 24, 0);
   mantissa >>= extra;
   return {mantissa, exponent - up - down + extra};
 }

@@ -52,7 +52,7 @@ class HeaderParser {
     do {
       std::string_view name;
       if (!take_name(name) || !take(':')) return "header key is not a plain string";
-      const std::string problem = name == "__metadata__" ? metadata() : tensor(name, next_offset);
+      std::string problem = name == "__metadata__" ? metadata() : tensor(name, next_offset);
       if (!problem.empty()) return problem;
     } while (take(','));
     if (!take('}')) return "header is not closed";
