@@ -76,7 +76,7 @@ void Daemon::capture_loop() {
       ++exchange_.frames_overrun;
     }
   }
-  mailbox_.wait_empty();  // the last frame is processed, too
+  if (!is_stopping()) mailbox_.wait_empty();  // the last frame is processed, too; nobody takes it after a stop
   is_capture_over_ = true;
   mailbox_.wake();
 }
