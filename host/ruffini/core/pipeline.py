@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import ctypes
-import os
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.errors import InputError, RuffiniError
+from ruffini.errors import InputError
+from ruffini.native import native_folder
 
 DISPLACEMENT_LSB_M = 125e-9
 NO_REFERENCE = 1
@@ -85,17 +84,6 @@ class Frame:
     def wrench(self) -> npt.NDArray[np.float64]:
         """(6,) force in N and moment in N m about the undeformed pad centre."""
         return np.asarray(self.wrench_un * np.array([1e-6] * 3 + [1e-12] * 3))
-
-
-def native_folder() -> Path:
-    """Where libruffini and the schema are: RUFFINI_NATIVE_DIR, the package, or the build tree."""
-    here = Path(__file__).resolve()
-    candidates = [Path(p) for p in (os.environ.get("RUFFINI_NATIVE_DIR"),) if p]
-    candidates += [here.parents[1] / "_native", here.parents[3] / "build" / "native"]
-    for folder in candidates:
-        if (folder / "libruffini.so").is_file():
-            return folder
-    raise RuffiniError("libruffini.so was not found: run `make build`, or set RUFFINI_NATIVE_DIR to its folder")
 
 
 @cache

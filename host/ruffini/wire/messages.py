@@ -37,7 +37,7 @@ class Schema:
     @cache
     def own() -> Schema:
         """The schema that this package was built with."""
-        from ruffini.core import native_folder
+        from ruffini.native import native_folder
 
         return Schema((native_folder() / "ruffini.desc").read_bytes())
 

@@ -1,0 +1,64 @@
+"""The tree keeps its own rules, and each rule catches a violation that is planted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import tree_gates
+
+REPO = Path(__file__).parents[2]
+Gate = Callable[[Path], list[str]]
+README = "```sh\nmake run\nmake test\n```\n"
+
+# Gate, planted files, and a word that its sentence must have.
+PLANTED: list[tuple[Gate, dict[str, str], str]] = [
+    (
+        tree_gates.firmware_layers,
+        {"firmware/base/a.h": '#include "image/b.h"\n', "firmware/image/b.h": ""},
+        "base must not know image",
+    ),
+    (
+        tree_gates.firmware_layers,
+        {"firmware/solve/a.cpp": '#include "link/b.h"\n', "firmware/link/b.h": ""},
+        "solve must not know link",
+    ),
+    (
+        tree_gates.firmware_layers,
+        {"firmware/image/a.cpp": '#include "store/slot_store.h"\n', "firmware/store/slot_store.h": ""},
+        "image must not know store",
+    ),
+    (tree_gates.firmware_layers, {"firmware/vision/a.cpp": ""}, "no place in the order"),
+    (tree_gates.core_headers, {"firmware/image/a.cpp": "#include <fstream>\n"}, "<fstream>"),
+    (tree_gates.core_headers, {"firmware/store/calibration.cpp": "#include <unistd.h>\n"}, "<unistd.h>"),
+    (tree_gates.host_layers, {"host/ruffini/sim/a.py": "from ruffini.fem import slab\n"}, "sim must not know fem"),
+    (tree_gates.host_layers, {"host/ruffini/fem/a.py": "def f():\n    import ruffini.sim.pad\n"}, "must not know sim"),
+    (tree_gates.board_names, {"boards/toy/board.toml": "", "firmware/a.cpp": 'if (board == "toy") {}\n'}, "'toy'"),
+    (tree_gates.file_sizes, {"firmware/base/a.h": "\n" * 201}, "201 lines"),
+    (tree_gates.file_sizes, {"host/ruffini/a.py": "\n" * 501}, "501 lines"),
+    (tree_gates.workplace_paths, {"tests/a.py": 'open("/wo' + 'rk/main/x")\n'}, "workplace"),
+    (tree_gates.generated_files, {"host/ruffini/ruffini_pb2.py": ""}, "generated"),
+    (
+        tree_gates.readme_commands,
+        {"README.md": README + "```sh\nmake coffee\n```\n", "Makefile": "run:\ntest:\n"},
+        "make coffee",
+    ),
+    (tree_gates.readme_commands, {"README.md": "```sh\nmake test\n```\n", "Makefile": "test:\n"}, "first"),
+]
+GATES: list[Gate] = list(dict.fromkeys(gate for gate, _, _ in PLANTED))
+
+
+@pytest.mark.parametrize("gate", GATES, ids=lambda gate: gate.__name__)
+def test_tree_keeps_its_rules(gate: Gate) -> None:
+    assert gate(REPO) == []
+
+
+@pytest.mark.parametrize(("gate", "files", "sentence"), PLANTED)
+def test_planted_violation_is_caught(gate: Gate, files: dict[str, str], sentence: str, tmp_path: Path) -> None:
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    found = gate(tmp_path)
+    assert len(found) == 1
+    assert sentence in found[0]

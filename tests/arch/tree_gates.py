@@ -1,0 +1,194 @@
+"""Gates on the source tree. Each takes a checkout's root and returns one sentence for every violation."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+# What each room of the firmware may include, besides itself. Order of the pipeline, one direction.
+FIRMWARE_MAY_INCLUDE: dict[str, set[str]] = {
+    "base": set(),
+    "board": {"base"},
+    "image": {"base", "board", "store"},
+    "solve": {"base", "board", "store"},
+    "estimators": {"base", "board", "image", "solve", "store"},
+    "frame_path": {"base", "board", "image", "solve", "estimators", "store"},
+    "capi": {"base", "board", "store", "frame_path", "image", "solve", "estimators"},
+    "capture": {"base", "board"},
+    "store": {"base", "board"},
+    "hw": {"base"},
+    "link": {"base", "board", "store", "frame_path", "image", "solve", "estimators"},
+    "daemon": {"base", "board", "capture", "store", "link", "hw", "frame_path", "image", "solve", "estimators"},
+}
+# These sources are part of the core although their rooms hold more.
+CORE_IN_MIXED_ROOMS = ("link/frame_codec", "link/dense_codec", "store/calibration")
+# Headers that the core may take from the system: no file, no clock, no thread, no library of floats.
+CORE_SYSTEM_HEADERS = {
+    "algorithm", "array", "atomic", "bit", "cassert", "charconv", "compare", "concepts", "cstddef", "cstdint",
+    "cstdlib", "cstring", "functional", "initializer_list", "iterator", "limits", "memory", "numeric", "optional",
+    "span", "string", "string_view", "tuple", "type_traits", "utility", "variant", "vector",
+}  # fmt: skip
+
+# Packages of the host that must not know each other.
+HOST_MUST_NOT_IMPORT: dict[str, set[str]] = {
+    "fem": {"sim", "core", "device", "record", "calibrate", "cli", "demo", "wire"},
+    "sim": {"fem", "core", "device", "record", "cli", "demo", "wire"},
+    "wire": {"sim", "fem", "core", "device", "record", "calibrate", "cli", "demo", "boards"},
+    "boards": {"sim", "fem", "core", "device", "record", "calibrate", "cli", "demo", "wire"},
+    "core": {"sim", "fem", "device", "record", "cli", "demo", "wire"},
+    "device": {"sim", "fem", "cli", "demo"},
+    "record": {"sim", "fem", "cli", "demo"},
+    "calibrate": {"sim", "device", "record", "cli", "demo"},
+}
+
+MAX_HEADER_LINES, MAX_SOURCE_LINES = 200, 500
+GENERATED = re.compile(r"(\.pb\.(c|h|cc)|_pb2\.pyi?|\.desc|\.(so|a|o|whl)|CMakeCache\.txt)$")
+# Written in two halves so that this file passes its own gate.
+WORKPLACE = re.compile(
+    "|".join(["/wo" + r"rk/\w", r"\.\./sha" + "red", r"\.lib" + "rary/", "/tmp/" + "venv", "/opt/" + "wheels"])
+)
+
+
+def tracked(root: Path) -> list[Path]:
+    """Files of the checkout that git knows, or all of them where there is no repository."""
+    listed = subprocess.run(["git", "-C", str(root), "ls-files", "-z"], capture_output=True, text=True, check=False)
+    if listed.returncode == 0 and (root / ".git").exists():
+        return [path for name in listed.stdout.split("\0") if name and (path := root / name).is_file()]
+    return [path for path in root.rglob("*") if path.is_file()]
+
+
+def _text(path: Path) -> str:
+    return path.read_text(errors="ignore")
+
+
+def _sources(root: Path, *folders: str) -> Iterator[Path]:
+    for path in tracked(root):
+        name = path.relative_to(root).as_posix()
+        if name.startswith(folders) and path.suffix in (".h", ".cpp", ".py"):
+            yield path
+
+
+def _room(name: str) -> str:
+    """Room of a file below firmware/: its folder, or for files at the top their place in the order."""
+    folder, _, rest = name.partition("/")
+    if rest:
+        return folder
+    return "frame_path" if folder.startswith("frame_") else "daemon"
+
+
+def _is_core(name: str) -> bool:
+    room = _room(name)
+    return room in ("base", "image", "solve", "estimators", "frame_path") or name.startswith(CORE_IN_MIXED_ROOMS)
+
+
+def firmware_layers(root: Path) -> list[str]:
+    """Includes go one way: base <- image, solve <- estimators <- frame_path <- main."""
+    found = []
+    for path in _sources(root, "firmware/"):
+        name = path.relative_to(root / "firmware").as_posix()
+        room = _room(name)
+        if room not in FIRMWARE_MAY_INCLUDE:
+            found.append(f"firmware/{name}: room {room!r} has no place in the order: add it to tests/arch")
+            continue
+        for included in re.findall(r'^#include "([^"]+)"', _text(path), re.M):
+            if not (root / "firmware" / included).exists():
+                continue
+            target = _room(included)
+            is_allowed = target == room or target in FIRMWARE_MAY_INCLUDE[room]
+            if _is_core(name) and room != "base":
+                is_allowed = is_allowed and (_is_core(included) or included == "board/settings.h")
+            if not is_allowed:
+                found.append(f"firmware/{name} includes {included}: {room} must not know {target}")
+    return found
+
+
+def core_headers(root: Path) -> list[str]:
+    """The core takes nothing from the system that could call it."""
+    found = []
+    for path in _sources(root, "firmware/"):
+        name = path.relative_to(root / "firmware").as_posix()
+        if not _is_core(name) or name == "base/unique_fd.h":
+            continue
+        for header in re.findall(r"^#include <([^>]+)>", _text(path), re.M):
+            if header not in CORE_SYSTEM_HEADERS:
+                found.append(f"firmware/{name} includes <{header}>: the core makes no system call")
+    return found
+
+
+def _imports(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(_text(path))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def host_layers(root: Path) -> list[str]:
+    """Packages of the host that must not know each other do not import each other."""
+    found = []
+    for path in _sources(root, "host/ruffini/"):
+        package = path.relative_to(root / "host" / "ruffini").parts[0]
+        for name in _imports(path):
+            parts = name.split(".")
+            if parts[0] == "ruffini" and len(parts) > 1 and parts[1] in HOST_MUST_NOT_IMPORT.get(package, set()):
+                found.append(f"{path.relative_to(root)} imports {name}: {package} must not know {parts[1]}")
+    return found
+
+
+def board_names(root: Path) -> list[str]:
+    """No source of firmware or host names a board: a board is a folder."""
+    boards = [path.parent.name for path in (root / "boards").glob("*/board.toml")]
+    found = []
+    for path in _sources(root, "firmware/", "host/ruffini/"):
+        for board in boards:
+            if re.search(rf"(?<![\w-]){re.escape(board)}(?![\w-])", _text(path), re.I):
+                found.append(f"{path.relative_to(root)} names the board {board!r}: take it from the board's folder")
+    return found
+
+
+def file_sizes(root: Path) -> list[str]:
+    """A file that outgrew its job is split."""
+    found = []
+    for path in _sources(root, "firmware/", "host/ruffini/", "tests/"):
+        limit = MAX_HEADER_LINES if path.suffix == ".h" else MAX_SOURCE_LINES
+        lines = _text(path).count("\n")
+        if lines > limit:
+            found.append(f"{path.relative_to(root)} has {lines} lines, at most {limit}: split it")
+    return found
+
+
+def workplace_paths(root: Path) -> list[str]:
+    """No file names a path of the machine that it was written on."""
+    text = {".h", ".cpp", ".py", ".md", ".toml", ".txt", ".cmake", ".proto", ".options", ".yml", ".json", ""}
+    return [
+        f"{path.relative_to(root)} names a path of this workplace: {match.group(0)}"
+        for path in tracked(root)
+        if path.suffix in text and (match := WORKPLACE.search(_text(path)))
+    ]
+
+
+def generated_files(root: Path) -> list[str]:
+    """What the build makes is not in git."""
+    return [
+        f"{path.relative_to(root)} is generated: remove it from git"
+        for path in tracked(root)
+        if GENERATED.search(path.name)
+    ]
+
+
+def readme_commands(root: Path) -> list[str]:
+    """Each `make` verb of README.md exists, and the first block is the two commands."""
+    readme, verbs = _text(root / "README.md"), set(re.findall(r"^([a-z0-9-]+):", _text(root / "Makefile"), re.M))
+    blocks = re.findall(r"^```sh\n(.*?)^```", readme, re.M | re.S)
+    found = []
+    if not blocks or blocks[0].split("\n")[:-1] != ["make run", "make test"]:
+        found.append("README.md: the first ```sh block is not `make run` and `make test`")
+    for verb in re.findall(
+        r"^(?:sudo )?make ([a-z0-9-]+)", "\n".join(re.findall(r"^```\w*\n(.*?)^```", readme, re.M | re.S)), re.M
+    ):
+        if verb not in verbs:
+            found.append(f"README.md: `make {verb}` is not in the Makefile")
+    return found
