@@ -42,11 +42,9 @@ void Daemon::run(const std::atomic<bool>& stop) {
   std::thread frame([this] { frame_loop(); });
   link_loop();
   is_done_ = true;
-  // Whoever still waits at the mailbox: the capture thread for room, the frame thread for a frame.
-  if (const std::optional<int> left = mailbox_.take()) pool_.give_back(*left);
-  mailbox_.wake();
+  // Frees whoever still waits: the capture thread for room, the frame thread for a frame.
+  if (const std::optional<int> left = mailbox_.close()) pool_.give_back(*left);
   capture.join();
-  mailbox_.wake();
   frame.join();
 }
 
@@ -76,9 +74,8 @@ void Daemon::capture_loop() {
       ++exchange_.frames_overrun;
     }
   }
-  if (!is_stopping()) mailbox_.wait_empty();  // the last frame is processed, too; nobody takes it after a stop
-  is_capture_over_ = true;
-  mailbox_.wake();
+  mailbox_.wait_empty();  // the last frame is taken, too
+  mailbox_.close();
 }
 
 void Daemon::frame_loop() {
@@ -86,7 +83,7 @@ void Daemon::frame_loop() {
     mailbox_.wait_full();
     const std::optional<int> index = mailbox_.take();
     if (!index) {
-      if (is_capture_over_ || is_stopping()) break;
+      if (mailbox_.is_closed()) break;
       continue;
     }
     const FrameLease lease(pool_, *index);
@@ -95,6 +92,7 @@ void Daemon::frame_loop() {
     if (options_.max_frames != 0 && exchange_.frames_processed >= options_.max_frames) break;
   }
   is_frame_over_ = true;
+  if (const std::optional<int> left = mailbox_.close()) pool_.give_back(*left);
 }
 
 // A new calibration takes over between two frames and keeps the rest image.

@@ -54,7 +54,6 @@ class Daemon {
   IndexMailbox mailbox_;
   const std::atomic<bool>* stop_ = nullptr;
   std::atomic<bool> is_done_{false};
-  std::atomic<bool> is_capture_over_{false};
   std::atomic<bool> is_frame_over_{false};
 };
 

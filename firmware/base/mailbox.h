@@ -6,40 +6,47 @@
 
 namespace ruffini {
 
-// Holds the index of a buffer. Any thread may post, any may take; no lock.
+// Holds the index of a buffer. Any thread may post, take or close; no lock.
 class IndexMailbox {
  public:
-  static constexpr int kEmpty = -1;
-
-  // Returns the index that nobody had taken, if there was one: a dropped frame.
+  // Returns the index that nobody will take: the one that was replaced, or, once closed, `index` itself.
   std::optional<int> post(int index) {
-    const int replaced = slot_.exchange(index, std::memory_order_acq_rel);
+    int seen = slot_.load(std::memory_order_acquire);
+    do {
+      if (seen == kClosed) return index;
+    } while (!slot_.compare_exchange_weak(seen, index, std::memory_order_acq_rel));
     slot_.notify_all();
-    return replaced >= 0 ? std::optional<int>(replaced) : std::nullopt;
+    return seen >= 0 ? std::optional<int>(seen) : std::nullopt;
   }
 
   std::optional<int> take() {
-    const int index = slot_.exchange(kEmpty, std::memory_order_acq_rel);
+    int seen = slot_.load(std::memory_order_acquire);
+    do {
+      if (seen < 0) return std::nullopt;
+    } while (!slot_.compare_exchange_weak(seen, kEmpty, std::memory_order_acq_rel));
     slot_.notify_all();
-    return index >= 0 ? std::optional<int>(index) : std::nullopt;
+    return seen;
   }
 
-  // Waits until something is there (or wake() was called) / until it was taken.
+  // No more posts; every wait returns from now on. Returns what nobody had taken.
+  std::optional<int> close() {
+    const int seen = slot_.exchange(kClosed, std::memory_order_acq_rel);
+    slot_.notify_all();
+    return seen >= 0 ? std::optional<int>(seen) : std::nullopt;
+  }
+
+  [[nodiscard]] bool is_closed() const { return slot_.load(std::memory_order_acquire) == kClosed; }
+  // Waits until something is there / until it was taken; or until closed.
   void wait_full() const { slot_.wait(kEmpty, std::memory_order_acquire); }
   void wait_empty() const {
     for (int seen = slot_.load(std::memory_order_acquire); seen >= 0; seen = slot_.load(std::memory_order_acquire)) {
       slot_.wait(seen, std::memory_order_acquire);
     }
   }
-  // Lets a waiting thread go although there is nothing: it must look at its stop flag.
-  void wake() {
-    int expected = kEmpty;
-    slot_.compare_exchange_strong(expected, kWoken, std::memory_order_acq_rel);
-    slot_.notify_all();
-  }
 
  private:
-  static constexpr int kWoken = -2;
+  static constexpr int kEmpty = -1;
+  static constexpr int kClosed = -2;
   std::atomic<int> slot_{kEmpty};
 };
 
