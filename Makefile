@@ -65,9 +65,10 @@ sanitize: setup  ## C++ tests under ASan + UBSan, then under TSan
 	@$(BUILD)/tsan/ruffini_tests --gtest_brief=1
 
 
-bench: setup  ## time of every stage on one core, peers beside them
+bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
 	@$(PYTHON) tests/bench/run.py --build $(BUILD)
+	@$(PYTHON) tests/bench/accuracy.py
 
 fresh:  ## the README's commands in a clean root: SUITE=bookworm|trixie (needs root and debootstrap)
 	@.ci/fresh '$(SUITE)'

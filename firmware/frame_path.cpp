@@ -177,7 +177,8 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       lattice_(board),
       poisson_(board),
       displacement_(board),
-      mask_(nodes_.size(), whole_steps(board.contact.threshold_un, board.force_lsb_un), board.contact.min_nodes),
+      contact_threshold_lsb_(whole_steps(board.contact.threshold_un, board.force_lsb_un)),
+      mask_(nodes_.size(), contact_threshold_lsb_, board.contact.min_nodes),
       contacts_(nodes_, board.force_lsb_un) {
   for (const std::string& stage : board.stages) {
     const auto at = std::find(known_stages().begin(), known_stages().end(), stage) - known_stages().begin();
@@ -224,7 +225,7 @@ Status FramePath::load_tables() {
     operator_ = op.value();
   }
   if (has(Stage::kSupport) && operator_ && c.has_kind("support")) {
-    auto support = SupportSolver::load(c, nodes_.size().count());
+    auto support = SupportSolver::load(c, nodes_.size().count(), contact_threshold_lsb_);
     if (!support) return support.error();
     support_.emplace(std::move(support).value());
   }

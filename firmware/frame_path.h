@@ -93,6 +93,7 @@ class FramePath {
   Displacement displacement_;
   std::optional<BlockOperator> operator_;
   std::optional<SupportSolver> support_;
+  int64_t contact_threshold_lsb_;
   ContactMask mask_;
   ContactFinder contacts_;
   SaturationCounter untrusted_saturations_;  // of a depth that no force is made of

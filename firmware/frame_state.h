@@ -77,7 +77,7 @@ struct FrameState {
   struct {
     std::vector<int16_t> padded;    // displacement, xyz interleaved, zero padded
     std::vector<NodeForce> force;   // observed nodes; the second pass overwrites it
-    std::span<const uint8_t> mask;  // where touched
+    std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
   } solve;
   Wrench wrench;
   ContactList contacts;

@@ -41,7 +41,7 @@ int64_t to_16(int64_t v, int shift) { return shift == 0 ? v : round_shift(v, shi
 
 }  // namespace
 
-Result<SupportSolver> SupportSolver::load(const Calibration& calibration, int n_nodes) {
+Result<SupportSolver> SupportSolver::load(const Calibration& calibration, int n_nodes, int64_t threshold_lsb) {
   const int n = 3 * n_nodes;
   auto normal = BlockOperator::load(calibration, "support.normal", n, n);
   if (!normal) return normal.error();
@@ -53,6 +53,7 @@ Result<SupportSolver> SupportSolver::load(const Calibration& calibration, int n_
   out.normal_ = normal.value();
   out.project_ = project.value();
   out.scale_ = scale.value()->as<int32_t>();
+  out.threshold_lsb_ = threshold_lsb;
   for (const int32_t d : out.scale_) {
     if (d <= 0) return Error{ErrorKind::kBadInput, "calibration file: support.scale is not positive: make it again"};
   }
@@ -60,7 +61,7 @@ Result<SupportSolver> SupportSolver::load(const Calibration& calibration, int n_
   out.index_.reserve(size);
   out.blocks_.reserve(static_cast<size_t>(out.normal_.n_blocks()));
   out.p16_.resize(static_cast<size_t>(out.normal_.padded_cols()));
-  for (auto* values : {&out.y_, &out.r_, &out.p_, &out.image_}) values->reserve(size);
+  for (auto* values : {&out.weight_, &out.b_, &out.y_, &out.r_, &out.v_, &out.p_, &out.image_}) values->reserve(size);
   return out;
 }
 
@@ -79,10 +80,10 @@ int64_t SupportSolver::scaled(int64_t value, const Scale& scale, int exponent) {
 }
 
 SupportSolver::Energy SupportSolver::energy() const {
-  Energy out{0, common_shift(r_)};
-  for (const int64_t r : r_) {
-    const int64_t r16 = to_16(r, out.shift);
-    out.sum += r16 * r16;
+  Energy out{0, common_shift(v_)};
+  for (const int64_t v : v_) {
+    const int64_t v16 = to_16(v, out.shift);
+    out.sum += v16 * v16;
   }
   return out;
 }
@@ -90,10 +91,12 @@ SupportSolver::Energy SupportSolver::energy() const {
 void SupportSolver::gather(std::span<const uint8_t> mask) {
   index_.clear();
   blocks_.clear();
+  weight_.clear();
   for (uint32_t node = 0; node < mask.size(); ++node) {
     if (mask[node] == 0) continue;
     for (uint32_t c = 0; c < 3; ++c) {
       index_.push_back(3 * node + c);
+      weight_.push_back(mask[node]);
       const auto block = static_cast<uint16_t>((3 * node + c) / BlockOperator::kBlock);
       if (blocks_.empty() || blocks_.back() != block) blocks_.push_back(block);
     }
@@ -113,24 +116,54 @@ void SupportSolver::multiply(SaturationCounter& saturations) {
   }
 }
 
-// y from the linear estimate; r = b - H y; p = r.
+// y = w times the linear estimate, and b.
 void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce> force,
                           SaturationCounter& saturations) {
   y_.resize(index_.size());
+  b_.resize(index_.size());
   r_.resize(index_.size());
+  v_.resize(index_.size());
+  p_.resize(index_.size());
   for (size_t i = 0; i < index_.size(); ++i) {
     const NodeForce& f = force[index_[i] / 3];
     const int64_t value = index_[i] % 3 == 0 ? f.x : index_[i] % 3 == 1 ? f.y : f.z;
-    y_[i] = limited(floor_div(value * (int64_t{1} << kForceFraction), scale_[index_[i]]), saturations);
+    const int64_t y = limited(floor_div(value * (int64_t{1} << kForceFraction), scale_[index_[i]]), saturations);
+    y_[i] = round_shift(weight_[i] * y, ContactMask::kFraction);
+    b_[i] = project_.row(static_cast<int>(index_[i]), u);
   }
+}
+
+// w and y times clamp(-f_z / T, 0, 1), node by node: index_ holds x, y, z of each node in turn.
+void SupportSolver::weaken_pull() {
+  for (size_t i = 0; i < index_.size(); i += 3) {
+    const int64_t pressure = -round_shift(y_[i + 2] * scale_[index_[i + 2]], kForceFraction);
+    const int64_t keep = std::clamp<int64_t>(pressure, 0, threshold_lsb_) * ContactMask::kFull / threshold_lsb_;
+    for (size_t c = i; c < i + 3; ++c) {
+      weight_[c] = (weight_[c] * keep) >> ContactMask::kFraction;
+      y_[c] = round_shift(y_[c] * keep, ContactMask::kFraction);
+    }
+  }
+}
+
+// v = w r
+void SupportSolver::precondition() {
+  for (size_t i = 0; i < index_.size(); ++i) v_[i] = round_shift(weight_[i] * r_[i], ContactMask::kFraction);
+}
+
+// r = b - H y; p = w v; kSteps conjugate-gradient steps.
+void SupportSolver::round(SaturationCounter& saturations) {
   const int shift = spread(y_);
   multiply(saturations);
   for (size_t i = 0; i < index_.size(); ++i) {
     y_[i] = int64_t{p16_[index_[i]]} << shift;  // what was multiplied, exactly
-    const int64_t b = project_.row(static_cast<int>(index_[i]), u);
-    r_[i] = limited(b - shifted(image_[i], kImageFraction - shift), saturations);
+    r_[i] = limited(b_[i] - shifted(image_[i], kImageFraction - shift), saturations);
   }
-  p_ = r_;
+  precondition();
+  for (size_t i = 0; i < index_.size(); ++i) p_[i] = round_shift(weight_[i] * v_[i], ContactMask::kFraction);
+  Energy current = energy();
+  for (int i = 0; i < kSteps && current.sum > 0; ++i) {
+    if (!step(current, saturations)) break;
+  }
 }
 
 bool SupportSolver::step(Energy& current, SaturationCounter& saturations) {
@@ -144,10 +177,14 @@ bool SupportSolver::step(Energy& current, SaturationCounter& saturations) {
     y_[i] = limited(y_[i] + scaled(p16_[index_[i]], step, shift), saturations);
     r_[i] = limited(r_[i] - scaled(image_[i], step, shift - kImageFraction), saturations);
   }
+  precondition();
   const Energy next = energy();
   if (next.sum == 0) return false;
   const Scale beta = ratio(next.sum, current.sum, 2 * (next.shift - current.shift));
-  for (size_t i = 0; i < index_.size(); ++i) p_[i] = limited(r_[i] + scaled(p_[i], beta, 0), saturations);
+  for (size_t i = 0; i < index_.size(); ++i) {
+    const int64_t z = round_shift(weight_[i] * v_[i], ContactMask::kFraction);
+    p_[i] = limited(z + scaled(p_[i], beta, 0), saturations);
+  }
   current = next;
   return true;
 }
@@ -157,9 +194,9 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const uint8_t> mas
   gather(mask);
   std::fill(p16_.begin(), p16_.end(), int16_t{0});
   start(u, force, saturations);
-  Energy current = energy();
-  for (int i = 0; i < kSteps && current.sum > 0; ++i) {
-    if (!step(current, saturations)) break;
+  for (int i = 0; i < kRounds; ++i) {
+    if (i > 0) weaken_pull();
+    round(saturations);
   }
   std::fill(force.begin(), force.end(), NodeForce{});
   for (size_t i = 0; i < index_.size(); ++i) {

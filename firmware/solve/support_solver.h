@@ -1,15 +1,20 @@
-// Second pass: least squares on the contact's support, by a fixed number of conjugate-gradient steps.
+// Second pass: weighted least squares on the contact's support, pressure pushed to its right sign.
 //
-// Solves H_SS y = b_S, F = d y (host/ruffini/fem/support.py has the derivation), warm-started from the
-// linear estimate, in block-floating integers:
+// Solves H_SS y = b_S, F = d y (host/ruffini/fem/support.py has the derivation), from the linear
+// estimate, in kRounds rounds of kSteps conjugate-gradient steps. Each unknown has a weight w: the
+// contact mask at first, and in each later round times clamp(-f_z / T, 0, 1), T the contact threshold, so
+// that nodes which would pull lose their force and their freedom. In block-floating integers:
 //
-//   y, r, p    Q14, clamped to +-2^31, counted
-//   p16        p rounded to 16 bits with one common shift (as r16 for the energies)
+//   w          Q7
+//   y, r       Q14, clamped to +-2^31, counted
+//   v = w r    r is preconditioned by w^2: v v is its energy, z = w v its direction
+//   p16        p rounded to 16 bits with one common shift (as v16 for the energies)
 //   H p16      `support.normal`, 8 more fraction bits, clamped to +-2^33, counted;  b = `support.project` u
 //   step, beta mantissa of 24 bits and a power of two
 //   F = (y d + 2^29) >> 30, d = `support.scale` (Q16 force steps per unit of y)
 //
-// Work is bounded by kSteps |S| rows. Frame thread; no allocation after the constructor. Not in the paper.
+// Work is bounded by kRounds (kSteps + 1) |S| rows. Frame thread; no allocation after the constructor.
+// Not in the paper.
 #pragma once
 
 #include <cstdint>
@@ -24,12 +29,14 @@ namespace ruffini {
 
 class SupportSolver {
  public:
-  static constexpr int kSteps = 6;
+  static constexpr int kRounds = 3;
+  static constexpr int kSteps = 2;
 
-  [[nodiscard]] static Result<SupportSolver> load(const Calibration& calibration, int n_nodes);
+  // threshold_lsb: the contact threshold T in force steps, above zero.
+  [[nodiscard]] static Result<SupportSolver> load(const Calibration& calibration, int n_nodes, int64_t threshold_lsb);
 
-  // `u`: padded displacement, xyz interleaved. `force`: linear estimate in, second pass out (zero
-  // outside the mask).
+  // `u`: padded displacement, xyz interleaved. `mask`: ContactMask's. `force`: linear estimate in,
+  // second pass out (zero outside the mask).
   void run(std::span<const int16_t> u, std::span<const uint8_t> mask, std::span<NodeForce> force,
            SaturationCounter& saturations);
 
@@ -40,8 +47,8 @@ class SupportSolver {
     int exponent = 0;
   };
   struct Energy {
-    int64_t sum = 0;  // of squares of r16
-    int shift = 0;    // r16 = r >> shift
+    int64_t sum = 0;  // of squares of v16
+    int shift = 0;    // v16 = v >> shift
   };
 
   static Scale ratio(int64_t numerator, int64_t denominator, int exponent);
@@ -49,7 +56,10 @@ class SupportSolver {
   [[nodiscard]] Energy energy() const;
   void gather(std::span<const uint8_t> mask);
   void start(std::span<const int16_t> u, std::span<const NodeForce> force, SaturationCounter& saturations);
+  void weaken_pull();
+  void round(SaturationCounter& saturations);
   bool step(Energy& current, SaturationCounter& saturations);
+  void precondition();
   // Spread `values` (one per unknown of the support) to p16_; returns the shift.
   int spread(std::span<const int64_t> values);
   void multiply(SaturationCounter& saturations);
@@ -57,11 +67,15 @@ class SupportSolver {
   BlockOperator normal_;
   BlockOperator project_;
   std::span<const int32_t> scale_;
+  int64_t threshold_lsb_ = 1;
   std::vector<uint32_t> index_;   // unknowns of the support
   std::vector<uint16_t> blocks_;  // column blocks that hold one
   std::vector<int16_t> p16_;      // all unknowns, padded
+  std::vector<int64_t> weight_;
+  std::vector<int64_t> b_;
   std::vector<int64_t> y_;
   std::vector<int64_t> r_;
+  std::vector<int64_t> v_;
   std::vector<int64_t> p_;
   std::vector<int64_t> image_;  // H p16
 };

@@ -30,7 +30,7 @@ class Outcome:
     slope: I64
     depth: I64
     displacement: I64
-    mask: npt.NDArray[np.bool_]
+    mask: I64
     force: I64
     wrench: list[int]
     contact_areas: list[int]
@@ -81,11 +81,11 @@ class FramePath:
             wrench(board, force), contact_areas(board, mask, force),
         )  # fmt: skip
 
-    def solve(self, u: I64) -> tuple[I64, npt.NDArray[np.bool_]]:
+    def solve(self, u: I64) -> tuple[I64, I64]:
         """Force steps (n_nodes, 3) and contact mask of one displacement field."""
         board = self.board
         force = linear_force(self._operator, u, self.saturations)
         shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
         threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
         mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"])
-        return support_force(self._support, u, mask, force, self.saturations), mask
+        return support_force(self._support, u, mask, force, threshold, self.saturations), mask

@@ -41,6 +41,24 @@ TEST(ContactMask, NeedsMoreThanTheThresholdAndPressure) {
   EXPECT_EQ(mask_of(std::string(35, '#'), 35), std::string(35, '#'));
 }
 
+TEST(ContactMask, RisesFromTheThresholdToTwiceTheThreshold) {
+  ContactMask stage(kNodes, 300, 1);
+  const auto value_at = [&](int32_t z) { return int{stage.find(std::vector<NodeForce>(35, {0, 0, z}))[17]}; };
+  EXPECT_EQ(value_at(-300), 0);
+  EXPECT_EQ(value_at(-301), 1);
+  EXPECT_EQ(value_at(-450), 64);
+  EXPECT_EQ(value_at(-600), 128);
+  EXPECT_EQ(value_at(-2'000'000'000), 128);
+}
+
+TEST(ContactMask, TheWeakestOfASquareCounts) {
+  std::vector<NodeForce> force(35);
+  for (const size_t i : {0U, 1U, 7U}) force[i].z = -600;
+  force[8].z = -375;
+  ContactMask stage(kNodes, 300, 1);
+  EXPECT_EQ(int{stage.find(force)[0]}, 32);
+}
+
 TEST(ContactMask, IsEmptyBelowTheLeastNumberOfNodes) {
   EXPECT_EQ(mask_of("##....."
                     "##....."

@@ -13,6 +13,8 @@ namespace {
 
 constexpr int kNodes = 4;
 constexpr int kUnknowns = 3 * kNodes;
+constexpr int64_t kThreshold = 10;
+constexpr uint8_t kSurely = 128;
 
 using Matrix = std::array<std::array<double, kUnknowns>, kUnknowns>;
 
@@ -73,7 +75,7 @@ class Loaded {
     auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
     EXPECT_TRUE(parsed.has_value()) << (parsed ? "" : parsed.error().message);
     calibration_ = std::move(parsed).value();
-    auto loaded = SupportSolver::load(calibration_, kNodes);
+    auto loaded = SupportSolver::load(calibration_, kNodes, kThreshold);
     EXPECT_TRUE(loaded.has_value()) << (loaded ? "" : loaded.error().message);
     solver_.emplace(std::move(loaded).value());
   }
@@ -87,25 +89,28 @@ class Loaded {
 
 double component(const NodeForce& f, size_t i) { return i == 0 ? f.x : i == 1 ? f.y : f.z; }
 
+// Steps of force of an unknown: y is Q14 of units whose force is 4 Q16-scaled steps, F = y 4 2^16 / 2^30.
+double force_of(double y) { return y * 4 / 16'384; }
+
 TEST(SupportSolver, SolvesTheSupportAndLeavesZeroOutside) {
-  const Matrix h = tridiagonal(0.3);
+  const Matrix h = tridiagonal(0.1);
   Loaded loaded(h);
   std::vector<int16_t> u(32);
-  for (size_t i = 0; i < kUnknowns; ++i) u[i] = static_cast<int16_t>(1000 * std::sin(static_cast<double>(i)) + 400);
-  const std::vector<uint8_t> mask = {0, 1, 1, 0};
+  for (size_t i = 0; i < kUnknowns; ++i) {
+    u[i] = static_cast<int16_t>(i % 3 == 2 ? -9'000 : 1000 * std::sin(static_cast<double>(i)) + 400);
+  }
+  const std::vector<uint8_t> mask = {0, kSurely, kSurely, 0};
   const std::vector<size_t> support = {3, 4, 5, 6, 7, 8};
   std::vector<double> b;
   for (const size_t i : support) b.push_back(64.0 * u[i]);
   const std::vector<double> y = eliminate(h, b, support);
-  std::vector<NodeForce> force(kNodes, {777, 777, 777});  // a bad first guess
+  std::vector<NodeForce> force(kNodes, {77, 77, -77});  // a bad first guess
   SaturationCounter saturations;
   loaded.solver().run(u, mask, force, saturations);
   double largest = 0;
   for (const double value : y) largest = std::max(largest, std::abs(value));
   for (size_t i = 0; i < support.size(); ++i) {
-    // y is Q14 of units whose force is 4 Q16-scaled steps: F = y 4 2^16 / 2^30.
-    const double expected = y[i] * 4 / 16'384;
-    EXPECT_NEAR(component(force[support[i] / 3], support[i] % 3), expected, 0.51 + 1e-3 * largest * 4 / 16'384) << i;
+    EXPECT_NEAR(component(force[support[i] / 3], support[i] % 3), force_of(y[i]), 0.51 + 1e-3 * force_of(largest)) << i;
   }
   for (const size_t node : {size_t{0}, size_t{3}}) {
     EXPECT_EQ(force[node].x, 0);
@@ -113,6 +118,34 @@ TEST(SupportSolver, SolvesTheSupportAndLeavesZeroOutside) {
     EXPECT_EQ(force[node].z, 0);
   }
   EXPECT_EQ(saturations.count, 0U);
+}
+
+TEST(SupportSolver, ANodeThatWouldPullLosesItsForce) {
+  Loaded loaded(tridiagonal(0));  // b is y: the first round finds it at once
+  std::vector<int16_t> u(32);
+  for (const size_t node : {size_t{1}, size_t{2}}) u[3 * node] = 9'000;  // both sheared
+  u[3 * 1 + 2] = -9'000;
+  u[3 * 2 + 2] = 9'000;
+  std::vector<NodeForce> force(kNodes, {0, 0, -50});
+  SaturationCounter saturations;
+  loaded.solver().run(u, std::vector<uint8_t>{0, kSurely, kSurely, 0}, force, saturations);
+  EXPECT_NEAR(force[1].x, force_of(64 * 9'000), 1);
+  EXPECT_NEAR(force[1].z, force_of(-64 * 9'000), 1);
+  EXPECT_EQ(force[2].x, 0);
+  EXPECT_EQ(force[2].z, 0);
+}
+
+TEST(SupportSolver, ANodeBelowTheThresholdKeepsItsFreedomWhileItPresses) {
+  Loaded loaded(tridiagonal(0));
+  std::vector<int16_t> u(32);
+  for (const size_t node : {size_t{1}, size_t{2}}) u[3 * node] = 9'000;
+  u[3 * 1 + 2] = -9'000;
+  u[3 * 2 + 2] = -320;  // a pressure of half the threshold
+  std::vector<NodeForce> force(kNodes);
+  SaturationCounter saturations;
+  loaded.solver().run(u, std::vector<uint8_t>{0, kSurely, kSurely, 0}, force, saturations);
+  EXPECT_NEAR(force_of(-64 * 320), -0.5 * kThreshold, 0.01);
+  EXPECT_NEAR(force[2].x, force_of(64 * 9'000), 1);
 }
 
 TEST(SupportSolver, AnEmptyMaskIsNoForce) {
@@ -127,10 +160,10 @@ TEST(SupportSolver, StaysBoundedWhenTheTablesAreNotPositive) {
   Matrix h = tridiagonal(0);
   for (size_t i = 0; i < kUnknowns; ++i) h[i][i] = -1;  // curvature below zero: no step may be taken
   Loaded loaded(h);
-  std::vector<NodeForce> force(kNodes, {100, 100, 100});
+  std::vector<NodeForce> force(kNodes, {100, 100, -100});
   SaturationCounter saturations;
-  loaded.solver().run(std::vector<int16_t>(32, 32767), std::vector<uint8_t>(kNodes, 1), force, saturations);
-  for (const NodeForce& f : force) EXPECT_EQ(f.z, 100);
+  loaded.solver().run(std::vector<int16_t>(32, 32767), std::vector<uint8_t>(kNodes, kSurely), force, saturations);
+  for (const NodeForce& f : force) EXPECT_EQ(f.z, -100);
 }
 
 }  // namespace
