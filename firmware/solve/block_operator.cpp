@@ -1,7 +1,6 @@
 #include "solve/block_operator.h"
 
-#include <algorithm>
-#include <array>
+#include <numeric>
 
 #include "base/fixed.h"
 
@@ -21,6 +20,9 @@ Result<BlockOperator> BlockOperator::load(const Calibration& calibration, const 
   out.entry_ = entry.value()->as<int16_t>();
   out.shift_ = shift.value()->as<uint8_t>();
   out.out_shift_ = static_cast<int>(out_shift.value());
+  out.kernel_ = block_kernel::best();
+  out.all_blocks_.resize(static_cast<size_t>(out.n_blocks_));
+  std::iota(out.all_blocks_.begin(), out.all_blocks_.end(), uint16_t{0});
   const Error overflow{ErrorKind::kBadInput,
                        "calibration file: " + name + " could overflow an accumulator: compile the operator again"};
   for (const int16_t q : out.entry_) {
@@ -38,31 +40,11 @@ Result<BlockOperator> BlockOperator::load(const Calibration& calibration, const 
   return out;
 }
 
-int64_t BlockOperator::block_sum(int r, int block, const int16_t* u) const {
-  const int16_t* q =
-      entry_.data() + static_cast<size_t>(r) * static_cast<size_t>(padded_cols()) + static_cast<size_t>(block) * kBlock;
-  const int16_t* v = u + static_cast<size_t>(block) * kBlock;
-  // Eight lanes of four products: |lane| <= 4 x 16383 x 32768 < 2^31. Compilers make vectors of this form.
-  constexpr size_t n = kBlock / 4;
-  std::array<int32_t, n> lanes;
-  for (size_t i = 0; i < n; ++i) {
-    lanes[i] = q[i] * v[i] + q[i + n] * v[i + n] + q[i + 2 * n] * v[i + 2 * n] + q[i + 3 * n] * v[i + 3 * n];
-  }
-  int64_t sum = 0;
-  for (const int32_t lane : lanes) sum += lane;
-  return sum << shift_[static_cast<size_t>(r * n_blocks_ + block)];
-}
-
-int64_t BlockOperator::row(int r, std::span<const int16_t> u) const {
-  int64_t sum = 0;
-  for (int b = 0; b < n_blocks_; ++b) sum += block_sum(r, b, u.data());
-  return round_shift(sum, out_shift_);
-}
+int64_t BlockOperator::row(int r, std::span<const int16_t> u) const { return row(r, u, all_blocks_); }
 
 int64_t BlockOperator::row(int r, std::span<const int16_t> u, std::span<const uint16_t> blocks) const {
-  int64_t sum = 0;
-  for (const uint16_t b : blocks) sum += block_sum(r, b, u.data());
-  return round_shift(sum, out_shift_);
+  const auto at = static_cast<size_t>(r) * static_cast<size_t>(n_blocks_);
+  return round_shift(kernel_(entry_.data() + at * kBlock, shift_.data() + at, u.data(), blocks), out_shift_);
 }
 
 }  // namespace ruffini

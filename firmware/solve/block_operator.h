@@ -9,15 +9,17 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "base/result.h"
+#include "solve/block_kernel.h"
 #include "store/calibration.h"
 
 namespace ruffini {
 
 class BlockOperator {
  public:
-  static constexpr int kBlock = 32;
+  static constexpr int kBlock = block_kernel::kBlock;
   static constexpr int kMaxEntry = 16'383;
 
   BlockOperator() = default;
@@ -36,10 +38,10 @@ class BlockOperator {
   [[nodiscard]] int64_t row(int r, std::span<const int16_t> u, std::span<const uint16_t> blocks) const;
 
  private:
-  [[nodiscard]] int64_t block_sum(int r, int block, const int16_t* u) const;
-
   std::span<const int16_t> entry_;
   std::span<const uint8_t> shift_;
+  std::vector<uint16_t> all_blocks_;
+  block_kernel::Row kernel_ = block_kernel::row_scalar;
   int n_rows_ = 0;
   int n_blocks_ = 0;
   int out_shift_ = 1;

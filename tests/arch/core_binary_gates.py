@@ -22,7 +22,7 @@ ALLOWED_SYMBOLS = re.compile(
     r"ruffini::.*|operator (new|delete).*|std::__throw_\w+.*|std::(__cxx11::)?(basic_)?string.*"
     r"|mem(cpy|set|move|cmp|chr)|str(len|cmp)|bcmp|abort|__assert_fail|vtable for __cxxabiv1::.*|typeinfo for .*"
     r"|__cxa_(guard_(acquire|release|abort)|atexit|pure_virtual)|__dso_handle|__libc_single_threaded|_GLOBAL_OFFSET_TABLE_"
-    r"|__stack_chk_(fail|guard)|__aarch64_\w+|__u?(div|mod)ti3"
+    r"|__stack_chk_(fail|guard)|__aarch64_\w+|__cpu_(model|indicator_init)|__u?(div|mod)ti3"
 )
 
 

@@ -83,7 +83,8 @@ void frame(benchmark::State& state, const Input& input) {
     state.counters[known_stages()[i]] = benchmark::Counter(total[i], benchmark::Counter::kAvgIterations);
   }
   const auto& mask = path->state().solve.mask;
-  state.counters["touched_nodes"] = static_cast<double>(std::count(mask.begin(), mask.end(), uint8_t{1}));
+  state.counters["touched_nodes"] =
+      static_cast<double>(std::ssize(mask) - std::count(mask.begin(), mask.end(), uint8_t{0}));
   state.counters["flags"] = path->state().flags;
 }
 
