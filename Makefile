@@ -59,11 +59,22 @@ werror: setup  ## a build where warnings are errors
 comma := ,
 SANITIZE_FLAGS = -fno-omit-frame-pointer -fno-sanitize-recover=all
 sanitize: setup  ## C++ tests under ASan + UBSan, then under TSan
-	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_tests)
+	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_tests ruffini_device_tests)
 	@$(BUILD)/asan/ruffini_tests --gtest_brief=1
-	@$(call compile,$(BUILD)/tsan,-DCMAKE_CXX_FLAGS='-fsanitize=thread $(SANITIZE_FLAGS)',ruffini_tests)
+	@$(BUILD)/asan/ruffini_device_tests --gtest_brief=1
+	@$(call compile,$(BUILD)/tsan,-DCMAKE_CXX_FLAGS='-fsanitize=thread $(SANITIZE_FLAGS)',ruffini_tests ruffini_device_tests)
 	@$(BUILD)/tsan/ruffini_tests --gtest_brief=1
+	@$(BUILD)/tsan/ruffini_device_tests --gtest_brief=1
 
+MUTATIONS ?= 1000000
+fuzz: setup  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the session, FUZZ_S seconds for each parser
+	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_fuzz_session)
+	@$(BUILD)/asan/ruffini_fuzz_session boards/gelslim proto/vectors/frames.txt $(MUTATIONS)
+	@.ci/setup lint
+	@$(call compile,$(BUILD)/libfuzzer,-DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ -DRUFFINI_DAEMON=OFF -DRUFFINI_TESTS=OFF -DRUFFINI_LIBFUZZER=ON \
+	  -DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined$(comma)fuzzer-no-link $(SANITIZE_FLAGS)',\
+	  ruffini_fuzz_frame ruffini_fuzz_calibration ruffini_fuzz_board)
+	@.ci/fuzz-parsers $(BUILD) $(FUZZ_S)
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)

@@ -47,12 +47,14 @@ class SpscRing {
 
  private:
   void write(size_t at, std::span<const uint8_t> bytes) {
+    if (bytes.empty()) return;  // its data() may be null
     const size_t begin = at & mask_;
     const size_t first = std::min(bytes.size(), storage_.size() - begin);
     std::memcpy(storage_.data() + begin, bytes.data(), first);
     if (first < bytes.size()) std::memcpy(storage_.data(), bytes.data() + first, bytes.size() - first);
   }
   void read(size_t at, std::span<uint8_t> bytes) const {
+    if (bytes.empty()) return;
     const size_t begin = at & mask_;
     const size_t first = std::min(bytes.size(), storage_.size() - begin);
     std::memcpy(bytes.data(), storage_.data() + begin, first);

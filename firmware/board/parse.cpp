@@ -226,8 +226,14 @@ void cross_check(Reader& in, const BoardSettings& board) {
 }  // namespace
 
 Result<BoardSettings> parse_board(std::string_view text, const std::string& where) {
+  // Plain ASCII: one spelling of every file, and toml++ 3.3 reaches undefined behaviour on some other characters.
   if (text.substr(0, 3) == "\xEF\xBB\xBF") {
-    return Error{ErrorKind::kBadInput, where + ": starts with a byte-order mark: save it as plain UTF-8"};
+    return Error{ErrorKind::kBadInput, where + ": starts with a byte-order mark: save it without one"};
+  }
+  const auto is_plain = [](char c) { return c == '\t' || c == '\n' || c == '\r' || (c >= ' ' && c <= '~'); };
+  if (const auto odd = std::find_if_not(text.begin(), text.end(), is_plain); odd != text.end()) {
+    const auto line = 1 + std::count(text.begin(), odd, '\n');
+    return Error{ErrorKind::kBadInput, where + ":" + std::to_string(line) + ": a character that is not plain ASCII"};
   }
   const toml::parse_result parsed = toml::parse(text);
   if (!parsed) {

@@ -13,6 +13,7 @@ namespace ruffini {
 inline constexpr uint8_t kProtocolVersion = 1;
 inline constexpr size_t kHeaderBytes = 12;
 inline constexpr size_t kMaxPayloadBytes = 4048;
+inline constexpr size_t kMaxFragments = 255;    // a message: at most 1,032,240 bytes
 inline constexpr size_t kMaxFrameBytes = 4096;  // encoded, with the delimiter
 
 enum FrameFlag : uint8_t { kFromHost = 1, kSimulated = 2, kReplay = 4, kKnownFlags = 7 };

@@ -25,6 +25,7 @@ ruffini_Validity to_proto(Validity v) { return static_cast<ruffini_Validity>(v);
 size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uint32_t sequence,
                     std::span<const uint8_t> message, std::vector<uint8_t>& out) {
   const size_t n_fragments = std::max<size_t>((message.size() + kMaxPayloadBytes - 1) / kMaxPayloadBytes, 1);
+  if (n_fragments > kMaxFragments) return 0;
   size_t at = 0;
   for (size_t i = 0; i < n_fragments; ++i) {
     const size_t begin = i * kMaxPayloadBytes;
@@ -175,14 +176,19 @@ size_t MessageEncoder::image(const FrameView& frame, const FramePath& path, cons
   m.has_stamp = true;
   m.stamp = to_proto(stamp, path.state().flags);
   m.format = ruffini_Image_Format_FORMAT_BGR8;
-  m.width_px = static_cast<uint32_t>(frame.width);
-  m.height_px = static_cast<uint32_t>(frame.height);
-  m.step_px = 1;
-  const auto n_row = static_cast<size_t>(frame.width) * 3;
-  for (int y = 0; y < frame.height; ++y) {
-    std::copy_n(frame.row(y), n_row, dense_.begin() + static_cast<ptrdiff_t>(n_row) * y);
+  // Decimated until it fits one message.
+  int step = 1;
+  const auto n_bytes = [&] { return static_cast<size_t>((frame.width / step) * (frame.height / step)) * 3; };
+  while (n_bytes() + kMessageOverhead > kMaxFragments * kMaxPayloadBytes) ++step;
+  m.width_px = static_cast<uint32_t>(frame.width / step);
+  m.height_px = static_cast<uint32_t>(frame.height / step);
+  m.step_px = static_cast<uint32_t>(step);
+  auto out = dense_.begin();
+  for (int y = 0; y < frame.height / step; ++y) {
+    for (int x = 0; x < frame.width / step; ++x)
+      out = std::copy_n(frame.row(y * step) + ptrdiff_t{3} * x * step, 3, out);
   }
-  span_ = {dense_.data(), n_row * static_cast<size_t>(frame.height)};
+  span_ = {dense_.data(), n_bytes()};
   m.data.funcs.encode = write_span;
   m.data.arg = &span_;
   return serialise(ruffini_Image_fields, &m);
@@ -214,7 +220,7 @@ void MessageEncoder::encode(ruffini_MessageType type, const FramePath& path, con
       return;
   }
   const size_t n_bytes = write_frames(type, stamp.flags, sensor_, sequence_++, {payload_.data(), n}, frames_);
-  sink(type, {frames_.data(), n_bytes});
+  if (n_bytes > 0) sink(type, {frames_.data(), n_bytes});
 }
 
 }  // namespace ruffini

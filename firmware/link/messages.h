@@ -54,7 +54,8 @@ class MessageEncoder {
   std::vector<uint8_t> frames_;   // its frames
 };
 
-// Splits a serialised message into frames; returns the bytes written to `out`.
+// Splits a serialised message into frames; returns the bytes written to `out` (frames_bound(message.size())),
+// 0 where it needs more than kMaxFragments.
 size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uint32_t sequence,
                     std::span<const uint8_t> message, std::vector<uint8_t>& out);
 

@@ -93,7 +93,7 @@ void Session::handle(const WireFrame& frame) {
       send_schema();
       return;
     case ruffini_MessageType_MESSAGE_TYPE_STATUS:
-      status_us_ = 0;
+      is_status_asked_ = true;
       return;
     case ruffini_MessageType_MESSAGE_TYPE_COMMAND:
       break;
@@ -193,8 +193,10 @@ void Session::subscribe(const ruffini_Subscribe& request) {
   for (auto& every : exchange_.every) every = 0;
   for (pb_size_t i = 0; i < request.subscriptions_count; ++i) {
     const ruffini_Subscription& s = request.subscriptions[i];
-    if (s.type > 0 && static_cast<size_t>(s.type) < kMessageTypes)
-      exchange_.every[static_cast<size_t>(s.type)] = s.every;
+    uint32_t type = 0;  // what the wire says may be none of the enum's values
+    static_assert(sizeof type == sizeof s.type);
+    std::memcpy(&type, &s.type, sizeof type);
+    if (type > 0 && type < kMessageTypes) exchange_.every[type] = s.every;
   }
 }
 
@@ -315,11 +317,10 @@ void Session::take_telemetry() {
 void Session::poll(uint64_t now_us) {
   if (started_us_ == 0) started_us_ = now_us;
   delete exchange_.retired_path.exchange(nullptr, std::memory_order_acq_rel);
-  const bool wants_status = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_STATUS] != 0;
-  if (status_us_ == 0 ? wants_status || started_us_ != now_us
-                      : wants_status && now_us - status_us_ >= kStatusPeriodUs) {
-    send_status(now_us);
-  }
+  const bool is_subscribed = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_STATUS] != 0;
+  const bool is_due = status_us_ == 0 || now_us - status_us_ >= kStatusPeriodUs;
+  if (is_status_asked_ || (is_subscribed && is_due)) send_status(now_us);
+  is_status_asked_ = false;
   take_telemetry();
 }
 

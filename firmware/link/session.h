@@ -35,7 +35,7 @@ class Session {
           Exchange& exchange);
 
   void receive(std::span<const uint8_t> bytes);
-  // Takes telemetry from the ring, deletes retired paths, sends STATUS once a second.
+  // Takes telemetry from the ring, deletes retired paths, sends STATUS when asked, once a second to subscribers.
   void poll(uint64_t now_us);
   // Bytes to write next; consumed(n) after n of them went out.
   [[nodiscard]] std::span<const uint8_t> pending();
@@ -77,7 +77,8 @@ class Session {
   bool has_last_reply_ = false;
   ruffini_Reply last_reply_{};
   uint64_t started_us_ = 0;
-  uint64_t status_us_ = 0;
+  bool is_status_asked_ = false;
+  uint64_t status_us_ = 0;  // of the last one
   uint64_t status_frames_ = 0;
   uint64_t bytes_sent_ = 0;
   uint64_t status_bytes_ = 0;

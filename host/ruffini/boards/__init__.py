@@ -207,15 +207,18 @@ def parse_board(text: str | bytes, where: str) -> Board:
     Raises
     ------
     InputError
-        Not UTF-8, a byte-order mark, not TOML, an unknown, missing, mistyped or out-of-range key.
+        Not plain ASCII, a byte-order mark, not TOML, an unknown, missing, mistyped or out-of-range key.
     """
     raw = text.encode() if isinstance(text, str) else text
     if raw.startswith(b"\xef\xbb\xbf"):
-        raise InputError(f"{where}: starts with a byte-order mark: save it as plain UTF-8")
+        raise InputError(f"{where}: starts with a byte-order mark: save it without one")
+    odd = next((i for i, byte in enumerate(raw) if not (byte in b"\t\n\r" or 0x20 <= byte <= 0x7E)), None)
+    if odd is not None:
+        raise InputError(f"{where}:{1 + raw[:odd].count(10)}: a character that is not plain ASCII")
+    decoded = raw.decode("ascii")
     try:
-        decoded = raw.decode("utf-8")
         tree = tomllib.loads(decoded)
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{where}: not TOML: {error}") from error
     try:
         board = Board.model_validate(tree)

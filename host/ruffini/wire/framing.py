@@ -6,6 +6,8 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import google_crc32c
+
 PROTOCOL_VERSION = 1
 MAX_FRAME_BYTES = 4096
 MAX_PAYLOAD_BYTES = 4048
@@ -16,18 +18,6 @@ DEVICE_SENSOR = 255
 _HEADER = struct.Struct("<BBBBIBBH")
 
 
-def _crc_table() -> list[int]:
-    table = []
-    for value in range(256):
-        for _ in range(8):
-            value = (value >> 1) ^ (0x82F63B78 if value & 1 else 0)
-        table.append(value)
-    return table
-
-
-_TABLE = _crc_table()
-
-
 def crc32c(data: bytes) -> int:
     """CRC-32C (Castagnoli); of b"123456789" it is 0xE3069283.
 
@@ -36,10 +26,7 @@ def crc32c(data: bytes) -> int:
     >>> hex(crc32c(b"123456789"))
     '0xe3069283'
     """
-    crc = 0xFFFFFFFF
-    for byte in data:
-        crc = (crc >> 8) ^ _TABLE[(crc ^ byte) & 0xFF]
-    return crc ^ 0xFFFFFFFF
+    return int(google_crc32c.value(data))
 
 
 def cobs_encode(data: bytes) -> bytes:
@@ -95,7 +82,15 @@ class Frame:
 
 
 def encode_message(type_: int, payload: bytes, *, sensor: int, sequence: int, flags: int = FROM_HOST) -> bytes:
-    """All frames of a message, ready to be written."""
+    """All frames of a message, ready to be written.
+
+    Raises
+    ------
+    ValueError
+        The payload needs more than 255 fragments.
+    """
+    if len(payload) > MAX_MESSAGE_BYTES:
+        raise ValueError(f"a message of {len(payload)} bytes needs more than 255 fragments")
     parts = [payload[i : i + MAX_PAYLOAD_BYTES] for i in range(0, len(payload), MAX_PAYLOAD_BYTES)] or [b""]
     out = bytearray()
     for i, part in enumerate(parts):

@@ -1,0 +1,242 @@
+#include "link/session.h"
+
+#include <gtest/gtest.h>
+#include <pb_decode.h>
+#include <pb_encode.h>
+
+#include <filesystem>
+
+#include "board/parse.h"
+#include "link/messages.h"
+
+namespace ruffini {
+namespace {
+
+using Bytes = std::vector<uint8_t>;
+
+// The numbers of the firmware's own enumerations are those of the schema.
+static_assert(uint32_t{kFlagNoReference} == uint32_t{ruffini_FlagBit_FLAG_NO_REFERENCE});
+static_assert(uint32_t{kFlagUncalibratedXy} == uint32_t{ruffini_FlagBit_FLAG_UNCALIBRATED_XY});
+static_assert(uint32_t{kFlagUncalibratedZ} == uint32_t{ruffini_FlagBit_FLAG_UNCALIBRATED_Z});
+static_assert(uint32_t{kFlagMarkersLost} == uint32_t{ruffini_FlagBit_FLAG_MARKERS_LOST});
+static_assert(uint32_t{kFlagSaturated} == uint32_t{ruffini_FlagBit_FLAG_SATURATED});
+static_assert(uint32_t{kFlagOverRange} == uint32_t{ruffini_FlagBit_FLAG_OVER_RANGE});
+static_assert(uint32_t{kFlagDark} == uint32_t{ruffini_FlagBit_FLAG_DARK});
+static_assert(uint32_t{kFlagOverexposed} == uint32_t{ruffini_FlagBit_FLAG_OVEREXPOSED});
+static_assert(static_cast<int>(Validity::kNotMeasured) == ruffini_Validity_VALIDITY_NOT_MEASURED);
+static_assert(static_cast<int>(Validity::kValid) == ruffini_Validity_VALIDITY_VALID);
+static_assert(static_cast<int>(Validity::kUncalibrated) == ruffini_Validity_VALIDITY_UNCALIBRATED);
+static_assert(static_cast<int>(Validity::kInvalid) == ruffini_Validity_VALIDITY_INVALID);
+
+Bytes host_frame(ruffini_MessageType type, const Bytes& payload = {}) {
+  Bytes out(frames_bound(payload.size()));
+  out.resize(write_frames(type, kFromHost, kDeviceSensor, 0, payload, out));
+  return out;
+}
+
+class SessionTest : public testing::Test {
+ protected:
+  SessionTest()
+      : board_(load_board(std::string(RUFFINI_BOARDS_DIR) + "/gelslim").value()),
+        path_(FramePath::configure(board_, nullptr, [] { return uint64_t{0}; }).value()),
+        folder_(testing::TempDir() + "session_test_store"),
+        calibrator_(board_, "0042", SlotStore::open(folder_).value(), exchange_),
+        session_(board_, *path_, {.serial = "0042", .version = "test", .stream_flags = kSimulated}, calibrator_,
+                 exchange_) {}
+  ~SessionTest() override { std::filesystem::remove_all(folder_); }
+
+  // Everything that the session wants to write, as messages (fragments joined).
+  struct Message {
+    FrameHeader header;
+    Bytes payload;
+  };
+  std::vector<Message> read_all() {
+    std::vector<Message> out;
+    for (auto bytes = session_.pending(); !bytes.empty(); bytes = session_.pending()) {
+      for (const uint8_t byte : bytes) {
+        const auto frame = decoder_.push(byte);
+        if (!frame) continue;
+        if (frame->header.fragment == 0) out.push_back({frame->header, {}});
+        out.back().payload.insert(out.back().payload.end(), frame->payload.begin(), frame->payload.end());
+      }
+      session_.consumed(bytes.size());
+    }
+    return out;
+  }
+  std::vector<Message> ask(ruffini_MessageType type, const Bytes& payload = {}) {
+    session_.receive(host_frame(type, payload));
+    return read_all();
+  }
+  ruffini_Reply command(const ruffini_Command& request) {
+    Bytes payload(ruffini_Command_size);
+    pb_ostream_t stream = pb_ostream_from_buffer(payload.data(), payload.size());
+    EXPECT_TRUE(pb_encode(&stream, ruffini_Command_fields, &request));
+    payload.resize(stream.bytes_written);
+    const auto answers = ask(ruffini_MessageType_MESSAGE_TYPE_COMMAND, payload);
+    ruffini_Reply reply = ruffini_Reply_init_zero;
+    EXPECT_EQ(answers.size(), 1U);
+    if (answers.empty()) return reply;
+    EXPECT_EQ(answers[0].header.type, ruffini_MessageType_MESSAGE_TYPE_REPLY);
+    pb_istream_t in = pb_istream_from_buffer(answers[0].payload.data(), answers[0].payload.size());
+    EXPECT_TRUE(pb_decode(&in, ruffini_Reply_fields, &reply));
+    EXPECT_EQ(reply.request_id, request.request_id);
+    return reply;
+  }
+  static ruffini_Command request(uint32_t id, pb_size_t action) {
+    ruffini_Command m = ruffini_Command_init_zero;
+    m.request_id = id;
+    m.which_action = action;
+    return m;
+  }
+  void push_telemetry(ruffini_MessageType type, const Bytes& content) {
+    Bytes message = {static_cast<uint8_t>(type)};
+    message.insert(message.end(), content.begin(), content.end());
+    ASSERT_TRUE(exchange_.telemetry.push(message));
+  }
+
+  BoardSettings board_;
+  std::unique_ptr<FramePath> path_;
+  std::string folder_;
+  Exchange exchange_;
+  Calibrator calibrator_;
+  Session session_;
+  FrameDecoder decoder_;
+};
+
+TEST_F(SessionTest, HelloSaysWhoIsThereAndThatItIsSimulated) {
+  const auto answers = ask(ruffini_MessageType_MESSAGE_TYPE_HELLO);
+  ASSERT_EQ(answers.size(), 1U);
+  EXPECT_EQ(answers[0].header.flags, kSimulated);
+  EXPECT_EQ(answers[0].header.sensor, kDeviceSensor);
+  ruffini_Hello hello = ruffini_Hello_init_zero;
+  pb_istream_t in = pb_istream_from_buffer(answers[0].payload.data(), answers[0].payload.size());
+  ASSERT_TRUE(pb_decode(&in, ruffini_Hello_fields, &hello));
+  EXPECT_STREQ(hello.device_serial, "0042");
+  EXPECT_EQ(hello.protocol_version, kProtocolVersion);
+  ASSERT_EQ(hello.sensors_count, 1);
+  EXPECT_STREQ(hello.sensors[0].board, "gelslim");
+  EXPECT_EQ(hello.sensors[0].board_toml, board_.toml);
+  EXPECT_FALSE(hello.sensors[0].calibration.present);
+}
+
+TEST_F(SessionTest, ARetriedCommandIsAnsweredAndNotRunAgain) {
+  ruffini_Command zero = request(9, ruffini_Command_zero_tag);
+  zero.action.zero.n_frames = 5;
+  EXPECT_EQ(command(zero).code, ruffini_ReplyCode_REPLY_OK);
+  EXPECT_EQ(exchange_.zero_frames.exchange(-1), 5);
+  EXPECT_EQ(command(zero).code, ruffini_ReplyCode_REPLY_OK);
+  EXPECT_EQ(exchange_.zero_frames.load(), -1);
+}
+
+TEST_F(SessionTest, SubscriptionsReplaceEachOtherAndIgnoreTypesOfTheFuture) {
+  ruffini_Command m = request(1, ruffini_Command_subscribe_tag);
+  m.action.subscribe.subscriptions_count = 2;
+  m.action.subscribe.subscriptions[0] = {ruffini_MessageType_MESSAGE_TYPE_WRENCH, 1};
+  m.action.subscribe.subscriptions[1] = {ruffini_MessageType_MESSAGE_TYPE_FIELD, 4};
+  EXPECT_EQ(command(m).code, ruffini_ReplyCode_REPLY_OK);
+  EXPECT_EQ(exchange_.every[ruffini_MessageType_MESSAGE_TYPE_WRENCH].load(), 1U);
+  EXPECT_EQ(exchange_.every[ruffini_MessageType_MESSAGE_TYPE_FIELD].load(), 4U);
+  m.request_id = 2;
+  m.action.subscribe.subscriptions_count = 1;
+  const uint32_t future = 200;
+  std::memcpy(&m.action.subscribe.subscriptions[0].type, &future, sizeof future);
+  EXPECT_EQ(command(m).code, ruffini_ReplyCode_REPLY_OK);
+  for (const auto& every : exchange_.every) EXPECT_EQ(every.load(), 0U);
+}
+
+TEST_F(SessionTest, FlashingNamesTheNextOffsetAndRefusesWhatIsNoCalibration) {
+  const Bytes file(5'000, 0x42);
+  ruffini_Command begin = request(1, ruffini_Command_flash_begin_tag);
+  begin.action.flash_begin.size_bytes = file.size();
+  begin.action.flash_begin.sha256.size = 32;
+  const std::string hash = sha256(file);
+  std::memcpy(begin.action.flash_begin.sha256.bytes, hash.data(), 32);
+  EXPECT_EQ(command(begin).next_offset, 0U);
+  ruffini_Command chunk = request(2, ruffini_Command_flash_chunk_tag);
+  chunk.action.flash_chunk.data.size = 3'000;
+  std::memset(chunk.action.flash_chunk.data.bytes, 0x42, 3'000);
+  EXPECT_EQ(command(chunk).next_offset, 3'000U);
+  chunk.request_id = 3;  // the same bytes again, as after a lost reply
+  const ruffini_Reply again = command(chunk);
+  EXPECT_EQ(again.code, ruffini_ReplyCode_REPLY_BAD_ARGUMENT);
+  EXPECT_EQ(again.next_offset, 3'000U);
+  begin.request_id = 4;  // the same hash goes on where it was
+  EXPECT_EQ(command(begin).next_offset, 3'000U);
+  EXPECT_EQ(command(request(5, ruffini_Command_flash_commit_tag)).code, ruffini_ReplyCode_REPLY_BAD_ARGUMENT);
+  chunk = request(6, ruffini_Command_flash_chunk_tag);
+  chunk.action.flash_chunk.offset = 3'000;
+  chunk.action.flash_chunk.data.size = 2'000;
+  std::memset(chunk.action.flash_chunk.data.bytes, 0x42, 2'000);
+  EXPECT_EQ(command(chunk).flash_state, ruffini_FlashState_FLASH_STATE_RECEIVED);
+  const ruffini_Reply refused = command(request(7, ruffini_Command_flash_commit_tag));
+  EXPECT_NE(refused.code, ruffini_ReplyCode_REPLY_OK);
+  EXPECT_NE(std::string(refused.text), "");
+  EXPECT_EQ(exchange_.next_path.load(), nullptr);
+  EXPECT_FALSE(std::filesystem::exists(folder_ + "/calibration.safetensors"));
+}
+
+TEST_F(SessionTest, TheNewestTelemetryOfEachTypeWinsAndTheRestIsCounted) {
+  session_.poll(1);
+  read_all();
+  for (uint8_t i = 1; i <= 5; ++i) push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, {i});
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_FIELD, {99});
+  session_.poll(2);
+  Bytes sent;
+  for (auto bytes = session_.pending(); !bytes.empty(); bytes = session_.pending()) {
+    sent.insert(sent.end(), bytes.begin(), bytes.end());
+    session_.consumed(bytes.size());
+  }
+  EXPECT_EQ(sent, (Bytes{5, 99}));
+  EXPECT_EQ(exchange_.telemetry_dropped.load(), 4U);
+}
+
+TEST_F(SessionTest, RepliesGoBeforeTelemetryAndABegunFrameIsFinished) {
+  session_.poll(1);
+  read_all();
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_IMAGE, Bytes(100, 7));
+  session_.poll(2);
+  ASSERT_EQ(session_.pending().size(), 100U);
+  session_.consumed(40);
+  session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_HELLO));
+  EXPECT_EQ(session_.pending().size(), 60U);
+  session_.consumed(60);
+  const auto answers = read_all();
+  ASSERT_EQ(answers.size(), 1U);
+  EXPECT_EQ(answers[0].header.type, ruffini_MessageType_MESSAGE_TYPE_HELLO);
+}
+
+TEST_F(SessionTest, ALostLineForgetsWhoSubscribed) {
+  exchange_.every[4] = 1;
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, {1});
+  session_.poll(1);
+  session_.reset_line();
+  EXPECT_EQ(exchange_.every[4].load(), 0U);
+  EXPECT_TRUE(session_.pending().empty());
+}
+
+TEST_F(SessionTest, TheDevicesOwnFramesComingBackAreAnEcho) {
+  Bytes own(frames_bound(0));
+  own.resize(write_frames(ruffini_MessageType_MESSAGE_TYPE_HELLO, 0, kDeviceSensor, 0, {}, own));
+  session_.receive(own);
+  session_.poll(1);
+  EXPECT_TRUE(session_.pending().empty());
+  session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_STATUS));
+  session_.poll(5);
+  const auto answers = read_all();
+  ASSERT_EQ(answers.size(), 1U);
+  ruffini_Status status = ruffini_Status_init_zero;
+  pb_istream_t in = pb_istream_from_buffer(answers[0].payload.data(), answers[0].payload.size());
+  ASSERT_TRUE(pb_decode(&in, ruffini_Status_fields, &status));
+  EXPECT_EQ(status.drops.rx_echo, 1U);
+}
+
+TEST(WriteFrames, AMessageOfMoreThan255FragmentsIsNotWritten) {
+  const Bytes largest(255 * kMaxPayloadBytes);
+  Bytes out(frames_bound(largest.size() + kMaxPayloadBytes));
+  EXPECT_GT(write_frames(ruffini_MessageType_MESSAGE_TYPE_IMAGE, 0, 0, 0, largest, out), largest.size());
+  const Bytes beyond(largest.size() + 1);
+  EXPECT_EQ(write_frames(ruffini_MessageType_MESSAGE_TYPE_IMAGE, 0, 0, 0, beyond, out), 0U);
+}
+
+}  // namespace
+}  // namespace ruffini

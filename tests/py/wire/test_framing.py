@@ -1,0 +1,114 @@
+"""Frames on the wire against the golden bytes of proto/vectors, and against hostile ones."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+from golden import FOLDER, read_vectors
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ruffini.wire.framing import MAX_MESSAGE_BYTES, Decoder, Frame, cobs_decode, cobs_encode, crc32c, encode_message
+
+FRAMES = read_vectors("frames.txt")
+
+
+def text_of(frame: Frame) -> str:
+    """A whole message as the vectors write it."""
+    return (
+        f"frame type={frame.type} flags={frame.flags} sensor={frame.sensor} sequence={frame.sequence} "
+        f"fragment=0 fragments=1 payload={frame.payload.hex()}"
+    )
+
+
+def test_there_are_enough_vectors() -> None:
+    good = [v for v in FRAMES if v[2].startswith("frame")]
+    assert len(good) >= 15
+    assert len(FRAMES) - len(good) >= 25
+
+
+@pytest.mark.parametrize(("name", "data", "outcome"), FRAMES, ids=[v[0] for v in FRAMES])
+def test_says_of_the_golden_bytes_what_the_specification_says(name: str, data: str, outcome: str) -> None:
+    decoder = Decoder()
+    said = [text_of(f) for f in decoder.feed(bytes.fromhex(data))]
+    events = outcome.split("; ")
+    # A fragment of several is no message yet; the first opens one, a later one alone is incomplete.
+    whole = [e for e in events if e.startswith("frame") and "fragments=1 " in e]
+    assert said == whole
+    for what in ("bad_crc", "malformed", "oversize"):
+        assert asdict(decoder.counters)[what] == events.count(what)
+
+
+def test_encodes_the_golden_frames_byte_for_byte() -> None:
+    for name, data, outcome in FRAMES:
+        if not outcome.startswith("frame") or ";" in outcome or "fragments=1 " not in outcome:
+            continue
+        (frame,) = Decoder().feed(bytes.fromhex(data))
+        again = encode_message(
+            frame.type, frame.payload, sensor=frame.sensor, sequence=frame.sequence, flags=frame.flags
+        )
+        assert again.hex() == data, name
+
+
+def test_the_generator_makes_what_is_committed(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, FOLDER / "make_vectors.py", tmp_path], check=True)
+    for name in ("frames.txt", "dense.txt"):
+        assert (tmp_path / name).read_text() == (FOLDER / name).read_text()
+
+
+def test_a_long_message_travels_in_fragments() -> None:
+    payload = bytes(i % 256 for i in range(10_000))
+    data = encode_message(6, payload, sensor=2, sequence=7, flags=2)
+    assert data.count(b"\0") == 3
+    decoder = Decoder()
+    frames = [f for i in range(0, len(data), 100) for f in decoder.feed(data[i : i + 100])]
+    assert [(f.type, f.sensor, f.sequence, f.payload) for f in frames] == [(6, 2, 7, payload)]
+    assert frames[0].is_simulated
+
+
+def test_a_lost_fragment_loses_its_message_alone() -> None:
+    long = encode_message(6, bytes(10_000), sensor=0, sequence=1).split(b"\0")
+    after = encode_message(4, b"x", sensor=0, sequence=2)
+    decoder = Decoder()
+    frames = list(decoder.feed(long[0] + b"\0" + long[2] + b"\0" + after))
+    assert [f.sequence for f in frames] == [2]
+    assert decoder.counters.incomplete == 1
+
+
+def test_lost_messages_are_counted_by_sensor() -> None:
+    decoder = Decoder()
+    for sensor, sequence in ((0, 5), (1, 9), (0, 8), (1, 10), (0, 0xFFFFFFFF), (0, 0)):
+        list(decoder.feed(encode_message(4, b"", sensor=sensor, sequence=sequence)))
+    assert decoder.counters.lost == 2 + (0xFFFFFFFF - 9)
+
+
+def test_a_message_beyond_255_fragments_is_refused() -> None:
+    with pytest.raises(ValueError, match="255 fragments"):
+        encode_message(9, bytes(MAX_MESSAGE_BYTES + 1), sensor=0, sequence=0)
+
+
+def test_crc_check_value() -> None:
+    assert crc32c(b"123456789") == 0xE3069283
+
+
+@given(st.binary(max_size=2000))
+def test_cobs_round_trip(data: bytes) -> None:
+    stuffed = cobs_encode(data)
+    assert 0 not in stuffed
+    assert len(stuffed) <= len(data) + len(data) // 254 + 1
+    assert cobs_decode(stuffed) == data
+
+
+@settings(max_examples=300)
+@given(st.lists(st.binary(max_size=6000), max_size=4))
+def test_hostile_bytes_neither_crash_nor_pile_up(chunks: list[bytes]) -> None:
+    decoder = Decoder()
+    for chunk in chunks:
+        list(decoder.feed(chunk))
+    assert len(decoder._buffer) < 4096
+    valid = encode_message(1, b"", sensor=255, sequence=0)
+    assert [f.type for f in decoder.feed(b"\0" + valid)] == [1]
