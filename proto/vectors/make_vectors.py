@@ -102,7 +102,7 @@ def bad_frames() -> list[tuple[str, bytes, str]]:
 
     out = [
         ("one bit of the payload", stuff(data[:-1] + b"\x02" + crc(data).to_bytes(4, "little")) + b"\0", "bad_crc"),
-        ("one bit of the type", stuff(data[:2] + b"\x05" + data[3:] + crc(data).to_bytes(4, "little")) + b"\0", "bad_crc"),
+        ("the type", stuff(data[:2] + b"\x05" + data[3:] + crc(data).to_bytes(4, "little")) + b"\0", "bad_crc"),
         ("CRC big endian", stuff(data + crc(data).to_bytes(4, "big")) + b"\0", "bad_crc"),
         ("CRC-32 of Ethernet", stuff(data + crc(data, 0xEDB88320).to_bytes(4, "little")) + b"\0", "bad_crc"),
         ("CRC of the payload alone", stuff(data + crc(data[12:]).to_bytes(4, "little")) + b"\0", "bad_crc"),
