@@ -7,11 +7,13 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import pytest
 from golden import FOLDER, read_vectors
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ruffini.wire.dense import decode_dense
 from ruffini.wire.framing import MAX_MESSAGE_BYTES, Decoder, Frame, cobs_decode, cobs_encode, crc32c, encode_message
 
 FRAMES = read_vectors("frames.txt")
@@ -112,3 +114,14 @@ def test_hostile_bytes_neither_crash_nor_pile_up(chunks: list[bytes]) -> None:
     assert len(decoder._buffer) < 4096
     valid = encode_message(1, b"", sensor=255, sequence=0)
     assert [f.type for f in decoder.feed(b"\0" + valid)] == [1]
+
+
+def test_the_examples_of_the_specification_are_right() -> None:
+    text = " ".join((FOLDER.parent / "README.md").read_text().split())
+    assert encode_message(1, b"", sensor=255, sequence=0).hex(" ") in text
+    packed, sparse = "03 88 58" + 10 * " 00", "04 04 0a 0d" + 14 * " 00"
+    assert packed in text
+    assert sparse in text
+    np.testing.assert_array_equal(decode_dense(0, 5, 1, 1, bytes.fromhex(packed)).ravel(), [0, -1, 1, 2, -3])
+    np.testing.assert_array_equal(decode_dense(1, 4, 1, 3, bytes.fromhex(sparse))[0, 2], [5, 0, -7])
+    assert cobs_encode(b"\x11\x00\x22").hex(" ") in text
