@@ -17,6 +17,8 @@ class Reader {
  public:
   Reader(const toml::table& root, std::string where) : root_(root), where_(std::move(where)) {}
 
+  [[nodiscard]] bool has_section(const char* name) const { return root_.contains(name); }
+
   void section(const char* name) {
     section_ = name;
     asked_sections_.insert(name);
@@ -144,7 +146,9 @@ void read_pad(Reader& in, BoardSettings& board) {
   board.window.max_y_um = in.integer("max_y_um", 0, kMaxLengthUm);
 }
 
+// A pipeline without the stage needs no [markers]; the lattice is then empty.
 void read_markers(Reader& in, MarkerSettings& markers) {
+  if (!in.has_section("markers")) return;
   in.section("markers");
   markers.polarity = in.choice("polarity", {"dark", "light"}) == 0 ? Polarity::kDark : Polarity::kLight;
   markers.lattice.n_x = static_cast<int>(in.integer("n_x", 2, 64));
@@ -183,6 +187,21 @@ bool stages_in_order(const std::vector<std::string>& stages) {
   return !stages.empty();
 }
 
+void check_markers(Reader& in, const BoardSettings& board) {
+  const MarkerSettings& markers = board.markers;
+  if (markers.lattice.count() == 0) {
+    const auto needs_them = [](const std::string& stage) { return stage == "markers" || stage == "displacement"; };
+    if (std::any_of(board.stages.begin(), board.stages.end(), needs_them)) in.fail("section [markers] is missing");
+    return;
+  }
+  if (markers.first_x_um + (markers.lattice.n_x - 1) * markers.pitch_x_um > board.pad.size_x_um ||
+      markers.first_y_um + (markers.lattice.n_y - 1) * markers.pitch_y_um > board.pad.size_y_um) {
+    in.fail("[markers] lattice reaches beyond the pad");
+  } else if (markers.diameter_um >= markers.pitch_x_um || markers.diameter_um >= markers.pitch_y_um) {
+    in.fail("markers.diameter_um must be below the pitch");
+  }
+}
+
 // What no single key can tell.
 void cross_check(Reader& in, const BoardSettings& board) {
   const WindowSettings& window = board.window;
@@ -194,13 +213,7 @@ void cross_check(Reader& in, const BoardSettings& board) {
              observed_nodes(board.grid.n_y, board.pad.size_y_um, window.min_y_um, window.max_y_um).count < 2) {
     in.fail("[window] holds fewer than 2 node lines: widen it or refine [grid]");
   }
-  const MarkerSettings& markers = board.markers;
-  if (markers.first_x_um + (markers.lattice.n_x - 1) * markers.pitch_x_um > board.pad.size_x_um ||
-      markers.first_y_um + (markers.lattice.n_y - 1) * markers.pitch_y_um > board.pad.size_y_um) {
-    in.fail("[markers] lattice reaches beyond the pad");
-  } else if (markers.diameter_um >= markers.pitch_x_um || markers.diameter_um >= markers.pitch_y_um) {
-    in.fail("markers.diameter_um must be below the pitch");
-  }
+  check_markers(in, board);
   if (board.depth.step_px == 3 || board.camera.width_px % board.depth.step_px != 0 ||
       board.camera.height_px % board.depth.step_px != 0) {
     in.fail("depth.step_px must be 1, 2 or 4 and divide the image");

@@ -16,6 +16,7 @@ Displacement::Displacement(const BoardSettings& board)
       pitch_y_q3_(board.markers.pitch_y_um * 8),
       rest_q3_(static_cast<size_t>(lattice_.count())),
       lattice_u_(static_cast<size_t>(lattice_.count())) {
+  if (lattice_.count() == 0) return;  // a board without [markers]: the stage does not run
   const MarkerSettings& m = board.markers;
   const WindowSettings& w = board.window;
   const NodeRange x = observed_nodes(board.grid.n_x, board.pad.size_x_um, w.min_x_um, w.max_x_um);

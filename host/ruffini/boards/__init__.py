@@ -136,7 +136,7 @@ class Board(Section):
     pad: Pad
     grid: Grid
     window: Window
-    markers: Markers
+    markers: Markers | None = None  # a pipeline without the stage needs none
     depth: Depth
     contact: Contact
     field: FieldSettings
@@ -169,9 +169,22 @@ class Board(Section):
         x = observed_range(self.grid.n_x, self.pad.size_x_um, self.window.min_x_um, self.window.max_x_um)
         return slice(y[0], y[0] + y[1]), slice(x[0], x[0] + x[1])
 
+    def _check_markers(self) -> None:
+        markers, pad = self.markers, self.pad
+        if markers is None:
+            if "markers" in self.pipeline.stages or "displacement" in self.pipeline.stages:
+                raise ValueError("section [markers] is missing")
+            return
+        far_x = markers.first_x_um + (markers.n_x - 1) * markers.pitch_x_um
+        far_y = markers.first_y_um + (markers.n_y - 1) * markers.pitch_y_um
+        if far_x > pad.size_x_um or far_y > pad.size_y_um:
+            raise ValueError("[markers] lattice reaches beyond the pad")
+        if markers.diameter_um >= min(markers.pitch_x_um, markers.pitch_y_um):
+            raise ValueError("markers.diameter_um must be below the pitch")
+
     @model_validator(mode="after")
     def _cross_check(self) -> Board:
-        window, pad, camera, markers = self.window, self.pad, self.camera, self.markers
+        window, pad, camera = self.window, self.pad, self.camera
         if window.max_x_um > pad.size_x_um or window.max_y_um > pad.size_y_um:
             raise ValueError("[window] reaches beyond the pad")
         if window.min_x_um >= window.max_x_um or window.min_y_um >= window.max_y_um:
@@ -179,12 +192,7 @@ class Board(Section):
         rows, columns = self.observed
         if rows.stop - rows.start < 2 or columns.stop - columns.start < 2:
             raise ValueError("[window] holds fewer than 2 node lines: widen it or refine [grid]")
-        far_x = markers.first_x_um + (markers.n_x - 1) * markers.pitch_x_um
-        far_y = markers.first_y_um + (markers.n_y - 1) * markers.pitch_y_um
-        if far_x > pad.size_x_um or far_y > pad.size_y_um:
-            raise ValueError("[markers] lattice reaches beyond the pad")
-        if markers.diameter_um >= min(markers.pitch_x_um, markers.pitch_y_um):
-            raise ValueError("markers.diameter_um must be below the pitch")
+        self._check_markers()
         step = self.depth.step_px
         if camera.width_px % step or camera.height_px % step:
             raise ValueError("depth.step_px must be 1, 2 or 4 and divide the image")

@@ -30,6 +30,7 @@ from ruffini.errors import InputError
 from ruffini.sim.contact import ContactSolver, Pose
 from ruffini.sim.programs import Rest, Step, ball_presses, n_frames_of
 from ruffini.sim.surface import hat_areas, wrench_of
+from ruffini.sim.toml import settings_toml
 from ruffini.sim.unit import PadError, TwinUnit
 
 __all__ = ["PadError", "TwinUnit", "record_balls", "record_touches"]
@@ -166,8 +167,7 @@ def _write_settings(unit: TwinUnit, out: Path, seed: int, program: str) -> None:
         f'\n[versions]\nruffini = "{__version__}"\n'
         f'numpy = "{np.__version__}"\nscipy = "{scipy.__version__}"\n'
     )
-    for section, values in unit.twin.model_dump(by_alias=True, exclude={"schema_version"}).items():
-        text += f"\n[twin.{section}]\n" + "".join(f"{key} = {value}\n" for key, value in values.items())
+    text += settings_toml("twin", unit.twin)
     _write(out / "recording.toml", text.encode("ascii"))
 
 

@@ -6,16 +6,13 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
+from ruffini.sim.optics import settings as optics
 
-PerMille = Annotated[int, Field(ge=0, le=1000)]
-OffsetUm = Annotated[int, Field(ge=-500_000, le=500_000)]
 Pair = Annotated[list[Annotated[int, Field(ge=-5000, le=5000)]], Field(min_length=2, max_length=2)]
-Place = Annotated[list[OffsetUm], Field(min_length=3, max_length=3)]
-Powers = Annotated[list[Annotated[int, Field(ge=1, le=10_000)]], Field(min_length=3, max_length=3)]
 
 
 class UnitSettings(Section):
@@ -24,33 +21,7 @@ class UnitSettings(Section):
     lattice_shift_um: Pair
     lattice_turn_mrad: Annotated[int, Field(ge=-200, le=200)]
     friction_1e3: Annotated[int, Field(ge=0, le=2000)]
-
-
-class LightSettings(Section):
-    """[light]."""
-
-    led_b_um: Place
-    led_g_um: Place
-    led_r_um: Place
-    power_1e3: Powers
-    ambient_1e3: PerMille
-    crosstalk_1e3: Annotated[int, Field(ge=0, le=300)]
-    mean_level: Annotated[int, Field(ge=10, le=240)]
-    vignette_1e3: PerMille
-
-
-class DotSettings(Section):
-    """[dots]."""
-
-    darkness_1e3: PerMille
-    blur_um: Annotated[int, Field(ge=1, le=1000)]
-
-
-class NoiseSettings(Section):
-    """[noise]."""
-
-    read_1e3: Annotated[int, Field(ge=0, le=20_000)]
-    shot_1e3: Annotated[int, Field(ge=0, le=1000)]
+    seed: Annotated[int, Field(ge=0, le=1_000_000)] = 1  # of this unit's flakes, dust and lamp phases
 
 
 class TwinSettings(Section):
@@ -58,9 +29,24 @@ class TwinSettings(Section):
 
     schema_version: Annotated[Literal[1], Field(alias="schema")]
     unit: UnitSettings
-    light: LightSettings
-    dots: DotSettings
-    noise: NoiseSettings
+    light: optics.Light
+    noise: optics.NoiseSettings
+    shape: optics.ShapeSettings = optics.ShapeSettings()
+    lens: optics.LensSettings | None = None
+    gel: optics.GelSettings | None = None
+    view: list[optics.ViewSettings] = Field(default=[])
+    dots: optics.DotSettings | None = None
+    glitter: optics.GlitterSettings | None = None
+    pins: optics.PinSettings | None = None
+    targets: optics.TargetSettings | None = None
+    sensor: optics.SensorSettings | None = None
+    wear: optics.WearSettings | None = None
+
+    @model_validator(mode="after")
+    def _cross_check(self) -> TwinSettings:
+        if self.gel is not None and (self.shape.kind != "plane" or self.pins is not None):
+            raise ValueError("[gel] refracts at the flat back of a plane pad without [pins]")
+        return self
 
 
 def load_twin(board: Board) -> TwinSettings:
@@ -75,12 +61,18 @@ def load_twin(board: Board) -> TwinSettings:
     if not path.is_file():
         raise InputError(f"board {board.name!r} has no optics to simulate: {path} does not exist")
     try:
-        return TwinSettings.model_validate(tomllib.loads(path.read_bytes().decode("utf-8")))
+        twin = TwinSettings.model_validate(tomllib.loads(path.read_bytes().decode("utf-8")))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: not TOML: {error}") from error
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
+        # The kind of light stands in pydantic's path, but not in the file.
+        key = ".".join(str(part) for part in first["loc"] if part not in optics.LIGHT_KINDS)
         kind = {"extra_forbidden": "unknown key, check the spelling or remove it",
                 "missing": "key is missing"}.get(first["type"], first["msg"])  # fmt: skip
         raise InputError(f"{path}: {key}: {kind}") from error
+    if board.markers is None and (twin.dots is not None or isinstance(twin.light, optics.Electroluminescent)):
+        raise InputError(f"{path}: dots and openings lie on the lattice of [markers], which board.toml does not have")
+    if board.camera.width_px % max(len(twin.view), 1):
+        raise InputError(f"{path}: {len(twin.view)} views do not share {board.camera.width_px} columns evenly")
+    return twin

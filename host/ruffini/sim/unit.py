@@ -13,7 +13,7 @@ from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.sim.cache import cached_compliance
 from ruffini.sim.contact import ContactSolver, Indenter
-from ruffini.sim.optics import Renderer
+from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.pad import PadModel
 from ruffini.sim.settings import TwinSettings, load_twin
 
@@ -80,9 +80,9 @@ class TwinUnit:
         """A fresh contact of an indenter with this pad."""
         return ContactSolver(self.model, self.compliance, indenter, self.twin.unit.friction_1e3 * 1e-3)
 
-    def renderer(self) -> Renderer:
+    def renderer(self, *, has_dots: bool = True) -> Renderer:
         """This unit's camera."""
-        return Renderer(self.board, self.twin, self.model)
+        return Renderer(self.board, self.twin, self.model.node_x() * 1e3, self.model.node_y() * 1e3, has_dots=has_dots)
 
     def at_rest(self) -> Array:
         """Displacement of the untouched surface, (n, 3)."""

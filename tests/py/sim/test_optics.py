@@ -7,7 +7,6 @@ import pytest
 
 from ruffini.boards import find_board
 from ruffini.errors import InputError
-from ruffini.sim.optics import Renderer
 from ruffini.sim.settings import load_twin
 
 FOCAL_PX, CENTER_PX, STANDOFF_MM = 300.0, np.array([159.5, 119.5]), 20.0  # boards/gelslim/board.toml
@@ -56,7 +55,7 @@ def test_depth_of_a_tilted_surface(coarse_unit):
 
 
 def test_untouched_pad_has_its_mean_level_and_nothing_is_full(coarse_unit):
-    renderer = Renderer(coarse_unit.board, coarse_unit.twin, coarse_unit.model, has_dots=False)
+    renderer = coarse_unit.renderer(has_dots=False)
     image = renderer.image(coarse_unit.at_rest(), np.random.default_rng(0))
     assert image.mean() == pytest.approx(coarse_unit.twin.light.mean_level, abs=0.3)
     assert image.max() < 255

@@ -145,7 +145,7 @@ def test_uniform_traction_is_uniform_on_another_grid():
 
 def test_twin_knows_nothing_of_the_estimators():
     forbidden = ("ruffini.fem", "ruffini.core", "ruffini.calibrate")
-    for path in Path(ruffini.sim.__file__).parent.glob("*.py"):
+    for path in Path(ruffini.sim.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
