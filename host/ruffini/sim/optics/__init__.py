@@ -1,0 +1,1 @@
+"""What the camera sees of a deformed surface, put together from twin.toml (`optics.renderer`)."""

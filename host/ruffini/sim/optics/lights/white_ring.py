@@ -1,0 +1,26 @@
+"""White lamps evenly spaced on a ring about the camera's axis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ruffini.sim.optics.charts import Floats
+from ruffini.sim.optics.lights.lamps import lamp
+from ruffini.sim.optics.settings import WhiteRing
+from ruffini.sim.optics.surface import Hits
+
+
+def shade(light: WhiteRing, hits: Hits, lamp_gain: Floats, place_mm: Floats) -> Floats:
+    """Light of the ring on what the pixels see, (h, w, 3) B G R."""
+    total = np.zeros(hits.a.shape, dtype=np.float32)
+    for place, gain in zip(place_mm, lamp_gain, strict=True):
+        if gain > 0:
+            total += np.float32(gain) * lamp(hits, place)
+    return total[..., None] * np.array(light.tint_1e3, dtype=np.float32) * np.float32(1e-3)
+
+
+def places(light: WhiteRing) -> Floats:
+    """Places of the lamps, (n, 3) mm."""
+    angle = 2 * np.pi * np.arange(light.n_leds) / light.n_leds
+    ring = light.radius_um * 1e-3 * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.column_stack([ring, np.full(light.n_leds, light.z_um * 1e-3)]).astype(np.float32)
