@@ -256,7 +256,7 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
   }
   const toml::table& root = parsed.table();
   Reader in(root, where);
-  if (root["schema"].value<int64_t>() != int64_t{1}) in.fail("schema must be 1");
+  if (root["schema"].value_exact<int64_t>() != int64_t{1}) in.fail("schema must be 1");
   BoardSettings board;
   in.section("board");
   board.name = in.text("name");

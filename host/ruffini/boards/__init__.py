@@ -130,7 +130,7 @@ def observed_range(n: int, size_um: int, low_um: int, high_um: int) -> tuple[int
 class Board(Section):
     """A whole board.toml; `folder` and `text` say where it came from."""
 
-    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    schema_version: Annotated[int, Field(alias="schema", ge=1, le=1)]
     board: BoardIdentity
     camera: Camera
     pad: Pad

@@ -19,7 +19,7 @@ std::vector<int32_t> numbers(const std::string& text) {
 // The encoder chooses the codec itself, so only the vectors of its choice are compared byte for byte.
 TEST(DenseCodec, EncodesTheGoldenValuesByteForByte) {
   int n = 0;
-  for (const auto& v : test::read_vectors("dense.txt")) {
+  for (const auto& v : test::read_vectors(RUFFINI_VECTORS_DIR "/dense.txt")) {
     ASSERT_EQ(v.size(), 6U);
     if (v[5] == "error") continue;
     const std::vector<int32_t> values = numbers(v[5]);

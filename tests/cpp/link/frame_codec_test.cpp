@@ -32,7 +32,7 @@ std::string outcome_of(const std::vector<uint8_t>& bytes) {
 }
 
 TEST(FrameCodec, SaysOfTheGoldenBytesWhatTheSpecificationSays) {
-  const auto vectors = test::read_vectors("frames.txt");
+  const auto vectors = test::read_vectors(RUFFINI_VECTORS_DIR "/frames.txt");
   ASSERT_GE(vectors.size(), 50U);
   for (const auto& v : vectors) {
     ASSERT_EQ(v.size(), 3U);
@@ -42,7 +42,7 @@ TEST(FrameCodec, SaysOfTheGoldenBytesWhatTheSpecificationSays) {
 
 TEST(FrameCodec, EncodesTheGoldenFramesByteForByte) {
   int n = 0;
-  for (const auto& v : test::read_vectors("frames.txt")) {
+  for (const auto& v : test::read_vectors(RUFFINI_VECTORS_DIR "/frames.txt")) {
     const std::vector<uint8_t> bytes = test::from_hex(v[1]);
     if (v[2].rfind("frame", 0) != 0 || v[2].find(';') != std::string::npos) continue;
     FrameDecoder decoder;

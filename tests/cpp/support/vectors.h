@@ -1,4 +1,4 @@
-// Reads proto/vectors/*.txt: fields separated by ' | '.
+// Reads files of test cases, one a line: fields separated by ' | '.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -10,10 +10,10 @@
 
 namespace ruffini::test {
 
-// Lines of a file of golden bytes, each cut into its fields.
-inline std::vector<std::vector<std::string>> read_vectors(const std::string& name) {
-  std::ifstream in(std::string(RUFFINI_VECTORS_DIR) + "/" + name);
-  EXPECT_TRUE(in) << name << " is missing";
+// Lines of a file, each cut into its fields.
+inline std::vector<std::vector<std::string>> read_vectors(const std::string& path) {
+  std::ifstream in(path);
+  EXPECT_TRUE(in) << path << " is missing";
   std::vector<std::vector<std::string>> out;
   for (std::string line; std::getline(in, line);) {
     if (line.empty() || line[0] == '#') continue;

@@ -1,0 +1,184 @@
+"""Board files that both parsers must judge alike: good/, bad/, and index.txt with the reason for each.
+
+    python3 tests/data/boards/make_corpus.py [FOLDER]
+
+Each file is base.toml with one thing changed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+HERE = Path(__file__).parent
+Change = Callable[[str], str]
+
+
+def put(key: str, value: str) -> Change:
+    """Another value for a key (keys are unique over the sections of the base, but for those with a section)."""
+
+    def change(text: str) -> str:
+        section, _, name = key.rpartition(".")
+        lines, inside = text.splitlines(), not section
+        for i, line in enumerate(lines):
+            if line.startswith("["):
+                inside = line == f"[{section}]"
+            elif inside and line.split(" = ")[0] == name:
+                lines[i] = f"{name} = {value}"
+                return "\n".join(lines) + "\n"
+        raise SystemExit(f"the base has no {key}")
+
+    return change
+
+
+def drop(key: str) -> Change:
+    def change(text: str) -> str:
+        marked = put(key, "<drop>")(text)
+        return "".join(line + "\n" for line in marked.splitlines() if not line.endswith("<drop>"))
+
+    return change
+
+
+def add(section: str, line: str) -> Change:
+    return lambda text: text.replace(f"[{section}]\n", f"[{section}]\n{line}\n")
+
+
+def all_of(*changes: Change) -> Change:
+    def change(text: str) -> str:
+        for one in changes:
+            text = one(text)
+        return text
+
+    return change
+
+
+def drop_section(name: str) -> Change:
+    def change(text: str) -> str:
+        kept, inside = [], False
+        for line in text.splitlines():
+            if line.startswith("["):
+                inside = line == f"[{name}]"
+            if not inside:
+                kept.append(line)
+        return "\n".join(kept) + "\n"
+
+    return change
+
+
+GOOD: dict[str, Change] = {
+    "base": lambda t: t,
+    "comments": lambda t: "# a comment\n" + t.replace("[pad]", "# another\n[pad]  # here"),
+    "crlf": lambda t: t.replace("\n", "\r\n"),
+    "tabs": lambda t: t.replace(" = ", "\t=\t"),
+    "inline-tables": all_of(drop_section("contact"), lambda t: "contact = { threshold_un = 1, min_nodes = 1 }\n" + t),
+    "dotted-keys": all_of(drop_section("field"), lambda t: "field.force_lsb_un = 20\n" + t),
+    "hexadecimal": put("camera.width_px", "0x140"),
+    "underscores": put("pad.modulus_pa", "200_000"),
+    "plus-sign": put("grid.n_x", "+31"),
+    "literal-string": put("board.name", "'sample'"),
+    "quoted-key": put("board.not_measured", '["torque_z"]'),
+    "no-final-newline": lambda t: t.rstrip("\n"),
+    "few-stages": put("pipeline.stages", '["difference", "photometric", "poisson"]'),
+    "no-markers": all_of(
+        drop_section("markers"), put("pipeline.stages", '["difference", "photometric", "poisson"]')
+    ),
+    "smallest-window": all_of(
+        put("window.min_x_um", "0"), put("window.min_y_um", "0"),
+        put("window.max_x_um", "700"), put("window.max_y_um", "700"),
+    ),
+    "limits": all_of(
+        put("pad.poisson_1e4", "4999"), put("grid.n_layers", "32"), put("contact.threshold_un", "100000000")
+    ),
+}  # fmt: skip
+
+# name: change, a word of the error
+BAD: dict[str, tuple[Change, str]] = {
+    "empty": (lambda t: "", "schema"),
+    "only-comment": (lambda t: "# nothing\n", "schema"),
+    "byte-order-mark": (lambda t: "\ufeff" + t, "byte-order mark"),
+    "utf-16": (lambda t: "UTF16" + t, "ASCII"),
+    "umlaut-in-comment": (lambda t: "# gr\u00fcn\n" + t, "ASCII"),
+    "odd-space": (lambda t: t.replace(" = ", " =\u00a0", 1), "ASCII"),
+    "zero-byte": (lambda t: t + "\0", "ASCII"),
+    "not-toml": (lambda t: "this is not TOML\n", "not TOML"),
+    "json": (lambda t: '{"schema": 1}\n', "not TOML"),
+    "unclosed-string": (put("board.name", '"sample'), "not TOML"),
+    "unclosed-list": (put("pipeline.stages", '["difference"'), "not TOML"),
+    "duplicate-key": (add("pad", "size_x_um = 20000"), "not TOML"),
+    "duplicate-section": (lambda t: t + "\n[pad]\nsize_x_um = 1\n", "not TOML"),
+    "integer-65-bits": (put("pad.size_x_um", "18446744073709551616"), ""),
+    "integer-64-bits-unsigned": (put("pad.size_x_um", "9223372036854775808"), ""),
+    "integer-63-bits": (put("pad.size_x_um", "9223372036854775807"), "size_x_um"),
+    "schema-missing": (drop("schema"), "schema"),
+    "schema-2": (put("schema", "2"), "schema"),
+    "schema-text": (put("schema", '"1"'), "schema"),
+    "schema-float": (put("schema", "1.0"), "schema"),
+    "schema-bool": (put("schema", "true"), "schema"),
+    "unknown-section": (lambda t: t + "\n[optics]\nx = 1\n", "optics"),
+    "unknown-key": (add("pad", "hardness = 30"), "hardness"),
+    "unknown-key-at-top": (lambda t: "name = 1\n" + t, "name"),
+    "misspelt-key": (lambda t: t.replace("thickness_um", "thicknes_um"), "thickness_um"),
+    "section-missing": (drop_section("camera"), "camera"),
+    "section-is-a-number": (all_of(drop_section("field"), lambda t: "field = 1\n" + t), "field"),
+    "section-is-a-list": (lambda t: t.replace("[field]", "[[field]]"), "field"),
+    "key-missing": (drop("pad.modulus_pa"), "modulus_pa"),
+    "float-for-integer": (put("pad.thickness_um", "4000.0"), "thickness_um"),
+    "text-for-integer": (put("pad.thickness_um", '"4000"'), "thickness_um"),
+    "bool-for-integer": (put("grid.n_x", "true"), "n_x"),
+    "nan": (put("pad.modulus_pa", "nan"), "modulus_pa"),
+    "infinity": (put("pad.modulus_pa", "inf"), "modulus_pa"),
+    "date": (put("pad.modulus_pa", "2026-11-21"), "modulus_pa"),
+    "integer-for-text": (put("board.name", "5"), "name"),
+    "empty-name": (put("board.name", '""'), "name"),
+    "long-name": (put("board.name", '"' + "x" * 65 + '"'), "name"),
+    "list-of-integers": (put("board.not_measured", "[1, 2]"), "not_measured"),
+    "text-for-list": (put("board.not_measured", '"torque_z"'), "not_measured"),
+    "negative-size": (put("pad.size_x_um", "-20000"), "size_x_um"),
+    "zero-thickness": (put("pad.thickness_um", "0"), "thickness_um"),
+    "poisson-half": (put("pad.poisson_1e4", "5000"), "poisson_1e4"),
+    "one-layer": (put("grid.n_layers", "1"), "n_layers"),
+    "one-node": (put("grid.n_y", "1"), "n_y"),
+    "too-many-nodes": (put("grid.n_x", "256"), "n_x"),
+    "image-too-wide": (put("camera.width_px", "4097"), "width_px"),
+    "center-outside": (put("camera.center_x_mpx", "320000"), "center"),
+    "sees-two-metres": (all_of(put("camera.focal_mpx", "10000"), put("camera.standoff_um", "500000")), "2 m"),
+    "window-beyond-pad": (put("window.max_x_um", "20001"), "window"),
+    "window-empty": (put("window.min_x_um", "20000"), "window"),
+    "window-of-one-node": (all_of(put("window.min_x_um", "0"), put("window.max_x_um", "600")), "window"),
+    "markers-missing": (drop_section("markers"), "markers"),
+    "markers-beyond-pad": (put("markers.first_x_um", "15000"), "markers"),
+    "markers-overlap": (put("markers.diameter_um", "5000"), "diameter_um"),
+    "polarity-unknown": (put("markers.polarity", '"grey"'), "polarity"),
+    "gauge-unknown": (put("depth.gauge", '"guess"'), "gauge"),
+    "step-3": (put("depth.step_px", "3"), "step_px"),
+    "step-does-not-divide": (all_of(put("camera.width_px", "322"), put("depth.step_px", "4")), "step_px"),
+    "depth-grid-too-large": (
+        all_of(put("camera.width_px", "1280"), put("depth.step_px", "1")), "640"
+    ),
+    "force-step-zero": (put("field.force_lsb_un", "0"), "force_lsb_un"),
+    "no-rest-frames": (put("pipeline.n_rest_frames", "0"), "n_rest_frames"),
+    "no-stages": (put("pipeline.stages", "[]"), "stages"),
+    "unknown-stage": (put("pipeline.stages", '["difference", "magic"]'), "stages"),
+    "stages-out-of-order": (put("pipeline.stages", '["poisson", "difference"]'), "stages"),
+    "stage-twice": (put("pipeline.stages", '["difference", "difference"]'), "stages"),
+}  # fmt: skip
+
+
+def main() -> None:
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE
+    base = (HERE / "base.toml").read_text()
+    lines = ["# Made by make_corpus.py. file | a word of the error; good files have none\n"]
+    for kind, names in (("good", GOOD), ("bad", BAD)):
+        (folder / kind).mkdir(parents=True, exist_ok=True)
+        for name in names:
+            change, word = (GOOD[name], "") if kind == "good" else BAD[name]
+            text = change(base)
+            data = text[5:].encode("utf-16") if text.startswith("UTF16") else text.encode("utf-8")
+            (folder / kind / f"{name}.toml").write_bytes(data)
+            lines.append(f"{kind}/{name}.toml | {word}\n")
+    (folder / "index.txt").write_text("".join(lines))
+
+
+if __name__ == "__main__":
+    main()
