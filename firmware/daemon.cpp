@@ -110,7 +110,7 @@ void Daemon::swap_path() {
 
 void Daemon::process(const FrameLease& lease) {
   const FrameState& state = path_->process(lease.view());
-  const FrameStamp stamp{lease.capture_us(), lease.number(), exchange_.calibration_id.load(), identity_.stream_flags};
+  const FrameStamp stamp{lease.capture_us(), lease.number(), path_->calibration_id(), identity_.stream_flags};
   const uint64_t n = exchange_.frames_processed.load();
   for (size_t type = 0; type < kMessageTypes; ++type) {
     const uint32_t every = exchange_.every[type].load(std::memory_order_relaxed);

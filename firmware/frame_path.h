@@ -53,6 +53,9 @@ class FramePath {
   [[nodiscard]] const FrameState& state() const { return state_; }
   [[nodiscard]] std::span<const Marker> markers() const { return lattice_.markers(); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
+  // Which calibration this path computes with: goes into every stamp. 0 = none.
+  void set_calibration_id(uint32_t id) { calibration_id_ = id; }
+  [[nodiscard]] uint32_t calibration_id() const { return calibration_id_; }
   [[nodiscard]] std::span<const uint16_t> rest_image() const { return rest_.image(); }
   [[nodiscard]] const BoardSettings& board() const { return board_; }
   [[nodiscard]] const NodeGrid& nodes() const { return nodes_; }
@@ -93,6 +96,7 @@ class FramePath {
   Displacement displacement_;
   std::optional<BlockOperator> operator_;
   std::optional<SupportSolver> support_;
+  uint32_t calibration_id_ = 0;
   int64_t contact_threshold_lsb_;
   ContactMask mask_;
   ContactFinder contacts_;

@@ -3,6 +3,15 @@
 #include <algorithm>
 
 namespace ruffini {
+namespace {
+
+uint32_t first_four_bytes(const std::string& hash) {
+  uint32_t id = 0;
+  for (size_t i = 0; i < 4; ++i) id = id << 8 | static_cast<uint8_t>(hash[i]);
+  return id;
+}
+
+}  // namespace
 
 Calibrator::Calibrator(const BoardSettings& board, std::string serial, SlotStore store, Exchange& exchange)
     : board_(board), serial_(std::move(serial)), store_(std::move(store)), exchange_(exchange) {}
@@ -17,9 +26,11 @@ Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes)
   if (!fits) return fits.error();
   auto path = FramePath::configure(board_, file.value(), clock_);
   if (!path) return path.error();
+  const std::string hash = sha256(bytes);
+  path.value()->set_calibration_id(first_four_bytes(hash));
   return Prepared{std::move(path).value(),
-                  {true, sha256(bytes), std::string(calibration.text("created_utc")),
-                   std::string(calibration.text("kinds")), signer.value()}};
+                  {true, hash, std::string(calibration.text("created_utc")), std::string(calibration.text("kinds")),
+                   signer.value()}};
 }
 
 Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::string& problem) {
@@ -30,20 +41,12 @@ Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::s
   } else if (!bytes.value().empty()) {
     auto prepared = prepare(bytes.value());
     if (prepared) {
-      activate(prepared.value().calibration);
+      active_ = prepared.value().calibration;
       return std::move(prepared.value().path);
     }
     problem = prepared.error().message;
   }
   return FramePath::configure(board_, nullptr, clock);
-}
-
-// Every stamp carries the first four bytes of the file's hash.
-void Calibrator::activate(const ActiveCalibration& calibration) {
-  active_ = calibration;
-  uint32_t id = 0;
-  for (size_t i = 0; i < 4; ++i) id = id << 8 | static_cast<uint8_t>(active_.sha256[i]);
-  exchange_.calibration_id = id;
 }
 
 Status Calibrator::begin(uint64_t size_bytes, const std::string& sha256) {
@@ -82,7 +85,7 @@ Status Calibrator::commit() {
   }
   const Status installed = store_.install(upload_);
   if (!installed) return installed.error();
-  activate(prepared.value().calibration);
+  active_ = prepared.value().calibration;
   delete exchange_.next_path.exchange(prepared.value().path.release(), std::memory_order_acq_rel);
   abort();
   return Unit{};

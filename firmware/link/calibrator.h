@@ -48,7 +48,6 @@ class Calibrator {
     std::unique_ptr<FramePath> path;
     ActiveCalibration calibration;
   };
-  void activate(const ActiveCalibration& calibration);
   [[nodiscard]] Result<Prepared> prepare(std::span<const uint8_t> bytes) const;
 
   BoardSettings board_;

@@ -19,7 +19,6 @@ struct Exchange {
   std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send each n-th frame; 0 = never
   std::atomic<int> zero_frames{-1};                          // request; -1 = none
   std::atomic<FramePath*> next_path{nullptr};                // to swap in between frames; ownership passes
-  std::atomic<uint32_t> calibration_id{0};
   // Written by the frame thread, read by the link thread.
   std::atomic<FramePath*> retired_path{nullptr};  // to be deleted by the link thread
   SpscRing telemetry{kTelemetryRingBytes};        // u8 message type, then its frames

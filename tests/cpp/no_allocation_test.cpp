@@ -1,0 +1,180 @@
+// The frame thread allocates nothing: the real daemon, over a real pty, with every message subscribed.
+//
+// malloc and its relatives are replaced; they count what the frame thread asks for while it is in its
+// loop. The frame thread is known by the clock that only the frame path calls.
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cstdlib>
+#include <filesystem>
+#include <thread>
+
+#include "daemon.h"
+#include "support/dot_picture.h"
+#include "support/test_board.h"
+#include "support/test_calibration.h"
+
+namespace {
+
+thread_local bool is_watched = false;
+std::atomic<uint64_t> n_allocations{0};
+std::atomic<bool> plants_allocation{false};
+
+}  // namespace
+
+// operator new of the standard library ends here, too.
+extern "C" {
+void* __libc_malloc(size_t size);
+void* __libc_calloc(size_t n, size_t size);
+void* __libc_realloc(void* p, size_t size);
+
+void* malloc(size_t size) {
+  if (is_watched) n_allocations.fetch_add(1, std::memory_order_relaxed);
+  return __libc_malloc(size);
+}
+void* calloc(size_t n, size_t size) {
+  if (is_watched) n_allocations.fetch_add(1, std::memory_order_relaxed);
+  return __libc_calloc(n, size);
+}
+void* realloc(void* p, size_t size) {
+  if (is_watched) n_allocations.fetch_add(1, std::memory_order_relaxed);
+  return __libc_realloc(p, size);
+}
+}
+
+namespace ruffini {
+namespace {
+
+constexpr uint64_t kFrames = 1'100;
+constexpr uint64_t kWarmFrames = 20;  // rest is learned, every branch was taken once
+
+std::atomic<uint64_t> clock_calls{0};
+
+// Called by the frame thread alone, several times a frame.
+uint64_t watching_clock() {
+  is_watched = true;
+  if (plants_allocation.exchange(false)) {
+    auto* volatile planted = new int(1);
+    delete planted;
+  }
+  return clock_calls.fetch_add(1, std::memory_order_relaxed);
+}
+
+// Dots at rest, then moved and coloured: a contact that comes and goes.
+class DrawnCamera : public Camera {
+ public:
+  explicit DrawnCamera(const BoardSettings& board) : n_rest_(static_cast<uint64_t>(board.n_rest_frames)) {
+    auto dots = test::nominal_dots(board);
+    rest_ = test::DotPicture{}.bgr(dots, 1);
+    for (test::Place& p : dots) p.x += 2;
+    pressed_ = test::DotPicture{}.bgr(dots, 2);
+    const int width = board.camera.width_px;
+    const int height = board.camera.height_px;
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        const int dx = x - width / 2;
+        const int dy = y - height / 2;
+        if (dx * dx + dy * dy > height * height / 16) continue;
+        uint8_t* pixel = &pressed_[static_cast<size_t>((y * width + x) * 3)];
+        pixel[0] = static_cast<uint8_t>(std::clamp(pixel[0] + dx, 0, 255));
+        pixel[1] = static_cast<uint8_t>(std::clamp(pixel[1] + dy, 0, 255));
+      }
+    }
+  }
+  CaptureStatus capture(FramePool::Buffer& buffer) override {
+    if (n_ == kFrames) return CaptureStatus::kEnd;
+    buffer.pixels = n_ < n_rest_ || n_ / 4 % 2 == 0 ? rest_ : pressed_;
+    buffer.number = n_++;
+    return CaptureStatus::kFrame;
+  }
+  [[nodiscard]] bool is_simulated() const override { return true; }
+  [[nodiscard]] bool is_replay() const override { return false; }
+
+ private:
+  uint64_t n_rest_;
+  uint64_t n_ = 0;
+  std::vector<uint8_t> rest_;
+  std::vector<uint8_t> pressed_;
+};
+
+struct Outcome {
+  uint64_t frames = 0;
+  uint64_t allocations = 0;
+  size_t smallest_field = SIZE_MAX;
+  size_t largest_field = 0;
+  std::array<uint64_t, kMessageTypes> messages{};
+};
+
+// Runs the daemon in lockstep with a host that reads everything.
+Outcome run_daemon(bool plants) {
+  BoardSettings board = test::round_board();
+  board.stages = known_stages();
+  auto file = CalibrationFile::load(test::diagonal_calibration(board));
+  EXPECT_TRUE(file) << (file ? "" : file.error().message);
+  auto path = FramePath::configure(board, file.value(), watching_clock);
+  EXPECT_TRUE(path) << (path ? "" : path.error().message);
+  const std::string folder = testing::TempDir() + "no_allocation_store";
+  Exchange exchange;
+  for (int type = ruffini_MessageType_MESSAGE_TYPE_STATUS; type <= ruffini_MessageType_MESSAGE_TYPE_IMAGE; ++type) {
+    exchange.every[static_cast<size_t>(type)] = 1;
+  }
+  Calibrator calibrator(board, "0000", SlotStore::open(folder).value(), exchange);
+  SerialPort port = SerialPort::open("pty").value();
+  const int host = ::open(port.host_path().c_str(), O_RDONLY | O_NOCTTY);
+  EXPECT_GE(host, 0);
+  std::atomic<bool> stop{false};
+  Outcome out;
+  auto daemon = std::make_unique<Daemon>(
+      board, std::move(path).value(), std::make_unique<DrawnCamera>(board), std::move(port), calibrator, exchange,
+      DeviceIdentity{.serial = "0000", .version = "test", .stream_flags = kSimulated, .is_lossless = true},
+      DaemonOptions{.is_lockstep = true});
+  std::thread reader([&] {
+    FrameDecoder decoder;
+    std::vector<uint8_t> bytes(65'536);
+    while (true) {
+      const ssize_t n = ::read(host, bytes.data(), bytes.size());
+      if (n <= 0) break;
+      for (ssize_t i = 0; i < n; ++i) {
+        const auto frame = decoder.push(bytes[static_cast<size_t>(i)]);
+        if (!frame || frame->header.fragment != 0) continue;
+        ++out.messages[frame->header.type];
+        if (frame->header.type != ruffini_MessageType_MESSAGE_TYPE_FIELD) continue;
+        out.smallest_field = std::min(out.smallest_field, frame->payload.size());
+        out.largest_field = std::max(out.largest_field, frame->payload.size());
+      }
+    }
+  });
+  std::thread watcher([&] {
+    while (exchange.frames_processed < kWarmFrames) std::this_thread::yield();
+    n_allocations = 0;
+    if (plants) plants_allocation = true;
+  });
+  daemon->run(stop);
+  watcher.join();
+  out.allocations = n_allocations;
+  out.frames = exchange.frames_processed;
+  daemon.reset();  // closes the line: the reader ends
+  reader.join();
+  ::close(host);
+  std::filesystem::remove_all(folder);
+  return out;
+}
+
+TEST(FrameThread, AllocatesNothingInAThousandFramesWithEverythingSubscribed) {
+  const Outcome out = run_daemon(false);
+  EXPECT_EQ(out.frames, kFrames);
+  EXPECT_EQ(out.allocations, 0U);
+  EXPECT_GT(out.largest_field, out.smallest_field + 50) << "no contact was seen: the second pass did not run";
+  for (const auto type : {ruffini_MessageType_MESSAGE_TYPE_WRENCH, ruffini_MessageType_MESSAGE_TYPE_FIELD,
+                          ruffini_MessageType_MESSAGE_TYPE_DEPTH, ruffini_MessageType_MESSAGE_TYPE_CONTACTS,
+                          ruffini_MessageType_MESSAGE_TYPE_MARKERS, ruffini_MessageType_MESSAGE_TYPE_IMAGE}) {
+    EXPECT_EQ(out.messages[static_cast<size_t>(type)], kFrames) << type;
+  }
+}
+
+TEST(FrameThread, APlantedAllocationIsSeen) { EXPECT_EQ(run_daemon(true).allocations, 1U); }
+
+}  // namespace
+}  // namespace ruffini

@@ -1,0 +1,66 @@
+// A calibration of every kind for a board, simple enough to reason about: force = gain x displacement.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "frame_path.h"
+#include "support/calibration_bytes.h"
+
+namespace ruffini::test {
+
+// Operator and support are diagonal: F = 20 steps of force per 125 nm. Blue bends to slope x, green to slope y.
+inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board) {
+  const GridSize nodes = NodeGrid(board).size();
+  const int n = 3 * nodes.count();
+  const int n_blocks = (n + 31) / 32;
+  const int n_padded = 32 * n_blocks;
+  const auto diagonal = [&](int16_t value) {
+    std::vector<int16_t> out(static_cast<size_t>(n) * static_cast<size_t>(n_padded));
+    for (int i = 0; i < n; ++i)
+      out[static_cast<size_t>(i) * static_cast<size_t>(n_padded) + static_cast<size_t>(i)] = value;
+    return out;
+  };
+  const std::vector<uint8_t> no_shift(static_cast<size_t>(n) * static_cast<size_t>(n_blocks));
+  const int n_q = 65;
+  std::vector<int16_t> unmix(13 * 17 * 2 * 3);
+  for (size_t i = 0; i < unmix.size(); i += 6) {
+    unmix[i] = 8'192;      // slope x of blue
+    unmix[i + 4] = 8'192;  // slope y of green
+  }
+  std::vector<int16_t> slope(static_cast<size_t>(n_q * n_q * 2));
+  for (int y = 0; y < n_q; ++y) {
+    for (int x = 0; x < n_q; ++x) {
+      slope[static_cast<size_t>((y * n_q + x) * 2)] = static_cast<int16_t>((x - 32) * 128);
+      slope[static_cast<size_t>((y * n_q + x) * 2 + 1)] = static_cast<int16_t>((y - 32) * 128);
+    }
+  }
+  return CalibrationBytes()
+      .meta("kinds", "operator,support,photometric")
+      .meta("board", board.name)
+      .meta("optics", board.camera.optics)
+      .meta("resolution", std::to_string(board.camera.width_px) + "x" + std::to_string(board.camera.height_px))
+      .meta("sensor_serial", "*")
+      .meta("gel_serial", "*")
+      .meta("created_utc", "2026-11-21T00:00:00Z")
+      .meta("operator.n_x", std::to_string(nodes.n_x))
+      .meta("operator.n_y", std::to_string(nodes.n_y))
+      .meta("operator.force_lsb_un", std::to_string(board.force_lsb_un))
+      .meta("operator.displacement_lsb_nm", "125")
+      .meta("operator.out_shift", "9")  // 10240 / 2^9 = 20
+      .meta("support.normal.out_shift", "5")
+      .meta("support.project.out_shift", "7")
+      .tensor("support.scale", "I32", {n}, std::vector<int32_t>(static_cast<size_t>(n), 4 << 16))
+      .tensor("operator.entry", "I16", {n, n_padded}, diagonal(10'240))
+      .tensor("support.normal.entry", "I16", {n, n_padded}, diagonal(8'192))
+      .tensor("support.project.entry", "I16", {n, n_padded}, diagonal(8'192))
+      .tensor("photometric.unmix", "I16", {13, 17, 2, 3}, unmix)
+      .tensor("photometric.slope", "I16", {n_q, n_q, 2}, slope)
+      .tensor("operator.shift", "U8", {n, n_blocks}, no_shift)
+      .tensor("support.normal.shift", "U8", {n, n_blocks}, no_shift)
+      .tensor("support.project.shift", "U8", {n, n_blocks}, no_shift)
+      .bytes();
+}
+
+}  // namespace ruffini::test
