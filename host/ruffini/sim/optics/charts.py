@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.boards import Pad
 from ruffini.sim.optics.settings import ShapeSettings
 
 Floats = npt.NDArray[np.float32]
@@ -27,6 +28,9 @@ class Chart(Protocol):
     def intersect(self, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:
         """Material coordinates of the places where rays (..., 3) meet the surface ahead."""
 
+    def half_size(self, pad: Pad) -> tuple[float, float]:
+        """Largest |a| and |b| of the surface that board.toml's [pad] describes, millimetres."""
+
 
 @dataclass(frozen=True)
 class Plane:
@@ -39,13 +43,16 @@ class Plane:
         t = -origin[..., 2] / direction[..., 2]
         return origin[..., 0] + t * direction[..., 0], origin[..., 1] + t * direction[..., 1]
 
+    def half_size(self, pad: Pad) -> tuple[float, float]:
+        return pad.size_x_um * 5e-4, pad.size_y_um * 5e-4
+
 
 def _ahead(origin: Floats, direction: Floats, radius: float, n_axes: int) -> Floats:
     """Ray parameter of the exit from a sphere (3 axes) or cylinder (2) about the origin; NaN where it misses."""
     o, d = origin[..., :n_axes], direction[..., :n_axes]
-    dd, od = (d * d).sum(axis=-1), (o * d).sum(axis=-1)
+    dd, od, oo = (np.einsum("...i,...i", p, q) for p, q in ((d, d), (o, d), (o, o)))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray((np.sqrt(od**2 - dd * ((o * o).sum(axis=-1) - radius**2)) - od) / dd, dtype=np.float32)
+        return np.asarray((np.sqrt(od * od - dd * (oo - np.float32(radius**2))) - od) / dd, dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,9 @@ class Tube:
     def intersect(self, origin: Floats, direction: Floats) -> tuple[Floats, Floats]:
         hit = origin + _ahead(origin, direction, self.radius, 2)[..., None] * direction
         return (self.radius * np.arctan2(hit[..., 1], hit[..., 0])).astype(np.float32), hit[..., 2]
+
+    def half_size(self, pad: Pad) -> tuple[float, float]:
+        return np.pi * self.radius, pad.size_y_um * 5e-4
 
 
 @dataclass(frozen=True)
@@ -88,6 +98,10 @@ class Dome:
         way = self.radius * np.arctan2(around, np.maximum(z, 0)) + np.maximum(-z, 0)
         scale = np.where(around > 0, way / np.maximum(around, 1e-9), 1)
         return (hit[..., 0] * scale).astype(np.float32), (hit[..., 1] * scale).astype(np.float32)
+
+    def half_size(self, pad: Pad) -> tuple[float, float]:
+        """Down to the rim of the half sphere; the wall below is not modelled."""
+        return np.pi / 2 * self.radius, np.pi / 2 * self.radius
 
 
 def chart_of(shape: ShapeSettings) -> Chart:

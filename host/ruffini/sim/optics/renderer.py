@@ -46,6 +46,7 @@ class Seen:
     origin: Floats
     direction: Floats
     vignette: Floats
+    rest: Hits
     openings: Openings | None = None
 
 
@@ -94,9 +95,10 @@ class Renderer:
             v, u = np.mgrid[: view.height_px, : view.width_px]
             radius2 = (u - view.width_px / 2 + 0.5) ** 2 + (v - view.height_px / 2 + 0.5) ** 2
             vignette = 1 - twin.light.vignette_1e3 * 1e-3 * radius2 / radius2.max()
-            seen = Seen(view, origin, direction, vignette[..., None].astype(np.float32))
+            hits = rest.hit(origin, direction)
+            seen = Seen(view, origin, direction, vignette[..., None].astype(np.float32), hits)
             if isinstance(twin.light, Electroluminescent) and self._lattice is not None:
-                seen.openings = Openings(twin.light, self._lattice, rest.hit(origin, direction))
+                seen.openings = Openings(twin.light, self._lattice, hits)
             views.append(seen)
         return views
 
@@ -106,7 +108,7 @@ class Renderer:
         gains = np.ones(len(self._lamps), dtype=np.float32)
         mean, diffuse, weight = 0.0, 0.0, 0.0
         for seen in self.views:
-            hits = rest.hit(seen.origin, seen.direction)
+            hits = seen.rest
             lit = seen.openings.cover if seen.openings else self._lit(hits)
             direct = self._direct(seen, rest, hits, gains, self._lamps).mean(axis=-1)
             vignette = seen.vignette[..., 0]
@@ -161,7 +163,8 @@ class Renderer:
             turn = tray.matrix().astype(np.float32)
             shift_mm = np.array(tray.shift_m, dtype=np.float32) * np.float32(1e3)
             origin, direction, lamps = (origin - shift_mm) @ turn, direction @ turn, (lamps - shift_mm) @ turn
-        hits = deformed.hit(origin, direction)
+        # Openings do not move: the mask is bonded to the window.
+        hits = seen.rest if seen.openings else deformed.hit(origin, direction)
         gains = self._lamp_gain(time_s, conditions)
         light = self._direct(seen, deformed, hits, gains, lamps)
         light = (light + np.float32(self._ambient)) * (seen.vignette * np.float32(self._gain))

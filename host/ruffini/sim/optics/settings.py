@@ -122,7 +122,8 @@ class GlitterSettings(Section):
     diameter_um: Annotated[int, Field(ge=10, le=5000)]
     tilt_mrad: Annotated[int, Field(ge=1, le=800)]  # standard deviation
     lobe_mrad: Annotated[int, Field(ge=10, le=1500)]  # width of a flake's reflection
-    strength_1e3: Annotated[int, Field(ge=1, le=5000)]  # brightness over the surface's
+    matte_1e3: PerMille  # share of its brightness that comes from everywhere
+    strength_1e3: Annotated[int, Field(ge=1, le=5000)]  # brightness in its colour, over the surface's grey
 
 
 class PinSettings(Section):

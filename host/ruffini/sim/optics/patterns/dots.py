@@ -12,6 +12,6 @@ from ruffini.sim.optics.surface import Hits
 
 def transmission(dots: DotSettings, lattice: Lattice, diameter_um: int, hits: Hits) -> Floats:
     """What the dots leave of the light, (h, w)."""
-    da, db, _, _ = lattice.nearest(hits.a, hits.b)
+    da, db, _ = lattice.nearest(hits.a, hits.b)
     edge = (diameter_um * 5e-4 - np.hypot(da, db)) / (dots.blur_um * 1e-3)
     return np.asarray(1 - dots.darkness_1e3 * 1e-3 * np.clip(edge + 0.5, 0, 1), dtype=np.float32)

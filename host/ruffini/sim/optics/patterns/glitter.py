@@ -39,13 +39,13 @@ class Glitter:
 
     def add(self, light: Floats, surface: DeformedSurface, hits: Hits, half_way: Floats) -> Floats:
         """Light with the flakes' flashes: a lobe about each flake's own normal."""
-        cover = surface.look(self._cover, hits.a, hits.b)
+        cover = surface.look(self._cover, hits.a, hits.b) * hits.is_inside[..., None]
         tilt = surface.look(self._tilt, hits.a, hits.b)
         # Small angles: the flake's normal is the surface's, moved sideways by its tilt.
         off = half_way[..., :2] - hits.normal[..., :2] - tilt
-        lobe = np.float32(self._settings.lobe_mrad * 1e-3)
-        flash = np.exp(-(off[..., 0] ** 2 + off[..., 1] ** 2) / (2 * lobe * lobe))
+        lobe, matte = np.float32(self._settings.lobe_mrad * 1e-3), np.float32(self._settings.matte_1e3 * 1e-3)
+        flash = matte + (1 - matte) * np.exp(-(off[..., 0] ** 2 + off[..., 1] ** 2) / (2 * lobe * lobe))
         strength = np.float32(self._settings.strength_1e3 * 1e-3)
         grey = light.mean(axis=-1, keepdims=True)
-        body = light * (1 - 0.5 * cover.sum(axis=-1, keepdims=True))
+        body = light * (1 - cover.sum(axis=-1, keepdims=True))
         return np.asarray(body + strength * grey * cover * flash[..., None], dtype=np.float32)

@@ -21,16 +21,24 @@ class Lattice:
         self._pitch = np.array([markers.pitch_x_um, markers.pitch_y_um]) * 1e-3
         self._n = (markers.n_x, markers.n_y)
 
-    def nearest(self, a: Floats, b: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Offset (da, db) from the nearest lattice point, and that point's material place."""
+    def nearest(self, a: Floats, b: Floats) -> tuple[Array, Array, npt.NDArray[np.intp]]:
+        """Offset (da, db) from the nearest lattice point, and that point's number, x fastest."""
         x = self._cos * a + self._sin * b - self._shift[0]
         y = -self._sin * a + self._cos * b - self._shift[1]
-        near_x, near_y = self._snap(x, 0), self._snap(y, 1)
-        at_x, at_y = near_x + self._shift[0], near_y + self._shift[1]
-        place_a = self._cos * at_x - self._sin * at_y
-        place_b = self._sin * at_x + self._cos * at_y
-        return (x - near_x, y - near_y, place_a.astype(np.float32), place_b.astype(np.float32))
+        column, row = self._line(x, 0), self._line(y, 1)
+        dx = x - self._first[0] - column * self._pitch[0]
+        dy = y - self._first[1] - row * self._pitch[1]
+        return dx, dy, (row * self._n[0] + column).astype(np.intp)
 
-    def _snap(self, place: Array, axis: int) -> Array:
-        steps = np.clip(np.round((place - self._first[axis]) / self._pitch[axis]), 0, self._n[axis] - 1)
-        return np.asarray(self._first[axis] + steps * self._pitch[axis])
+    def places(self) -> tuple[Floats, Floats]:
+        """Material places of all lattice points, x fastest."""
+        x = self._first[0] + self._pitch[0] * np.arange(self._n[0]) + self._shift[0]
+        y = self._first[1] + self._pitch[1] * np.arange(self._n[1]) + self._shift[1]
+        x, y = (grid.ravel() for grid in np.meshgrid(x, y))
+        return (
+            (self._cos * x - self._sin * y).astype(np.float32),
+            (self._sin * x + self._cos * y).astype(np.float32),
+        )
+
+    def _line(self, place: Array, axis: int) -> Array:
+        return np.asarray(np.clip(np.round((place - self._first[axis]) / self._pitch[axis]), 0, self._n[axis] - 1))
