@@ -1,8 +1,10 @@
 #include "capture/replay_camera.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 #include <thread>
@@ -144,6 +146,9 @@ Result<RecordingInfo> read_info(const fs::path& folder, const BoardSettings& boa
 }  // namespace
 
 Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const BoardSettings& board) {
+  // The libraries' own lines about a broken file would hide ours.
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
   std::error_code failed;
   const fs::path path(options.path);
   if (!fs::exists(path, failed)) {

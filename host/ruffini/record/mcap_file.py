@@ -63,9 +63,13 @@ def record_stream(sensor: Connection, path: Path, *, n_frames: int = 0, image_ev
                 counts[name] = counts.get(name, 0) + 1
                 if n_frames and counts.get("CONTACTS", 0) >= n_frames:
                     break
-        except (KeyboardInterrupt, NoDeviceError):
-            if not counts:
-                raise
+        except KeyboardInterrupt:
+            pass
+        except NoDeviceError as error:
+            # Without a number of frames the end of the line is the end of the recording.
+            if n_frames or not counts:
+                frames = counts.get("WRENCH", 0)
+                raise NoDeviceError(f"{error} (after {frames} frames; {path} holds them)") from error
         finally:
             sensor.raw_sink = None
             writer.finish()  # type: ignore[no-untyped-call]

@@ -1,0 +1,298 @@
+"""Bad input: one clear sentence and the documented exit code, from the daemon and from the host tool.
+
+Exit codes: 0 ok, 1 failed check, 2 usage or bad input, 3 no device, 4 refused, 5 verify failed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import serial
+from conftest import Sensor, make_calibration, start, write_board, write_recording
+from mcap.reader import make_reader
+
+from ruffini.boards import find_board
+from ruffini.demo.daemon import find_daemon
+
+HOST = [sys.executable, "-c", "import sys; from ruffini.cli import main; sys.exit(main())"]
+
+
+def run_daemon(
+    board: Path, camera: str, store: Path, *options: str, link: str = "pty", limit: int | None = None
+) -> tuple[int, str]:
+    """Exit code and stderr of a daemon that should not start."""
+    command = [
+        str(find_daemon()), "--board", str(board), "--camera", camera, "--link", link, "--store", str(store),
+        "--lockstep", *options,
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+    return done.returncode, done.stderr
+
+
+def run_host(*arguments: str, port: str | None = None, **environment: str) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of the host tool."""
+    command = [*HOST, *(["--port", port] if port else []), *arguments]
+    clean = {k: v for k, v in os.environ.items() if k not in ("RUFFINI_PORT", "RUFFINI_SERIAL")}
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=60, check=False, env={**clean, **environment}
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def is_one_sentence(text: str) -> bool:
+    """One line for a person, no traceback."""
+    return len(text.strip().splitlines()) == 1 and "Traceback" not in text
+
+
+# ---- the daemon -----------------------------------------------------------------------------------
+
+
+def other_size(sensor: Sensor, folder: Path) -> str:
+    (folder / "frames").mkdir()
+    cv2.imwrite(str(folder / "frames" / "0.png"), np.zeros((50, 60, 3), np.uint8))
+    return f"replay:{folder}"
+
+
+def other_board(sensor: Sensor, folder: Path) -> str:
+    shutil.copytree(sensor.recording, folder, dirs_exist_ok=True)
+    (folder / "recording.toml").write_text('simulated = true\nboard = "another"\n')
+    return f"replay:{folder}"
+
+
+def unreadable(sensor: Sensor, folder: Path) -> str:
+    (folder / "video.mp4").write_bytes(b"this is no video" * 100)
+    return f"replay:{folder / 'video.mp4'}"
+
+
+def unreadable_image(sensor: Sensor, folder: Path) -> str:
+    (folder / "0.png").write_bytes(b"this is no picture")
+    return f"replay:{folder}"
+
+
+CAMERAS: dict[str, tuple[Callable[[Sensor, Path], str], int, str]] = {
+    "missing recording": (lambda s, f: f"replay:{f}/nothing", 3, "no such recording"),
+    "unreadable video": (unreadable, 3, "cannot be read as a video"),
+    "unreadable image": (unreadable_image, 2, "frames are 1x1"),
+    "folder without images": (lambda s, f: f"replay:{f}", 3, "holds no PNG or JPEG"),
+    "wrong frame size": (other_size, 2, "frames are 60x50"),
+    "recording of another board": (other_board, 2, 'recorded with board "another"'),
+    "unknown camera": (lambda s, f: "webcam:0", 2, "give replay:PATH"),
+}
+
+
+@pytest.mark.parametrize("case", CAMERAS, ids=str)
+def test_camera(case: str, sensor: Sensor, tmp_path: Path) -> None:
+    make, code, words = CAMERAS[case]
+    folder = tmp_path / "frames_here"
+    folder.mkdir()
+    got, text = run_daemon(sensor.folder, make(sensor, folder), tmp_path / "store")
+    assert words in text
+    assert is_one_sentence(text)
+    assert got == code
+
+
+def test_unknown_key_in_the_board(sensor: Sensor, tmp_path: Path) -> None:
+    folder = write_board(tmp_path / "tiny", {"poisson_1e4": "hardness = 5\npoisson_1e4"})
+    code, text = run_daemon(folder, f"replay:{sensor.recording}", tmp_path / "store")
+    assert (code, is_one_sentence(text)) == (2, True)
+    assert "unknown key pad.hardness" in text
+    code, _, text = run_host("board", "check", str(folder))
+    assert (code, is_one_sentence(text)) == (2, True)
+    assert "hardness" in text
+
+
+def test_missing_board(sensor: Sensor, tmp_path: Path) -> None:
+    code, text = run_daemon(tmp_path / "nothing", f"replay:{sensor.recording}", tmp_path / "store")
+    assert (code, is_one_sentence(text)) == (3, True)
+    assert "is this a board folder?" in text
+
+
+def test_store_that_is_a_file(sensor: Sensor, tmp_path: Path) -> None:
+    (tmp_path / "store").write_text("")
+    code, text = run_daemon(sensor.folder, f"replay:{sensor.recording}", tmp_path / "store")
+    assert (code, is_one_sentence(text)) == (5, True)
+    assert str(tmp_path / "store") in text
+
+
+def test_line_that_is_not_there(sensor: Sensor, tmp_path: Path) -> None:
+    code, text = run_daemon(sensor.folder, f"replay:{sensor.recording}", tmp_path / "s", link=str(tmp_path / "tty"))
+    assert (code, is_one_sentence(text)) == (3, True)
+
+
+def test_a_spoilt_stored_calibration_is_named_and_not_used(sensor: Sensor, tmp_path: Path) -> None:
+    (tmp_path / "calibration.safetensors").write_bytes(sensor.calibration[:-100])
+    with start(sensor, tmp_path, "--wait-for-host") as daemon:
+        code, out, _ = run_host("info", "--json", port=daemon.port)
+        daemon.process.terminate()
+        _, text = daemon.process.communicate(timeout=5)
+    assert code == 0
+    assert not json.loads(out)["sensors"][0]["calibration"]["present"]
+    assert "stored calibration not used" in text
+
+
+# ---- flashing ---------------------------------------------------------------------------------------
+
+
+def truncated(sensor: Sensor) -> bytes:
+    return sensor.calibration[:-1000]
+
+
+def flipped(sensor: Sensor) -> bytes:
+    data = bytearray(sensor.calibration)
+    data[len(data) // 2] ^= 1
+    return bytes(data)
+
+
+def no_calibration(sensor: Sensor) -> bytes:
+    return b"PK\x03\x04 this is something else" * 50
+
+
+def for_another_board(sensor: Sensor) -> bytes:
+    return make_calibration(find_board("gelslim")).data
+
+
+FILES: dict[str, tuple[Callable[[Sensor], bytes], tuple[int, ...], str]] = {
+    "truncated": (truncated, (2,), "copy the file again"),
+    "one bit flipped": (flipped, (5,), "signature"),
+    "something else": (no_calibration, (2,), "copy the file again"),
+    "for another board": (for_another_board, (4,), "gelslim"),
+}
+
+
+@pytest.mark.parametrize("case", FILES, ids=str)
+def test_flash(case: str, sensor: Sensor, tmp_path: Path) -> None:
+    make, codes, words = FILES[case]
+    path = tmp_path / "bad.safetensors"
+    path.write_bytes(make(sensor))
+    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon:
+        code, _, text = run_host("cal", "flash", str(path), port=daemon.port)
+        assert code in codes, text
+        assert words in text.lower()
+        assert is_one_sentence(text)
+        code, out, _ = run_host("info", "--json", port=daemon.port)
+        assert not json.loads(out)["sensors"][0]["calibration"]["present"]
+    assert not (tmp_path / "store" / "calibration.safetensors").exists()
+
+
+def test_flash_onto_a_full_disk(sensor: Sensor, tmp_path: Path) -> None:
+    path = tmp_path / "good.safetensors"
+    path.write_bytes(sensor.calibration)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon:
+        resource.prlimit(daemon.process.pid, resource.RLIMIT_FSIZE, (100_000, before[1]))
+        code, _, text = run_host("cal", "flash", str(path), port=daemon.port)
+        assert daemon.process.poll() is None, "the daemon must survive"
+        assert code == 5
+        assert "incoming.tmp: cannot write: File too large" in text.splitlines()[-1]
+        code, _, text = run_host("info", port=daemon.port)
+        assert code == 0
+    assert not (tmp_path / "store" / "calibration.safetensors").exists()
+
+
+# ---- finding a sensor ---------------------------------------------------------------------------------
+
+
+def test_no_device() -> None:
+    code, _, text = run_host("info")
+    assert (code, is_one_sentence(text)) == (3, True)
+    assert "--port" in text
+
+
+def test_port_that_is_missing(tmp_path: Path) -> None:
+    code, _, text = run_host("info", port=str(tmp_path / "ttyACM9"))
+    assert (code, is_one_sentence(text)) == (3, True)
+    assert "ttyACM9" in text
+
+
+def test_port_that_is_busy(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--wait-for-host") as daemon, serial.Serial(daemon.port, exclusive=True):
+        code, _, text = run_host("info", port=daemon.port)
+    assert (code, is_one_sentence(text)) == (3, True)
+    assert "busy" in text
+
+
+def test_a_port_where_nothing_answers() -> None:
+    master, slave = os.openpty()
+    try:
+        code, _, text = run_host("info", port=os.ttyname(slave))
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert (code, is_one_sentence(text)) == (3, True)
+    assert "nothing answers HELLO" in text
+
+
+def test_two_devices_are_listed_and_a_serial_number_chooses(sensor: Sensor, tmp_path: Path) -> None:
+    with (
+        start(sensor, tmp_path / "a", "--wait-for-host", serial="A1") as one,
+        start(sensor, tmp_path / "b", "--wait-for-host", serial="B2") as two,
+    ):
+        both = f"{one.port},{two.port}"
+        code, _, text = run_host("info", RUFFINI_PORT=both)
+        assert (code, is_one_sentence(text)) == (2, True)
+        assert "A1" in text
+        assert "B2" in text
+        assert "--serial" in text
+        code, out, _ = run_host("--serial", "B2", "info", "--json", RUFFINI_PORT=both)
+        assert (code, json.loads(out)["serial"]) == (0, "B2")
+        code, _, text = run_host("--serial", "C3", "info", RUFFINI_PORT=both)
+        assert (code, is_one_sentence(text)) == (3, True)
+
+
+# ---- verbs that stream ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "verb", [["monitor", "--n", "100000"], ["record", "OUT", "--n", "100000"]], ids=["monitor", "record"]
+)
+def test_a_daemon_that_dies_ends_the_verb_with_a_sentence(verb: list[str], sensor: Sensor, tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    arguments = [str(out) if a == "OUT" else a for a in verb]
+    with start(sensor, tmp_path / "store", "--loop") as daemon:
+        process = subprocess.Popen(
+            [*HOST, "--port", daemon.port, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        if verb[0] == "monitor":
+            assert process.stdout is not None
+            process.stdout.readline()
+        else:
+            for _ in range(200):
+                if out.exists() and out.stat().st_size > 0:
+                    break
+                time.sleep(0.05)
+        daemon.process.kill()
+        _, text = process.communicate(timeout=20)
+    assert process.returncode == 3, text
+    last = text.strip().splitlines()[-1]
+    assert daemon.port in last
+    assert "Traceback" not in text
+    if verb[0] == "record":
+        with out.open("rb") as file:
+            assert sum(1 for _ in make_reader(file).iter_messages()) > 0, "what was recorded is whole"
+
+
+def test_record_does_not_overwrite(sensor: Sensor, tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    out.write_text("precious")
+    with start(sensor, tmp_path / "store", "--loop") as daemon:
+        code, _, text = run_host("record", str(out), "--n", "3", port=daemon.port)
+    assert (code, is_one_sentence(text)) == (2, True)
+    assert out.read_text() == "precious"
+
+
+def test_a_recording_shorter_than_rest_still_answers(sensor: Sensor, tmp_path: Path) -> None:
+    short = Sensor(sensor.board, sensor.folder, write_recording(sensor.board, tmp_path / "short", 3), b"")
+    with start(short, tmp_path / "store", "--lockstep", "--linger") as daemon:
+        code, _, _ = run_host("info", port=daemon.port)
+        assert code == 0

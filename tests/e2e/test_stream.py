@@ -1,0 +1,157 @@
+"""From frames to newtons over a real serial line."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import N_FRAMES, N_REST, Sensor, start
+
+from ruffini.device import Connection, Wrench
+from ruffini.device.results import NOT_MEASURED, VALID
+from ruffini.errors import NoDeviceError
+
+EVERYTHING = {"wrench": 1, "field": 1, "depth": 1, "contacts": 1, "markers": 1, "image": 1}
+NO_REFERENCE = 1
+
+
+def read_all(sensor: Connection, *, timeout_s: float = 2.0) -> list[tuple[str, object, object]]:
+    """(type, frame, message) until the recording ends and the daemon with it."""
+    out = []
+    try:
+        for frame, message in sensor.stream(timeout_s=timeout_s):
+            out.append((sensor.schema.type_name(frame.type), frame, message))
+    except NoDeviceError:
+        pass  # the daemon went with its recording
+    return out
+
+
+def test_every_frame_arrives_with_everything_and_the_press_is_in_it(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        assert host.hello.device_serial == "0001"
+        assert not host.hello.sensors[0].calibration.present
+        host.flash(sensor.calibration)
+        assert host.hello.sensors[0].calibration.development_key
+        host.subscribe(**EVERYTHING)
+        got = read_all(host)
+    for name in EVERYTHING:
+        frames = [m.stamp.frame for t, _, m in got if t == name.upper()]
+        assert frames == list(range(N_FRAMES)), name
+    assert all(f.is_simulated and f.is_replay for _, f, _ in got)
+    wrench = [Wrench.from_message(m) for t, _, m in got if t == "WRENCH"]
+    n_rest = sensor.board.pipeline.n_rest_frames
+    assert all(w.flags & NO_REFERENCE and w.validity[2] != VALID for w in wrench[:n_rest])
+    assert all(w.validity[2] == VALID for w in wrench[n_rest:])
+    untouched = np.array([w.values[:3] for w in wrench[n_rest:N_REST]])
+    pressed = wrench[-1].values
+    assert np.abs(untouched).max() < 0.02
+    assert pressed[2] < -0.1
+    assert np.hypot(*pressed[:2]) < 0.2 * -pressed[2]
+    contacts = [m for t, _, m in got if t == "CONTACTS"]
+    assert [len(c.contacts) for c in contacts[:N_REST]] == [0] * N_REST
+    assert len(contacts[-1].contacts) == 1
+    assert contacts[-1].contacts[0].force_z_un == pytest.approx(pressed[2] * 1e6, rel=0.05)
+
+
+def test_without_a_calibration_there_is_no_force(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        host.subscribe(wrench=1)
+        wrench = [Wrench.from_message(m) for t, _, m in read_all(host) if t == "WRENCH"]
+    assert len(wrench) == N_FRAMES
+    assert {v for w in wrench for v in w.validity} == {NOT_MEASURED}
+    assert np.isnan([w.values for w in wrench]).all()
+
+
+def test_a_calibration_survives_a_restart(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        host.flash(sensor.calibration)
+        first = host.hello.sensors[0].calibration.sha256
+    with start(sensor, tmp_path, "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        assert host.hello.sensors[0].calibration.sha256 == first
+
+
+def test_zero_learns_anew_and_says_so(sensor: Sensor, tmp_path: Path) -> None:
+    def learning(host: Connection, n: int) -> list[bool]:
+        out: list[bool] = []
+        for frame, message in host.stream(timeout_s=2):
+            if host.schema.type_name(frame.type) == "WRENCH":
+                out.append(bool(message.stamp.flags & NO_REFERENCE))
+            if len(out) == n:
+                break
+        return out
+
+    with start(sensor, tmp_path, "--loop") as daemon, Connection(daemon.port) as host:
+        host.subscribe(wrench=1)
+        while learning(host, 1) == [True]:
+            pass
+        host.checked(zero={"n_frames": 20})
+        flags = learning(host, 60)
+    assert 10 <= sum(flags) <= 20  # of telemetry, what nobody takes in time is replaced
+    assert not flags[-1]
+
+
+def test_a_host_that_does_not_read_costs_telemetry_and_no_reply(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--loop") as daemon, Connection(daemon.port) as host:
+        host.subscribe(image=1, depth=1, wrench=1)
+        time.sleep(1.5)
+        assert daemon.process.poll() is None
+        host.subscribe(wrench=1)
+        host._send("STATUS")
+        status = host._wait_for("STATUS", 3.0, lambda m: True)
+    assert status.drops.link_backpressure > 0
+    assert status.frames_processed > 50
+
+
+def test_a_new_host_on_the_same_line_is_answered(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--loop") as daemon:
+        for _ in range(3):
+            with Connection(daemon.port) as host:
+                host.subscribe(image=1, wrench=1)
+                next(iter(host.stream(timeout_s=2)))
+        assert daemon.process.poll() is None
+
+
+def test_noise_on_the_line_is_counted_and_hello_answers(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--loop") as daemon:
+        line = os.open(daemon.port, os.O_RDWR | os.O_NOCTTY)
+        rng = np.random.default_rng(5)
+        for _ in range(256):
+            os.write(line, rng.bytes(4096))
+        os.close(line)
+        with Connection(daemon.port) as host:
+            host._send("STATUS")
+            status = host._wait_for("STATUS", 3.0, lambda m: True)
+    assert status.drops.rx_malformed + status.drops.rx_bad_crc + status.drops.rx_oversize > 1000
+
+
+def test_sigterm_ends_it_cleanly_within_a_second(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--loop") as daemon, Connection(daemon.port) as host:
+        host.subscribe(**EVERYTHING)
+        next(iter(host.stream(timeout_s=2)))
+        began = time.monotonic()
+        daemon.process.send_signal(signal.SIGTERM)
+        assert daemon.process.wait(5) == 0
+        assert time.monotonic() - began < 1
+
+
+def test_a_calibration_swapped_while_streaming_never_shows_a_force_of_another_table(
+    sensor: Sensor, tmp_path: Path
+) -> None:
+    with start(sensor, tmp_path, "--loop") as daemon, Connection(daemon.port) as host:
+        host.subscribe(wrench=1)
+        host.flash(sensor.calibration)
+        active = int.from_bytes(host.hello.sensors[0].calibration.sha256[:4], "big")
+        got = [m for f, m in list(host.messages) if host.schema.type_name(f.type) == "WRENCH"]
+        for frame, message in host.stream(timeout_s=2):
+            if host.schema.type_name(frame.type) == "WRENCH":
+                got.append(message)
+            if len(got) > 30 and got[-1].stamp.calibration_id == active:
+                break
+    ids = {m.stamp.calibration_id for m in got}
+    assert ids <= {0, active}
+    for m in got:
+        assert (m.stamp.calibration_id == active) or VALID not in list(m.validity)
