@@ -80,7 +80,10 @@ def load_presses(
         raise InputError(f"{folder} is not a folder of ball presses")
     settings = {}
     if (folder / "presses.toml").is_file():
-        settings = tomllib.loads((folder / "presses.toml").read_text(encoding="utf-8"))
+        try:
+            settings = tomllib.loads((folder / "presses.toml").read_text(encoding="utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{folder / 'presses.toml'}: not TOML: {error}") from error
     ball = ball_mm if ball_mm is not None else settings.get("ball_mm")
     scale = px_per_mm if px_per_mm is not None else settings.get("px_per_mm")
     if ball is None or scale is None:
@@ -101,12 +104,15 @@ def load_presses(
 def _rows(table: Path) -> list[dict[str, str]]:
     if not table.is_file():
         raise InputError(f"{table} is missing: it lists the contact circle of each press")
-    with table.open(newline="", encoding="utf-8") as stream:
-        reader = csv.DictReader(stream)
-        missing = [c for c in COLUMNS if c not in (reader.fieldnames or [])]
-        if missing:
-            raise InputError(f"{table} lacks the columns {', '.join(missing)}")
-        return list(reader)
+    try:
+        with table.open(newline="", encoding="utf-8") as stream:
+            reader = csv.DictReader(stream)
+            missing = [c for c in COLUMNS if c not in (reader.fieldnames or [])]
+            if missing:
+                raise InputError(f"{table} lacks the columns {', '.join(missing)}")
+            return list(reader)
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{table}: not a CSV text: {error}") from error
 
 
 def _parse_row(folder: Path, table: Path, index: int, row: dict[str, str]) -> Press:

@@ -1,0 +1,220 @@
+"""Every verb: one JSON object with --json, documented exit codes, and a fast --help."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import N_FRAMES, N_REST, Sensor, draw, start
+from test_bad_input import HOST, is_one_sentence, run_host
+
+
+def ask(*arguments: str, port: str | None = None) -> dict[str, object]:
+    """The one JSON object of a verb that succeeds."""
+    code, out, text = run_host(*arguments, "--json", port=port)
+    assert code == 0, text
+    result = json.loads(out)
+    assert isinstance(result, dict)
+    return result
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys\nsys.argv = ['ruffini', '--help']\nfrom ruffini.cli import main\nassert main() == 0\n"
+        "heavy = {'numpy', 'cv2', 'scipy', 'matplotlib', 'google.protobuf', 'serial'} & set(sys.modules)\n"
+        "assert not heavy, heavy"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Exit codes" in done.stdout
+
+
+def test_every_verb_has_json_and_help() -> None:
+    import typer.main
+
+    from ruffini.cli.app import app
+
+    def leaves(command: object, path: tuple[str, ...]) -> list[tuple[tuple[str, ...], object]]:
+        children = getattr(command, "commands", None)
+        if children is None:
+            return [(path, command)]
+        return [leaf for name, child in children.items() for leaf in leaves(child, (*path, name))]
+
+    verbs = leaves(typer.main.get_command(app), ())
+    assert len(verbs) >= 20
+    for path, command in verbs:
+        options = {o for parameter in command.params for o in parameter.opts}  # type: ignore[attr-defined]
+        assert "--json" in options, path
+        assert command.help, path  # type: ignore[attr-defined]
+
+
+def test_a_wrong_option_is_usage() -> None:
+    assert run_host("info", "--nonsense")[0] == 2
+    assert run_host("nonsense")[0] == 2
+
+
+def test_boards(sensor: Sensor) -> None:
+    assert "gelslim" in ask("board", "list")["boards"]  # type: ignore[operator]
+    assert ask("board", "check", str(sensor.folder)) == {"board": "tiny", "ok": True}
+    assert ask("board", "show", "gelslim")["board"]["name"] == "gelslim"  # type: ignore[index]
+
+
+def test_calibrate_check_and_flash(sensor: Sensor, tmp_path: Path) -> None:
+    operator, colours, both = (tmp_path / f"{n}.safetensors" for n in ("operator", "colours", "both"))
+    made = ask("cal", "operator", "--board", str(sensor.folder), "--method", "ridge", "--out", str(operator))
+    assert made["method"] == "ridge"
+    colours.write_bytes(sensor.calibration)
+    assert set(ask("cal", "merge", str(colours), str(operator), "--out", str(both))["kinds"]) >= {  # type: ignore[call-overload]
+        "operator",
+        "photometric",
+    }
+    assert ask("cal", "verify", str(both), "--board", str(sensor.folder))["ok"] is True
+    assert ask("cal", "show", str(both))["metadata"]["board"] == "tiny"  # type: ignore[index]
+    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon:
+        assert ask("cal", "flash", str(both), "--dry-run", port=daemon.port)["state"] == "dry-run"
+        assert ask("cal", "flash", str(both), port=daemon.port)["state"] == "active"
+        assert ask("cal", "flash", str(both), port=daemon.port)["state"] == "same"
+        assert ask("cal", "zero", port=daemon.port)["ok"] is True
+        assert ask("info", port=daemon.port)["serial"] == "0001"
+        assert ask("devices", port=daemon.port)["devices"][0]["boards"] == ["tiny"]  # type: ignore[index]
+
+
+def test_watch(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path / "store", "--loop") as daemon:
+        path = tmp_path / "c.safetensors"
+        path.write_bytes(sensor.calibration)
+        ask("cal", "flash", str(path), port=daemon.port)
+        code, out, _ = run_host("monitor", "--n", "5", "--json", port=daemon.port)
+        lines = [json.loads(line) for line in out.splitlines()]
+        assert code == 0
+        assert len(lines) == 5
+        assert all(line["simulated"] and line["replay"] for line in lines)
+        picture = tmp_path / "snapshot.png"
+        assert ask("snapshot", "--out", str(picture), port=daemon.port)["file"] == str(picture)
+        assert cv2.imread(str(picture)) is not None
+        recording = tmp_path / "run.mcap"
+        counts = ask("record", str(recording), "--n", "5", port=daemon.port)["messages"]
+        assert counts["WRENCH"] >= 5  # type: ignore[index]
+
+
+def test_track(sensor: Sensor, tmp_path: Path) -> None:
+    out = tmp_path / "track.npz"
+    result = ask("track", str(sensor.recording), "--board", str(sensor.folder), "--out", str(out))
+    assert result["frames"] == N_FRAMES
+    assert result["markers_at_rest"] == 63
+    moved = np.load(out)["displacement_px"]
+    assert np.abs(moved[sensor.board.pipeline.n_rest_frames : N_REST]).max() < 0.15
+    assert np.abs(moved[-1]).max() > 0.2
+
+
+def test_depth(sensor: Sensor, tmp_path: Path) -> None:
+    file = tmp_path / "c.safetensors"
+    file.write_bytes(sensor.calibration)
+    cv2.imwrite(str(tmp_path / "reference.png"), draw(sensor.board, 0.0, 1))
+    cv2.imwrite(str(tmp_path / "pressed.png"), draw(sensor.board, 0.25, 2))
+    out = tmp_path / "depth"
+    command = ["depth", "--calibration", str(file), "--board", str(sensor.folder), str(tmp_path / "pressed.png")]
+    result = ask(*command, "--out", str(out))
+    assert result["images"][0]["lowest_um"] < -300  # type: ignore[index]
+    depth = np.load(out / "pressed.npy")
+    assert depth.shape == (120, 160)
+    assert depth.argmin() // 160 == pytest.approx(60, abs=5)
+    (tmp_path / "reference.png").unlink()
+    code, _, text = run_host(*command)
+    assert (code, is_one_sentence(text)) == (2, True)
+    assert "--reference" in text
+
+
+def test_field_is_the_devices_solve(sensor: Sensor, tmp_path: Path) -> None:
+    file = tmp_path / "c.safetensors"
+    file.write_bytes(sensor.calibration)
+    u = np.zeros((3, 13, 17, 3))
+    y, x = np.mgrid[-6:7, -8:9]
+    u[1, :, :, 2] = -0.3 * np.exp(-(x**2 + y**2) / 8)
+    u[2] = 2 * u[1]
+    np.save(tmp_path / "u.npy", u)
+    command = ["field", "--calibration", str(file), "--board", str(sensor.folder)]
+    files = ["--displacement", str(tmp_path / "u.npy"), "--out", str(tmp_path / "f.npy")]
+    result = ask(*command, *files)
+    force = np.load(tmp_path / "f.npy")
+    assert force.shape == u.shape
+    assert not force[0].any()
+    total = force.sum(axis=(1, 2))
+    np.testing.assert_allclose(total, result["resultant_n"], atol=1e-6)  # type: ignore[arg-type]
+    assert total[1, 2] < -0.1
+    assert total[2, 2] == pytest.approx(2 * total[1, 2], rel=0.1)  # the support grows with the load
+
+
+SPOILT = {
+    "wrong shape": (np.zeros((2, 5, 5, 3)), "needs float (frames, 13, 17, 3)"),
+    "no frames axis": (np.zeros((13, 17, 3)), "needs float"),
+    "integers": (np.zeros((1, 13, 17, 3), int), "needs float"),
+    "not a number": (np.full((1, 13, 17, 3), np.nan), "holds NaN"),
+    "metres taken for millimetres": (np.full((1, 13, 17, 3), 5.0), "more than 4.096 mm"),
+}
+
+
+@pytest.mark.parametrize("case", SPOILT, ids=str)
+def test_field_refuses(case: str, sensor: Sensor, tmp_path: Path) -> None:
+    values, words = SPOILT[case]
+    (tmp_path / "c.safetensors").write_bytes(sensor.calibration)
+    np.save(tmp_path / "u.npy", values)
+    code, _, text = run_host(
+        "field", "--calibration", str(tmp_path / "c.safetensors"), "--board", str(sensor.folder),
+        "--displacement", str(tmp_path / "u.npy"), "--out", str(tmp_path / "f.npy"),
+    )  # fmt: skip
+    assert (code, is_one_sentence(text)) == (2, True)
+    assert words in text
+    assert not (tmp_path / "f.npy").exists()
+
+
+OFFLINE = {
+    "track without a video": (["track", "NOTHING.mp4", "--board", "gelslim"], 2),
+    "track with another board": (["track", "RECORDING", "--board", "gelslim"], 2),
+    "field with a calibration of another board": (
+        ["field", "--calibration", "CALIBRATION", "--board", "gelslim", "--displacement", "X", "--out", "Y"], 4,
+    ),
+    "depth of a picture that is none": (
+        ["depth", "--calibration", "CALIBRATION", "--board", "BOARD", "CALIBRATION", "--reference", "CALIBRATION"], 2,
+    ),
+    "an operator of an unknown method": (["cal", "operator", "--board", "BOARD", "--out", "Y", "--method", "magic"], 2),
+    "an operator of negative noise": (
+        ["cal", "operator", "--board", "BOARD", "--out", "Y", "--noise-um", "5,-5,20"], 2,
+    ),
+    "verify of something else": (["cal", "verify", "PICTURE"], 2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", OFFLINE, ids=str)
+def test_offline_verbs_refuse_with_one_sentence(case: str, sensor: Sensor, tmp_path: Path) -> None:
+    (tmp_path / "c.safetensors").write_bytes(sensor.calibration)
+    names = {
+        "RECORDING": str(sensor.recording), "CALIBRATION": str(tmp_path / "c.safetensors"),
+        "BOARD": str(sensor.folder), "PICTURE": str(next((sensor.recording / "frames").iterdir())),
+        "X": str(tmp_path / "x"), "Y": str(tmp_path / "y"),
+    }  # fmt: skip
+    arguments, wanted = OFFLINE[case]
+    code, _, text = run_host(*[names.get(a, a) for a in arguments])
+    assert is_one_sentence(text), text
+    assert code == wanted, text
+    assert not (tmp_path / "y").exists()
+
+
+def test_ctrl_c_ends_monitor_without_a_traceback(sensor: Sensor, tmp_path: Path) -> None:
+    import signal
+
+    with start(sensor, tmp_path, "--loop") as daemon:
+        process = subprocess.Popen(
+            [*HOST, "--port", daemon.port, "monitor"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, text = process.communicate(timeout=10)
+    assert process.returncode == 130
+    assert "Traceback" not in text

@@ -1,0 +1,100 @@
+"""Colour -> slope from ball presses: recovers slopes that a drawn pad has, and names what is wrong with a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
+from ruffini.calibrate.presses import load_presses
+from ruffini.errors import InputError
+
+BALL_MM, PX_PER_MM = 5.0, 15.0
+SHAPE = (120, 160)
+LAMPS = np.array([[0.5, 0.1], [-0.2, 0.45], [-0.25, -0.5]])  # relative change of B, G, R per unit normal x, y
+
+
+def draw(rng: np.random.Generator, circle: tuple[float, float, float] | None) -> np.ndarray:
+    """A ball's cap seen from straight below; light Lambertian in the normal's x and y."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    normal = np.zeros((*SHAPE, 2))
+    if circle is not None:
+        radius = BALL_MM / 2 * PX_PER_MM
+        dx, dy = x - circle[0], y - circle[1]
+        inside = np.hypot(dx, dy) < circle[2]
+        normal[inside] = np.stack([dx, dy], axis=-1)[inside] / radius
+    level = 120 * (1 + normal @ LAMPS.T) + rng.normal(0, 1, (*SHAPE, 3))
+    return np.clip(np.round(level), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("presses")
+    rng = np.random.default_rng(3)
+    for i in range(4):
+        cv2.imwrite(str(root / f"reference_{i}.png"), draw(rng, None))
+    lines = ["image,center_x_px,center_y_px,contact_radius_px"]
+    for i in range(12):
+        circle = (rng.uniform(45, 115), rng.uniform(40, 80), rng.uniform(14, 24))
+        cv2.imwrite(str(root / f"{i}.png"), draw(rng, circle))
+        lines.append(f"{i}.png,{circle[0]:.2f},{circle[1]:.2f},{circle[2]:.2f}")
+    (root / "presses.csv").write_text("\n".join(lines) + "\n")
+    (root / "presses.toml").write_text(f"ball_mm = {BALL_MM}\npx_per_mm = {PX_PER_MM}\n")
+    return root
+
+
+def test_presses_left_out_are_predicted(folder: Path) -> None:
+    fit = fit_photometric(collect_samples(load_presses(folder), None))
+    report = fit.report()
+    assert report["n_presses"] == 12
+    assert report["held_out_normal_median_deg"] < 2
+    assert report["held_out_normal_worst_deg"] < 5
+    tables = tabulate(fit.model)
+    assert tables["photometric.unmix"].dtype == np.int16
+    assert tables["photometric.slope"].dtype == np.int16
+
+
+BAD = {
+    "no such folder": (lambda f: f.rename(f.with_name("gone")), "not a folder"),
+    "no reference": (lambda f: [p.unlink() for p in f.glob("reference*")], "reference.png"),
+    "no table": (lambda f: (f / "presses.csv").unlink(), "presses.csv is missing"),
+    "no scale": (lambda f: (f / "presses.toml").unlink(), "--ball-mm"),
+    "broken scale": (lambda f: (f / "presses.toml").write_text("ball_mm = ="), "presses.toml"),
+    "negative ball": (lambda f: (f / "presses.toml").write_text("ball_mm = -1\npx_per_mm = 5"), "positive"),
+    "column missing": (lambda f: (f / "presses.csv").write_text("image,center_x_px\n0.png,5\n"), "lacks the columns"),
+    "image missing": (lambda f: (f / "3.png").unlink(), "no image '3.png'"),
+    "number broken": (
+        lambda f: (f / "presses.csv").write_text((f / "presses.csv").read_text().replace("0.png,", "0.png,x")),
+        "row 1",
+    ),
+    "radius not a number": (
+        lambda f: (f / "presses.csv").write_text(
+            "image,center_x_px,center_y_px,contact_radius_px\n" + 3 * "0.png,50,50,nan\n"
+        ),
+        "not finite",
+    ),
+    "two presses": (
+        lambda f: (f / "presses.csv").write_text("".join((f / "presses.csv").read_text().splitlines(True)[:3])),
+        "at least 3",
+    ),
+    "table is binary": (lambda f: (f / "presses.csv").write_bytes(b"\xff\xfe\x00"), "presses.csv"),
+    "image of another size": (
+        lambda f: cv2.imwrite(str(f / "0.png"), np.zeros((50, 50, 3), np.uint8)), "50x50"
+    ),
+    "unreadable image": (lambda f: (f / "0.png").write_text("no picture"), "cannot read"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD, ids=str)
+def test_what_is_wrong_is_named(case: str, folder: Path, tmp_path: Path) -> None:
+    import shutil
+
+    copy = tmp_path / "presses"
+    shutil.copytree(folder, copy)
+    change, words = BAD[case]
+    change(copy)
+    with pytest.raises(InputError, match=words.replace("(", r"\(")):
+        collect_samples(load_presses(copy), None)
