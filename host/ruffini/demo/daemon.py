@@ -30,8 +30,10 @@ def find_daemon() -> Path:
 
 
 @contextlib.contextmanager
-def running_daemon(board_folder: Path, recording: Path, store: Path, *options: str) -> Iterator[str]:
-    """Start ruffinid on a recording; yields the port that a host opens, ends the daemon on exit.
+def running_daemon(board_folder: Path, camera: str, store: Path, *options: str) -> Iterator[str]:
+    """Start ruffinid on a camera (replay:PATH, twin:SOCKET).
+
+    Yields the port that a host opens; ends the daemon on exit.
 
     Raises
     ------
@@ -39,7 +41,7 @@ def running_daemon(board_folder: Path, recording: Path, store: Path, *options: s
         It does not start; the text is its own.
     """
     command = [
-        str(find_daemon()), "--board", str(board_folder), "--camera", f"replay:{recording}",
+        str(find_daemon()), "--board", str(board_folder), "--camera", camera,
         "--link", "pty", "--store", str(store), *options,
     ]  # fmt: skip
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

@@ -28,11 +28,12 @@ from ruffini.demo.daemon import running_daemon
 from ruffini.demo.frames import read_frames
 from ruffini.demo.live import LiveField
 from ruffini.demo.pictures import depth_map, field_over_frame, wrench_over_time
-from ruffini.demo.view import node_pixels
+from ruffini.demo.view import depth_places, node_pixels
 from ruffini.device import Connection
 from ruffini.device.results import RESULTS, UNCALIBRATED, VALID
 from ruffini.errors import InputError, NoDeviceError, RuffiniError
 from ruffini.fem.operators import Noise
+from ruffini.wire import Schema
 
 Array = npt.NDArray[np.float64]
 
@@ -99,7 +100,7 @@ def _stream(board: Board, recording: Path, out: Path, calibration: bytes, truth:
     store = out / "store"
     assert board.folder is not None
     with (
-        running_daemon(board.folder, recording, store, "--wait-for-host", *options) as port,
+        running_daemon(board.folder, f"replay:{recording}", store, "--wait-for-host", *options) as port,
         Connection(port) as sensor,
     ):
         with progress_bar("flash") as progress:
@@ -187,14 +188,15 @@ def _report_twin(board: Board, out: Path, run: Run, truth: Any, photometric: dic
     image = list(read_frames(out / "recording"))[strongest]
     got = run.results["FIELD"][strongest]
     deepest = min(run.results["DEPTH"], key=lambda i: run.results["DEPTH"][i].depth.min())
+    deepest_m = run.results["DEPTH"][deepest].depth
     time_s = truth["time_s"][frames]
     badge = f"{board.name}, SIMULATED"
     pictures = [
         field_over_frame(out / "field.png", image, node_pixels(board), got.force,
                          title=f"{badge}: force field, frame {strongest}",
                          truth_n=truth["force"][strongest][rows, columns].astype(float)),
-        depth_map(out / "depth.png", run.results["DEPTH"][deepest].depth * 1e6,
-                  title=f"{badge}: depth, frame {deepest}"),
+        depth_map(out / "depth.png", deepest_m * 1e6, title=f"{badge}: depth, frame {deepest}",
+                  place_mm=depth_places(board, deepest_m) * 1e3, truth=_true_surface(board, truth, deepest)),
         wrench_over_time(out / "wrench.png", time_s, measured * np.array([1, 1, 1, 1e3, 1e3, 1e3]),
                          title=f"{badge}: wrench over the line", truth=true * np.array([1, 1, 1, 1e3, 1e3, 1e3])),
     ]  # fmt: skip
@@ -222,6 +224,14 @@ def _report_twin(board: Board, out: Path, run: Run, truth: Any, photometric: dic
             print(f"  {picture}")
     if sums or np.percentile(error, 95) > 0.05 * largest:
         raise CheckFailed("the main job's figures are not met: field and wrench differ, or the error is above 5 %")
+
+
+def _true_surface(board: Board, truth: Any, frame: int) -> tuple[Array, Array]:
+    """Where the simulated nodes are now, (n_y, n_x, 2) mm from the pad's centre, and their u_z, micrometres."""
+    x = np.linspace(-0.5, 0.5, board.grid.n_x) * board.pad.size_x_um * 1e-3
+    y = np.linspace(-0.5, 0.5, board.grid.n_y) * board.pad.size_y_um * 1e-3
+    moved = truth["displacement"][frame]
+    return np.stack(np.meshgrid(x, y), axis=-1) + moved[..., :2] * 1e3, moved[..., 2] * 1e6
 
 
 def run_real(board_name: str, out: Path, given: RealInput, *, as_json: bool) -> None:
@@ -268,7 +278,8 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
     overall = float((a * b).sum() / np.sqrt((a**2).sum() * (b**2).sum())) if moving.any() else float("nan")
     strongest = frames[int(np.linalg.norm(mean, axis=1).argmax())]
     got = run.results["FIELD"][strongest]
-    z_state = run.results["WRENCH"][strongest].validity[2]
+    flags = Schema.own().enum_names("FlagBit", run.results["WRENCH"][strongest].flags)
+    z_state = "UNCALIBRATED" if "FLAG_UNCALIBRATED_Z" in flags else "calibrated"
     image = list(read_frames(given.video))[strongest]
     time_s = np.array([run.results["WRENCH"][i].capture_s for i in frames])
     wrench = np.array([run.results["WRENCH"][i].values for i in frames]) * np.array([1, 1, 1, 1e3, 1e3, 1e3])
@@ -279,9 +290,11 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
         wrench_over_time(out / "wrench.png", np.array(frames) / rate_hz, wrench,
                          title=f"{board.name}: wrench (z UNCALIBRATED)"),
     ]  # fmt: skip
-    if run.results["DEPTH"] and z_state == UNCALIBRATED:
-        deepest = min(run.results["DEPTH"], key=lambda i: run.results["DEPTH"][i].depth.min())
-        pictures.append(depth_map(out / "depth.png", run.results["DEPTH"][deepest].depth * 1e6,
+    foreign = {i: d.depth for i, d in run.results["DEPTH"].items() if d.validity == UNCALIBRATED}
+    if foreign:
+        deepest = min(foreign, key=lambda i: foreign[i].min())
+        pictures.append(depth_map(out / "depth.png", foreign[deepest] * 1e6,
+                                  place_mm=depth_places(board, 0 * foreign[deepest]) * 1e3,
                                   title=f"{board.name}: depth, frame {deepest} (UNCALIBRATED)"))  # fmt: skip
     within = bool((before <= 3 * sigma).all())
     sums = _check_sums(run)
@@ -291,13 +304,13 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
         "before_touch_n": before.tolist(), "before_touch_sigma_n": sigma.tolist(),
         "before_touch_within_3_sigma": within,
         "shear_direction_cosine": overall, "shear_direction_cosine_worst_frame": worst, "sum_difference_un": sums,
-        "z": "UNCALIBRATED" if z_state == UNCALIBRATED else "NOT MEASURED" if z_state == 0 else str(z_state),
+        "z": z_state,
         "duration_s": float(time_s[-1] - time_s[0]), "pictures": [str(p) for p in pictures],
     }  # fmt: skip
     if as_json:
         print(json.dumps(result))
     else:
-        print(f"{board.name}: {len(run.frames())} frames of {given.video} over the serial line; z {result['z']}")
+        print(f"{board.name}: {len(run.frames())} frames of {given.video} over the serial line; z {z_state}")
         print(
             f"  rest: largest displacement {rest_px:.3f} px (limit {MAX_REST_PX}), "
             f"RMS {np.linalg.norm(rest_rms_px):.3f} px, {n_rest} frames"

@@ -97,19 +97,32 @@ def field_over_frame(
     return _save(figure, path)
 
 
-def depth_map(path: Path, depth_um: Array, *, title: str, truth_um: Array | None = None) -> Path:
-    """Depth of the surface in the image, micrometres; and, where the truth is known, along its deepest row."""
-    figure, (left, right) = _figure(11.0, 4.0, ncols=2)
-    shown = left.imshow(depth_um, cmap="viridis_r")
-    left.set_axis_off()
-    figure.colorbar(shown, ax=left, label="u_z, micrometres", shrink=0.85)
+def depth_map(
+    path: Path, depth_um: Array, *, title: str, place_mm: Array | None = None, truth: tuple[Array, Array] | None = None
+) -> Path:
+    """Depth of the surface, micrometres, over the image and along its deepest row.
+
+    `place_mm` (n_y, n_x, 2) is where on the pad each cell looks (cells are counted without it). `truth` is the true
+    surface: places (n_y, n_x, 2) in mm from the pad's centre and u_z (n_y, n_x) in micrometres.
+    """
     row = int(np.unravel_index(int(depth_um.argmin()), depth_um.shape)[0])
-    left.axhline(row, color="white", linewidth=0.8, linestyle="--")
-    right.plot(depth_um[row], color=COLOURS[2], label="measured")
-    if truth_um is not None:
-        right.plot(truth_um[row], color="black", linewidth=1, linestyle="--", label="truth (simulated)")
-    right.set(xlabel=f"pixel of row {row}", ylabel="u_z, micrometres")
-    right.legend(frameon=False)
+    unit = "cell" if place_mm is None else "mm"
+    x, y = np.indices(depth_um.shape)[::-1] if place_mm is None else np.moveaxis(place_mm, -1, 0)
+    figure, (left, right) = _figure(11.0, 4.0, ncols=2)
+    shown = left.pcolormesh(x, y, depth_um, cmap="viridis_r", shading="gouraud")
+    left.set_aspect("equal")
+    left.invert_yaxis()
+    left.set(xlabel=f"x, {unit}", ylabel=f"y, {unit}")
+    figure.colorbar(shown, ax=left, label="u_z, micrometres", shrink=0.85)
+    left.plot(x[row], y[row], color="white", linewidth=0.8, linestyle="--")
+    right.plot(x[row], depth_um[row], color=COLOURS[2], label="measured")
+    if truth is not None:
+        places, u_z = truth
+        nearest = int(np.abs(places[..., 1].mean(axis=1) - y[row].mean()).argmin())
+        right.plot(places[nearest, :, 0], u_z[nearest], "k.", markersize=4, label="truth, nearest node row (simulated)")
+    right.set(xlabel=f"x, {unit}, along the dashed row", ylabel="u_z, micrometres")
+    right.grid(alpha=0.3)
+    right.legend(frameon=False, loc="center right")
     figure.suptitle(title)
     return _save(figure, path)
 
@@ -123,12 +136,15 @@ def wrench_over_time(path: Path, time_s: Array, wrench: Array, *, title: str, tr
     figure, axes = _figure(10.0, 6.0, nrows=2, sharex=True)
     for axis, offset, label in ((axes[0], 0, "force, N"), (axes[1], 3, "moment, N mm")):
         for i, colour in enumerate(COLOURS):
+            if np.isnan(wrench[:, offset + i]).all():
+                axis.plot([], [], color=colour, label=f"{AXES[i]} not measured")
+                continue
             axis.plot(time_s, wrench[:, offset + i], color=colour, label=AXES[i])
             if truth is not None:
                 axis.plot(time_s, truth[:, offset + i], color="black", linewidth=0.9, linestyle="--")
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
-    axes[0].legend(frameon=False, ncols=3, loc="lower left")
+        axis.legend(frameon=False, ncols=3, loc="lower left")
     axes[1].set_xlabel("time, s")
     figure.suptitle(title + ("   (dashed: simulated truth)" if truth is not None else ""))
     return _save(figure, path)

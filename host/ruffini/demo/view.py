@@ -16,3 +16,15 @@ def node_pixels(board: Board) -> npt.NDArray[np.float64]:
     y = np.linspace(-0.5, 0.5, board.grid.n_y)[rows] * pad.size_y_um
     grid = np.stack(np.meshgrid(x, y), axis=-1) * (camera.focal_mpx * 1e-3 / camera.standoff_um)
     return np.asarray(grid + np.array([camera.center_x_mpx, camera.center_y_mpx]) * 1e-3)
+
+
+def depth_places(board: Board, depth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Where on the pad each cell of a depth map looks, (n_y, n_x, 2) metres from the pad's centre.
+
+    A cell is step x step pixels; its ray meets the surface at u_z.
+    """
+    camera, step = board.camera, board.depth.step_px
+    rows, columns = np.indices(depth_m.shape)
+    pixel = np.stack([columns, rows], axis=-1) * step + (step - 1) / 2
+    away = (pixel - np.array([camera.center_x_mpx, camera.center_y_mpx]) * 1e-3) / (camera.focal_mpx * 1e-3)
+    return np.asarray(away * (camera.standoff_um * 1e-6 + depth_m)[..., None])
