@@ -63,6 +63,7 @@ void Daemon::capture_loop() {
     FrameLease lease(pool_, *index);
     const CaptureStatus status = camera_->capture(pool_[*index]);
     if (status == CaptureStatus::kEnd) break;
+    if (status == CaptureStatus::kNothing) continue;
     ++exchange_.frames_captured;
     if (status == CaptureStatus::kInvalidFrame) {
       ++exchange_.frames_invalid;

@@ -9,6 +9,7 @@
 
 #include "board/parse.h"
 #include "capture/replay_camera.h"
+#include "capture/twin_camera.h"
 #include "daemon.h"
 
 #ifndef RUFFINI_VERSION
@@ -69,11 +70,14 @@ int run(const Arguments& arguments) {
                                  : (fs::path(arguments.boards_dir) / arguments.board).string();
   auto board = ruffini::load_board(folder);
   if (!board) return fail(board.error());
-  if (arguments.camera.rfind("replay:", 0) != 0) {
-    return fail({ruffini::ErrorKind::kBadInput, "--camera " + arguments.camera + ": give replay:PATH"});
+  const bool is_twin = arguments.camera.rfind("twin:", 0) == 0;
+  if (!is_twin && arguments.camera.rfind("replay:", 0) != 0) {
+    return fail({ruffini::ErrorKind::kBadInput, "--camera " + arguments.camera + ": give replay:PATH or twin:SOCKET"});
   }
-  auto camera = ruffini::open_replay({arguments.camera.substr(7), arguments.daemon.is_lockstep, arguments.is_loop},
-                                     board.value());
+  const bool is_lockstep = arguments.daemon.is_lockstep;
+  auto camera = is_twin
+                    ? ruffini::open_twin(arguments.camera.substr(5), is_lockstep, board.value())
+                    : ruffini::open_replay({arguments.camera.substr(7), is_lockstep, arguments.is_loop}, board.value());
   if (!camera) return fail(camera.error());
   auto store = ruffini::SlotStore::open(arguments.store);
   if (!store) return fail(store.error());
@@ -112,7 +116,9 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", RUFFINI_VERSION);
   app.add_option("--board", arguments.board, "board name, or a folder with a board.toml")->required();
   app.add_option("--boards-dir", arguments.boards_dir, "where board names are looked up");
-  app.add_option("--camera", arguments.camera, "replay:PATH, a video file or a folder of images")->required();
+  app.add_option("--camera", arguments.camera,
+                 "replay:PATH, a video file or a folder of images; twin:SOCKET of `ruffini sim serve`")
+      ->required();
   app.add_option("--link", arguments.link, "serial device, pty, or pty:SYMLINK")->required();
   app.add_option("--store", arguments.store, "folder that keeps the calibration")->required();
   app.add_option("--serial", arguments.serial, "serial number of this unit");

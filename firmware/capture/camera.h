@@ -61,12 +61,13 @@ class FrameLease {
   int index_;
 };
 
-enum class CaptureStatus { kFrame, kEnd, kInvalidFrame };
+// kNothing: no frame came in a while (a stalled camera); ask again.
+enum class CaptureStatus { kFrame, kEnd, kInvalidFrame, kNothing };
 
 class Camera {
  public:
   virtual ~Camera() = default;
-  // Blocks until the next frame is due and writes it to `buffer`. Capture thread.
+  // Blocks until the next frame is due, though not for long, and writes it to `buffer`. Capture thread.
   virtual CaptureStatus capture(FramePool::Buffer& buffer) = 0;
   [[nodiscard]] virtual bool is_simulated() const = 0;
   [[nodiscard]] virtual bool is_replay() const = 0;

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
 
 app = typer.Typer(no_args_is_help=True, help="The digital twin: simulated recordings with their truth.")
@@ -52,3 +53,43 @@ def press(
             story = programs.demo(found) if program == "demo" else programs.grid(found, n, np.random.default_rng(seed))
             count = record_touches(unit, story, out, seed=seed, program=program, progress=progress)
     emit({"folder": str(out), "frames": count, "simulated": True}, json_, f"{out}: {count} frames, SIMULATED")
+
+
+@app.command("serve")
+def serve(
+    board: BoardOption,
+    socket: Annotated[Path, typer.Option("--socket", help="UNIX socket, for ruffinid --camera twin:SOCKET.")],
+    scenario: Annotated[Path | None, typer.Option("--scenario", help="Program and faults; default: demo.")] = None,
+    steer: Annotated[
+        bool, typer.Option("--steer", help="A ball goes where lines on stdin say: x_mm y_mm depth_mm.")
+    ] = False,
+    ball_mm: Annotated[float, typer.Option(help="Diameter of the steered ball.")] = 6.0,
+    once: Annotated[bool, typer.Option("--once", help="End when the first camera has gone.")] = False,
+    json_: JsonFlag = False,
+) -> None:
+    """The live twin as a camera."""
+    import signal
+    import threading
+
+    from ruffini.boards import find_board
+    from ruffini.sim.contact import Indenter
+    from ruffini.sim.scenario import Scenario, load_scenario
+    from ruffini.sim.serve import Scripted, Steered, TwinServer, steer_from
+    from ruffini.sim.unit import TwinUnit
+
+    plan = load_scenario(scenario) if scenario else Scenario()
+    with progress_bar("pad mechanics") as progress:
+        unit = TwinUnit.build(find_board(board), progress=progress)
+    frames: Scripted | Steered
+    if steer:
+        frames = Steered(unit, Indenter("sphere", ball_mm / 2e3))
+        threading.Thread(target=steer_from, args=(sys.stdin, frames), daemon=True).start()
+    else:
+        with progress_bar("touches") as progress:
+            frames = Scripted(unit, plan, progress)
+    server = TwinServer(unit, frames, plan, socket)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: server.close())
+    note(f"SIMULATED {unit.board.name} on {socket}")
+    server.run(once=once)
+    emit({"frames": server.n_sent, "simulated": True}, json_, f"{server.n_sent} frames sent, SIMULATED")

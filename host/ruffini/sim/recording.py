@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,8 @@ from ruffini import __version__
 from ruffini.errors import InputError
 from ruffini.sim.contact import ContactSolver, Pose
 from ruffini.sim.programs import Rest, Step, ball_presses, n_frames_of
-from ruffini.sim.surface import hat_areas, wrench_of
+from ruffini.sim.story import play
+from ruffini.sim.surface import hat_areas
 from ruffini.sim.toml import settings_toml
 from ruffini.sim.unit import PadError, TwinUnit
 
@@ -71,43 +71,11 @@ def _png(image: npt.NDArray[np.uint8]) -> bytes:
     return data.tobytes()
 
 
-@dataclass
-class _Truth:
-    """What truth.npz holds, row by row."""
-
-    unit: TwinUnit
-    rows: dict[str, list[npt.ArrayLike]] = field(
-        default_factory=lambda: {
-            k: [] for k in ("wrench", "force", "displacement", "pose", "judged", "touch", "shape", "radius_m")
-        }
-    )
-
-    def add(self, solver: ContactSolver, pose: Pose | None, judged: bool, touch: int) -> None:
-        grid, rows = self.unit.board.grid, self.rows
-        place = [pose.x_m, pose.y_m, pose.depth_m, pose.turn_rad] if pose else [np.nan] * 4
-        rows["wrench"].append(wrench_of(self.unit.model, solver.nodal_force))
-        rows["force"].append(solver.forces_on_grid(grid.n_x, grid.n_y))
-        rows["displacement"].append(self.unit.at_nodes(solver.displacement))
-        rows["pose"].append(place)
-        rows["judged"].append(judged)
-        rows["touch"].append(touch)
-
-    def add_untouched(self) -> None:
-        grid, rows = self.unit.board.grid, self.rows
-        nothing = np.zeros((grid.n_y, grid.n_x, 3))
-        rows["wrench"].append(np.zeros(6))
-        rows["force"].append(nothing)
-        rows["displacement"].append(nothing)
-        rows["pose"].append([np.nan] * 4)
-        rows["judged"].append(False)
-        rows["touch"].append(-1)
-
-    def npz(self) -> bytes:
-        arrays: dict[str, Any] = {k: np.asarray(v) for k, v in self.rows.items()}
-        rate_hz = self.unit.board.camera.rate_mhz * 1e-3
-        file = BytesIO()
-        np.savez_compressed(file, time_s=np.arange(len(arrays["wrench"])) / rate_hz, **arrays)
-        return file.getvalue()
+def _truth_npz(rate_hz: float, rows: dict[str, list[npt.ArrayLike]]) -> bytes:
+    arrays: dict[str, Any] = {name: np.asarray(values) for name, values in rows.items()}
+    file = BytesIO()
+    np.savez_compressed(file, time_s=np.arange(len(arrays["wrench"])) / rate_hz, **arrays)
+    return file.getvalue()
 
 
 def record_touches(
@@ -127,33 +95,26 @@ def record_touches(
         The folder is not empty or cannot be written, or an indenter leaves the pad.
     """
     _new_folder(out)
-    rng, renderer, truth = np.random.default_rng(seed), unit.renderer(), _Truth(unit)
-    total, count, touch = n_frames_of(story), 0, -1
-    at_rest = unit.at_rest()
-
-    def shoot(displacement: Array) -> None:
-        nonlocal count
-        _write(out / "frames" / f"{count:06d}.png", _png(renderer.image(displacement, rng)))
-        count += 1
-        progress(count / total)
-
-    for step in story:
-        if isinstance(step, Rest):
-            for _ in range(step.n_frames):
-                truth.add_untouched()
-                shoot(at_rest)
-            continue
-        touch += 1
-        truth.rows["shape"].append(step.indenter.shape)
-        truth.rows["radius_m"].append(step.indenter.radius_m)
-        solver = unit.solver(step.indenter)
-        for pose, judged in zip(step.poses, step.judged, strict=True):
-            solver.advance(pose)
-            truth.add(solver, pose, judged, touch)
-            shoot(solver.displacement)
-    _write(out / "truth.npz", truth.npz())
+    rng, renderer, total = np.random.default_rng(seed), unit.renderer(), n_frames_of(story)
+    touches = [step.indenter for step in story if not isinstance(step, Rest)]
+    rows: dict[str, list[npt.ArrayLike]] = {
+        "wrench": [], "force": [], "displacement": [], "pose": [], "judged": [], "touch": [],
+        "shape": [indenter.shape for indenter in touches],
+        "radius_m": [indenter.radius_m for indenter in touches],
+    }  # fmt: skip
+    for count, moment in enumerate(play(unit, story)):
+        rows["wrench"].append(moment.wrench())
+        rows["force"].append(moment.nodal_force())
+        rows["displacement"].append(moment.nodal_displacement())
+        rows["pose"].append(moment.pose_row())
+        rows["judged"].append(moment.judged)
+        rows["touch"].append(moment.touch)
+        _write(out / "frames" / f"{count:06d}.png", _png(renderer.image(moment.displacement, rng)))
+        progress((count + 1) / total)
+    rate_hz = unit.board.camera.rate_mhz * 1e-3
+    _write(out / "truth.npz", _truth_npz(rate_hz, rows))
     _write_settings(unit, out, seed, program)
-    return count
+    return total
 
 
 def _write_settings(unit: TwinUnit, out: Path, seed: int, program: str) -> None:

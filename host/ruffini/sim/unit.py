@@ -18,6 +18,7 @@ from ruffini.sim.pad import PadModel
 from ruffini.sim.settings import TwinSettings, load_twin
 
 Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -69,10 +70,18 @@ class TwinUnit:
         board: Board,
         error: PadError | None = None,
         *,
-        progress: Callable[[float], None] = lambda _: None,
+        progress: Progress = lambda _: None,
     ) -> TwinUnit:
-        """Solve the pad's mechanics (seconds), or take them from the cache."""
+        """Solve the pad's mechanics (seconds), or take them from the cache.
+
+        Raises
+        ------
+        InputError
+            The board has no twin, is no flat pad, or the factors make a pad that cannot be.
+        """
         twin = load_twin(board)
+        if twin.shape.kind != "plane":
+            raise InputError(f"board {board.name!r} is a {twin.shape.kind}: only flat pads can be pressed yet")
         model = pad_model(board, error or PadError())
         return cls(board, twin, model, cached_compliance(model, progress=progress))
 

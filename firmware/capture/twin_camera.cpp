@@ -1,0 +1,158 @@
+#include "capture/twin_camera.h"
+
+#include <sys/socket.h>
+#include <sys/time.h>
+#include <sys/un.h>
+
+#include <array>
+#include <bit>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <span>
+#include <thread>
+
+#include "base/unique_fd.h"
+
+namespace ruffini {
+namespace {
+
+using SteadyClock = std::chrono::steady_clock;
+using namespace std::chrono_literals;
+
+constexpr auto kConnectPatience = 2s;
+constexpr auto kFramePatience = 2s;       // from a frame's first byte to its last
+constexpr timeval kReadSlice{0, 50'000};  // so that a stalled twin does not hold up the daemon's end
+constexpr uint32_t kVersion = 1;
+constexpr uint32_t kMaxNameBytes = 256;
+
+static_assert(std::endian::native == std::endian::little, "the socket's numbers are read as they are");
+
+struct Greeting {
+  std::array<char, 4> magic;
+  uint32_t version;
+  uint32_t width_px;
+  uint32_t height_px;
+  uint32_t rate_mhz;
+  uint32_t n_name;
+};
+
+struct FrameHeader {
+  std::array<char, 4> magic;
+  uint32_t n_bytes;
+  uint64_t number;
+};
+static_assert(sizeof(Greeting) == 24 && sizeof(FrameHeader) == 16, "as sent, without padding");
+
+enum class ReadStatus { kDone, kNothing, kBroken };
+
+// Fills `out`; kNothing when not even the first byte came within a slice and `may_wait` is false.
+ReadStatus read_all(int fd, std::span<uint8_t> out, bool may_wait) {
+  const auto deadline = SteadyClock::now() + kFramePatience;
+  size_t n_done = 0;
+  while (n_done < out.size()) {
+    const ssize_t n = ::recv(fd, out.data() + n_done, out.size() - n_done, 0);
+    if (n > 0) {
+      n_done += static_cast<size_t>(n);
+      continue;
+    }
+    if (n == 0 || (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) return ReadStatus::kBroken;
+    if (n_done == 0 && !may_wait) return ReadStatus::kNothing;
+    if (SteadyClock::now() > deadline) return ReadStatus::kBroken;
+  }
+  return ReadStatus::kDone;
+}
+
+template <typename T>
+std::span<uint8_t> bytes_of(T& value) {
+  return {reinterpret_cast<uint8_t*>(&value), sizeof(T)};
+}
+
+class TwinCamera : public Camera {
+ public:
+  TwinCamera(UniqueFd socket, bool is_lockstep) : socket_(std::move(socket)), is_lockstep_(is_lockstep) {}
+
+  CaptureStatus capture(FramePool::Buffer& buffer) override {
+    if (!is_started_ && !start()) return CaptureStatus::kEnd;
+    FrameHeader header;
+    const ReadStatus status = read_all(socket_.get(), bytes_of(header), false);
+    if (status == ReadStatus::kNothing) return CaptureStatus::kNothing;
+    if (status == ReadStatus::kBroken || header.magic != std::array{'R', 'F', 'T', 'F'}) return CaptureStatus::kEnd;
+    buffer.number = header.number;
+    buffer.capture_us = static_cast<uint64_t>(
+        std::chrono::duration_cast<std::chrono::microseconds>(SteadyClock::now().time_since_epoch()).count());
+    if (header.n_bytes != buffer.pixels.size()) return CaptureStatus::kEnd;
+    return read_all(socket_.get(), buffer.pixels, true) == ReadStatus::kDone ? CaptureStatus::kFrame
+                                                                             : CaptureStatus::kEnd;
+  }
+  [[nodiscard]] bool is_simulated() const override { return true; }
+  [[nodiscard]] bool is_replay() const override { return false; }
+
+ private:
+  bool start() {
+    const char mode = is_lockstep_ ? 'L' : 'P';
+    is_started_ = ::send(socket_.get(), &mode, 1, MSG_NOSIGNAL) == 1;
+    return is_started_;
+  }
+
+  UniqueFd socket_;
+  bool is_lockstep_;
+  bool is_started_ = false;
+};
+
+Result<UniqueFd> connect_to(const std::string& path) {
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path.empty() || path.size() >= sizeof(address.sun_path)) {
+    return Error{ErrorKind::kBadInput, "--camera twin:" + path + ": give the path of the twin's socket, at most " +
+                                           std::to_string(sizeof(address.sun_path) - 1) + " characters"};
+  }
+  std::memcpy(address.sun_path, path.data(), path.size());
+  const auto deadline = SteadyClock::now() + kConnectPatience;
+  for (;;) {
+    UniqueFd socket(::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0));
+    if (socket && ::connect(socket.get(), reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0) {
+      ::setsockopt(socket.get(), SOL_SOCKET, SO_RCVTIMEO, &kReadSlice, sizeof(kReadSlice));
+      return socket;
+    }
+    if (SteadyClock::now() > deadline) {
+      return Error{ErrorKind::kUnavailable, path + ": no twin answers (" + std::strerror(errno) +
+                                                "): start `ruffini sim serve --socket " + path + "` first"};
+    }
+    std::this_thread::sleep_for(20ms);
+  }
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool is_lockstep,
+                                          const BoardSettings& board) {
+  auto socket = connect_to(socket_path);
+  if (!socket) return socket.error();
+  const int fd = socket.value().get();
+  const Error no_twin{ErrorKind::kBadInput, socket_path +
+                                                ": what answers there is not a twin of this version: start "
+                                                "`ruffini sim serve` of the same release"};
+  Greeting greeting;
+  if (read_all(fd, bytes_of(greeting), true) != ReadStatus::kDone) return no_twin;
+  if (greeting.magic != std::array{'R', 'F', 'T', 'C'} || greeting.version != kVersion ||
+      greeting.n_name > kMaxNameBytes) {
+    return no_twin;
+  }
+  std::string name(greeting.n_name, '\0');
+  if (read_all(fd, {reinterpret_cast<uint8_t*>(name.data()), name.size()}, true) != ReadStatus::kDone) return no_twin;
+  if (name != board.name) {
+    return Error{ErrorKind::kBadInput, socket_path + ": twin of board \"" + name + "\", this is \"" + board.name +
+                                           "\": choose the board that fits"};
+  }
+  if (greeting.width_px != static_cast<uint32_t>(board.camera.width_px) ||
+      greeting.height_px != static_cast<uint32_t>(board.camera.height_px)) {
+    return Error{ErrorKind::kBadInput, socket_path + ": the twin's frames are " + std::to_string(greeting.width_px) +
+                                           "x" + std::to_string(greeting.height_px) + ", board \"" + board.name +
+                                           "\" needs " + std::to_string(board.camera.width_px) + "x" +
+                                           std::to_string(board.camera.height_px)};
+  }
+  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), is_lockstep));
+}
+
+}  // namespace ruffini

@@ -1,0 +1,23 @@
+// The live digital twin as a camera: frames from `ruffini sim serve` over a UNIX socket.
+//
+// Everything little endian. The twin greets: "RFTC", version u32 = 1, width u32, height u32, rate u32 (millihertz),
+// length u32 of the board's name, the name. The camera answers one byte when its first frame is wanted: 'P' paced (the
+// twin keeps the board's rate and skips what it is late for) or 'L' lockstep (every frame, as fast as it is taken).
+// Then, for each frame: "RFTF", bytes u32, number u64 (gaps mean drops), pixels B G R row by row.
+// "RFTF" with 0 bytes is the end.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "board/settings.h"
+#include "capture/camera.h"
+
+namespace ruffini {
+
+// Waits up to two seconds for the twin. Errors: kUnavailable (nobody serves there), kBadInput (no twin, another board,
+// another size).
+[[nodiscard]] Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool is_lockstep,
+                                                        const BoardSettings& board);
+
+}  // namespace ruffini

@@ -1,0 +1,174 @@
+"""What a live twin plays: a program and scripted faults, in a file or by name. Strict.
+
+schema = 1
+program = "demo"             # or grid, rest
+n = 10                       # presses (grid) or frames (rest)
+seed = 1
+[[fault]]
+kind = "led_off"             # stall drop over_exposure led_off lens_cap torn_gel light_leak
+first_frame = 100
+n_frames = 20
+leds = [2]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from ruffini.boards import Board, Section
+from ruffini.errors import InputError
+from ruffini.sim import programs
+from ruffini.sim.optics.conditions import Conditions
+from ruffini.sim.programs import Rest, Step
+
+Frame = Annotated[int, Field(ge=0, le=10_000_000)]
+Um = Annotated[int, Field(ge=-500_000, le=500_000)]
+
+
+class _Fault(Section):
+    first_frame: Frame
+    n_frames: Annotated[int, Field(ge=1, le=10_000_000)]
+
+    def covers(self, frame: int) -> bool:
+        return self.first_frame <= frame < self.first_frame + self.n_frames
+
+    def applied(self, conditions: Conditions) -> Conditions:
+        """The optics with this fault on top; the faults of the line leave them as they are."""
+        return conditions
+
+
+class Stall(_Fault):
+    """No frame comes."""
+
+    kind: Literal["stall"]
+
+
+class Drop(_Fault):
+    """Single frames do not come."""
+
+    kind: Literal["drop"]
+    share_1e3: Annotated[int, Field(ge=1, le=1000)]
+
+
+class OverExposure(_Fault):
+    """All light is multiplied."""
+
+    kind: Literal["over_exposure"]
+    factor_1e3: Annotated[int, Field(ge=1000, le=100_000)]
+
+    def applied(self, conditions: Conditions) -> Conditions:
+        return dataclasses.replace(conditions, exposure=conditions.exposure * self.factor_1e3 * 1e-3)
+
+
+class LedOff(_Fault):
+    """Lamps go dark."""
+
+    kind: Literal["led_off"]
+    leds: Annotated[list[Annotated[int, Field(ge=0, le=63)]], Field(min_length=1)]
+
+    def applied(self, conditions: Conditions) -> Conditions:
+        return dataclasses.replace(conditions, lamps_off=(*conditions.lamps_off, *self.leds))
+
+
+class LensCap(_Fault):
+    """No light gets in."""
+
+    kind: Literal["lens_cap"]
+
+    def applied(self, conditions: Conditions) -> Conditions:
+        return dataclasses.replace(conditions, is_capped=True)
+
+
+class TornGel(_Fault):
+    """A round hole in the coating."""
+
+    kind: Literal["torn_gel"]
+    x_um: Um
+    y_um: Um
+    radius_um: Annotated[int, Field(ge=1, le=500_000)]
+
+    def applied(self, conditions: Conditions) -> Conditions:
+        return dataclasses.replace(conditions, tear_um=(self.x_um, self.y_um, self.radius_um))
+
+
+class LightLeak(_Fault):
+    """Daylight from the left edge, over the mean level."""
+
+    kind: Literal["light_leak"]
+    level_1e3: Annotated[int, Field(ge=1, le=10_000)]
+
+    def applied(self, conditions: Conditions) -> Conditions:
+        return dataclasses.replace(conditions, leak=conditions.leak + self.level_1e3 * 1e-3)
+
+
+Fault = Annotated[
+    Stall | Drop | OverExposure | LedOff | LensCap | TornGel | LightLeak, Field(discriminator="kind")
+]  # fmt: skip
+FAULT_KINDS = ("stall", "drop", "over_exposure", "led_off", "lens_cap", "torn_gel", "light_leak")
+
+
+class Scenario(Section):
+    """A program and its faults."""
+
+    schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
+    program: Literal["demo", "grid", "rest"] = "demo"
+    n: Annotated[int, Field(ge=1, le=1_000_000)] = 40
+    seed: Annotated[int, Field(ge=0, le=2**31)] = 1
+    fault: list[Fault] = Field(default=[])
+
+    def story(self, board: Board) -> list[Step]:
+        """The program's steps on a board."""
+        if self.program == "demo":
+            return programs.demo(board)
+        if self.program == "grid":
+            return programs.grid(board, self.n, np.random.default_rng(self.seed))
+        return [Rest(self.n)]
+
+    def conditions(self, frame: int) -> Conditions:
+        """Optics of a frame."""
+        now = Conditions()
+        for fault in self.fault:
+            if fault.covers(frame):
+                now = fault.applied(now)
+        return now
+
+    def is_sent(self, frame: int) -> bool:
+        """Whether the frame reaches the camera's line at all; by the seed, whenever it is asked."""
+        for i, fault in enumerate(self.fault):
+            if not fault.covers(frame):
+                continue
+            if fault.kind == "stall":
+                return False
+            if fault.kind == "drop":
+                lot = np.random.default_rng([self.seed, i, frame]).integers(1000)
+                if lot < fault.share_1e3:
+                    return False
+        return True
+
+
+def load_scenario(path: Path) -> Scenario:
+    """A scenario file.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or is not as it should be.
+    """
+    try:
+        return Scenario.model_validate(tomllib.loads(path.read_bytes().decode("utf-8")))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}): check --scenario") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: not TOML: {error}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"] if part not in FAULT_KINDS)
+        kind = {"extra_forbidden": "unknown key, check the spelling or remove it",
+                "missing": "key is missing"}.get(first["type"], first["msg"])  # fmt: skip
+        raise InputError(f"{path}: {key}: {kind}") from error
