@@ -1,0 +1,180 @@
+"""ruffinid with the live twin as its camera: forces come out, faults are flagged, a controller closes the loop."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Sensor, write_board
+
+from ruffini.boards import Board, find_board
+from ruffini.calibrate import container
+from ruffini.calibrate.photometric import collect_samples, fit_model, tabulate
+from ruffini.calibrate.presses import Pinhole, load_presses
+from ruffini.demo.daemon import running_daemon
+from ruffini.device import Connection
+from ruffini.errors import RuffiniError
+from ruffini.sim.contact import Indenter, Pose
+from ruffini.sim.pad import PadModel, surface_compliance
+from ruffini.sim.recording import record_balls
+from ruffini.sim.scenario import Scenario
+from ruffini.sim.serve import Scripted, Steered, TwinServer
+from ruffini.sim.settings import load_twin
+from ruffini.sim.unit import TwinUnit
+
+MM = 1e-3
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A tiny twin and a calibration that fits it."""
+
+    unit: TwinUnit
+    calibration: bytes
+
+    @property
+    def board(self) -> Board:
+        return self.unit.board
+
+
+@pytest.fixture(scope="module")
+def twin(sensor: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Twin:
+    root = tmp_path_factory.mktemp("twin")
+    folder = write_board(root / "tiny", {})
+    shutil.copy(find_board("gelslim").folder / "twin.toml", folder)
+    board = find_board(folder)
+    pad, camera = board.pad, board.camera
+    model = PadModel(
+        pad.size_x_um * 1e-6, pad.size_y_um * 1e-6, pad.thickness_um * 1e-6, pad.modulus_pa,
+        pad.poisson_1e4 * 1e-4, n_cells_x=16, n_cells_y=13, layers=(0.2, 0.3, 0.5),
+    )  # fmt: skip
+    unit = TwinUnit(board, load_twin(board), model, surface_compliance(model))
+    record_balls(unit, 16, root / "balls", ball_mm=9.0, seed=1)
+    pinhole = Pinhole(
+        camera.focal_mpx / 1e3, camera.center_x_mpx / 1e3, camera.center_y_mpx / 1e3, camera.standoff_um / 1e3
+    )
+    colours = fit_model(collect_samples(load_presses(root / "balls"), pinhole), unmix_order=2, slope_order=3)
+    file = container.unpack(sensor.calibration)  # the same board: its operator fits
+    return Twin(unit, container.pack({**file.tensors, **tabulate(colours)}, file.metadata).data)
+
+
+@contextlib.contextmanager
+def connected(twin: Twin, folder: Path, *options: str) -> Iterator[Connection]:
+    assert twin.board.folder is not None
+    with (
+        running_daemon(twin.board.folder, f"twin:{folder / 'twin'}", folder / "store", *options) as port,
+        Connection(port) as sensor,
+    ):
+        sensor.flash(twin.calibration)
+        sensor.subscribe(wrench=1, status=1)
+        yield sensor
+
+
+def wrenches(sensor: Connection, timeout_s: float = 3.0) -> Iterator[tuple[bool, object]]:
+    """(is_simulated, WRENCH message) as they come, until the twin ends."""
+    with contextlib.suppress(RuffiniError):
+        for frame, message in sensor.stream(timeout_s=timeout_s):
+            if sensor.schema.type_name(frame.type) == "WRENCH":
+                yield frame.is_simulated, message
+
+
+def flags(sensor: Connection, message: object) -> set[str]:
+    return set(sensor.schema.enum_names("FlagBit", message.stamp.flags))
+
+
+def test_a_controller_closes_the_loop(twin: Twin, tmp_path: Path) -> None:
+    """Push until the sensor says 1 N; the truth then agrees within a quarter, and the ball is not at its limit."""
+    steered = Steered(twin.unit, Indenter("sphere", 3 * MM))
+    with TwinServer(twin.unit, steered, Scenario(), tmp_path / "twin"), connected(twin, tmp_path) as sensor:
+        depth, pressed = 0.0, None
+        for count, (is_simulated, message) in enumerate(wrenches(sensor)):
+            assert is_simulated
+            if message.stamp.flags:
+                continue
+            if message.force_z_un < -1_000_000:
+                pressed = -message.force_z_un * 1e-6, -steered.wrench[2]
+                break
+            if count % 5 == 0:
+                depth = min(depth + 0.04, 1.2)
+                steered.move_to(Pose(MM, 0.5 * MM, depth * MM))
+            assert count < 1500, "the force never came"
+    assert pressed is not None
+    assert depth < 1.2
+    assert pressed[0] == pytest.approx(pressed[1], rel=0.25)
+
+
+def test_faults_are_flagged_in_the_frames_that_have_them(twin: Twin, tmp_path: Path) -> None:
+    n_rest = twin.board.pipeline.n_rest_frames
+    at = {"lens_cap": n_rest + 10, "over_exposure": n_rest + 20, "stall": n_rest + 30}
+    scenario = Scenario.model_validate(
+        {"schema": 1, "program": "rest", "n": n_rest + 45, "fault": [
+            {"kind": "lens_cap", "first_frame": at["lens_cap"], "n_frames": 3},
+            {"kind": "over_exposure", "factor_1e3": 5000, "first_frame": at["over_exposure"], "n_frames": 3},
+            {"kind": "stall", "first_frame": at["stall"], "n_frames": 5},
+        ]}
+    )  # fmt: skip
+    frames = Scripted(twin.unit, scenario)
+    seen = {}
+    with (
+        TwinServer(twin.unit, frames, scenario, tmp_path / "twin"),
+        connected(twin, tmp_path, "--lockstep", "--wait-for-host") as sensor,
+    ):
+        for _, message in wrenches(sensor):
+            seen[message.stamp.frame] = flags(sensor, message)
+    assert set(range(len(frames))) - set(seen) == set(range(at["stall"], at["stall"] + 5))
+    dark = {i for i, names in seen.items() if "FLAG_DARK" in names}
+    full = {i for i, names in seen.items() if "FLAG_OVEREXPOSED" in names}
+    assert dark == set(range(at["lens_cap"], at["lens_cap"] + 3))
+    assert full == set(range(at["over_exposure"], at["over_exposure"] + 3))
+
+
+def test_a_stalled_twin_does_not_hold_up_the_end(twin: Twin, tmp_path: Path) -> None:
+    scenario = Scenario.model_validate(
+        {"schema": 1, "program": "rest", "n": 100_000,
+         "fault": [{"kind": "stall", "first_frame": 3, "n_frames": 99_000}]}
+    )  # fmt: skip
+
+    class Endless:
+        def displacement(self, frame: int) -> np.ndarray:
+            return twin.unit.at_rest()
+
+    import subprocess
+
+    from ruffini.demo.daemon import find_daemon
+
+    with TwinServer(twin.unit, Endless(), scenario, tmp_path / "twin"):
+        process = subprocess.Popen(
+            [str(find_daemon()), "--board", str(twin.board.folder), "--camera", f"twin:{tmp_path / 'twin'}",
+             "--link", "pty", "--store", str(tmp_path / "store")], stdout=subprocess.PIPE,
+        )  # fmt: skip
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith(b"link: ")
+        time.sleep(0.5)
+        start = time.monotonic()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(5) == 0
+        assert time.monotonic() - start < 1
+        process.stdout.close()
+
+
+@pytest.mark.parametrize(
+    ("board", "words"), [("tiny", "no twin answers"), ("gelslim", 'twin of board "tiny"'), ("", "give the path")]
+)
+def test_a_twin_that_is_missing_or_another_is_named(twin: Twin, tmp_path: Path, board: str, words: str) -> None:
+    assert twin.board.folder is not None
+    folder = find_board("gelslim").folder if board == "gelslim" else twin.board.folder
+    assert folder is not None
+    scenario = Scenario(program="rest", n=1)
+    serving = contextlib.nullcontext()
+    if board == "gelslim":
+        serving = TwinServer(twin.unit, Scripted(twin.unit, scenario), scenario, tmp_path / "twin")
+    camera = "twin:" if board == "" else f"twin:{tmp_path / 'twin'}"
+    with serving, pytest.raises(RuffiniError, match=words), running_daemon(folder, camera, tmp_path / "store"):
+        pass
