@@ -1,0 +1,101 @@
+#include "store/calibration.h"
+
+#include <gtest/gtest.h>
+
+#include "solve/block_operator.h"
+#include "support/calibration_bytes.h"
+#include "support/test_board.h"
+#include "support/test_calibration.h"
+
+namespace ruffini {
+namespace {
+
+// Keeps the bytes aligned beside what points into them.
+struct Parsed {
+  explicit Parsed(const std::vector<uint8_t>& bytes) : storage((bytes.size() + 7) / 8) {
+    std::memcpy(storage.data(), bytes.data(), bytes.size());
+    result.emplace(Calibration::parse({reinterpret_cast<const uint8_t*>(storage.data()), bytes.size()}));
+  }
+  std::vector<uint64_t> storage;
+  std::optional<Result<Calibration>> result;
+};
+
+std::vector<uint8_t> operator_file(int16_t entry, uint8_t shift) {
+  return test::CalibrationBytes()
+      .meta("operator.out_shift", "4")
+      .tensor("operator.entry", "I16", {2, 64}, std::vector<int16_t>(128, entry))
+      .tensor("operator.shift", "U8", {2, 2}, std::vector<uint8_t>(4, shift))
+      .bytes();
+}
+
+TEST(Calibration, ReadsWhatWasWritten) {
+  const Parsed file(operator_file(5, 3));
+  ASSERT_TRUE(*file.result) << file.result->error().message;
+  const Calibration& c = file.result->value();
+  EXPECT_EQ(c.text("operator.out_shift"), "4");
+  EXPECT_EQ(c.text("nothing"), "");
+  EXPECT_EQ(c.integer("operator.out_shift", 0, 10).value(), 4);
+  EXPECT_FALSE(c.integer("operator.out_shift", 5, 10));
+  EXPECT_EQ(c.tensor("operator.entry")->as<int16_t>()[127], 5);
+  EXPECT_FALSE(c.tensor("operator.entry", Tensor::Type::kI16, {64, 2}));
+  EXPECT_FALSE(c.tensor("operator.entry", Tensor::Type::kU16, {2, 64}));
+  EXPECT_EQ(c.signature().size(), 64U);
+}
+
+TEST(Calibration, EveryTruncationIsRefused) {
+  const std::vector<uint8_t> whole = operator_file(5, 3);
+  for (size_t n = 0; n < whole.size(); ++n) {
+    EXPECT_FALSE(*Parsed({whole.begin(), whole.begin() + static_cast<ptrdiff_t>(n)}).result) << n;
+  }
+}
+
+// The signature is checked elsewhere: here no spoilt byte may reach beyond the file, under the sanitizers.
+TEST(Calibration, EverySpoiltByteIsRefusedOrStaysInsideTheFile) {
+  std::vector<uint8_t> bytes = operator_file(5, 3);
+  for (size_t at = 0; at < bytes.size(); ++at) {
+    for (const unsigned flip : {1U, 0x10U, 0x80U, 0xFFU}) {
+      bytes[at] = static_cast<uint8_t>(bytes[at] ^ flip);
+      const Parsed file(bytes);
+      if (*file.result) {
+        if (const Tensor* t = file.result->value().tensor("operator.entry")) {
+          ASSERT_GE(t->bytes.data(), reinterpret_cast<const uint8_t*>(file.storage.data()));
+          ASSERT_LE(t->bytes.data() + t->bytes.size(),
+                    reinterpret_cast<const uint8_t*>(file.storage.data()) + bytes.size());
+        }
+      }
+      bytes[at] = static_cast<uint8_t>(bytes[at] ^ flip);
+    }
+  }
+}
+
+TEST(Calibration, AnAccumulatorThatCouldOverflowIsRefused) {
+  const auto load = [](int16_t entry, uint8_t shift) {
+    const Parsed file(operator_file(entry, shift));
+    return static_cast<bool>(BlockOperator::load(file.result->value(), "operator", 2, 64));
+  };
+  EXPECT_TRUE(load(16'383, 27));  // 2 blocks of 2^(34 + 27) are 2^62
+  EXPECT_FALSE(load(16'384, 0));  // four products would leave an int32 lane
+  EXPECT_FALSE(load(-16'384, 0));
+  EXPECT_FALSE(load(1, 28));
+}
+
+TEST(Calibration, AnotherBoardResolutionOrSensorIsRefusedByName) {
+  BoardSettings board = test::round_board();
+  board.stages = known_stages();
+  const Parsed file(test::diagonal_calibration(board));
+  ASSERT_TRUE(*file.result) << file.result->error().message;
+  const Calibration& c = file.result->value();
+  EXPECT_TRUE(c.check_target(board, "0001"));
+  BoardSettings other = board;
+  other.name = "square";
+  const Status wrong = c.check_target(other, "0001");
+  ASSERT_FALSE(wrong);
+  EXPECT_EQ(wrong.error().kind, ErrorKind::kRefused);
+  EXPECT_NE(wrong.error().message.find("round"), std::string::npos) << wrong.error().message;
+  other = board;
+  other.camera.width_px = 320;
+  EXPECT_FALSE(c.check_target(other, "0001"));
+}
+
+}  // namespace
+}  // namespace ruffini
