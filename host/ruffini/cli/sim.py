@@ -55,6 +55,42 @@ def press(
     emit({"folder": str(out), "frames": count, "simulated": True}, json_, f"{out}: {count} frames, SIMULATED")
 
 
+@app.command("dataset")
+def dataset(
+    board: BoardOption,
+    n: Annotated[int, typer.Option("--n", help="Number of samples: presses, each with its truth.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder; run the same command again to go on with it.")],
+    seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 1,
+    shard_size: Annotated[int, typer.Option(help="Samples in one HDF5 file.")] = 64,
+    workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
+    dask: Annotated[
+        str | None, typer.Option("--dask", help="Address of a Dask scheduler, for --workers.")
+    ] = None,
+    scale_modulus: Annotated[float, typer.Option(help="True modulus over the board's.")] = 1.0,
+    scale_poisson: Annotated[float, typer.Option(help="True Poisson's ratio over the board's.")] = 1.0,
+    scale_thickness: Annotated[float, typer.Option(help="True thickness over the board's.")] = 1.0,
+    json_: JsonFlag = False,
+) -> None:
+    """Many presses with their truth, as HDF5 shards with a card."""
+    from ruffini.boards import find_board
+    from ruffini.sim.dataset.make import make_dataset
+    from ruffini.sim.dataset.plan import Plan
+    from ruffini.sim.unit import PadError
+
+    error = PadError(scale_modulus, scale_poisson, scale_thickness)
+    plan = Plan.of(find_board(board), n=n, shard_size=shard_size, seed=seed, error=error)
+    with progress_bar("samples") as progress:
+        outcome = make_dataset(plan, out, n_workers=workers, dask=dask, progress=progress)
+    rate = outcome.n_samples_made / outcome.took_s if outcome.n_samples_made else None
+    result = {
+        "folder": str(out), "samples": plan.n, "shards": plan.n_shards, "shards_made": outcome.n_made,
+        "shards_kept": outcome.n_kept, "samples_per_s": rate, "simulated": True,
+    }  # fmt: skip
+    speed = f", {rate:.1f} samples/s" if rate else ""
+    text = f"{out}: {plan.n} samples in {plan.n_shards} shards ({outcome.n_kept} were there){speed}, SIMULATED"
+    emit(result, json_, text)
+
+
 @app.command("serve")
 def serve(
     board: BoardOption,

@@ -1,0 +1,1 @@
+"""Published benchmarks: our methods and the papers' on the same simulated truth."""

@@ -1,0 +1,257 @@
+"""The inverse-FEM benchmark: iFEM raw, sparse and ridge of the papers, our linear estimate, our default. SIMULATED.
+
+Every baseline has the same mesh and layers as ours and its own best weight, chosen on states that are
+not judged. "default" is what the board computes: the integers of the compiled tables, second pass included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter
+
+from ruffini.bench.states import JUDGED, LIGHT_N, TUNED, State, make_states
+from ruffini.boards import Board
+from ruffini.calibrate import container
+from ruffini.calibrate.operator import board_slab, make_operator
+from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.fem.condense import condense
+from ruffini.fem.operators import Noise, ridge_operator
+from ruffini.fem.sparse import SparseEstimator
+from ruffini.reflection import dense_from_blocks
+from ruffini.sim.unit import PadError
+
+Array = npt.NDArray[np.float64]
+Estimate = Callable[[Array], Array]
+Progress = Callable[[float], None]
+
+WHITE_UM = (5.0, 5.0, 20.0)
+RIDGE_WEIGHTS = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
+SPARSE_WEIGHTS = (1e-5, 1e-4, 1e-3, 1e-2)
+CORRELATION_NODES = 3.0  # of the low-frequency noise, as a badly integrated depth has it
+MODEL_ERRORS = {
+    "E +5 %": PadError(modulus=1.05),
+    "nu +2 %": PadError(poisson=1.02),
+    "thickness +5 %": PadError(thickness=1.05),
+}
+SHAPE_LEVEL = 0.1  # of the peak pressure: where a contact's shape ends
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What is added to the true displacement: white noise and noise of long correlation, micrometres (x, y, z)."""
+
+    white_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    correlated_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+        out = rng.normal(size=shape) * np.array(self.white_um) * 1e-6
+        rough = rng.normal(size=shape)
+        smooth: Array = gaussian_filter(rough, (CORRELATION_NODES, CORRELATION_NODES, 0), mode="reflect")
+        return np.asarray(out + smooth / np.std(smooth) * np.array(self.correlated_um) * 1e-6)
+
+
+@dataclass
+class Scores:
+    """Errors of one method over states and seeds; each list has one number a state and seed."""
+
+    x: list[float] = field(default_factory=list)
+    y: list[float] = field(default_factory=list)
+    tangential: list[float] = field(default_factory=list)
+    normal: list[float] = field(default_factory=list)
+    false_shear: list[float] = field(default_factory=list)
+    resultant_n: list[float] = field(default_factory=list)
+    moment_nmm: list[float] = field(default_factory=list)
+    shape: list[float] = field(default_factory=list)
+    peak: list[float] = field(default_factory=list)
+
+    def add(self, state: State, force: Array, step_mm: tuple[float, float]) -> None:
+        """Score an estimate (n_y, n_x, 3), newtons, against a state's truth."""
+        true, error = state.force, force - state.force
+        size = float(np.linalg.norm(true))
+        if state.recipe.is_pure:
+            self.false_shear.append(float(np.linalg.norm(force[..., :2]) / np.linalg.norm(force[..., 2])))
+        else:
+            # Against the state's own shear: a ball pressed straight has little, and counts as much.
+            self.x.append(_relative(error[..., 0], true[..., 0], size))
+            self.y.append(_relative(error[..., 1], true[..., 1], size))
+            self.tangential.append(_relative(error[..., :2], true[..., :2], size))
+        self.normal.append(float(np.linalg.norm(error[..., 2]) / np.linalg.norm(true[..., 2])))
+        self.resultant_n.append(float(np.linalg.norm(error.sum(axis=(0, 1)))))
+        self.moment_nmm.append(float(np.linalg.norm(_moment_nmm(error, step_mm))))
+        touched = [f[..., 2] < SHAPE_LEVEL * np.min(true[..., 2]) for f in (force, true)]
+        self.shape.append(float((touched[0] & touched[1]).sum() / max((touched[0] | touched[1]).sum(), 1)))
+        self.peak.append(float(np.min(force[..., 2])) / float(np.min(true[..., 2])))
+
+    def means(self) -> dict[str, float]:
+        return {name: float(np.mean(values)) for name, values in vars(self).items() if values}
+
+
+def _relative(error: Array, true: Array, size: float) -> float:
+    """Relative L2 error; of a component with next to no truth against 5 % of the whole force."""
+    return float(np.linalg.norm(error)) / max(float(np.linalg.norm(true)), 0.05 * size)
+
+
+def _moment_nmm(force: Array, step_mm: tuple[float, float]) -> Array:
+    n_y, n_x = force.shape[:2]
+    x = (np.arange(n_x) - (n_x - 1) / 2) * step_mm[0]
+    y = (np.arange(n_y) - (n_y - 1) / 2) * step_mm[1]
+    fx, fy, fz = np.moveaxis(force, -1, 0)
+    return np.array([(y[:, None] * fz).sum(), -(x * fz).sum(), (x * fy - y[:, None] * fx).sum()])
+
+
+class Methods:
+    """Each method: displacement (n_y, n_x, 3) m -> nodal force (n_y, n_x, 3) N, of a board whose window is its pad."""
+
+    def __init__(self, board: Board, *, progress: Progress = lambda _: None) -> None:
+        self.board = board
+        self.shape = (board.grid.n_y, board.grid.n_x, 3)
+        slab = board_slab(board)
+        self._condensed = condense(slab)
+        noise = Noise((5e-6, 5e-6, 20e-6))
+        linear = make_operator(board, method="optimal", noise=noise)
+        progress(0.3)
+        default = make_operator(board, method="support", noise=noise)
+        progress(0.6)
+        file = container.pack(default.tensors, {**container.base_metadata(board), **default.metadata})
+        self._pipeline = Pipeline(board, file.data)
+        self._linear = linear.matrix
+        self._ridge = {
+            w: dense_from_blocks(self._condensed.bases, ridge_operator(self._condensed, w))
+            for w in (0.0, *RIDGE_WEIGHTS)
+        }
+        progress(0.9)
+        self._sparse = SparseEstimator(self._condensed)
+        self.ridge_weight = RIDGE_WEIGHTS[0]
+        self.sparse_weight = SPARSE_WEIGHTS[0]
+        progress(1.0)
+
+    def close(self) -> None:
+        self._pipeline.close()
+
+    def tune(self, states: list[State], disturbance: Disturbance, rng: np.random.Generator) -> None:
+        """Each baseline's own best weight on these states: least sum of tangential and normal error."""
+        noisy = [s.displacement + disturbance.draw(self.shape, rng) for s in states]
+
+        def cost(estimate: Estimate) -> float:
+            scores = Scores()
+            for state, u in zip(states, noisy, strict=True):
+                scores.add(state, estimate(u), self.step_mm)
+            means = scores.means()
+            return means["tangential"] + means["normal"]
+
+        self.ridge_weight = min(RIDGE_WEIGHTS, key=lambda w: cost(lambda u: self._apply(self._ridge[w], u)))
+        self.sparse_weight = min(SPARSE_WEIGHTS, key=lambda w: cost(lambda u: self._sparse_force(u, w)))
+
+    @property
+    def step_mm(self) -> tuple[float, float]:
+        pad, grid = self.board.pad, self.board.grid
+        return pad.size_x_um * 1e-3 / (grid.n_x - 1), pad.size_y_um * 1e-3 / (grid.n_y - 1)
+
+    def all(self) -> dict[str, Estimate]:
+        return {
+            "raw": lambda u: self._apply(self._ridge[0.0], u),
+            "sparse": lambda u: self._sparse_force(u, self.sparse_weight),
+            "ridge": lambda u: self._apply(self._ridge[self.ridge_weight], u),
+            "optimal": lambda u: self._apply(self._linear, u),
+            "default": self._as_the_board,
+        }
+
+    def _apply(self, matrix: Array, u: Array) -> Array:
+        return np.asarray((matrix @ u.ravel()).reshape(self.shape))
+
+    def _sparse_force(self, u: Array, weight: float) -> Array:
+        return self._sparse.force(u.reshape(-1, 1), weight).reshape(self.shape)
+
+    def _as_the_board(self, u: Array) -> Array:
+        steps = np.clip(np.round(u / DISPLACEMENT_LSB_M), -32767, 32767).astype(np.int16)
+        force = self._pipeline.solve(steps.reshape(1, -1, 3)) * (self.board.field.force_lsb_un * 1e-6)
+        return np.asarray(force.reshape(self.shape))
+
+
+def evaluate(
+    methods: Methods, states: list[State], disturbance: Disturbance, n_seeds: int, names: tuple[str, ...] | None = None
+) -> dict[str, dict[str, float]]:
+    """Mean scores of each method; every method sees the same noise."""
+    table = {name: Scores() for name in names or methods.all()}
+    estimates = methods.all()
+    for i, state in enumerate(states):
+        for seed in range(n_seeds):
+            u = state.displacement + disturbance.draw(methods.shape, np.random.default_rng((7, i, seed)))
+            for name, scores in table.items():
+                scores.add(state, estimates[name](u), methods.step_mm)
+    return {name: scores.means() for name, scores in table.items()}
+
+
+def run(board: Board, *, quick: bool, progress: Progress = lambda _: None) -> dict[str, Any]:
+    """The whole benchmark as one nested dict.
+
+    Raises
+    ------
+    InputError
+        The board has no twin, or an indenter does not fit its pad.
+    """
+    depths = (0.6,) if quick else (0.3, 0.6, 1.0)
+    n_seeds = 1 if quick else 3
+    white = Disturbance(white_um=WHITE_UM)
+    methods = Methods(board, progress=lambda done: progress(0.15 * done))
+    try:
+        tuned = make_states(board, TUNED, (0.6,), progress=lambda done: progress(0.15 + 0.1 * done))
+        methods.tune(tuned, white, np.random.default_rng(5))
+        states = make_states(board, JUDGED, depths, progress=lambda done: progress(0.25 + 0.2 * done))
+        heavy = [s for s in states if s.resultant_n >= LIGHT_N]
+        result: dict[str, Any] = {
+            "board": board.name, "simulated": True, "quick": quick, "states": len(heavy), "seeds": n_seeds,
+            "noise_um": WHITE_UM, "weights": {"ridge": methods.ridge_weight, "sparse": methods.sparse_weight},
+            "accuracy": {}, "noise": {}, "model_error": {},
+        }  # fmt: skip
+        for depth in depths:
+            chosen = [s for s in heavy if s.depth_mm == depth]
+            result["accuracy"][f"{depth} mm"] = evaluate(methods, chosen, white, n_seeds)
+        progress(0.6)
+        middle = [s for s in heavy if s.depth_mm == 0.6]
+        for level in (0.0, 10.0, 20.0, 40.0):
+            result["noise"][f"white {level:g} um"] = evaluate(
+                methods, middle, Disturbance(white_um=(level / 4, level / 4, level)), n_seeds
+            )
+            if level and not quick:
+                result["noise"][f"correlated {level:g} um"] = evaluate(
+                    methods, middle, Disturbance(correlated_um=(level / 4, level / 4, level)), n_seeds
+                )
+        progress(0.8)
+        for name, error in ({} if quick else MODEL_ERRORS).items():
+            wrong = make_states(board, JUDGED, (0.6,), error)
+            result["model_error"][name] = evaluate(
+                methods, [s for s in wrong if s.resultant_n >= LIGHT_N], white, n_seeds
+            )
+        progress(1.0)
+        return result
+    finally:
+        methods.close()
+
+
+def tables(result: dict[str, Any]) -> str:
+    """The result as text."""
+    weights = result["weights"]
+    lines = [
+        f"{result['board']}, SIMULATED: {result['states']} states of at least {LIGHT_N} N, {result['seeds']} seeds; "
+        f"own best weights: ridge {weights['ridge']:g}, sparse {weights['sparse']:g}",
+        "tangential, normal: relative L2 error of the nodal forces; false shear: tangential over normal force under "
+        "pure normal load",
+    ]
+    columns = {"tangential": 11, "normal": 9, "false shear": 13, "resultant": 11, "moment": 11, "shape": 8, "peak": 7}
+    head = " " * 18 + "".join(f"{name:>{width}}" for name, width in columns.items())
+    for title in ("accuracy", "noise", "model_error"):
+        for condition, methods in result[title].items():
+            what = {"accuracy": "noise 5/5/20 um", "noise": "0.6 mm", "model_error": "0.6 mm, noise 5/5/20 um"}[title]
+            lines += ["", f"{condition}, {what}", head]
+            for name, m in methods.items():
+                lines.append(
+                    f"  {name:16}{m['tangential']:11.3f}{m['normal']:9.3f}{m['false_shear']:13.4f}"
+                    f"{1e3 * m['resultant_n']:8.1f} mN{m['moment_nmm']:7.2f} Nmm{m['shape']:8.2f}{m['peak']:7.2f}"
+                )
+    return "\n".join(lines)
