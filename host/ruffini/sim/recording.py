@@ -14,7 +14,6 @@ Everything random follows from the seed: the same machine writes the same bytes.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -27,6 +26,7 @@ import scipy
 from ruffini import __version__
 from ruffini.errors import InputError
 from ruffini.sim.contact import ContactSolver, Pose
+from ruffini.sim.files import write_whole
 from ruffini.sim.programs import Rest, Step, ball_presses, n_frames_of
 from ruffini.sim.story import play
 from ruffini.sim.surface import hat_areas
@@ -43,18 +43,7 @@ MARKING_ERROR_PX = 0.5  # standard deviation with which a person marks the conta
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Whole or not at all; what was written before stays valid."""
-    temporary = path.with_name(path.name + ".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(
-            f"{path} cannot be written ({error.strerror}): the files before it are whole; "
-            "make room and choose a new --out"
-        ) from error
+    write_whole(path, data, remedy="make room and choose a new --out")
 
 
 def _new_folder(folder: Path) -> None:

@@ -24,6 +24,13 @@ class UnitSettings(Section):
     seed: Annotated[int, Field(ge=0, le=1_000_000)] = 1  # of this unit's flakes, dust and lamp phases
 
 
+class MeshSettings(Section):
+    """[mesh]: quadratic elements of a flat pad along x and y; surface nodes are half an element apart."""
+
+    cells_x: Annotated[int, Field(ge=2, le=64)] = 24
+    cells_y: Annotated[int, Field(ge=2, le=64)] = 19
+
+
 class TwinSettings(Section):
     """A whole twin.toml."""
 
@@ -31,6 +38,7 @@ class TwinSettings(Section):
     unit: UnitSettings
     light: optics.Light
     noise: optics.NoiseSettings
+    mesh: MeshSettings = MeshSettings()
     shape: optics.ShapeSettings = optics.ShapeSettings()
     lens: optics.LensSettings | None = None
     gel: optics.GelSettings | None = None
@@ -61,18 +69,32 @@ def load_twin(board: Board) -> TwinSettings:
     if not path.is_file():
         raise InputError(f"board {board.name!r} has no optics to simulate: {path} does not exist")
     try:
-        twin = TwinSettings.model_validate(tomllib.loads(path.read_bytes().decode("utf-8")))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        return parse_twin(path.read_text("utf-8"), str(path), board)
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: not TOML: {error}") from error
+
+
+def parse_twin(text: str, where: str, board: Board) -> TwinSettings:
+    """A twin.toml's text as checked settings; `where` names it in messages.
+
+    Raises
+    ------
+    InputError
+        It is not as it should be, or does not fit the board.
+    """
+    try:
+        twin = TwinSettings.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{where}: not TOML: {error}") from error
     except ValidationError as error:
         first = error.errors()[0]
         # The kind of light stands in pydantic's path, but not in the file.
         key = ".".join(str(part) for part in first["loc"] if part not in optics.LIGHT_KINDS)
         kind = {"extra_forbidden": "unknown key, check the spelling or remove it",
                 "missing": "key is missing"}.get(first["type"], first["msg"])  # fmt: skip
-        raise InputError(f"{path}: {key}: {kind}") from error
+        raise InputError(f"{where}: {key}: {kind}") from error
     if board.markers is None and (twin.dots is not None or isinstance(twin.light, optics.Electroluminescent)):
-        raise InputError(f"{path}: dots and openings lie on the lattice of [markers], which board.toml does not have")
+        raise InputError(f"{where}: dots and openings lie on the lattice of [markers], which board.toml does not have")
     if board.camera.width_px % max(len(twin.view), 1):
-        raise InputError(f"{path}: {len(twin.view)} views do not share {board.camera.width_px} columns evenly")
+        raise InputError(f"{where}: {len(twin.view)} views do not share {board.camera.width_px} columns evenly")
     return twin

@@ -15,7 +15,7 @@ from ruffini.sim.cache import cached_compliance
 from ruffini.sim.contact import ContactSolver, Indenter
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.pad import PadModel
-from ruffini.sim.settings import TwinSettings, load_twin
+from ruffini.sim.settings import MeshSettings, TwinSettings, load_twin
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -30,7 +30,7 @@ class PadError:
     thickness: float = 1.0
 
 
-def pad_model(board: Board, error: PadError) -> PadModel:
+def pad_model(board: Board, error: PadError, mesh: MeshSettings) -> PadModel:
     """The simulated pad of a board.
 
     Raises
@@ -52,6 +52,8 @@ def pad_model(board: Board, error: PadError) -> PadModel:
         thickness_m=pad.thickness_um * 1e-6 * error.thickness,
         modulus_pa=pad.modulus_pa * error.modulus,
         poisson=poisson,
+        n_cells_x=mesh.cells_x,
+        n_cells_y=mesh.cells_y,
     )
 
 
@@ -70,19 +72,20 @@ class TwinUnit:
         board: Board,
         error: PadError | None = None,
         *,
+        twin: TwinSettings | None = None,
         progress: Progress = lambda _: None,
     ) -> TwinUnit:
-        """Solve the pad's mechanics (seconds), or take them from the cache.
+        """Solve the pad's mechanics (seconds), or take them from the cache; `twin` instead of the board's own.
 
         Raises
         ------
         InputError
             The board has no twin, is no flat pad, or the factors make a pad that cannot be.
         """
-        twin = load_twin(board)
+        twin = twin or load_twin(board)
         if twin.shape.kind != "plane":
             raise InputError(f"board {board.name!r} is a {twin.shape.kind}: only flat pads can be pressed yet")
-        model = pad_model(board, error or PadError())
+        model = pad_model(board, error or PadError(), twin.mesh)
         return cls(board, twin, model, cached_compliance(model, progress=progress))
 
     def solver(self, indenter: Indenter) -> ContactSolver:

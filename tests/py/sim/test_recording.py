@@ -17,6 +17,7 @@ from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.pad import PadModel
 from ruffini.sim.programs import Rest, Touch
 from ruffini.sim.recording import record_balls, record_touches
+from ruffini.sim.settings import MeshSettings
 from ruffini.sim.unit import PadError, pad_model
 
 MM = 1e-3
@@ -165,6 +166,6 @@ def test_cache_is_only_faster(tmp_path, monkeypatch):
 
 def test_impossible_pads_are_refused():
     with pytest.raises(InputError, match="cannot be simulated"):
-        pad_model(find_board("gelslim"), PadError(poisson=1.05))
+        pad_model(find_board("gelslim"), PadError(poisson=1.05), MeshSettings())
     with pytest.raises(InputError, match="cannot be simulated"):
-        pad_model(find_board("gelslim"), PadError(thickness=0.0))
+        pad_model(find_board("gelslim"), PadError(thickness=0.0), MeshSettings())
