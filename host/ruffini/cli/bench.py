@@ -38,3 +38,23 @@ def ifem(
         result["picture"] = str(fields_beside_truth(out, found))
         text += f"\n{out}"
     emit(result, json_, text)
+
+
+@app.command("presses")
+def presses(
+    folder: Annotated[Path, typer.Argument(help="Recorded ball presses: reference.png, presses.csv, images.")],
+    ball_mm: Annotated[
+        float | None, typer.Option(help="Diameter of the ball, where presses.toml does not say.")
+    ] = None,
+    px_per_mm: Annotated[float | None, typer.Option(help="Scale, where presses.toml does not say.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Picture (PNG): recorded above, rendered below.")] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """The twin's picture of a ball press beside recorded ones: lamps fitted on half of them, judged on the others."""
+    from ruffini.bench import presses as comparison
+    from ruffini.calibrate.presses import load_presses
+
+    recorded = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm)
+    with progress_bar("presses") as progress:
+        result, text = comparison.run(recorded, out, progress)
+    emit(result, json_, text)

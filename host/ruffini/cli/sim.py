@@ -63,9 +63,7 @@ def dataset(
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 1,
     shard_size: Annotated[int, typer.Option(help="Samples in one HDF5 file.")] = 64,
     workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
-    dask: Annotated[
-        str | None, typer.Option("--dask", help="Address of a Dask scheduler, for --workers.")
-    ] = None,
+    dask: Annotated[str | None, typer.Option("--dask", help="Address of a Dask scheduler, for --workers.")] = None,
     scale_modulus: Annotated[float, typer.Option(help="True modulus over the board's.")] = 1.0,
     scale_poisson: Annotated[float, typer.Option(help="True Poisson's ratio over the board's.")] = 1.0,
     scale_thickness: Annotated[float, typer.Option(help="True thickness over the board's.")] = 1.0,

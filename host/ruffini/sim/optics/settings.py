@@ -68,7 +68,7 @@ class ViewSettings(Section):
 
 class _Light(Section):
     mean_level: Annotated[int, Field(ge=10, le=240)]  # grey level of the untouched surface
-    ambient_1e3: PerMille = 0  # diffuse light, over the mean light of the sources
+    ambient_1e3: Annotated[int, Field(ge=0, le=10_000)] = 0  # diffuse light, over the mean light of the sources
     vignette_1e3: PerMille = 0  # loss at the image's corner
 
 
