@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
 
 app = typer.Typer(no_args_is_help=True, help="Benchmarks on the digital twin: our methods and the papers'.")
 
@@ -19,7 +19,7 @@ def bench() -> None:
 
 @app.command("ifem")
 def ifem(
-    board: Annotated[str, typer.Option("--board", help="Board name, or a folder with a board.toml.")] = "gelslim",
+    board: BoardOption,
     quick: Annotated[bool, typer.Option("--quick", help="One depth, one seed, no model errors.")] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Picture (PNG) of the fields beside the truth.")] = None,
     json_: JsonFlag = False,

@@ -89,6 +89,22 @@ def dataset(
     emit(result, json_, text)
 
 
+@app.command("bench")
+def bench(board: BoardOption, json_: JsonFlag = False) -> None:
+    """Frames a second of the twin on one core: mechanics and rendering apart."""
+    from ruffini.boards import find_board
+    from ruffini.sim.speed import measure
+
+    result = measure(find_board(board))
+    pressed = result["mechanics_fps"]
+    mechanics = f"{pressed:.1f} frames/s" if pressed else "not modelled"
+    text = (
+        f"{result['board']} {result['resolution']}, one core: rendering {result['rendering_fps']:.1f} frames/s, "
+        f"mechanics {mechanics}, {result['memory_mb']:.0f} MB"
+    )
+    emit(result, json_, text)
+
+
 @app.command("serve")
 def serve(
     board: BoardOption,
