@@ -115,7 +115,7 @@ Outcome run_daemon(bool plants) {
   EXPECT_TRUE(file) << (file ? "" : file.error().message);
   auto path = FramePath::configure(board, file.value(), watching_clock);
   EXPECT_TRUE(path) << (path ? "" : path.error().message);
-  const std::string folder = testing::TempDir() + "no_allocation_store";
+  const std::string folder = testing::TempDir() + "no_allocation_store" + std::to_string(::getpid());
   Exchange exchange;
   for (int type = ruffini_MessageType_MESSAGE_TYPE_STATUS; type <= ruffini_MessageType_MESSAGE_TYPE_IMAGE; ++type) {
     exchange.every[static_cast<size_t>(type)] = 1;

@@ -207,12 +207,17 @@ def read(path: Path) -> CalibrationFile:
 
 
 def write(path: Path, file: CalibrationFile) -> None:
-    """Write atomically: temporary file, fsync, rename."""
+    """Write a calibration file, whole or not at all."""
+    write_whole(path, file.data)
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Temporary file, fsync, rename: what was there stays valid until all of `data` is on the medium."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with temporary.open("wb") as stream:
-            stream.write(file.data)
+            stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
         temporary.replace(path)

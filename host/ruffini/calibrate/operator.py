@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -36,18 +37,27 @@ class OperatorKind:
     support: SupportSystem | None
 
 
-def board_slab(board: Board) -> Slab:
+class Material(NamedTuple):
+    """A pad's numbers where they were measured (`ruffini cal material`) and not taken from board.toml."""
+
+    modulus_pa: float
+    poisson: float
+    thickness_m: float
+
+
+def board_slab(board: Board, material: Material | None = None) -> Slab:
     """The pad of a board as the operator's finite-element model."""
     pad, grid = board.pad, board.grid
+    known = material or Material(float(pad.modulus_pa), pad.poisson_1e4 * 1e-4, pad.thickness_um * 1e-6)
     return Slab(
         size_x_m=pad.size_x_um * 1e-6,
         size_y_m=pad.size_y_um * 1e-6,
-        thickness_m=pad.thickness_um * 1e-6,
+        thickness_m=known.thickness_m,
         n_x=grid.n_x,
         n_y=grid.n_y,
         n_layers=grid.n_layers,
-        modulus_pa=float(pad.modulus_pa),
-        poisson=pad.poisson_1e4 * 1e-4,
+        modulus_pa=known.modulus_pa,
+        poisson=known.poisson,
     )
 
 
@@ -70,6 +80,7 @@ def make_operator(
     method: str,
     noise: Noise,
     ridge_weight: float = 1e-4,
+    material: Material | None = None,
     progress: Progress = lambda _: None,
 ) -> OperatorKind:
     """Solve and compile the inverse FEM of a board.
@@ -82,7 +93,7 @@ def make_operator(
     if method not in OPERATOR_METHODS:
         raise InputError(f"unknown method {method!r}: choose one of {', '.join(OPERATOR_METHODS)}")
     has_support = method == "support"
-    slab = board_slab(board)
+    slab = board_slab(board, material)
     matrix = force_operator(
         slab,
         "optimal" if has_support else method,
@@ -100,6 +111,7 @@ def make_operator(
         "operator.force_lsb_un": str(lsb),
         "operator.displacement_lsb_nm": str(DISPLACEMENT_LSB_NM),
         "operator.method": method,
+        "operator.material": ",".join(f"{v:.6g}" for v in material) if material else "board",
     }
     tensors: Tensors = {}
     _add(tensors, metadata, "operator", table)

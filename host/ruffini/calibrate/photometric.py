@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.calibrate.presses import Pinhole, PressSet, ball_slope, read_image
+from ruffini.calibrate.presses import Pinhole, PressSet, ball_slope
 from ruffini.errors import InputError
+from ruffini.frames import read_image
 
 Array = npt.NDArray[np.float64]
 

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
+from ruffini.frames import read_image
 
 Array = npt.NDArray[np.float64]
 COLUMNS = ("image", "center_x_px", "center_y_px", "contact_radius_px")
@@ -50,16 +51,6 @@ class Pinhole:
     center_x_px: float
     center_y_px: float
     standoff_mm: float
-
-
-def read_image(path: Path) -> npt.NDArray[np.uint8]:
-    """One image, (h, w, 3) uint8, B G R."""
-    import cv2
-
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if image is None:
-        raise InputError(f"cannot read {path} as an image: is it there, and a PNG or JPEG?")
-    return np.asarray(image, dtype=np.uint8)
 
 
 def load_presses(

@@ -12,7 +12,9 @@ from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.cli.device import open_sensor
 from ruffini.errors import InputError, RefusedError
 
-app = typer.Typer(no_args_is_help=True, help="Calibration: operator, photometric, flash, verify, zero, show, merge.")
+app = typer.Typer(
+    no_args_is_help=True, help="Calibration: operator, material, photometric, flash, verify, zero, show, merge."
+)
 
 OutOption = Annotated[Path, typer.Option("--out", help="Calibration file to write.")]
 FILE = typer.Argument(help="Calibration file.")
@@ -43,11 +45,15 @@ def operator(
         float, typer.Option(help="Uncertainty of the depth's tilt at the edge (optimal, support).")
     ] = 30.0,
     ridge_weight: Annotated[float, typer.Option(help="w over the largest eigenvalue squared (ridge).")] = 1e-4,
+    material: Annotated[
+        Path | None, typer.Option(help="File of `cal material`: E, Poisson's ratio, thickness as measured.")
+    ] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Solve the inverse FEM of a board and compile it to the board's integers."""
     from ruffini.boards import find_board
     from ruffini.calibrate import container
+    from ruffini.calibrate.material import read_material
     from ruffini.calibrate.operator import make_operator
     from ruffini.fem.operators import Noise
 
@@ -55,7 +61,10 @@ def operator(
     x, y, z = _micrometres(noise_um)
     noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_um * 1e-6, tilt_m=tilt_um * 1e-6)
     with progress_bar("inverse FEM") as progress:
-        kind = make_operator(found, method=method, noise=noise, ridge_weight=ridge_weight, progress=progress)
+        kind = make_operator(
+            found, method=method, noise=noise, ridge_weight=ridge_weight,
+            material=None if material is None else read_material(material, found), progress=progress,
+        )  # fmt: skip
     file = container.pack(kind.tensors, {**container.base_metadata(found), **kind.metadata})
     container.write(out, file)
     error = int(kind.metadata["operator.error_1e9"]) * 1e-9
@@ -66,6 +75,52 @@ def operator(
         json_,
         f"{out}: {method} operator of {found.name}, rounding error {error:.1e}, {len(file.data) / 1e6:.1f} MB",
     )
+
+
+@app.command("material")
+def material(
+    log: Annotated[Path, typer.Option("--log", help="Recording of touches: video, or folder of frames.")],
+    calibration: Annotated[Path, typer.Option("--calibration", help="File with operator, support and colours.")],
+    out: Annotated[Path, typer.Option("--out", help="JSON to write, for `cal operator --material`.")],
+    reference: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV, a row a frame: fx,fy,fz in N, tx,ty,tz in N mm (default: wrench.csv of the recording)."
+        ),
+    ] = None,
+    board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture (PNG) of the residuals before and after.")] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
+    from ruffini.boards import find_board
+    from ruffini.calibrate import container
+    from ruffini.calibrate.material import fit_material, log_from_recording, write_material
+    from ruffini.fem.operators import Noise
+
+    file = container.read(calibration)
+    found = find_board(board or file.metadata["board"])
+    container.check_board(file, found)
+    with progress_bar("frames") as progress:
+        frames = log_from_recording(found, file, log, reference, progress=progress)
+    with progress_bar("fit") as progress:
+        fit = fit_material(found, frames, Noise((5e-6, 5e-6, 20e-6), gauge_m=100e-6, tilt_m=30e-6), progress=progress)
+    write_material(out, found, fit)
+    report = fit.report()
+    e, nu, h = fit.values
+    e_i, nu_i, h_i = fit.interval
+    before, after = (1e3 * sum(v**2 for v in report[k][:3]) ** 0.5 for k in ("rmse_before_n_nm", "rmse_after_n_nm"))
+    text = (
+        f"{out}: E {e / 1e3:.1f} +- {e_i / 1e3:.1f} kPa, Poisson's ratio {nu:.4f} +- {nu_i:.4f}, "
+        f"thickness {1e3 * h:.3f} +- {1e3 * h_i:.3f} mm (95 %, {fit.n_touches} touches); "
+        f"force RMSE {before:.1f} -> {after:.1f} mN"
+    )
+    if plot is not None:
+        from ruffini.calibrate.material_picture import residuals
+
+        residuals(plot, fit, title=f"{found.name}: material from {log.name}")
+        text += f"\n{plot}"
+    emit({"file": str(out), **report}, json_, text)
 
 
 @app.command("photometric")

@@ -22,7 +22,7 @@ def track(
 
     from ruffini.boards import find_board
     from ruffini.core import Pipeline
-    from ruffini.demo.frames import read_frames
+    from ruffini.frames import read_frames
 
     found = find_board(board)
     moved, lost, flags = [], [], []
@@ -84,9 +84,9 @@ def depth(
 
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.presses import read_image
     from ruffini.core import Pipeline
     from ruffini.demo.pictures import depth_map
+    from ruffini.frames import read_image
 
     file = container.read(calibration)
     found = find_board(board or file.metadata["board"])

@@ -25,7 +25,6 @@ from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabu
 from ruffini.calibrate.presses import Pinhole, load_presses
 from ruffini.cli.common import note, progress_bar
 from ruffini.demo.daemon import running_daemon
-from ruffini.demo.frames import read_frames
 from ruffini.demo.live import LiveField
 from ruffini.demo.pictures import depth_map, field_over_frame, wrench_over_time
 from ruffini.demo.view import depth_places, node_pixels
@@ -33,6 +32,7 @@ from ruffini.device import Connection
 from ruffini.device.results import RESULTS, UNCALIBRATED, VALID
 from ruffini.errors import InputError, NoDeviceError, RuffiniError
 from ruffini.fem.operators import Noise
+from ruffini.frames import read_frames
 from ruffini.wire import Schema
 
 Array = npt.NDArray[np.float64]

@@ -1,6 +1,7 @@
 #include "board/parse.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -57,7 +58,7 @@ TEST(ParseBoard, ReadsEveryNumber) {
 }
 
 TEST(LoadBoard, TheFolderIsCalledAsTheBoard) {
-  const auto folder = std::filesystem::path(testing::TempDir()) / "parse_test" / "other";
+  const auto folder = std::filesystem::path(testing::TempDir()) / ("parse_test" + std::to_string(::getpid())) / "other";
   std::filesystem::create_directories(folder);
   std::filesystem::copy_file(corpus("base.toml"), folder / "board.toml",
                              std::filesystem::copy_options::overwrite_existing);

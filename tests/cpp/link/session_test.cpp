@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <pb_decode.h>
 #include <pb_encode.h>
+#include <unistd.h>
 
 #include <filesystem>
 
@@ -39,7 +40,7 @@ class SessionTest : public testing::Test {
   SessionTest()
       : board_(load_board(std::string(RUFFINI_BOARDS_DIR) + "/gelslim").value()),
         path_(FramePath::configure(board_, nullptr, [] { return uint64_t{0}; }).value()),
-        folder_(testing::TempDir() + "session_test_store"),
+        folder_(testing::TempDir() + "session_test_store" + std::to_string(::getpid())),
         calibrator_(board_, "0042", SlotStore::open(folder_).value(), exchange_),
         session_(board_, *path_, {.serial = "0042", .version = "test", .stream_flags = kSimulated}, calibrator_,
                  exchange_) {}

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
 #include <csignal>
 #include <filesystem>
@@ -15,7 +16,9 @@ using Bytes = std::vector<uint8_t>;
 
 class SlotStoreTest : public testing::Test {
  protected:
-  SlotStoreTest() : folder_(fs::path(testing::TempDir()) / "slot_store_test") { fs::remove_all(folder_); }
+  SlotStoreTest() : folder_(fs::path(testing::TempDir()) / ("slot_store_test" + std::to_string(::getpid()))) {
+    fs::remove_all(folder_);
+  }
   ~SlotStoreTest() override { fs::remove_all(folder_); }
   [[nodiscard]] SlotStore open() const { return SlotStore::open(folder_.string()).value(); }
   [[nodiscard]] bool has(const char* name) const { return fs::exists(folder_ / name); }

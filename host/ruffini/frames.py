@@ -41,8 +41,6 @@ class Frames:
     def __iter__(self) -> Iterator[npt.NDArray[np.uint8]]:
         import cv2
 
-        from ruffini.calibrate.presses import read_image
-
         if self._files:
             yield from (read_image(p) for p in self._files)
             return
@@ -52,6 +50,16 @@ class Frames:
             if not ok:
                 return
             yield np.asarray(frame, dtype=np.uint8)
+
+
+def read_image(path: Path) -> npt.NDArray[np.uint8]:
+    """One image, (h, w, 3) uint8, B G R."""
+    import cv2
+
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise InputError(f"cannot read {path} as an image: is it there, and a PNG or JPEG?")
+    return np.asarray(image, dtype=np.uint8)
 
 
 def read_frames(path: Path) -> Frames:

@@ -1,0 +1,115 @@
+"""The material fit finds the numbers of a pad that differs from the board's, and says when a log cannot tell them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ruffini.boards import Board, find_board, parse_board
+from ruffini.calibrate.material import (
+    fit_material,
+    log_from_frames,
+    read_material,
+    read_wrench_csv,
+    write_material,
+)
+from ruffini.calibrate.operator import Material, board_slab
+from ruffini.errors import InputError
+from ruffini.fem.condense import condense, surface_stiffness
+from ruffini.fem.operators import Noise
+from ruffini.reflection import dense_from_blocks, spd_inverse
+
+NOISE = Noise((5e-6, 5e-6, 20e-6))
+TRUE = Material(215_000.0, 0.470, 4.15e-3)
+
+
+@pytest.fixture(scope="module")
+def board() -> Board:
+    text = (Path(__file__).parents[2] / "data" / "boards" / "base.toml").read_text()
+    text = text.replace("n_x = 31\nn_y = 25\nn_layers = 6", "n_x = 21\nn_y = 17\nn_layers = 4")
+    return parse_board(text, "test")
+
+
+def touches(board: Board, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement and wrench of n touches of four frames each, with an untouched frame before each."""
+    slab = board_slab(board, TRUE)
+    condensed = condense(slab)
+    compliance = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
+    x = np.linspace(-0.5, 0.5, slab.n_x) * slab.size_x_m
+    y = np.linspace(-0.5, 0.5, slab.n_y) * slab.size_y_m
+    grid = np.stack(np.meshgrid(x, y), axis=-1)
+    arms = np.concatenate([grid, np.zeros((*grid.shape[:2], 1))], axis=-1).reshape(-1, 3)
+    displacement, wrench = [np.zeros((slab.n_nodes, 3))], [np.zeros(6)]
+    for _ in range(n):
+        center, radius = rng.uniform([-5e-3, -4e-3], [5e-3, 4e-3]), rng.uniform(2e-3, 4e-3)
+        pressure = np.sqrt(np.maximum(1 - ((grid - center) ** 2).sum(axis=-1) / radius**2, 0))
+        shear = rng.uniform(-0.5, 0.5, 2)
+        for load in np.linspace(0.4, 1.0, 4) * rng.uniform(0.5, 3.0):
+            force = (load / pressure.sum() * pressure)[..., None] * np.array([*shear, -1.0])
+            force = force.reshape(-1, 3)
+            displacement.append((compliance @ force.ravel()).reshape(-1, 3) + rng.normal(0, 2e-6, force.shape))
+            wrench.append(np.concatenate([force.sum(axis=0), np.cross(arms, force).sum(axis=0)]))
+        displacement.append(np.zeros((slab.n_nodes, 3)))
+        wrench.append(np.zeros(6))
+    return np.array(displacement), np.array(wrench)
+
+
+def test_finds_the_pad_and_its_uncertainty(board: Board) -> None:
+    u, wrench = touches(board, 12, np.random.default_rng(4))
+    fit = fit_material(board, log_from_frames(u, wrench), NOISE)
+    assert fit.n_touches == 12
+    assert (np.abs(fit.values / TRUE - 1) < [0.03, 0.02, 0.03]).all()
+    assert (np.abs(fit.values - TRUE) < 3 * fit.interval + [3000, 0.005, 5e-5]).all()
+    before, after = (np.sqrt(((w - fit.reference)[:, :3] ** 2).mean()) for w in (fit.before, fit.after))
+    assert after < 0.25 * before
+
+
+def test_a_log_without_variation_is_refused(board: Board) -> None:
+    u, wrench = touches(board, 2, np.random.default_rng(1))
+    with pytest.raises(InputError, match="2 touches"):
+        log_from_frames(u, wrench)
+    with pytest.raises(InputError, match="0 touches"):
+        log_from_frames(u, 0 * wrench)
+
+
+def test_a_log_that_contradicts_itself_is_refused(board: Board) -> None:
+    rng = np.random.default_rng(2)
+    u, wrench = touches(board, 6, rng)
+    with pytest.raises(InputError, match="does not fit any pad"):
+        fit_material(board, log_from_frames(u, wrench * rng.uniform(0.01, 6, (len(wrench), 1))), NOISE)
+
+
+def test_nan_and_other_lengths_are_refused(board: Board) -> None:
+    u, wrench = touches(board, 1, np.random.default_rng(1))
+    with pytest.raises(InputError, match="reference of shape"):
+        log_from_frames(u, wrench[:-1])
+    u[3, 5, 1] = np.nan
+    with pytest.raises(InputError, match="NaN"):
+        log_from_frames(u, wrench)
+
+
+def test_file_round_trip_and_refusals(board: Board, tmp_path: Path) -> None:
+    u, wrench = touches(board, 6, np.random.default_rng(8))
+    fit = fit_material(board, log_from_frames(u, wrench), NOISE)
+    path = tmp_path / "material.json"
+    write_material(path, board, fit)
+    assert read_material(path, board) == fit.material
+    with pytest.raises(InputError, match="was measured on board 'sample', not 'gelslim'"):
+        read_material(path, find_board("gelslim"))
+    path.write_text(json.dumps({"modulus_pa": "soft"}))
+    with pytest.raises(InputError, match="is no file of"):
+        read_material(path, board)
+
+
+def test_reference_csv(tmp_path: Path) -> None:
+    path = tmp_path / "w.csv"
+    path.write_text("fx,fy,fz,tx,ty,tz\n1,2,3,4,5,6\n0,0,0,0,0,0\n")
+    np.testing.assert_allclose(read_wrench_csv(path)[0], [1, 2, 3, 0.004, 0.005, 0.006])
+    path.write_text("fx,fy\n1,2\n")
+    with pytest.raises(InputError, match="lacks the columns fz, tx, ty, tz"):
+        read_wrench_csv(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_wrench_csv(tmp_path / "nothing.csv")
