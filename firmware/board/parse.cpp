@@ -49,7 +49,7 @@ class Reader {
     return value;
   }
 
-  std::vector<std::string> texts(const char* key) {
+  std::vector<std::string> texts(const char* key, size_t max_count) {
     std::vector<std::string> values;
     const toml::node* node = find(key);
     if (node == nullptr) return values;
@@ -57,6 +57,11 @@ class Reader {
     for (const toml::node& item : *node->as_array()) {
       if (!item.is_string()) return fail(path(key) + " must be a list of strings"), values;
       values.push_back(item.as_string()->get());
+      if (values.back().empty() || values.back().size() > kMaxListedLength || values.size() > max_count) {
+        fail(path(key) + " must hold at most " + std::to_string(max_count) + " texts of 1 to " +
+             std::to_string(kMaxListedLength) + " characters");
+        return values;
+      }
     }
     return values;
   }
@@ -174,7 +179,7 @@ void read_rest(Reader& in, BoardSettings& board) {
   board.force_lsb_un = in.integer("force_lsb_un", 1, 1'000);
   in.section("pipeline");
   board.n_rest_frames = static_cast<int>(in.integer("n_rest_frames", 1, 256));
-  board.stages = in.texts("stages");
+  board.stages = in.texts("stages", known_stages().size());
 }
 
 bool stages_in_order(const std::vector<std::string>& stages) {
@@ -239,6 +244,10 @@ void cross_check(Reader& in, const BoardSettings& board) {
 }  // namespace
 
 Result<BoardSettings> parse_board(std::string_view text, const std::string& where) {
+  if (text.size() > kMaxBoardBytes) {
+    return Error{ErrorKind::kBadInput, where + ": has more than " + std::to_string(kMaxBoardBytes) +
+                                           " bytes: move comments into the board's README.md"};
+  }
   // Plain ASCII: one spelling of every file, and toml++ 3.3 reaches undefined behaviour on some other characters.
   if (text.substr(0, 3) == "\xEF\xBB\xBF") {
     return Error{ErrorKind::kBadInput, where + ": starts with a byte-order mark: save it without one"};
@@ -261,7 +270,7 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
   in.section("board");
   board.name = in.text("name");
   board.product = in.text("product", 128);
-  board.not_measured = in.texts("not_measured");
+  board.not_measured = in.texts("not_measured", kMaxNotMeasured);
   read_camera(in, board.camera);
   read_pad(in, board);
   read_markers(in, board.markers);

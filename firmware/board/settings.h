@@ -1,6 +1,7 @@
 // board.toml as typed integers. The keys, their units and ranges: boards/README.md.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -8,6 +9,11 @@
 #include "base/image_view.h"
 
 namespace ruffini {
+
+// Limits of what HELLO carries.
+inline constexpr size_t kMaxBoardBytes = 8'000;  // of the file
+inline constexpr size_t kMaxNotMeasured = 8;
+inline constexpr size_t kMaxListedLength = 23;  // of a stage, of a quantity
 
 enum class Polarity { kDark, kLight };
 enum class Gauge { kMargin, kMean };

@@ -5,16 +5,25 @@
 
 #include <algorithm>
 #include <cstring>
+#include <iterator>
+#include <sstream>
 
 #include "link/messages.h"
 #include "schema.h"
 
 namespace ruffini {
+
+// What the board's parser lets through fits HELLO.
+static_assert(sizeof ruffini_SensorInfo::board_toml > kMaxBoardBytes);
+static_assert(std::size(decltype(ruffini_SensorInfo::not_measured){}) >= kMaxNotMeasured);
+static_assert(std::size(decltype(ruffini_SensorInfo::stages){}) >= kStageCount);
+static_assert(sizeof ruffini_SensorInfo::not_measured[0] > kMaxListedLength);
+static_assert(sizeof ruffini_SensorInfo::stages[0] > kMaxListedLength);
+
 namespace {
 
 constexpr uint64_t kStatusPeriodUs = 1'000'000;
 constexpr size_t kMaxReplies = 64;  // a host that asks faster than it reads is not answered
-constexpr size_t kMaxDeviceMessage = 32'768;
 
 template <size_t N>
 void copy_text(char (&out)[N], const std::string& text) {
@@ -87,6 +96,7 @@ void Session::handle(const WireFrame& frame) {
   }
   switch (frame.header.type) {
     case ruffini_MessageType_MESSAGE_TYPE_HELLO:
+      has_last_reply_ = false;  // a host that starts may count its requests from any number
       send_hello();
       return;
     case ruffini_MessageType_MESSAGE_TYPE_SCHEMA:
@@ -98,8 +108,7 @@ void Session::handle(const WireFrame& frame) {
     case ruffini_MessageType_MESSAGE_TYPE_COMMAND:
       break;
     default:
-      ++rx_malformed_;
-      return;
+      return;  // a type of the future
   }
   ruffini_Command message = ruffini_Command_init_zero;
   pb_istream_t stream = pb_istream_from_buffer(frame.payload.data(), frame.payload.size());
@@ -107,16 +116,29 @@ void Session::handle(const WireFrame& frame) {
     ++rx_malformed_;
     return;
   }
-  command(message);
+  command(message, frame.header.sensor);
 }
 
-void Session::command(const ruffini_Command& request) {
+void Session::command(const ruffini_Command& request, uint8_t sensor) {
   if (has_last_reply_ && request.request_id == last_request_id_) {  // a retry: answered, not run again
     send(ruffini_MessageType_MESSAGE_TYPE_REPLY, ruffini_Reply_fields, &last_reply_);
     return;
   }
   ruffini_Reply reply = ruffini_Reply_init_zero;
   reply.request_id = request.request_id;
+  if (sensor == kDeviceSensor || sensor == identity_.sensor) {
+    act(request, reply);
+  } else {
+    reply.code = ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
+    copy_text(reply.text, "no sensor " + std::to_string(sensor) + " here: HELLO lists those there are");
+  }
+  last_request_id_ = request.request_id;
+  last_reply_ = reply;
+  has_last_reply_ = true;
+  send(ruffini_MessageType_MESSAGE_TYPE_REPLY, ruffini_Reply_fields, &reply);
+}
+
+void Session::act(const ruffini_Command& request, ruffini_Reply& reply) {
   switch (request.which_action) {
     case ruffini_Command_subscribe_tag:
       subscribe(request.action.subscribe);
@@ -152,10 +174,6 @@ void Session::command(const ruffini_Command& request) {
       reply.code = ruffini_ReplyCode_REPLY_UNKNOWN_COMMAND;
       copy_text(reply.text, "unknown command: the host tool is newer than this firmware");
   }
-  last_request_id_ = request.request_id;
-  last_reply_ = reply;
-  has_last_reply_ = true;
-  send(ruffini_MessageType_MESSAGE_TYPE_REPLY, ruffini_Reply_fields, &reply);
 }
 
 void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
@@ -202,12 +220,13 @@ void Session::subscribe(const ruffini_Subscribe& request) {
 
 void Session::send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message) {
   if (replies_.size() >= kMaxReplies) return;
-  std::vector<uint8_t> payload(kMaxDeviceMessage);
+  size_t n_bytes = 0;
+  if (!pb_get_encoded_size(&n_bytes, fields, message)) return;
+  std::vector<uint8_t> payload(n_bytes);
   pb_ostream_t stream = pb_ostream_from_buffer(payload.data(), payload.size());
   if (!pb_encode(&stream, fields, message)) return;
-  std::vector<uint8_t> frames(frames_bound(stream.bytes_written));
-  frames.resize(write_frames(type, identity_.stream_flags, kDeviceSensor, sequence_++,
-                             {payload.data(), stream.bytes_written}, frames));
+  std::vector<uint8_t> frames(frames_bound(n_bytes));
+  frames.resize(write_frames(type, identity_.stream_flags, kDeviceSensor, sequence_++, payload, frames));
   replies_.push_back(std::move(frames));
 }
 
@@ -233,9 +252,7 @@ void Session::send_hello() {
   s.grid_step_y_nm = static_cast<uint32_t>(floor_div(board_.pad.size_y_um * 1'000, board_.grid.n_y - 1));
   s.n_markers = static_cast<uint32_t>(board_.markers.lattice.count());
   for (const std::string& stage : board_.stages) copy_text(s.stages[s.stages_count++], stage);
-  for (const std::string& what : board_.not_measured) {
-    if (s.not_measured_count < 8) copy_text(s.not_measured[s.not_measured_count++], what);
-  }
+  for (const std::string& what : board_.not_measured) copy_text(s.not_measured[s.not_measured_count++], what);
   copy_text(s.board_toml, board_.toml);
   const ActiveCalibration& active = calibrator_.active();
   s.has_calibration = true;
@@ -245,8 +262,10 @@ void Session::send_hello() {
     copy_text(s.calibration.created_utc, active.created_utc);
     copy_text(s.calibration.key_id, active.signer.key_id);
     s.calibration.development_key = active.signer.is_development_key;
-    s.calibration.kinds_count = 1;
-    copy_text(s.calibration.kinds[0], active.kinds);
+    std::stringstream kinds(active.kinds);
+    for (std::string kind;
+         s.calibration.kinds_count < std::size(s.calibration.kinds) && std::getline(kinds, kind, ',');)
+      copy_text(s.calibration.kinds[s.calibration.kinds_count++], kind);
   }
   send(ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_Hello_fields, &m);
 }

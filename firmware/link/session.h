@@ -1,7 +1,7 @@
 // The device's side of the conversation: commands in, replies and telemetry out.
 //
-// Link thread only. Replies are never dropped; of telemetry the newest message of each type wins, and what
-// it replaces is counted. Bytes are written as the line takes them; a frame that was begun is finished first.
+// Link thread only. Replies wait (at most 64 messages); of telemetry the newest message of each type wins,
+// and what it replaces is counted. Bytes are written as the line takes them; a frame that was begun is finished first.
 #pragma once
 
 #include <array>
@@ -53,7 +53,8 @@ class Session {
   };
 
   void handle(const WireFrame& frame);
-  void command(const ruffini_Command& command);
+  void command(const ruffini_Command& command, uint8_t sensor);
+  void act(const ruffini_Command& command, ruffini_Reply& reply);
   void flash(const ruffini_Command& command, ruffini_Reply& reply);
   void subscribe(const ruffini_Subscribe& request);
   void send_hello();

@@ -22,6 +22,8 @@ MAX_VIEW_UM = 2_000_000
 
 LengthUm = Annotated[int, Field(ge=0, le=MAX_LENGTH_UM)]
 Text = Annotated[str, Field(min_length=1, max_length=64)]
+Listed = Annotated[str, Field(min_length=1, max_length=23)]
+MAX_BYTES = 8_000  # of the file: HELLO carries it
 
 
 class Section(BaseModel):
@@ -35,7 +37,7 @@ class BoardIdentity(Section):
 
     name: Text
     product: Annotated[str, Field(min_length=1, max_length=128)]
-    not_measured: list[str]
+    not_measured: Annotated[list[Listed], Field(max_length=8)]
 
 
 class Camera(Section):
@@ -215,9 +217,11 @@ def parse_board(text: str | bytes, where: str) -> Board:
     Raises
     ------
     InputError
-        Not plain ASCII, a byte-order mark, not TOML, an unknown, missing, mistyped or out-of-range key.
+        Too long, not plain ASCII, a byte-order mark, not TOML, an unknown, missing, mistyped or out-of-range key.
     """
     raw = text.encode() if isinstance(text, str) else text
+    if len(raw) > MAX_BYTES:
+        raise InputError(f"{where}: has more than {MAX_BYTES} bytes: move comments into the board's README.md")
     if raw.startswith(b"\xef\xbb\xbf"):
         raise InputError(f"{where}: starts with a byte-order mark: save it without one")
     odd = next((i for i, byte in enumerate(raw) if not (byte in b"\t\n\r" or 0x20 <= byte <= 0x7E)), None)

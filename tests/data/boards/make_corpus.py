@@ -87,6 +87,8 @@ GOOD: dict[str, Change] = {
         put("window.min_x_um", "0"), put("window.min_y_um", "0"),
         put("window.max_x_um", "700"), put("window.max_y_um", "700"),
     ),
+    "8000-bytes": lambda t: t + "#" * (8_000 - len(t)),
+    "lists-at-their-limits": put("board.not_measured", str(["x" * 23] * 8).replace("'", '"')),
     "limits": all_of(
         put("pad.poisson_1e4", "4999"), put("grid.n_layers", "32"), put("contact.threshold_un", "100000000")
     ),
@@ -133,6 +135,10 @@ BAD: dict[str, tuple[Change, str]] = {
     "empty-name": (put("board.name", '""'), "name"),
     "long-name": (put("board.name", '"' + "x" * 65 + '"'), "name"),
     "list-of-integers": (put("board.not_measured", "[1, 2]"), "not_measured"),
+    "list-too-long": (put("board.not_measured", str(["a"] * 9).replace("'", '"')), "not_measured"),
+    "listed-text-too-long": (put("board.not_measured", '["' + "x" * 24 + '"]'), "not_measured"),
+    "listed-text-empty": (put("board.not_measured", '[""]'), "not_measured"),
+    "more-than-8000-bytes": (lambda t: t + "#" * (8_001 - len(t)), "8000 bytes"),
     "text-for-list": (put("board.not_measured", '"torque_z"'), "not_measured"),
     "negative-size": (put("pad.size_x_um", "-20000"), "size_x_um"),
     "zero-thickness": (put("pad.thickness_um", "0"), "thickness_um"),
