@@ -92,7 +92,7 @@ def flags(sensor: Connection, message: object) -> set[str]:
 def test_a_controller_closes_the_loop(twin: Twin, tmp_path: Path) -> None:
     """Push until the sensor says 1 N; the truth then agrees within a quarter, and the ball is not at its limit."""
     steered = Steered(twin.unit, Indenter("sphere", 3 * MM))
-    with TwinServer(twin.unit, steered, Scenario(), tmp_path / "twin"), connected(twin, tmp_path) as sensor:
+    with TwinServer(twin.unit.renderer(), steered, Scenario(), tmp_path / "twin"), connected(twin, tmp_path) as sensor:
         depth, pressed = 0.0, None
         for count, (is_simulated, message) in enumerate(wrenches(sensor)):
             assert is_simulated
@@ -123,7 +123,7 @@ def test_faults_are_flagged_in_the_frames_that_have_them(twin: Twin, tmp_path: P
     frames = Scripted(twin.unit, scenario)
     seen = {}
     with (
-        TwinServer(twin.unit, frames, scenario, tmp_path / "twin"),
+        TwinServer(twin.unit.renderer(), frames, scenario, tmp_path / "twin"),
         connected(twin, tmp_path, "--lockstep", "--wait-for-host") as sensor,
     ):
         for _, message in wrenches(sensor):
@@ -142,14 +142,14 @@ def test_a_stalled_twin_does_not_hold_up_the_end(twin: Twin, tmp_path: Path) -> 
     )  # fmt: skip
 
     class Endless:
-        def displacement(self, frame: int) -> np.ndarray:
-            return twin.unit.at_rest()
+        def states(self, frame: int) -> tuple[np.ndarray, None]:
+            return twin.unit.at_rest(), None
 
     import subprocess
 
     from ruffini.demo.daemon import find_daemon
 
-    with TwinServer(twin.unit, Endless(), scenario, tmp_path / "twin"):
+    with TwinServer(twin.unit.renderer(), Endless(), scenario, tmp_path / "twin"):
         process = subprocess.Popen(
             [str(find_daemon()), "--board", str(twin.board.folder), "--camera", f"twin:{tmp_path / 'twin'}",
              "--link", "pty", "--store", str(tmp_path / "store")], stdout=subprocess.PIPE,
@@ -174,7 +174,7 @@ def test_a_twin_that_is_missing_or_another_is_named(twin: Twin, tmp_path: Path, 
     scenario = Scenario(program="rest", n=1)
     serving = contextlib.nullcontext()
     if board == "gelslim":
-        serving = TwinServer(twin.unit, Scripted(twin.unit, scenario), scenario, tmp_path / "twin")
+        serving = TwinServer(twin.unit.renderer(), Scripted(twin.unit, scenario), scenario, tmp_path / "twin")
     camera = "twin:" if board == "" else f"twin:{tmp_path / 'twin'}"
     with serving, pytest.raises(RuffiniError, match=words), running_daemon(folder, camera, tmp_path / "store"):
         pass

@@ -29,29 +29,37 @@ def press(
     n: Annotated[int, typer.Option("--n", help="Number of presses (grid, balls).")] = 40,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 1,
     ball_mm: Annotated[float, typer.Option(help="Diameter of the calibration ball (balls).")] = 5.0,
+    scenario: Annotated[
+        Path | None, typer.Option("--scenario", help="Program, n, seed and faults from a file, instead of options.")
+    ] = None,
     scale_modulus: Annotated[float, typer.Option(help="True modulus over the board's.")] = 1.0,
     scale_poisson: Annotated[float, typer.Option(help="True Poisson's ratio over the board's.")] = 1.0,
     scale_thickness: Annotated[float, typer.Option(help="True thickness over the board's.")] = 1.0,
     json_: JsonFlag = False,
 ) -> None:
     """Press the simulated pad and record frames and truth."""
-    import numpy as np
-
     from ruffini.boards import find_board
-    from ruffini.sim import programs
     from ruffini.sim.recording import PadError, TwinUnit, record_balls, record_touches
+    from ruffini.sim.scenario import load_scenario, scenario_of
 
-    if program not in ("demo", "grid", "balls"):
+    is_balls = program == "balls" and scenario is None
+    if scenario is not None:
+        plan = load_scenario(scenario)
+    elif program in ("demo", "grid", "balls"):
+        plan = scenario_of({"program": "demo" if is_balls else program, "n": n, "seed": seed}, "options")
+    else:
         raise InputError(f"unknown program {program!r}: demo, grid or balls")
     found = find_board(board)
     with progress_bar("pad mechanics") as progress:
         unit = TwinUnit.build(found, PadError(scale_modulus, scale_poisson, scale_thickness), progress=progress)
     with progress_bar("frames") as progress:
-        if program == "balls":
-            count = record_balls(unit, n, out, ball_mm=ball_mm, seed=seed, progress=progress)
+        if is_balls:
+            count = record_balls(unit, plan.n, out, ball_mm=ball_mm, seed=plan.seed, progress=progress)
         else:
-            story = programs.demo(found) if program == "demo" else programs.grid(found, n, np.random.default_rng(seed))
-            count = record_touches(unit, story, out, seed=seed, program=program, progress=progress)
+            story = plan.story(found)
+            count = record_touches(
+                unit, story, out, seed=plan.seed, program=plan.program, faults=plan.fault, progress=progress
+            )
     emit({"folder": str(out), "frames": count, "simulated": True}, json_, f"{out}: {count} frames, SIMULATED")
 
 
@@ -123,23 +131,30 @@ def serve(
 
     from ruffini.boards import find_board
     from ruffini.sim.contact import Indenter
+    from ruffini.sim.optics.renderer import Renderer
     from ruffini.sim.scenario import Scenario, load_scenario
-    from ruffini.sim.serve import Scripted, Steered, TwinServer, steer_from
+    from ruffini.sim.serve import Resting, Scripted, Steered, TwinServer, steer_from
+    from ruffini.sim.settings import load_twin
     from ruffini.sim.unit import TwinUnit
 
-    plan = load_scenario(scenario) if scenario else Scenario()
-    with progress_bar("pad mechanics") as progress:
-        unit = TwinUnit.build(find_board(board), progress=progress)
-    frames: Scripted | Steered
-    if steer:
-        frames = Steered(unit, Indenter("sphere", ball_mm / 2e3))
-        threading.Thread(target=steer_from, args=(sys.stdin, frames), daemon=True).start()
+    plan, found = load_scenario(scenario) if scenario else Scenario(), find_board(board)
+    frames: Resting | Scripted | Steered
+    if plan.program == "rest" and not steer:
+        renderer = Renderer.over_chart(found, load_twin(found))
+        frames = Resting(renderer, plan.n)
     else:
-        with progress_bar("touches") as progress:
-            frames = Scripted(unit, plan, progress)
-    server = TwinServer(unit, frames, plan, socket)
+        with progress_bar("pad mechanics") as progress:
+            unit = TwinUnit.build(found, progress=progress)
+        renderer = unit.renderer()
+        if steer:
+            frames = Steered(unit, Indenter("sphere", ball_mm / 2e3))
+            threading.Thread(target=steer_from, args=(sys.stdin, frames), daemon=True).start()
+        else:
+            with progress_bar("touches") as progress:
+                frames = Scripted(unit, plan, progress)
+    server = TwinServer(renderer, frames, plan, socket)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.close())
-    note(f"SIMULATED {unit.board.name} on {socket}")
+    note(f"SIMULATED {found.name} on {socket}")
     server.run(once=once)
     emit({"frames": server.n_sent, "simulated": True}, json_, f"{server.n_sent} frames sent, SIMULATED")

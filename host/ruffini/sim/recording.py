@@ -2,7 +2,7 @@
 
     frames/000000.png ...   what the camera saw
     recording.toml          simulated = true, rate, board, seed, settings, versions
-    truth.npz               time_s (t,), wrench (t, 6) N and N m about the pad's centre,
+    truth.npz               frame (t,) number, time_s (t,), wrench (t, 6) N and N m about the pad's centre,
                             force (t, n_y, n_x, 3) N on the board's node grid (whole pad),
                             displacement (t, n_y, n_x, 3) m at the board's nodes,
                             pose (t, 4) x, y, depth (m), turn (rad), NaN where nothing touches,
@@ -14,7 +14,7 @@ Everything random follows from the seed: the same machine writes the same bytes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -28,9 +28,10 @@ from ruffini.errors import InputError
 from ruffini.sim.contact import ContactSolver, Pose
 from ruffini.sim.files import write_whole
 from ruffini.sim.programs import Rest, Step, ball_presses, n_frames_of
+from ruffini.sim.scenario import Fault, Scenario
 from ruffini.sim.story import play
 from ruffini.sim.surface import hat_areas
-from ruffini.sim.toml import settings_toml
+from ruffini.sim.toml import inline, settings_toml
 from ruffini.sim.unit import PadError, TwinUnit
 
 __all__ = ["PadError", "TwinUnit", "record_balls", "record_touches"]
@@ -63,7 +64,7 @@ def _png(image: npt.NDArray[np.uint8]) -> bytes:
 def _truth_npz(rate_hz: float, rows: dict[str, list[npt.ArrayLike]]) -> bytes:
     arrays: dict[str, Any] = {name: np.asarray(values) for name, values in rows.items()}
     file = BytesIO()
-    np.savez_compressed(file, time_s=np.arange(len(arrays["wrench"])) / rate_hz, **arrays)
+    np.savez_compressed(file, time_s=arrays["frame"] / rate_hz, **arrays)
     return file.getvalue()
 
 
@@ -74,9 +75,10 @@ def record_touches(
     *,
     seed: int,
     program: str,
+    faults: Sequence[Fault] = (),
     progress: Progress = lambda _: None,
 ) -> int:
-    """Play a story and write the recording. Returns the number of frames.
+    """Play a story and write the recording. Returns the number of frames that its faults left.
 
     Raises
     ------
@@ -84,29 +86,36 @@ def record_touches(
         The folder is not empty or cannot be written, or an indenter leaves the pad.
     """
     _new_folder(out)
-    rng, renderer, total = np.random.default_rng(seed), unit.renderer(), n_frames_of(story)
+    scenario, renderer, total = Scenario(seed=seed, fault=list(faults)), unit.renderer(), n_frames_of(story)
     touches = [step.indenter for step in story if not isinstance(step, Rest)]
     rows: dict[str, list[npt.ArrayLike]] = {
-        "wrench": [], "force": [], "displacement": [], "pose": [], "judged": [], "touch": [],
+        "frame": [], "wrench": [], "force": [], "displacement": [], "pose": [], "judged": [], "touch": [],
         "shape": [indenter.shape for indenter in touches],
         "radius_m": [indenter.radius_m for indenter in touches],
     }  # fmt: skip
-    for count, moment in enumerate(play(unit, story)):
+    previous: Array | None = None
+    for frame, moment in enumerate(play(unit, story)):
+        displacement = moment.displacement.copy()
+        before, previous = previous, displacement
+        progress((frame + 1) / total)
+        if not scenario.is_sent(frame):
+            continue
+        rows["frame"].append(frame)
         rows["wrench"].append(moment.wrench())
         rows["force"].append(moment.nodal_force())
         rows["displacement"].append(moment.nodal_displacement())
         rows["pose"].append(moment.pose_row())
         rows["judged"].append(moment.judged)
         rows["touch"].append(moment.touch)
-        _write(out / "frames" / f"{count:06d}.png", _png(renderer.image(moment.displacement, rng)))
-        progress((count + 1) / total)
+        picture = scenario.picture(renderer, frame, displacement, before)
+        _write(out / "frames" / f"{frame:06d}.png", _png(picture))
     rate_hz = unit.board.camera.rate_mhz * 1e-3
     _write(out / "truth.npz", _truth_npz(rate_hz, rows))
-    _write_settings(unit, out, seed, program)
-    return total
+    _write_settings(unit, out, seed, program, faults)
+    return len(rows["frame"])
 
 
-def _write_settings(unit: TwinUnit, out: Path, seed: int, program: str) -> None:
+def _write_settings(unit: TwinUnit, out: Path, seed: int, program: str, faults: Sequence[Fault] = ()) -> None:
     model = unit.model
     text = (
         f'simulated = true\nboard = "{unit.board.name}"\nrate_mhz = {unit.board.camera.rate_mhz}\n'
@@ -118,6 +127,8 @@ def _write_settings(unit: TwinUnit, out: Path, seed: int, program: str) -> None:
         f'numpy = "{np.__version__}"\nscipy = "{scipy.__version__}"\n'
     )
     text += settings_toml("twin", unit.twin)
+    for fault in faults:
+        text += "\n[[fault]]\n" + "".join(f"{key} = {inline(value)}\n" for key, value in fault.model_dump().items())
     _write(out / "recording.toml", text.encode("ascii"))
 
 

@@ -16,17 +16,20 @@ from __future__ import annotations
 import dataclasses
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field, ValidationError
 
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
 from ruffini.sim import programs
 from ruffini.sim.optics.conditions import Conditions
+from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.programs import Rest, Step
 
+Array = npt.NDArray[np.float64]
 Frame = Annotated[int, Field(ge=0, le=10_000_000)]
 Um = Annotated[int, Field(ge=-500_000, le=500_000)]
 
@@ -151,6 +154,39 @@ class Scenario(Section):
                     return False
         return True
 
+    def picture(
+        self, renderer: Renderer, frame: int, displacement_m: Array, previous_m: Array | None
+    ) -> npt.NDArray[np.uint8]:
+        """Frame `frame`, (h, w, 3) uint8 B G R, of displacements (n, 3) now and one frame before, metres.
+
+        Recordings and the live twin make theirs here, so they are equal bit for bit.
+        """
+        return renderer.image(
+            displacement_m,
+            np.random.default_rng([self.seed, frame]),
+            previous_m=previous_m,
+            time_s=frame * 1e3 / renderer.board.camera.rate_mhz,
+            conditions=self.conditions(frame),
+        )
+
+
+def scenario_of(tree: dict[str, Any], where: str) -> Scenario:
+    """A scenario of keys and values; `where` names their source in messages.
+
+    Raises
+    ------
+    InputError
+        A key or a value is not as it should be.
+    """
+    try:
+        return Scenario.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"] if part not in FAULT_KINDS)
+        kind = {"extra_forbidden": "unknown key, check the spelling or remove it",
+                "missing": "key is missing"}.get(first["type"], first["msg"])  # fmt: skip
+        raise InputError(f"{where}: {key}: {kind}") from error
+
 
 def load_scenario(path: Path) -> Scenario:
     """A scenario file.
@@ -161,14 +197,8 @@ def load_scenario(path: Path) -> Scenario:
         It cannot be read or is not as it should be.
     """
     try:
-        return Scenario.model_validate(tomllib.loads(path.read_bytes().decode("utf-8")))
+        return scenario_of(tomllib.loads(path.read_bytes().decode("utf-8")), str(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check --scenario") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: not TOML: {error}") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"] if part not in FAULT_KINDS)
-        kind = {"extra_forbidden": "unknown key, check the spelling or remove it",
-                "missing": "key is missing"}.get(first["type"], first["msg"])  # fmt: skip
-        raise InputError(f"{path}: {key}: {kind}") from error

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from ruffini.errors import InputError
 from ruffini.sim.contact import Indenter, Pose
+from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.story import play
 from ruffini.sim.surface import wrench_of
@@ -37,8 +38,18 @@ MAX_SPEED_M_S = 0.02  # of a steered indenter
 class Frames(Protocol):
     """Where the surface is in each frame."""
 
-    def displacement(self, frame: int) -> Array | None:
-        """Surface displacement (n, 3) of a frame, metres; None = the end."""
+    def states(self, frame: int) -> tuple[Array, Array | None] | None:
+        """Surface displacement (n, 3), metres, in a frame and in the one before, if any; None = the end."""
+
+
+class Resting:
+    """n frames in which nothing touches: what bodies without mechanics can show."""
+
+    def __init__(self, renderer: Renderer, n: int) -> None:
+        self._at_rest, self._n = renderer.at_rest(), n
+
+    def states(self, frame: int) -> tuple[Array, Array | None] | None:
+        return (self._at_rest, self._at_rest) if frame < self._n else None
 
 
 class Scripted:
@@ -51,14 +62,16 @@ class Scripted:
         total = n_frames_of(story)
         self._frames = []
         for moment in play(unit, story):
-            self._frames.append(moment.displacement.astype(np.float32))
+            self._frames.append(moment.displacement.copy())
             progress(len(self._frames) / total)
 
     def __len__(self) -> int:
         return len(self._frames)
 
-    def displacement(self, frame: int) -> Array | None:
-        return self._frames[frame].astype(float) if frame < len(self._frames) else None
+    def states(self, frame: int) -> tuple[Array, Array | None] | None:
+        if frame >= len(self._frames):
+            return None
+        return self._frames[frame], self._frames[frame - 1] if frame else None
 
 
 class Steered:
@@ -67,7 +80,6 @@ class Steered:
     def __init__(self, unit: TwinUnit, indenter: Indenter) -> None:
         self._solver = unit.solver(indenter)
         self._step_m = MAX_SPEED_M_S * 1e3 / unit.board.camera.rate_mhz
-        self._at_rest = unit.at_rest()
         self._pose: Pose | None = None
         self._target: Pose | None = None
         self._lock = threading.Lock()
@@ -82,11 +94,15 @@ class Steered:
         with self._lock:
             self._target = target
 
-    def displacement(self, frame: int) -> Array | None:
+    def states(self, frame: int) -> tuple[Array, Array | None] | None:
+        before = self._solver.displacement
+        return self._move(), before
+
+    def _move(self) -> Array:
         with self._lock:
             target = self._target
         if target is None:
-            return self._at_rest
+            return self._solver.displacement
         if self._pose is None:
             self._pose = Pose(target.x_m, target.y_m, 0.0, target.turn_rad)
         way = np.hypot(np.hypot(target.x_m - self._pose.x_m, target.y_m - self._pose.y_m),
@@ -118,9 +134,9 @@ def steer_from(lines: Iterable[str], steered: Steered) -> None:
 class TwinServer:
     """Serves one camera at a time, each from frame 0. `with` runs it in a thread."""
 
-    def __init__(self, unit: TwinUnit, frames: Frames, scenario: Scenario, path: Path) -> None:
-        self._unit, self._frames, self._scenario, self._path = unit, frames, scenario, path
-        self._renderer = unit.renderer()
+    def __init__(self, renderer: Renderer, frames: Frames, scenario: Scenario, path: Path) -> None:
+        self._board, self._renderer = renderer.board, renderer
+        self._frames, self._scenario, self._path = frames, scenario, path
         self._stop = threading.Event()
         self._listener = _listen(path)
         self._thread = threading.Thread(target=self.run, daemon=True)
@@ -157,18 +173,12 @@ class TwinServer:
 
     def picture(self, frame: int) -> npt.NDArray[np.uint8] | None:
         """Frame `frame` as the camera would get it; None = the end."""
-        displacement = self._frames.displacement(frame)
-        return None if displacement is None else self._picture(frame, displacement)
-
-    def _picture(self, frame: int, displacement: Array) -> npt.NDArray[np.uint8]:
-        rate_hz = self._unit.board.camera.rate_mhz * 1e-3
-        rng = np.random.default_rng([self._scenario.seed, frame])
-        conditions = self._scenario.conditions(frame)
-        return self._renderer.image(displacement, rng, time_s=frame / rate_hz, conditions=conditions)
+        states = self._frames.states(frame)
+        return None if states is None else self._scenario.picture(self._renderer, frame, *states)
 
     def _serve(self, camera: socket.socket) -> None:
-        settings = self._unit.board.camera
-        name = self._unit.board.name.encode()
+        settings = self._board.camera
+        name = self._board.name.encode()
         sizes = settings.width_px, settings.height_px, settings.rate_mhz
         try:
             self._send(camera, struct.pack("<4s5I", b"RFTC", VERSION, *sizes, len(name)) + name)
@@ -187,7 +197,7 @@ class TwinServer:
         return b""
 
     def _stream(self, camera: socket.socket, *, is_paced: bool) -> None:
-        period_s = 1e3 / self._unit.board.camera.rate_mhz
+        period_s = 1e3 / self._board.camera.rate_mhz
         start, frame = time.monotonic(), 0
         while not self._stop.is_set():
             if is_paced:
@@ -195,12 +205,12 @@ class TwinServer:
                 if late_s < 0:
                     self._stop.wait(-late_s)
                 frame += max(0, int(late_s / period_s))
-            displacement = self._frames.displacement(frame)
-            if displacement is None:
+            states = self._frames.states(frame)
+            if states is None:
                 self._send(camera, struct.pack("<4sIQ", b"RFTF", 0, frame))
                 return
             if self._scenario.is_sent(frame):
-                data = self._picture(frame, displacement).tobytes()
+                data = self._scenario.picture(self._renderer, frame, *states).tobytes()
                 self._send(camera, struct.pack("<4sIQ", b"RFTF", len(data), frame) + data)
                 self.n_sent += 1
             frame += 1

@@ -12,13 +12,11 @@ import numpy as np
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.sim.contact import Indenter, Pose
-from ruffini.sim.optics.charts import chart_of
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.settings import load_twin
 from ruffini.sim.unit import TwinUnit
 
 N_FRAMES = 20
-NODES = 49  # along each axis of a surface without mechanics
 PRESS = (3e-3, 0.8e-3)  # ball radius and depth of the mechanics' press, metres
 
 
@@ -44,9 +42,8 @@ def _measure(board: Board) -> dict[str, Any]:
     try:
         unit = TwinUnit.build(board)
     except InputError:
-        half_a, half_b = chart_of(twin.shape).half_size(board.pad)
-        renderer = Renderer(board, twin, np.linspace(-half_a, half_a, NODES), np.linspace(-half_b, half_b, NODES))
-        displacement, mechanics_fps = np.zeros((NODES, NODES, 3)), None
+        renderer = Renderer.over_chart(board, twin)
+        displacement, mechanics_fps = renderer.at_rest(), None
     else:
         renderer, solver = unit.renderer(), unit.solver(Indenter("sphere", PRESS[0]))
         poses = [Pose(0.0, 0.0, PRESS[1] * (i + 1) / N_FRAMES) for i in range(N_FRAMES)]

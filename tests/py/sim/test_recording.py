@@ -1,6 +1,7 @@
 """Recordings: whole, repeatable, with the truth that belongs to them."""
 
 import csv
+import dataclasses
 import errno
 import os
 import tomllib
@@ -14,9 +15,12 @@ from ruffini.boards import find_board
 from ruffini.errors import InputError
 from ruffini.sim import cache, programs
 from ruffini.sim.contact import Indenter, Pose
+from ruffini.sim.optics.settings import SensorSettings
 from ruffini.sim.pad import PadModel
 from ruffini.sim.programs import Rest, Touch
 from ruffini.sim.recording import record_balls, record_touches
+from ruffini.sim.scenario import scenario_of
+from ruffini.sim.serve import Scripted, TwinServer
 from ruffini.sim.settings import MeshSettings
 from ruffini.sim.unit import PadError, pad_model
 
@@ -169,3 +173,36 @@ def test_impossible_pads_are_refused():
         pad_model(find_board("gelslim"), PadError(poisson=1.05), MeshSettings())
     with pytest.raises(InputError, match="cannot be simulated"):
         pad_model(find_board("gelslim"), PadError(thickness=0.0), MeshSettings())
+
+
+def test_faults_are_in_the_recording_and_its_settings(coarse_unit, tmp_path):
+    faults = scenario_of(
+        {"fault": [
+            {"kind": "stall", "first_frame": 1, "n_frames": 1},
+            {"kind": "lens_cap", "first_frame": 3, "n_frames": 1},
+        ]},
+        "test",
+    ).fault  # fmt: skip
+    count = record_touches(coarse_unit, STORY, tmp_path / "out", seed=1, program="test", faults=faults)
+    truth = np.load(tmp_path / "out" / "truth.npz")
+    assert count == 4
+    assert truth["frame"].tolist() == [0, 2, 3, 4]
+    assert truth["judged"].tolist() == [False, False, True, False]
+    np.testing.assert_allclose(truth["time_s"], np.array([0, 2, 3, 4]) / 60)
+    levels = [cv2.imread(str(p)).mean() for p in sorted((tmp_path / "out" / "frames").iterdir())]
+    assert levels[2] < 5 < 90 < min(levels[0], levels[1], levels[3])
+    settings = tomllib.loads((tmp_path / "out" / "recording.toml").read_text())
+    assert [f["kind"] for f in settings["fault"]] == ["stall", "lens_cap"]
+
+
+def test_live_twin_and_recording_show_the_same_pictures(coarse_unit, tmp_path):
+    """With motion blur, which hangs on the frame before."""
+    twin = coarse_unit.twin.model_copy(update={"sensor": SensorSettings(shutter_1e3=500)})
+    unit = dataclasses.replace(coarse_unit, twin=twin)
+    scenario = scenario_of({"program": "grid", "n": 1, "seed": 3}, "test")
+    record_touches(unit, scenario.story(unit.board), tmp_path / "out", seed=3, program="grid")
+    frames = sorted((tmp_path / "out" / "frames").iterdir())
+    live = TwinServer(unit.renderer(), Scripted(unit, scenario), scenario, tmp_path / "socket")
+    for i in (12, 15, 3):
+        assert (live.picture(i) == cv2.imread(str(frames[i]))).all()
+    assert live.picture(len(frames)) is None

@@ -51,13 +51,13 @@ def rest(n=N, **more):
 
 
 def served(unit, scenario, path, mode=b"L"):
-    with TwinServer(unit, Scripted(unit, scenario), scenario, path):
+    with TwinServer(unit.renderer(), Scripted(unit, scenario), scenario, path):
         return dict(Camera(path, mode).frames())
 
 
 def test_greeting_and_frames(coarse_unit, tmp_path):
     scenario = rest()
-    with TwinServer(coarse_unit, Scripted(coarse_unit, scenario), scenario, tmp_path / "twin") as server:
+    with TwinServer(coarse_unit.renderer(), Scripted(coarse_unit, scenario), scenario, tmp_path / "twin") as server:
         camera = Camera(tmp_path / "twin")
         frames = dict(camera.frames())
         assert camera.board == coarse_unit.board.name
@@ -69,7 +69,7 @@ def test_greeting_and_frames(coarse_unit, tmp_path):
 
 def test_every_camera_gets_the_same_bits(coarse_unit, tmp_path):
     scenario = rest(fault=[{"kind": "drop", "first_frame": 0, "n_frames": N, "share_1e3": 400}])
-    with TwinServer(coarse_unit, Scripted(coarse_unit, scenario), scenario, tmp_path / "twin"):
+    with TwinServer(coarse_unit.renderer(), Scripted(coarse_unit, scenario), scenario, tmp_path / "twin"):
         first, again = (dict(Camera(tmp_path / "twin").frames()) for _ in range(2))
     other = served(coarse_unit, rest(seed=2), tmp_path / "twin")
     assert 0 < len(first) < N
@@ -102,7 +102,7 @@ def test_optical_faults_begin_and_end_as_scripted(coarse_unit, tmp_path, fault, 
 
 def test_paced_frames_keep_the_rate_and_skip_what_is_late(coarse_unit, tmp_path):
     scenario = rest(40)
-    with TwinServer(coarse_unit, Scripted(coarse_unit, scenario), scenario, tmp_path / "twin"):
+    with TwinServer(coarse_unit.renderer(), Scripted(coarse_unit, scenario), scenario, tmp_path / "twin"):
         camera = Camera(tmp_path / "twin", b"P")
         start, numbers = time.monotonic(), []
         for number, _ in camera.frames():
@@ -117,9 +117,9 @@ def test_paced_frames_keep_the_rate_and_skip_what_is_late(coarse_unit, tmp_path)
 
 def test_steered_ball_goes_where_it_is_told_at_its_speed(coarse_unit):
     steered = Steered(coarse_unit, Indenter("sphere", 3 * MM))
-    assert not steered.displacement(0).any()
+    assert not steered.states(0)[0].any()
     steered.move_to(Pose(MM, 0, 0.5 * MM))
-    depths = [-steered.displacement(i)[:, 2].min() / MM for i in range(4)]
+    depths = [-steered.states(i)[0][:, 2].min() / MM for i in range(4)]
     assert depths[0] < 0.42  # 20 mm/s at 60 Hz, on this coarse mesh
     assert depths[1] > depths[0] + 0.05
     assert depths[-1] == pytest.approx(0.5, abs=0.08)
@@ -130,11 +130,11 @@ def test_steered_ball_stays_when_it_is_sent_off_the_pad(coarse_unit, capsys):
     steered = Steered(coarse_unit, Indenter("sphere", 3 * MM))
     steered.move_to(Pose(0, 0, 0.3 * MM))
     for i in range(3):
-        steered.displacement(i)
+        steered.states(i)[0]
     force = steered.wrench[2]
     steered.move_to(Pose(0, 0, 3.9 * MM))
-    before = [steered.displacement(i) for i in range(20)][-1]
-    assert (steered.displacement(21) == before).all()
+    before = [steered.states(i)[0] for i in range(20)][-1]
+    assert (steered.states(21)[0] == before).all()
     assert steered.wrench[2] <= force
     assert capsys.readouterr().err
 
@@ -142,15 +142,15 @@ def test_steered_ball_stays_when_it_is_sent_off_the_pad(coarse_unit, capsys):
 def test_a_socket_in_use_is_refused_and_a_dead_one_replaced(coarse_unit, tmp_path):
     frames = Scripted(coarse_unit, rest(1))
     with (
-        TwinServer(coarse_unit, frames, rest(1), tmp_path / "twin"),
+        TwinServer(coarse_unit.renderer(), frames, rest(1), tmp_path / "twin"),
         pytest.raises(InputError, match="another twin serves there"),
     ):
-        TwinServer(coarse_unit, frames, rest(1), tmp_path / "twin")
+        TwinServer(coarse_unit.renderer(), frames, rest(1), tmp_path / "twin")
     with socket.socket(socket.AF_UNIX) as dead:
         dead.bind(str(tmp_path / "twin"))
     assert len(served(coarse_unit, rest(1), tmp_path / "twin")) == 1
     with pytest.raises(InputError, match="choose another --socket"):
-        TwinServer(coarse_unit, frames, rest(1), tmp_path / "no" / "folder")
+        TwinServer(coarse_unit.renderer(), frames, rest(1), tmp_path / "no" / "folder")
 
 
 @pytest.mark.parametrize(

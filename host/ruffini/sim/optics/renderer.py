@@ -64,6 +64,16 @@ class Renderer:
     has_dots: bool = True
     views: list[Seen] = field(init=False)
 
+    @classmethod
+    def over_chart(cls, board: Board, twin: TwinSettings, n_nodes: int = 49) -> Renderer:
+        """A renderer with n x n nodes over the whole surface, for bodies of any mechanics or of none."""
+        half_a, half_b = chart_of(twin.shape).half_size(board.pad)
+        return cls(board, twin, np.linspace(-half_a, half_a, n_nodes), np.linspace(-half_b, half_b, n_nodes))
+
+    def at_rest(self) -> Array:
+        """Displacement of the untouched surface, (n_b, n_a, 3)."""
+        return np.zeros((*self.surface.shape, 3))
+
     def __post_init__(self) -> None:
         camera, twin = self.board.camera, self.twin
         step_mm = camera.standoff_um / camera.focal_mpx / FINE_PER_PX
@@ -81,7 +91,7 @@ class Renderer:
         self._lamps = np.zeros((1, 3), dtype=np.float32)  # an electroluminescent sheet is everywhere
         if not isinstance(light, Electroluminescent):
             self._lamps = rgb_leds.places(light) if isinstance(light, RgbLeds) else white_ring.places(light)
-        rest = self.surface.deform(np.zeros((*self.surface.shape, 3)))
+        rest = self.surface.deform(self.at_rest())
         self.views = self._make_views(rest)
         self._gain, self._ambient = self._normalise(rest)
 

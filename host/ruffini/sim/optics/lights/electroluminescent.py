@@ -2,7 +2,8 @@
 
 Pressing thins the translucent layer between sheet and window: by Beer and Lambert an opening gets
 exp(compression / attenuation) times brighter. Its brightness follows the compression of the layer
-over the opening's middle, as the pyramid scatters light over its whole base.
+over the opening's middle, as the pyramid scatters light over its whole base. The surface that moves is the
+sheet; mask and window stay.
 """
 
 from __future__ import annotations
