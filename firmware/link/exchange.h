@@ -32,7 +32,6 @@ struct Exchange {
   std::atomic<uint64_t> frames_captured{0};
   std::atomic<uint64_t> frames_overrun{0};
   std::atomic<uint64_t> frames_invalid{0};
-  std::atomic<bool> has_ended{false};  // the recording is over
 };
 
 }  // namespace ruffini

@@ -219,7 +219,9 @@ void MessageEncoder::encode(ruffini_MessageType type, const FramePath& path, con
     default:
       return;
   }
-  const size_t n_bytes = write_frames(type, stamp.flags, sensor_, sequence_++, {payload_.data(), n}, frames_);
+  const uint32_t sequence = sequence_++;  // of a message that cannot be sent: the host counts the gap
+  if (n == 0) return;
+  const size_t n_bytes = write_frames(type, stamp.flags, sensor_, sequence, {payload_.data(), n}, frames_);
   if (n_bytes > 0) sink(type, {frames_.data(), n_bytes});
 }
 

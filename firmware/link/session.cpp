@@ -13,7 +13,8 @@
 
 namespace ruffini {
 
-// What the board's parser lets through fits HELLO.
+// Every type has its slot, and what the board's parser lets through fits HELLO.
+static_assert(_ruffini_MessageType_MAX < kMessageTypes);
 static_assert(sizeof ruffini_SensorInfo::board_toml > kMaxBoardBytes);
 static_assert(std::size(decltype(ruffini_SensorInfo::not_measured){}) >= kMaxNotMeasured);
 static_assert(std::size(decltype(ruffini_SensorInfo::stages){}) >= kStageCount);

@@ -85,10 +85,10 @@ def good_frames() -> list[tuple[str, bytes, str]]:
     add("second of two fragments", 5, b"cd", sequence=9, fragment=1, fragments=2)
     add("last of 255 fragments", 5, b"e", sequence=10, fragment=254, fragments=255)
     add("a type of the future", 200, b"?", sequence=11)
-    hello, reply = frame(1, flags=1, sensor=255), frame(12, b"\x08\x07", sensor=255, sequence=6)
-    two = f"{said(1, flags=1, sensor=255)}; {said(12, bytes([8, 7]), sensor=255, sequence=6)}"
-    out.append(("two frames", hello + reply, two))
-    out.append(("delimiters before and between", b"\0\0" + hello + b"\0" + reply, two))
+    first, second = frame(4, b"\x08", sequence=6), frame(12, b"\x08\x07", sensor=255, sequence=6)
+    both = f"{said(4, bytes([8]), sequence=6)}; {said(12, bytes([8, 7]), sensor=255, sequence=6)}"
+    out.append(("two frames", first + second, both))
+    out.append(("delimiters before and between", b"\0\0" + first + b"\0" + second, both))
     return out
 
 

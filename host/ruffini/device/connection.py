@@ -12,7 +12,6 @@ from typing import Any
 
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError, SeveralDevicesError, VerifyError
 from ruffini.wire import Decoder, Frame, Schema, encode_message
-from ruffini.wire.framing import FROM_HOST
 
 HELLO_TIMEOUT_S = 2.0
 REPLY_TIMEOUT_S = 2.0
@@ -88,8 +87,6 @@ class Connection:
         if self.raw_sink is not None and data:
             self.raw_sink(data)
         for frame in self.decoder.feed(data):
-            if frame.flags & FROM_HOST:
-                continue  # our own frame: the line echoes
             message = self.schema.decode(frame.type, frame.payload)
             if message is not None:
                 self.messages.append((frame, message))

@@ -15,6 +15,7 @@ MAX_MESSAGE_BYTES = 255 * MAX_PAYLOAD_BYTES
 FROM_HOST, SIMULATED, REPLAY = 1, 2, 4
 KNOWN_FLAGS = 7
 DEVICE_SENSOR = 255
+RESTART_GAP = 1 << 31  # a sequence that goes back: the device was started again, nothing was lost
 _HEADER = struct.Struct("<BBBBIBBH")
 
 
@@ -109,17 +110,26 @@ class Counters:
     oversize: int = 0
     incomplete: int = 0
     lost: int = 0
+    echo: int = 0
 
 
 @dataclass
 class Decoder:
-    """Byte stream -> messages. Holds at most one frame and one unfinished message."""
+    """Byte stream -> messages. Holds at most one frame and one unfinished message.
+
+    Parameters
+    ----------
+    from_host : bool
+        Which direction to listen to; frames of the other one are an echo, counted and passed over.
+    """
+
+    from_host: bool = False
 
     counters: Counters = field(default_factory=Counters)
     _buffer: bytearray = field(default_factory=bytearray)
     _is_oversize: bool = False
     _parts: list[bytes] = field(default_factory=list)
-    _open: tuple[int, int, int, int] | None = None
+    _open: tuple[int, ...] | None = None
     _last: dict[int, int] = field(default_factory=dict)
 
     def feed(self, data: bytes) -> Iterator[Frame]:
@@ -167,11 +177,12 @@ class Decoder:
         ):
             self.counters.malformed += 1
             return None
-        return self._assemble((type_, sensor, sequence, flags), fragment, n_fragments, payload)
+        if bool(flags & FROM_HOST) is not self.from_host:
+            self.counters.echo += 1
+            return None
+        return self._assemble((type_, sensor, sequence, flags, n_fragments), fragment, payload)
 
-    def _assemble(
-        self, key: tuple[int, int, int, int], fragment: int, n_fragments: int, payload: bytes
-    ) -> Frame | None:
+    def _assemble(self, key: tuple[int, ...], fragment: int, payload: bytes) -> Frame | None:
         if fragment == 0:
             if self._open is not None:
                 self.counters.incomplete += 1
@@ -182,12 +193,12 @@ class Decoder:
             self.counters.incomplete += self._open is not None
             self._open = None
             return None
+        type_, sensor, sequence, flags, n_fragments = key
         if len(self._parts) < n_fragments:
             return None
         self._open = None
-        type_, sensor, sequence, flags = key
-        previous = self._last.get(sensor)
-        if previous is not None:
-            self.counters.lost += (sequence - previous - 1) & 0xFFFFFFFF if sequence != previous else 0
+        missing = (sequence - self._last.get(sensor, sequence - 1) - 1) & 0xFFFFFFFF
+        if missing < RESTART_GAP:
+            self.counters.lost += missing
         self._last[sensor] = sequence
         return Frame(type_, sensor, sequence, flags, b"".join(self._parts))

@@ -58,7 +58,8 @@ class Schema:
             The payload is not that message.
         """
         name = self.type_name(type_number)
-        cls = self._classes.get(f"ruffini.{name.title()}") if name else None
+        # MESSAGE_TYPE_AB_CD is the message AbCd.
+        cls = self._classes.get("ruffini." + name.title().replace("_", "")) if name else None
         if cls is None:
             return None
         try:

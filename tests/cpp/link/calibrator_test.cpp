@@ -1,0 +1,165 @@
+#include "link/calibrator.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+
+#include "support/signed_calibration.h"
+#include "support/test_board.h"
+#include "support/test_calibration.h"
+
+namespace ruffini {
+namespace {
+
+using Bytes = std::vector<uint8_t>;
+
+uint64_t still_clock() { return 0; }
+
+class CalibratorTest : public testing::Test {
+ protected:
+  CalibratorTest()
+      : folder_(testing::TempDir() + "calibrator_test" + std::to_string(::getpid())),
+        file_(test::sign(test::diagonal_calibration(board_))),
+        calibrator_(open()) {
+    std::string problem;
+    EXPECT_TRUE(calibrator_.start(still_clock, problem)) << problem;
+    EXPECT_EQ(problem, "");
+  }
+  ~CalibratorTest() override {
+    delete exchange_.next_path.load();
+    std::filesystem::remove_all(folder_);
+  }
+
+  Calibrator open(const std::string& serial = "0042") {
+    return {board_, serial, SlotStore::open(folder_).value(), exchange_};
+  }
+  Status upload(const Bytes& file) {
+    Status begun = calibrator_.begin(file.size(), sha256(file));
+    if (!begun) return begun;
+    const std::span<const uint8_t> all(file);
+    for (size_t at = 0; at < file.size(); at += Calibrator::kMaxChunkBytes) {
+      Status taken = calibrator_.chunk(at, all.subspan(at, std::min(Calibrator::kMaxChunkBytes, file.size() - at)));
+      if (!taken) return taken;
+    }
+    return Unit{};
+  }
+  // What commit() says against the file; nothing of it may be in force.
+  Error refusal_of(const Bytes& file) {
+    EXPECT_TRUE(upload(file));
+    const Status committed = calibrator_.commit();
+    EXPECT_FALSE(committed);
+    EXPECT_EQ(exchange_.next_path.load(), nullptr);
+    EXPECT_FALSE(calibrator_.active().is_present);
+    EXPECT_FALSE(calibrator_.is_receiving());
+    EXPECT_FALSE(std::filesystem::exists(folder_ + "/calibration.safetensors"));
+    return committed ? Error{} : committed.error();
+  }
+
+  BoardSettings board_ = test::round_board();
+  std::string folder_;
+  Exchange exchange_;
+  Bytes file_;
+  Calibrator calibrator_;
+};
+
+TEST_F(CalibratorTest, WhatWasUploadedIsInForceNowAndAfterARestart) {
+  ASSERT_TRUE(upload(file_));
+  EXPECT_TRUE(calibrator_.is_complete());
+  const Status committed = calibrator_.commit();
+  ASSERT_TRUE(committed) << committed.error().message;
+  const std::string hash = sha256(file_);
+  EXPECT_EQ(calibrator_.active().sha256, hash);
+  EXPECT_EQ(calibrator_.active().kinds, "operator,support,photometric");
+  EXPECT_TRUE(calibrator_.active().signer.is_development_key);
+  EXPECT_FALSE(calibrator_.is_receiving());
+  ASSERT_NE(exchange_.next_path.load(), nullptr);
+  const uint32_t id = exchange_.next_path.load()->calibration_id();
+  EXPECT_EQ(id >> 24, static_cast<uint8_t>(hash[0]));
+  EXPECT_EQ(id & 0xFF, static_cast<uint8_t>(hash[3]));
+
+  Calibrator later = open();
+  std::string problem;
+  auto path = later.start(still_clock, problem);
+  ASSERT_TRUE(path);
+  EXPECT_EQ(problem, "");
+  EXPECT_EQ(later.active().sha256, hash);
+  EXPECT_EQ(path.value()->calibration_id(), id);
+}
+
+TEST_F(CalibratorTest, AStoredFileThatDoesNotFitIsNamedAndNotUsed) {
+  ASSERT_TRUE(SlotStore::open(folder_).value().install(Bytes(100, 7)));
+  Calibrator later = open();
+  std::string problem;
+  auto path = later.start(still_clock, problem);
+  ASSERT_TRUE(path);
+  EXPECT_NE(problem, "");
+  EXPECT_FALSE(later.active().is_present);
+  EXPECT_EQ(path.value()->calibration_id(), 0U);
+}
+
+TEST_F(CalibratorTest, OneSpoiltByteOfTheUploadIsSeen) {
+  ASSERT_TRUE(calibrator_.begin(file_.size(), sha256(file_)));
+  Bytes spoilt = file_;
+  spoilt[spoilt.size() / 2] ^= 1;
+  ASSERT_TRUE(calibrator_.chunk(0, spoilt));
+  const Status committed = calibrator_.commit();
+  ASSERT_FALSE(committed);
+  EXPECT_EQ(committed.error().kind, ErrorKind::kStorage);
+  EXPECT_FALSE(calibrator_.active().is_present);
+}
+
+TEST_F(CalibratorTest, OneSpoiltByteBeforeTheHashWasTakenFailsTheSignature) {
+  Bytes spoilt = file_;
+  spoilt[spoilt.size() - 100] ^= 1;
+  const Error error = refusal_of(spoilt);
+  EXPECT_EQ(error.kind, ErrorKind::kRefused);
+  EXPECT_NE(error.message.find("signature"), std::string::npos) << error.message;
+}
+
+TEST_F(CalibratorTest, AFileForAnotherBoardIsRefused) {
+  BoardSettings other = board_;
+  other.name = "other";
+  const Error error = refusal_of(test::sign(test::diagonal_calibration(other)));
+  EXPECT_EQ(error.kind, ErrorKind::kRefused);
+  EXPECT_NE(error.message.find("\"other\""), std::string::npos) << error.message;
+}
+
+TEST_F(CalibratorTest, AFileForAnotherGridIsRefused) {
+  BoardSettings other = board_;
+  other.grid = {9, 7};
+  EXPECT_EQ(refusal_of(test::sign(test::diagonal_calibration(other))).kind, ErrorKind::kBadInput);
+}
+
+TEST_F(CalibratorTest, ChunksAreTakenInOrderAndNoFurtherThanAnnounced) {
+  EXPECT_FALSE(calibrator_.chunk(0, Bytes{1})) << "nothing was begun";
+  ASSERT_TRUE(calibrator_.begin(4, sha256(Bytes{1, 2, 3, 4})));
+  EXPECT_FALSE(calibrator_.chunk(1, Bytes{2}));
+  EXPECT_FALSE(calibrator_.chunk(0, Bytes{}));
+  EXPECT_FALSE(calibrator_.chunk(0, Bytes(5)));
+  EXPECT_TRUE(calibrator_.chunk(0, Bytes{1, 2, 3}));
+  EXPECT_FALSE(calibrator_.chunk(0, Bytes{1}));
+  EXPECT_EQ(calibrator_.next_offset(), 3U);
+  EXPECT_FALSE(calibrator_.commit()) << "a byte is missing";
+  EXPECT_TRUE(calibrator_.is_receiving()) << "and can still come";
+}
+
+TEST_F(CalibratorTest, TheSameHashResumesAndAnotherStartsAnew) {
+  ASSERT_TRUE(calibrator_.begin(4, sha256(Bytes{1, 2, 3, 4})));
+  ASSERT_TRUE(calibrator_.chunk(0, Bytes{1, 2}));
+  ASSERT_TRUE(calibrator_.begin(4, sha256(Bytes{1, 2, 3, 4})));
+  EXPECT_EQ(calibrator_.next_offset(), 2U);
+  ASSERT_TRUE(calibrator_.begin(4, sha256(Bytes{4, 3, 2, 1})));
+  EXPECT_EQ(calibrator_.next_offset(), 0U);
+}
+
+TEST_F(CalibratorTest, SizesThatNoFileHasAreRefusedAtOnce) {
+  const std::string hash(32, 'x');
+  EXPECT_FALSE(calibrator_.begin(0, hash));
+  EXPECT_FALSE(calibrator_.begin(Calibrator::kMaxUploadBytes + 1, hash));
+  EXPECT_FALSE(calibrator_.begin(10, hash.substr(1)));
+  EXPECT_FALSE(calibrator_.is_receiving());
+}
+
+}  // namespace
+}  // namespace ruffini

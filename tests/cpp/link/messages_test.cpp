@@ -1,0 +1,256 @@
+#include "link/messages.h"
+
+#include <gtest/gtest.h>
+#include <pb_decode.h>
+
+#include "support/dense_decoder.h"
+#include "support/dot_picture.h"
+#include "support/test_board.h"
+#include "support/test_calibration.h"
+
+namespace ruffini {
+namespace {
+
+using Bytes = std::vector<uint8_t>;
+
+uint64_t still_clock() { return 0; }
+
+bool read_bytes(pb_istream_t* stream, const pb_field_t*, void** arg) {
+  auto& out = *static_cast<Bytes*>(*arg);
+  out.resize(stream->bytes_left);
+  return pb_read(stream, out.data(), out.size());
+}
+
+template <typename Dense>
+std::vector<int32_t> values_of(const Dense& dense, const Bytes& data) {
+  const auto values = test::decode_dense(dense.codec == ruffini_Dense_Codec_CODEC_SPARSE, size_t{dense.n_x} * dense.n_y,
+                                         dense.n_components, data);
+  EXPECT_TRUE(values) << "the data is not what its sizes say";
+  return values.value_or(std::vector<int32_t>{});
+}
+
+// A sensor that has learned rest and sees one press: dots moved to the right, colours bent in the middle.
+class MessagesTest : public testing::Test {
+ protected:
+  explicit MessagesTest(BoardSettings board = all_stages()) : board_(std::move(board)) {
+    path_ = FramePath::configure(board_, CalibrationFile::load(test::diagonal_calibration(board_)).value(), still_clock)
+                .value();
+    auto dots = test::nominal_dots(board_);
+    const test::DotPicture picture{.width = board_.camera.width_px, .height = board_.camera.height_px};
+    const Bytes rest = picture.bgr(dots, 1);
+    for (int i = 0; i < board_.n_rest_frames; ++i) path_->process(view(rest));
+    for (test::Place& p : dots) p.x += 2;
+    dots.erase(dots.begin() + 5);
+    picture_ = picture.bgr(dots, 2);
+    for (int y = 40; y < 80; ++y) {
+      for (int x = 60; x < 100; ++x) {
+        uint8_t& blue = picture_[static_cast<size_t>(3 * (y * board_.camera.width_px + x))];
+        blue = static_cast<uint8_t>(std::clamp(blue + (x - 80), 0, 255));
+      }
+    }
+    path_->process(view(picture_));
+    encoder_ = std::make_unique<MessageEncoder>(*path_, kSensor);
+  }
+
+  static BoardSettings all_stages() {
+    BoardSettings board = test::round_board();
+    board.stages = known_stages();
+    return board;
+  }
+  [[nodiscard]] FrameView view(const Bytes& pixels) const {
+    return {pixels.data(), board_.camera.width_px, board_.camera.height_px, 3, ptrdiff_t{3} * board_.camera.width_px};
+  }
+
+  // The message of this type about the last frame, its fragments joined; headers_ are theirs.
+  Bytes encode(ruffini_MessageType type) {
+    headers_.clear();
+    Bytes payload;
+    encoder_->encode(type, *path_, view(picture_), kStamp, [&](ruffini_MessageType said, std::span<const uint8_t> all) {
+      EXPECT_EQ(said, type);
+      for (const uint8_t byte : all) {
+        const auto frame = decoder_.push(byte);
+        if (!frame) continue;
+        headers_.push_back(frame->header);
+        payload.insert(payload.end(), frame->payload.begin(), frame->payload.end());
+      }
+    });
+    return payload;
+  }
+  template <typename Message>
+  void decode(const Bytes& payload, const pb_msgdesc_t* fields, Message& out) {
+    pb_istream_t stream = pb_istream_from_buffer(payload.data(), payload.size());
+    ASSERT_TRUE(pb_decode(&stream, fields, &out)) << PB_GET_ERROR(&stream);
+    ASSERT_TRUE(out.has_stamp);
+    EXPECT_EQ(out.stamp.capture_us, kStamp.capture_us);
+    EXPECT_EQ(out.stamp.frame, kStamp.frame);
+    EXPECT_EQ(out.stamp.calibration_id, kStamp.calibration_id);
+    EXPECT_EQ(out.stamp.flags, path_->state().flags);
+  }
+
+  static constexpr uint8_t kSensor = 3;
+  static constexpr FrameStamp kStamp{uint64_t{1} << 40, 77, 0xDEADBEEF, kSimulated | kReplay};
+  BoardSettings board_;
+  std::unique_ptr<FramePath> path_;
+  Bytes picture_;
+  std::unique_ptr<MessageEncoder> encoder_;
+  FrameDecoder decoder_;
+  std::vector<FrameHeader> headers_;
+};
+
+TEST_F(MessagesTest, EveryHeaderSaysSensorSequenceAndThatItIsSimulated) {
+  const ruffini_MessageType types[] = {ruffini_MessageType_MESSAGE_TYPE_WRENCH, ruffini_MessageType_MESSAGE_TYPE_IMAGE,
+                                       ruffini_MessageType_MESSAGE_TYPE_FIELD};
+  uint32_t sequence = 0;
+  for (const auto type : types) {
+    encode(type);
+    ASSERT_FALSE(headers_.empty());
+    for (size_t i = 0; i < headers_.size(); ++i) {
+      EXPECT_EQ(headers_[i].type, type);
+      EXPECT_EQ(headers_[i].flags, kSimulated | kReplay);
+      EXPECT_EQ(headers_[i].sensor, kSensor);
+      EXPECT_EQ(headers_[i].sequence, sequence);
+      EXPECT_EQ(headers_[i].fragment, i);
+      EXPECT_EQ(headers_[i].n_fragments, headers_.size());
+    }
+    ++sequence;
+  }
+}
+
+TEST_F(MessagesTest, TheWrenchIsTheExactSumOfTheField) {
+  ruffini_Wrench wrench = ruffini_Wrench_init_zero;
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_WRENCH), ruffini_Wrench_fields, wrench);
+  ruffini_Field field = ruffini_Field_init_zero;
+  Bytes force;
+  Bytes displacement;
+  field.force.data = {.funcs = {.decode = read_bytes}, .arg = &force};
+  field.displacement.data = {.funcs = {.decode = read_bytes}, .arg = &displacement};
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_FIELD), ruffini_Field_fields, field);
+
+  const std::vector<int32_t> f = values_of(field.force, force);
+  int64_t sum[3] = {};
+  for (size_t i = 0; i < f.size(); ++i) sum[i % 3] += int64_t{f[i]} * field.force_lsb_un;
+  EXPECT_EQ(wrench.force_x_un, sum[0]);
+  EXPECT_EQ(wrench.force_y_un, sum[1]);
+  EXPECT_EQ(wrench.force_z_un, sum[2]);
+  EXPECT_NE(sum[0], 0);
+  EXPECT_NE(sum[2], 0);
+
+  const std::vector<int32_t> u = values_of(field.displacement, displacement);
+  const auto& nodes = path_->state().displacement.node;
+  ASSERT_EQ(u.size(), 3 * nodes.size());
+  for (size_t i = 0; i < nodes.size(); ++i) {
+    EXPECT_EQ(u[3 * i], nodes[i].x.raw());
+    EXPECT_EQ(u[3 * i + 2], nodes[i].z.raw());
+  }
+}
+
+TEST_F(MessagesTest, ValidityIsBesideEveryNumber) {
+  ruffini_Wrench wrench = ruffini_Wrench_init_zero;
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_WRENCH), ruffini_Wrench_fields, wrench);
+  ASSERT_EQ(wrench.validity_count, 6);
+  for (const auto validity : wrench.validity) EXPECT_EQ(validity, ruffini_Validity_VALIDITY_VALID);
+  // Without a calibration nothing is a force.
+  auto bare = FramePath::configure(board_, nullptr, still_clock).value();
+  bare->process(view(picture_));
+  path_.swap(bare);
+  wrench = ruffini_Wrench_init_zero;
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_WRENCH), ruffini_Wrench_fields, wrench);
+  ASSERT_EQ(wrench.validity_count, 6);
+  for (const auto validity : wrench.validity) EXPECT_EQ(validity, ruffini_Validity_VALIDITY_NOT_MEASURED);
+  EXPECT_EQ(wrench.force_x_un, 0);
+}
+
+TEST_F(MessagesTest, DepthIsTheStatesOwn) {
+  ruffini_Depth depth = ruffini_Depth_init_zero;
+  Bytes data;
+  depth.depth.data = {.funcs = {.decode = read_bytes}, .arg = &data};
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_DEPTH), ruffini_Depth_fields, depth);
+  EXPECT_EQ(depth.validity, ruffini_Validity_VALIDITY_VALID);
+  const std::vector<int32_t> z = values_of(depth.depth, data);
+  const auto& state = path_->state().poisson.depth;
+  ASSERT_EQ(z.size(), state.size());
+  for (size_t i = 0; i < z.size(); ++i) ASSERT_EQ(z[i], state[i].raw());
+  EXPECT_NE(*std::min_element(z.begin(), z.end()), 0);
+}
+
+TEST_F(MessagesTest, MarkersAreInMillionthsOfAPixelAndTheLostOneIsMarked) {
+  ruffini_Markers markers = ruffini_Markers_init_zero;
+  Bytes data;
+  markers.displacement.data = {.funcs = {.decode = read_bytes}, .arg = &data};
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_MARKERS), ruffini_Markers_fields, markers);
+  EXPECT_EQ(markers.n_x, 9U);
+  EXPECT_EQ(markers.n_y, 7U);
+  const std::vector<int32_t> moved = values_of(markers.displacement, data);
+  ASSERT_EQ(moved.size(), 2U * 63U);
+  ASSERT_EQ(markers.lost.size, 8U);
+  for (size_t i = 0; i < 63; ++i) {
+    EXPECT_NEAR(moved[2 * i] * static_cast<double>(markers.position_lsb_upx) / 1e6, 2.0, 0.1) << i;
+    EXPECT_EQ(markers.lost.bytes[i / 8] >> i % 8 & 1, i == 5 ? 1 : 0) << i;
+  }
+}
+
+TEST_F(MessagesTest, ContactsAreTheStatesOwn) {
+  ruffini_Contacts contacts = ruffini_Contacts_init_zero;
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_CONTACTS), ruffini_Contacts_fields, contacts);
+  const ContactList& found = path_->state().contacts;
+  ASSERT_GE(found.n_listed, 1);
+  ASSERT_EQ(contacts.contacts_count, found.n_listed);
+  EXPECT_EQ(contacts.n_found, static_cast<uint32_t>(found.n_found));
+  EXPECT_LT(contacts.contacts[0].force_z_un, 0) << "pressing is negative";
+  EXPECT_EQ(contacts.contacts[0].force_z_un, found.contacts[0].force_z_un);
+  EXPECT_EQ(contacts.contacts[0].center_x_um, found.contacts[0].center_x_um);
+  EXPECT_EQ(contacts.contacts[0].area_um2_k, found.contacts[0].area_um2 / 1'000);
+}
+
+TEST_F(MessagesTest, AnImageTravelsAsItIs) {
+  ruffini_Image image = ruffini_Image_init_zero;
+  Bytes data;
+  image.data = {.funcs = {.decode = read_bytes}, .arg = &data};
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_IMAGE), ruffini_Image_fields, image);
+  EXPECT_EQ(image.step_px, 1U);
+  EXPECT_EQ(data, picture_);
+}
+
+TEST_F(MessagesTest, TypesThatAreNotAboutAFrameAreNotEncoded) {
+  for (const auto type : {ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_MessageType_MESSAGE_TYPE_STATUS,
+                          ruffini_MessageType_MESSAGE_TYPE_NONE}) {
+    encode(type);
+    EXPECT_TRUE(headers_.empty()) << type;
+  }
+}
+
+class LargeImageTest : public MessagesTest {
+ protected:
+  LargeImageTest() : MessagesTest(large_board()) {}
+  static BoardSettings large_board() {
+    BoardSettings board = all_stages();
+    board.camera.width_px = 900;
+    board.camera.height_px = 602;
+    board.depth.step_px = 2;
+    return board;
+  }
+};
+
+TEST_F(LargeImageTest, IsDecimatedUntilItFitsOneMessage) {
+  ruffini_Image image = ruffini_Image_init_zero;
+  Bytes data;
+  image.data = {.funcs = {.decode = read_bytes}, .arg = &data};
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_IMAGE), ruffini_Image_fields, image);
+  EXPECT_EQ(image.step_px, 2U);
+  EXPECT_EQ(image.width_px, 450U);
+  EXPECT_EQ(image.height_px, 301U);
+  ASSERT_EQ(data.size(), size_t{450 * 301 * 3});
+  const size_t last = 3 * (600 * 900 + 898);
+  EXPECT_EQ((Bytes{data.end() - 3, data.end()}), (Bytes{&picture_[last], &picture_[last] + 3}));
+}
+
+TEST(WriteFrames, AMessageOfMoreThan255FragmentsIsNotWritten) {
+  const Bytes largest(255 * kMaxPayloadBytes);
+  Bytes out(frames_bound(largest.size() + kMaxPayloadBytes));
+  EXPECT_GT(write_frames(ruffini_MessageType_MESSAGE_TYPE_IMAGE, 0, 0, 0, largest, out), largest.size());
+  const Bytes beyond(largest.size() + 1);
+  EXPECT_EQ(write_frames(ruffini_MessageType_MESSAGE_TYPE_IMAGE, 0, 0, 0, beyond, out), 0U);
+}
+
+}  // namespace
+}  // namespace ruffini
