@@ -5,6 +5,10 @@ from __future__ import annotations
 import contextlib
 import shutil
 import signal
+import socket
+import struct
+import subprocess
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,14 +22,15 @@ from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.photometric import collect_samples, fit_model, tabulate
 from ruffini.calibrate.presses import Pinhole, load_presses
-from ruffini.demo.daemon import running_daemon
+from ruffini.demo.daemon import find_daemon, running_daemon
 from ruffini.device import Connection
 from ruffini.errors import RuffiniError
 from ruffini.sim.contact import Indenter, Pose
+from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.pad import PadModel, surface_compliance
 from ruffini.sim.recording import record_balls
 from ruffini.sim.scenario import Scenario
-from ruffini.sim.serve import Scripted, Steered, TwinServer
+from ruffini.sim.serve import Resting, Scripted, Steered, TwinServer
 from ruffini.sim.settings import load_twin
 from ruffini.sim.unit import TwinUnit
 
@@ -145,10 +150,6 @@ def test_a_stalled_twin_does_not_hold_up_the_end(twin: Twin, tmp_path: Path) -> 
         def states(self, frame: int) -> tuple[np.ndarray, None]:
             return twin.unit.at_rest(), None
 
-    import subprocess
-
-    from ruffini.demo.daemon import find_daemon
-
     with TwinServer(twin.unit.renderer(), Endless(), scenario, tmp_path / "twin"):
         process = subprocess.Popen(
             [str(find_daemon()), "--board", str(twin.board.folder), "--camera", f"twin:{tmp_path / 'twin'}",
@@ -178,3 +179,105 @@ def test_a_twin_that_is_missing_or_another_is_named(twin: Twin, tmp_path: Path, 
     camera = "twin:" if board == "" else f"twin:{tmp_path / 'twin'}"
     with serving, pytest.raises(RuffiniError, match=words), running_daemon(folder, camera, tmp_path / "store"):
         pass
+
+
+class Impostor:
+    """Something else on the socket: sends `data` to whoever connects, and waits for it to go."""
+
+    def __init__(self, path: Path, data: bytes) -> None:
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener.bind(str(path))
+        self._listener.listen(1)
+        self._data = data
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._listener.close()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError):
+            camera, _ = self._listener.accept()
+            with camera:
+                camera.sendall(self._data)
+                while camera.recv(64):
+                    pass
+
+
+def greeting(name: bytes = b"tiny", width: int = 160, height: int = 120, version: int = 1, n_name: int = -1) -> bytes:
+    n_name = len(name) if n_name < 0 else n_name
+    return struct.pack("<4s5I", b"RFTC", version, width, height, 100_000, n_name) + name
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"HTTP/1.1 400 Bad Request and more", "not a twin of this version"),
+        (greeting(version=2), "not a twin of this version"),
+        (greeting(n_name=0xFFFFFFFF), "not a twin of this version"),
+        (greeting(b"ti", n_name=200), "not a twin of this version"),
+        (greeting(width=161), "frames are 161x120"),
+    ],
+)
+def test_impostors_are_refused_in_one_sentence(twin: Twin, tmp_path: Path, data: bytes, words: str) -> None:
+    assert twin.board.folder is not None
+    camera = f"twin:{tmp_path / 'twin'}"
+    with (
+        Impostor(tmp_path / "twin", data),
+        pytest.raises(RuffiniError, match=words),
+        running_daemon(twin.board.folder, camera, tmp_path / "store"),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        b"noise that is no frame" * 9,
+        struct.pack("<4sIQ", b"RFTF", 160 * 120 * 3 + 1, 0) + bytes(160 * 120 * 3 + 1),
+        struct.pack("<4sIQ", b"RFTF", 0xFFFFFFFF, 0),
+        struct.pack("<4sIQ", b"RFTF", 0, 0),
+    ],
+)
+def test_frames_that_are_none_end_the_daemon_cleanly(twin: Twin, tmp_path: Path, frames: bytes) -> None:
+    command = [
+        str(find_daemon()), "--board", str(twin.board.folder), "--camera", f"twin:{tmp_path / 'twin'}",
+        "--link", "pty", "--store", str(tmp_path / "store"),
+    ]  # fmt: skip
+    with Impostor(tmp_path / "twin", greeting() + frames):
+        done = subprocess.run(command, capture_output=True, timeout=10)
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize("name", ["contact-glitter", "ftouch", "stereo-fingertip", "eltac"])
+def test_every_board_with_a_twin_runs_on_the_daemon(tmp_path: Path, name: str) -> None:
+    """No force without a calibration, and no crash without markers; the picture comes over the line as it was made."""
+    board = find_board(name)
+    assert board.folder is not None
+    renderer = Renderer.over_chart(board, load_twin(board))
+    scenario = Scenario(program="rest", n=board.pipeline.n_rest_frames + 3)
+    server = TwinServer(renderer, Resting(renderer, scenario.n), scenario, tmp_path / "twin")
+    messages: dict[str, list[object]] = {}
+    with (
+        server,
+        running_daemon(
+            board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store", "--lockstep", "--wait-for-host"
+        ) as port,
+        Connection(port) as sensor,
+    ):
+        sensor.subscribe(wrench=1, image=1, markers=1, contacts=1)
+        with contextlib.suppress(RuffiniError):
+            for frame, message in sensor.stream(timeout_s=3.0):
+                messages.setdefault(sensor.schema.type_name(frame.type), []).append(message)
+    last = messages["WRENCH"][-1]
+    assert last.stamp.frame == scenario.n - 1
+    assert set(last.validity) == {0}  # not measured
+    image = messages["IMAGE"][-1]
+    picture = server.picture(image.stamp.frame)
+    assert picture is not None
+    sent = np.frombuffer(image.data, np.uint8).reshape(image.height_px, image.width_px, -1)
+    step = image.step_px
+    reference = picture[::step, ::step] if sent.shape[2] == 3 else picture[::step, ::step].mean(axis=2, keepdims=True)
+    assert np.abs(sent.astype(float) - reference).mean() < 3
