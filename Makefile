@@ -73,13 +73,14 @@ fuzz: setup  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the sess
 	@.ci/setup lint
 	@$(call compile,$(BUILD)/libfuzzer,-DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ -DRUFFINI_DAEMON=OFF -DRUFFINI_TESTS=OFF -DRUFFINI_LIBFUZZER=ON \
 	  -DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined$(comma)fuzzer-no-link $(SANITIZE_FLAGS)',\
-	  ruffini_fuzz_frame ruffini_fuzz_calibration ruffini_fuzz_board)
+	  ruffini_fuzz_frame ruffini_fuzz_dense ruffini_fuzz_calibration ruffini_fuzz_board)
 	@.ci/fuzz-parsers $(BUILD) $(FUZZ_S)
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
 	@$(PYTHON) tests/bench/run.py --build $(BUILD)
 	@$(PYTHON) tests/bench/accuracy.py
+	@$(PYTHON) tests/bench/twin.py
 
 fresh:  ## the README's commands in a clean root: SUITE=bookworm|trixie (needs root and debootstrap)
 	@.ci/fresh '$(SUITE)'
