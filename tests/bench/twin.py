@@ -48,14 +48,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--dataset-board", default="gelslim")
     arguments = parser.parse_args()
-    print(
-        f"\ntwin, SIMULATED, one core: frames a second\n{'board':<18} {'picture':>9} {'rendered':>9} {'mechanics':>9} MB"
-    )
+    print("\ntwin, SIMULATED, one core: frames a second")
+    print(f"{'board':<18} {'picture':>9} {'rendered':>9} {'mechanics':>9} {'MB':>9}")
     for name in boards_with_twin():
         print(board_row(name), flush=True)
     one, two = dataset_rates(arguments.dataset_board)
     print(
-        f"dataset of {arguments.dataset_board}, {SAMPLES} samples: {one:.1f} samples/s by one process, "
+        f"dataset of {arguments.dataset_board}, {SAMPLES} samples: {one:.1f} a second by one process, "
         f"{two:.1f} by two (efficiency {two / one / 2:.2f})"
     )
 
