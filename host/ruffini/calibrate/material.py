@@ -2,7 +2,8 @@
 
 The estimator's wrench W(u; E, nu, h) is linear in E and smooth in (nu, h). It is computed with the board's own
 second pass on a 3 x 3 grid of (nu, h) around the board's numbers and interpolated there; a robust least-squares fit
-moves (E, nu, h) until it meets the reference. What the images get wrong by a constant factor is fitted with it, so
+moves (E, nu, h) until it meets the reference. The three trade off against each other; where the log leaves that open,
+the board's numbers decide (PRIOR). What the images get wrong by a constant factor is fitted with it, so
 these are the numbers with which this sensor measures best, and near the material's own where the images are right.
 
 Confidence intervals come from leaving out one touch at a time (jackknife): frames of one touch are not independent.
@@ -44,6 +45,9 @@ TOUCHED_N = 0.05  # reference force above which a frame is used
 MAX_FRAMES_A_TOUCH = 8
 VALID = 1  # Validity of ruffini.proto
 MIN_TOUCHES = 5
+# Of the board's numbers (E, nu, h): what a datasheet and a caliper know. It decides only where the log does not.
+PRIOR = (0.3, 0.03, 0.05)
+DEVIATION = 0.02  # of the estimator's wrench from the reference, part of the log's spread
 LARGEST_UNEXPLAINED = 0.3  # part of the reference wrench (L2)
 LARGEST_INTERVAL = 0.5  # of the value: beyond this the log does not tell the number
 
@@ -279,10 +283,12 @@ def fit_material(board: Board, log: MaterialLog, noise: Noise, *, progress: Prog
 
     def solve(used: npt.NDArray[np.bool_]) -> Array:
         spread = max(float(np.std(log.wrench[used] * scale)), 1e-9)
+        # The six numbers of the frames of one touch err together: a touch counts once.
+        deviation = DEVIATION * spread * np.sqrt(6 * used.sum() / len(np.unique(log.touch[used])))
 
         def residual(relative: Array) -> Array:
             difference = (predictor.wrench(relative * predictor.nominal) - log.wrench)[used] * scale
-            return np.asarray(difference.ravel() / (0.02 * spread))
+            return np.concatenate([difference.ravel() / deviation, (relative - 1) / PRIOR])
 
         start = np.clip(np.ones(3), lower / predictor.nominal * 1.001, upper / predictor.nominal * 0.999)
         found = least_squares(
