@@ -69,7 +69,7 @@ sanitize: setup  ## C++ tests under ASan + UBSan, then under TSan
 MUTATIONS ?= 1000000
 fuzz: setup  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the session, FUZZ_S seconds for each parser
 	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_fuzz_session)
-	@$(BUILD)/asan/ruffini_fuzz_session boards/gelslim proto/vectors/frames.txt $(MUTATIONS)
+	@$(BUILD)/asan/ruffini_fuzz_session proto/vectors/frames.txt $(MUTATIONS)
 	@.ci/setup lint
 	@$(call compile,$(BUILD)/libfuzzer,-DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ -DRUFFINI_DAEMON=OFF -DRUFFINI_TESTS=OFF -DRUFFINI_LIBFUZZER=ON \
 	  -DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined$(comma)fuzzer-no-link $(SANITIZE_FLAGS)',\

@@ -13,7 +13,7 @@ namespace {
 // Keeps the bytes aligned beside what points into them.
 struct Parsed {
   explicit Parsed(const std::vector<uint8_t>& bytes) : storage((bytes.size() + 7) / 8) {
-    std::memcpy(storage.data(), bytes.data(), bytes.size());
+    if (!bytes.empty()) std::memcpy(storage.data(), bytes.data(), bytes.size());
     result.emplace(Calibration::parse({reinterpret_cast<const uint8_t*>(storage.data()), bytes.size()}));
   }
   std::vector<uint64_t> storage;
