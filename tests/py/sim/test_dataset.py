@@ -191,6 +191,35 @@ def test_a_killed_dask_worker_loses_nothing_and_doubles_nothing(coarse_board, tm
     assert sums(tmp_path / "d") == sums(tmp_path / "here")
 
 
+def test_a_cluster_that_goes_away_leaves_whole_shards(coarse_board, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    larger = plan(coarse_board, n=24)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, local_directory=str(tmp_path / "w")
+    ) as cluster:
+
+        def pull_the_plug(done):
+            if done > 0.1:
+                cluster.close()
+
+        with pytest.raises(RuffiniError, match="went away: what is written is whole"):
+            make_dataset(larger, tmp_path / "d", dask=cluster.scheduler_address, progress=pull_the_plug)
+    left = indices(tmp_path / "d")
+    assert 2 <= len(left) < 24
+    make_dataset(larger, tmp_path / "d")
+    assert indices(tmp_path / "d") == list(range(24))
+
+
+def test_a_scheduler_without_workers_is_one_sentence(coarse_board, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr("ruffini.sim.dataset.workers.CONNECT_TIMEOUT_S", 0.5)
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster,
+        pytest.raises(InputError, match="has no workers"),
+    ):
+        next(on_dask(plan(coarse_board), [0], cluster.scheduler_address))
+
+
 def test_no_scheduler_is_one_sentence(coarse_board, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("ruffini.sim.dataset.workers.CONNECT_TIMEOUT_S", 0.5)

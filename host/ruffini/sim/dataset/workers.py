@@ -63,9 +63,9 @@ def on_dask(plan: Plan, shards: list[int], address: str) -> Results:
     Raises
     ------
     InputError
-        Dask is not installed, or no scheduler answers.
+        Dask is not installed, no scheduler answers, or it has no workers.
     RuffiniError
-        One shard has killed several workers.
+        One shard has killed several workers, or the cluster went away.
     """
     try:
         distributed: Any = importlib.import_module("distributed")
@@ -77,6 +77,10 @@ def on_dask(plan: Plan, shards: list[int], address: str) -> Results:
         raise InputError(f"no Dask scheduler answers at {address}: check --dask ({error})") from error
     waiting, text = list(reversed(shards)), plan.model_dump_json()
     with client:
+        try:
+            client.wait_for_workers(1, timeout=CONNECT_TIMEOUT_S)
+        except TimeoutError as error:
+            raise InputError(f"the Dask scheduler at {address} has no workers: start some (`dask worker`)") from error
         n_ahead = AHEAD * max(1, sum(client.ncores().values()))
 
         def submit(shard: int) -> Any:
@@ -91,6 +95,10 @@ def on_dask(plan: Plan, shards: list[int], address: str) -> Results:
                 data = future.result()
             except distributed.KilledWorker as error:
                 raise RuffiniError(f"shard {shard} killed every worker that took it: {error}") from error
+            except concurrent.futures.CancelledError as error:
+                raise RuffiniError(
+                    f"the Dask cluster at {address} went away: what is written is whole; run the same command again"
+                ) from error
             future.release()
             if waiting:
                 following = waiting.pop()

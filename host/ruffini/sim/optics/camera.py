@@ -88,14 +88,13 @@ class View:
     board: Board
     settings: ViewSettings
     lens: LensSettings | None
-    index: int = 0
     n_views: int = 1
     refractive_index: float = 1.0
 
     def __post_init__(self) -> None:
         camera = self.board.camera
         self.width_px, self.height_px = camera.width_px // self.n_views, camera.height_px
-        self._focal_px = camera.focal_mpx * 1e-3
+        self.focal_px = camera.focal_mpx * 1e-3
         self._center_px = np.array([camera.center_x_mpx, camera.center_y_mpx]) * 1e-3
         self.thickness_mm = self.board.pad.thickness_um * 1e-3
         # A plate of thickness t and index n lifts what is behind it by t (1 - 1/n).
@@ -111,7 +110,7 @@ class View:
     def rays(self) -> tuple[Array, Array]:
         """Origin and direction of every pixel's ray where it reaches the surface, (h, w, 3) each."""
         v, u = np.mgrid[: self.height_px, : self.width_px].astype(float)
-        place = (np.column_stack([u.ravel(), v.ravel()]) - self._center_px) / self._focal_px
+        place = (np.column_stack([u.ravel(), v.ravel()]) - self._center_px) / self.focal_px
         direction = undistort(self.lens, place) @ self._turn.T
         origin = np.broadcast_to(self._pinhole, direction.shape)
         if self._mirror is not None:
@@ -136,9 +135,4 @@ class View:
             point, normal = self._mirror
             points = points - 2 * ((points - point) @ normal)[:, None] * normal
         seen = (points - self._pinhole) @ self._turn
-        return distort(self.lens, seen) * self._focal_px + self._center_px, seen[:, 2]
-
-    @property
-    def px_per_mm_at_1mm(self) -> float:
-        """Focal length in pixels: a thing of 1 mm at distance d mm is this over d pixels large."""
-        return self._focal_px
+        return distort(self.lens, seen) * self.focal_px + self._center_px, seen[:, 2]

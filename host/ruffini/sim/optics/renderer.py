@@ -99,8 +99,8 @@ class Renderer:
         twin, views = self.twin, []
         wanted = twin.view or [ViewSettings()]
         index = twin.gel.index_1e3 * 1e-3 if twin.gel else 1.0
-        for i, settings in enumerate(wanted):
-            view = View(self.board, settings, twin.lens, i, len(wanted), index)
+        for settings in wanted:
+            view = View(self.board, settings, twin.lens, len(wanted), index)
             origin, direction = (r.astype(np.float32) for r in view.rays())
             v, u = np.mgrid[: view.height_px, : view.width_px]
             radius2 = (u - view.width_px / 2 + 0.5) ** 2 + (v - view.height_px / 2 + 0.5) ** 2

@@ -20,7 +20,7 @@ def draw(light: Floats, view: View, places_mm: Array, radius_mm: float, level: f
     for i in np.argsort(-distance, kind="stable"):
         if distance[i] <= 0:
             continue
-        radius = radius_mm * view.px_per_mm_at_1mm / distance[i]
+        radius = radius_mm * view.focal_px / distance[i]
         x0, x1 = max(int(at[i, 0] - radius) - 1, 0), min(int(at[i, 0] + radius) + 3, width)
         y0, y1 = max(int(at[i, 1] - radius) - 1, 0), min(int(at[i, 1] + radius) + 3, height)
         if x0 >= x1 or y0 >= y1:
