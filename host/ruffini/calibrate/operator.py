@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
-from ruffini.fem.compile import DISPLACEMENT_LSB_NM, BlockTable, compile_matrix, force_steps
+from ruffini.fem.compile import DISPLACEMENT_LSB_NM, BlockTable, certificate, compile_matrix, force_steps
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
@@ -103,7 +104,9 @@ def make_operator(
         progress=lambda done: progress(done * (0.5 if has_support else 0.9)),
     )
     lsb = board.field.force_lsb_un
-    table = compile_matrix(matrix * force_steps(lsb), "the operator")
+    in_steps = matrix * force_steps(lsb)
+    table = compile_matrix(in_steps, "the operator")
+    proof = certificate(table, in_steps)
     rows, columns = board.observed
     metadata = {
         "operator.n_x": str(columns.stop - columns.start),
@@ -111,6 +114,8 @@ def make_operator(
         "operator.force_lsb_un": str(lsb),
         "operator.displacement_lsb_nm": str(DISPLACEMENT_LSB_NM),
         "operator.method": method,
+        "operator.worst_error_un": ",".join(str(math.ceil(w * lsb)) for w in proof.worst_steps),
+        "operator.typical_error_1e9": ",".join(str(round(v * 1e9)) for v in proof.typical),
         "operator.material": ",".join(f"{v:.6g}" for v in material) if material else "board",
     }
     tensors: Tensors = {}

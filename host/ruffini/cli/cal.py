@@ -69,11 +69,14 @@ def operator(
     container.write(out, file)
     error = int(kind.metadata["operator.error_1e9"]) * 1e-9
     result = {"file": str(out), "board": found.name, "method": method, "grid": [int(kind.metadata["operator.n_x"]),
-              int(kind.metadata["operator.n_y"])], "rounding_error": error, "bytes": len(file.data)}  # fmt: skip
+              int(kind.metadata["operator.n_y"])], "rounding_error": error, "bytes": len(file.data),
+              "worst_error_un": [int(v) for v in kind.metadata["operator.worst_error_un"].split(",")],
+              "material": kind.metadata["operator.material"]}  # fmt: skip
     emit(
         result,
         json_,
-        f"{out}: {method} operator of {found.name}, rounding error {error:.1e}, {len(file.data) / 1e6:.1f} MB",
+        f"{out}: {method} operator of {found.name}, {len(file.data) / 1e6:.1f} MB, rounding error {error:.1e}; "
+        f"up to 1 mm a nodal force is off by at most {kind.metadata['operator.worst_error_un']} uN (x, y, z)",
     )
 
 
