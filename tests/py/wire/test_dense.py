@@ -36,6 +36,16 @@ def test_round_trip(nodes: np.ndarray) -> None:
     np.testing.assert_array_equal(decode_dense(codec, len(nodes), 1, nodes.shape[1], data)[0], nodes)
 
 
+@given(hnp.arrays(np.int32, st.tuples(st.integers(1, 40), st.integers(1, 3))), st.data())
+def test_spoilt_bytes_are_an_error_or_values_of_the_same_shape(nodes: np.ndarray, data: st.DataObject) -> None:
+    codec, packed = encode_dense(nodes, nodes.shape[1])
+    spoilt = bytearray(packed)
+    at = data.draw(st.integers(0, len(spoilt) - 1))
+    spoilt[at : at + 1] = data.draw(st.binary(max_size=3))
+    with contextlib.suppress(InputError):
+        assert decode_dense(codec, len(nodes), 1, nodes.shape[1], bytes(spoilt)).shape == (1, *nodes.shape)
+
+
 @given(st.integers(0, 3), st.integers(0, 2**32), st.integers(0, 100), st.integers(0, 4), st.binary(max_size=300))
 def test_hostile_bytes_are_an_error_or_bounded(codec: int, n_x: int, n_y: int, components: int, data: bytes) -> None:
     with contextlib.suppress(InputError):

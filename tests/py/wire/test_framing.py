@@ -14,7 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ruffini.wire.dense import decode_dense
-from ruffini.wire.framing import MAX_MESSAGE_BYTES, Decoder, Frame, cobs_decode, cobs_encode, crc32c, encode_message
+from ruffini.wire.framing import (
+    MAX_MESSAGE_BYTES,
+    REPLAY,
+    Decoder,
+    Frame,
+    cobs_decode,
+    cobs_encode,
+    crc32c,
+    encode_message,
+)
 
 FRAMES = read_vectors("frames.txt")
 
@@ -143,6 +152,28 @@ def test_hostile_bytes_neither_crash_nor_pile_up(chunks: list[bytes]) -> None:
     assert sum(map(len, decoder._parts)) <= MAX_MESSAGE_BYTES
     valid = encode_message(1, b"", sensor=255, sequence=0, flags=0)
     assert [f.type for f in decoder.feed(b"\0" + valid)] == [1]
+
+
+@settings(max_examples=300)
+@given(st.data())
+def test_a_spoilt_stream_yields_what_was_sent_or_nothing(data: st.DataObject) -> None:
+    sizes = data.draw(st.lists(st.integers(0, 9000), min_size=1, max_size=4))
+    sent = [(i, bytes(k % 251 for k in range(n))) for i, n in enumerate(sizes)]
+    stream = bytearray(b"".join(encode_message(9, p, sensor=0, sequence=i, flags=REPLAY) for i, p in sent))
+    for at in data.draw(st.lists(st.integers(0, len(stream) - 1), max_size=6)):
+        match data.draw(st.sampled_from(["flip", "drop", "add"])):
+            case "flip":
+                stream[min(at, len(stream) - 1)] ^= data.draw(st.integers(1, 255))
+            case "drop":
+                del stream[at : at + data.draw(st.integers(1, 300))]
+                stream = stream or bytearray(b"\0")
+            case _:
+                stream[at:at] = data.draw(st.binary(max_size=20))
+    decoder = Decoder()
+    cut = data.draw(st.integers(0, len(stream)))
+    got = [f for part in (stream[:cut], stream[cut:]) for f in decoder.feed(bytes(part))]
+    assert {(f.sequence, f.payload) for f in got} <= set(sent)
+    assert all(f.is_replay and not f.is_simulated for f in got)
 
 
 def test_the_examples_of_the_specification_are_right() -> None:
