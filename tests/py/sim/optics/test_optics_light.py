@@ -14,7 +14,7 @@ def test_pressed_opening_is_brighter_by_its_compression_alone(bench):
     one = bench("eltac", **CLEAN, unit={"lattice_shift_um": [0, 0], "lattice_turn_mrad": 0, "friction_1e3": 700})
     a, b = 5.236 + 14 * 10.472 - 125.6635, 5 + 6 * 10 - 60
     before, after = one.picture(), one.picture(one.dent(a, b, 1.5, 12))
-    angle, distance = a / 40, 160 + b
+    angle, distance = a / 40, 163 + b
     plane = 40 / distance * np.array([np.cos(angle), np.sin(angle)])
     r2 = plane @ plane
     u, v = np.round(976.5 * plane * (1 - 0.4171 * r2 + 0.2501 * r2**2) + [647.6, 357.5]).astype(int)
