@@ -43,8 +43,8 @@ class Reader {
     if (node == nullptr) return {};
     if (!node->is_string()) return fail(path(key) + " must be a string"), std::string{};
     const std::string value = node->as_string()->get();
-    if (value.empty() || value.size() > max_length) {
-      fail(path(key) + " must have 1 to " + std::to_string(max_length) + " characters");
+    if (!is_plain(value, max_length)) {
+      fail(path(key) + " must have 1 to " + std::to_string(max_length) + " printable ASCII characters");
     }
     return value;
   }
@@ -57,9 +57,9 @@ class Reader {
     for (const toml::node& item : *node->as_array()) {
       if (!item.is_string()) return fail(path(key) + " must be a list of strings"), values;
       values.push_back(item.as_string()->get());
-      if (values.back().empty() || values.back().size() > kMaxListedLength || values.size() > max_count) {
+      if (!is_plain(values.back(), kMaxListedLength) || values.size() > max_count) {
         fail(path(key) + " must hold at most " + std::to_string(max_count) + " texts of 1 to " +
-             std::to_string(kMaxListedLength) + " characters");
+             std::to_string(kMaxListedLength) + " printable ASCII characters");
         return values;
       }
     }
@@ -101,6 +101,12 @@ class Reader {
   [[nodiscard]] const std::string& error() const { return error_; }
 
  private:
+  // Escapes can spell what the file itself may not hold: a zero byte would cut a name short in C and on the wire.
+  static bool is_plain(const std::string& value, size_t max_length) {
+    return !value.empty() && value.size() <= max_length &&
+           std::all_of(value.begin(), value.end(), [](char c) { return c >= ' ' && c <= '~'; });
+  }
+
   const toml::node* find(const char* key) {
     asked_keys_.insert(section_ + "." + key);
     if (table_ == nullptr) return nullptr;
@@ -252,8 +258,8 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
   if (text.substr(0, 3) == "\xEF\xBB\xBF") {
     return Error{ErrorKind::kBadInput, where + ": starts with a byte-order mark: save it without one"};
   }
-  const auto is_plain = [](char c) { return c == '\t' || c == '\n' || c == '\r' || (c >= ' ' && c <= '~'); };
-  if (const auto odd = std::find_if_not(text.begin(), text.end(), is_plain); odd != text.end()) {
+  const auto is_allowed = [](char c) { return c == '\t' || c == '\n' || c == '\r' || (c >= ' ' && c <= '~'); };
+  if (const auto odd = std::find_if_not(text.begin(), text.end(), is_allowed); odd != text.end()) {
     const auto line = 1 + std::count(text.begin(), odd, '\n');
     return Error{ErrorKind::kBadInput, where + ":" + std::to_string(line) + ": a character that is not plain ASCII"};
   }

@@ -21,8 +21,9 @@ MAX_CELLS = 640  # of the depth grid along one axis: the Poisson solver's accumu
 MAX_VIEW_UM = 2_000_000
 
 LengthUm = Annotated[int, Field(ge=0, le=MAX_LENGTH_UM)]
-Text = Annotated[str, Field(min_length=1, max_length=64)]
-Listed = Annotated[str, Field(min_length=1, max_length=23)]
+PRINTABLE = r"^[ -~]+$"  # escapes can spell what the file itself may not hold
+Text = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
+Listed = Annotated[str, Field(min_length=1, max_length=23, pattern=PRINTABLE)]
 MAX_BYTES = 8_000  # of the file: HELLO carries it
 
 
@@ -36,7 +37,7 @@ class BoardIdentity(Section):
     """[board]."""
 
     name: Text
-    product: Annotated[str, Field(min_length=1, max_length=128)]
+    product: Annotated[str, Field(min_length=1, max_length=128, pattern=PRINTABLE)]
     not_measured: Annotated[list[Listed], Field(max_length=8)]
 
 
@@ -100,7 +101,7 @@ class Depth(Section):
 
     gauge: Literal["margin", "mean"]
     margin_um: LengthUm
-    step_px: Literal[1, 2, 4]
+    step_px: Annotated[int, Field(ge=1, le=4)]  # 3 is refused below; a Literal would take true and 1.0
 
 
 class Contact(Section):
@@ -196,7 +197,7 @@ class Board(Section):
             raise ValueError("[window] holds fewer than 2 node lines: widen it or refine [grid]")
         self._check_markers()
         step = self.depth.step_px
-        if camera.width_px % step or camera.height_px % step:
+        if step == 3 or camera.width_px % step or camera.height_px % step:
             raise ValueError("depth.step_px must be 1, 2 or 4 and divide the image")
         if max(camera.width_px, camera.height_px) // step > MAX_CELLS:
             raise ValueError(f"the depth grid has more than {MAX_CELLS} cells: use a larger depth.step_px")
@@ -238,7 +239,8 @@ def parse_board(text: str | bytes, where: str) -> Board:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         kind = {"extra_forbidden": "unknown key, check the spelling or remove it",
-                "missing": "key is missing"}.get(first["type"], first["msg"])  # fmt: skip
+                "missing": "key is missing",
+                "string_pattern_mismatch": "must be printable ASCII"}.get(first["type"], first["msg"])  # fmt: skip
         raise InputError(f"{where}: {key + ': ' if key else ''}{kind} (boards/README.md lists the keys)") from error
     object.__setattr__(board, "_text", decoded)
     return board

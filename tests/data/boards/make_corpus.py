@@ -78,6 +78,7 @@ GOOD: dict[str, Change] = {
     "plus-sign": put("grid.n_x", "+31"),
     "literal-string": put("board.name", "'sample'"),
     "quoted-key": put("board.not_measured", '["torque_z"]'),
+    "escaped-text": put("board.name", '"\\u0073ample"'),
     "no-final-newline": lambda t: t.rstrip("\n"),
     "few-stages": put("pipeline.stages", '["difference", "photometric", "poisson"]'),
     "no-markers": all_of(
@@ -101,6 +102,8 @@ BAD: dict[str, tuple[Change, str]] = {
     "byte-order-mark": (lambda t: "\ufeff" + t, "byte-order mark"),
     "utf-16": (lambda t: "UTF16" + t, "ASCII"),
     "umlaut-in-comment": (lambda t: "# gr\u00fcn\n" + t, "ASCII"),
+    "latin-1": (lambda t: "# gr\udcfcn\n" + t, "ASCII"),
+    "lone-carriage-return": (lambda t: t.replace("\n", "\r"), "not TOML"),
     "odd-space": (lambda t: t.replace(" = ", " =\u00a0", 1), "ASCII"),
     "zero-byte": (lambda t: t + "\0", "ASCII"),
     "not-toml": (lambda t: "this is not TOML\n", "not TOML"),
@@ -109,6 +112,8 @@ BAD: dict[str, tuple[Change, str]] = {
     "unclosed-list": (put("pipeline.stages", '["difference"'), "not TOML"),
     "duplicate-key": (add("pad", "size_x_um = 20000"), "not TOML"),
     "duplicate-section": (lambda t: t + "\n[pad]\nsize_x_um = 1\n", "not TOML"),
+    "deep-lists": (lambda t: "chain = " + "[" * 2_000 + "]" * 2_000 + "\n" + t, "not TOML"),
+    "deep-keys": (lambda t: "chain" + ".a" * 3_000 + " = 1\n" + t, "chain"),
     "integer-65-bits": (put("pad.size_x_um", "18446744073709551616"), ""),
     "integer-64-bits-unsigned": (put("pad.size_x_um", "9223372036854775808"), ""),
     "integer-63-bits": (put("pad.size_x_um", "9223372036854775807"), "size_x_um"),
@@ -134,6 +139,9 @@ BAD: dict[str, tuple[Change, str]] = {
     "integer-for-text": (put("board.name", "5"), "name"),
     "empty-name": (put("board.name", '""'), "name"),
     "long-name": (put("board.name", '"' + "x" * 65 + '"'), "name"),
+    "escaped-umlaut": (put("board.name", '"gr\\u00fcn"'), "name"),
+    "escaped-zero": (put("board.product", '"sample\\u0000"'), "product"),
+    "escaped-newline-in-list": (put("board.not_measured", '["torque\\nz"]'), "not_measured"),
     "list-of-integers": (put("board.not_measured", "[1, 2]"), "not_measured"),
     "list-too-long": (put("board.not_measured", str(["a"] * 9).replace("'", '"')), "not_measured"),
     "listed-text-too-long": (put("board.not_measured", '["' + "x" * 24 + '"]'), "not_measured"),
@@ -157,6 +165,8 @@ BAD: dict[str, tuple[Change, str]] = {
     "markers-overlap": (put("markers.diameter_um", "5000"), "diameter_um"),
     "polarity-unknown": (put("markers.polarity", '"grey"'), "polarity"),
     "gauge-unknown": (put("depth.gauge", '"guess"'), "gauge"),
+    "step-float": (put("depth.step_px", "2.0"), "step_px"),
+    "step-bool": (put("depth.step_px", "true"), "step_px"),
     "step-3": (put("depth.step_px", "3"), "step_px"),
     "step-does-not-divide": (all_of(put("camera.width_px", "322"), put("depth.step_px", "4")), "step_px"),
     "depth-grid-too-large": (
@@ -180,7 +190,7 @@ def main() -> None:
         for name in names:
             change, word = (GOOD[name], "") if kind == "good" else BAD[name]
             text = change(base)
-            data = text[5:].encode("utf-16") if text.startswith("UTF16") else text.encode("utf-8")
+            data = text[5:].encode("utf-16") if text.startswith("UTF16") else text.encode("utf-8", "surrogateescape")
             (folder / kind / f"{name}.toml").write_bytes(data)
             lines.append(f"{kind}/{name}.toml | {word}\n")
     (folder / "index.txt").write_text("".join(lines))
