@@ -29,6 +29,8 @@ class Daemon {
 
   // Runs until the recording ends, `stop` is set, or max_frames were processed.
   void run(const std::atomic<bool>& stop);
+  // After run().
+  [[nodiscard]] const Camera& camera() const { return *camera_; }
 
  private:
   void capture_loop();

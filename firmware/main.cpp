@@ -70,6 +70,11 @@ int run(const Arguments& arguments) {
                                  : (fs::path(arguments.boards_dir) / arguments.board).string();
   auto board = ruffini::load_board(folder);
   if (!board) return fail(board.error());
+  constexpr size_t kMaxSerialBytes = sizeof ruffini_Hello::device_serial - 1;
+  if (arguments.serial.size() > kMaxSerialBytes) {
+    return fail({ruffini::ErrorKind::kBadInput,
+                 fmt::format("--serial {}: give at most {} bytes", arguments.serial, kMaxSerialBytes)});
+  }
   const bool is_twin = arguments.camera.rfind("twin:", 0) == 0;
   if (!is_twin && arguments.camera.rfind("replay:", 0) != 0) {
     return fail({ruffini::ErrorKind::kBadInput, "--camera " + arguments.camera + ": give replay:PATH or twin:SOCKET"});
@@ -104,7 +109,8 @@ int run(const Arguments& arguments) {
   ruffini::Daemon daemon(board.value(), std::move(path).value(), std::move(camera).value(), std::move(port).value(),
                          calibrator, exchange, identity, arguments.daemon);
   daemon.run(stop_requested);
-  return 0;
+  const std::string lost = daemon.camera().problem();
+  return lost.empty() || stop_requested ? 0 : fail({ruffini::ErrorKind::kUnavailable, lost});
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -69,6 +70,8 @@ class Camera {
   virtual ~Camera() = default;
   // Blocks until the next frame is due, though not for long, and writes it to `buffer`. Capture thread.
   virtual CaptureStatus capture(FramePool::Buffer& buffer) = 0;
+  // After kEnd: what went wrong, in one sentence; empty where the frames came to their proper end.
+  [[nodiscard]] virtual std::string problem() const { return {}; }
   [[nodiscard]] virtual bool is_simulated() const = 0;
   [[nodiscard]] virtual bool is_replay() const = 0;
 };

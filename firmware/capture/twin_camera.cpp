@@ -70,21 +70,25 @@ std::span<uint8_t> bytes_of(T& value) {
 
 class TwinCamera : public Camera {
  public:
-  TwinCamera(UniqueFd socket, bool is_lockstep) : socket_(std::move(socket)), is_lockstep_(is_lockstep) {}
+  TwinCamera(UniqueFd socket, std::string path, bool is_lockstep)
+      : socket_(std::move(socket)), path_(std::move(path)), is_lockstep_(is_lockstep) {}
 
   CaptureStatus capture(FramePool::Buffer& buffer) override {
-    if (!is_started_ && !start()) return CaptureStatus::kEnd;
+    if (!is_started_ && !start()) return lose("went away before the first frame");
     FrameHeader header;
     const ReadStatus status = read_all(socket_.get(), bytes_of(header), false);
     if (status == ReadStatus::kNothing) return CaptureStatus::kNothing;
-    if (status == ReadStatus::kBroken || header.magic != std::array{'R', 'F', 'T', 'F'}) return CaptureStatus::kEnd;
+    if (status == ReadStatus::kBroken) return lose("went away without an end");
+    if (header.magic != std::array{'R', 'F', 'T', 'F'}) return lose("sent something that is no frame");
+    if (header.n_bytes == 0) return CaptureStatus::kEnd;
     buffer.number = header.number;
     buffer.capture_us = static_cast<uint64_t>(
         std::chrono::duration_cast<std::chrono::microseconds>(SteadyClock::now().time_since_epoch()).count());
-    if (header.n_bytes != buffer.pixels.size()) return CaptureStatus::kEnd;
-    return read_all(socket_.get(), buffer.pixels, true) == ReadStatus::kDone ? CaptureStatus::kFrame
-                                                                             : CaptureStatus::kEnd;
+    if (header.n_bytes != buffer.pixels.size()) return lose("sent a frame of another size");
+    if (read_all(socket_.get(), buffer.pixels, true) != ReadStatus::kDone) return lose("went away within a frame");
+    return CaptureStatus::kFrame;
   }
+  [[nodiscard]] std::string problem() const override { return problem_; }
   [[nodiscard]] bool is_simulated() const override { return true; }
   [[nodiscard]] bool is_replay() const override { return false; }
 
@@ -95,7 +99,14 @@ class TwinCamera : public Camera {
     return is_started_;
   }
 
+  CaptureStatus lose(const char* what) {
+    problem_ = path_ + ": the twin " + what + ": start `ruffini sim serve` again, then this";
+    return CaptureStatus::kEnd;
+  }
+
   UniqueFd socket_;
+  std::string path_;
+  std::string problem_;
   bool is_lockstep_;
   bool is_started_ = false;
 };
@@ -152,7 +163,7 @@ Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool i
                                            "\" needs " + std::to_string(board.camera.width_px) + "x" +
                                            std::to_string(board.camera.height_px)};
   }
-  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), is_lockstep));
+  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), socket_path, is_lockstep));
 }
 
 }  // namespace ruffini

@@ -233,22 +233,27 @@ def test_impostors_are_refused_in_one_sentence(twin: Twin, tmp_path: Path, data:
 
 
 @pytest.mark.parametrize(
-    "frames",
+    ("frames", "code", "words"),
     [
-        b"noise that is no frame" * 9,
-        struct.pack("<4sIQ", b"RFTF", 160 * 120 * 3 + 1, 0) + bytes(160 * 120 * 3 + 1),
-        struct.pack("<4sIQ", b"RFTF", 0xFFFFFFFF, 0),
-        struct.pack("<4sIQ", b"RFTF", 0, 0),
+        (b"noise that is no frame" * 9, 3, "sent something that is no frame"),
+        (struct.pack("<4sIQ", b"RFTF", 160 * 120 * 3 + 1, 0) + bytes(160 * 120 * 3 + 1), 3, "a frame of another size"),
+        (struct.pack("<4sIQ", b"RFTF", 0xFFFFFFFF, 0), 3, "sent a frame of another size"),
+        (struct.pack("<4sIQ", b"RFTF", 160 * 120 * 3, 0) + b"half", 3, "went away within a frame"),
+        (struct.pack("<4sIQ", b"RFTF", 0, 0), 0, ""),
     ],
 )
-def test_frames_that_are_none_end_the_daemon_cleanly(twin: Twin, tmp_path: Path, frames: bytes) -> None:
+def test_frames_that_are_none_end_the_daemon_with_a_sentence(
+    twin: Twin, tmp_path: Path, frames: bytes, code: int, words: str
+) -> None:
     command = [
         str(find_daemon()), "--board", str(twin.board.folder), "--camera", f"twin:{tmp_path / 'twin'}",
         "--link", "pty", "--store", str(tmp_path / "store"),
     ]  # fmt: skip
     with Impostor(tmp_path / "twin", greeting() + frames):
-        done = subprocess.run(command, capture_output=True, timeout=10)
-    assert done.returncode == 0
+        done = subprocess.run(command, capture_output=True, timeout=10, text=True)
+    assert done.returncode == code
+    assert words in done.stderr
+    assert done.stderr.count("\n") == (1 if code else 0)
 
 
 @pytest.mark.parametrize("name", ["contact-glitter", "ftouch", "stereo-fingertip", "eltac"])
