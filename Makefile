@@ -18,7 +18,7 @@ SUITE ?= bookworm
 # Seconds for each fuzzer.
 FUZZ_S ?= 60
 
-.PHONY: help setup build run test lint lint-python lint-cpp werror sanitize fuzz bench fresh clean
+.PHONY: help setup build run test lint lint-python lint-cpp werror sanitize fuzz bench aarch64 fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -81,6 +81,11 @@ bench: setup  ## time of every stage with peers beside them; accuracy on simulat
 	@$(PYTHON) tests/bench/run.py --build $(BUILD)
 	@$(PYTHON) tests/bench/accuracy.py
 	@$(PYTHON) tests/bench/twin.py
+
+aarch64: setup  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu
+	@.ci/setup aarch64
+	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_tests)
+	@qemu-aarch64 -L /usr/aarch64-linux-gnu $(BUILD)/aarch64/ruffini_tests --gtest_brief=1
 
 fresh:  ## the README's commands in a clean root: SUITE=bookworm|trixie (needs root and debootstrap)
 	@.ci/fresh '$(SUITE)'
