@@ -54,7 +54,7 @@ void Daemon::capture_loop() {
          std::none_of(exchange_.every.begin(), exchange_.every.end(), [](const auto& n) { return n.load() != 0; })) {
     std::this_thread::sleep_for(1ms);
   }
-  while (!is_stopping()) {
+  while (!is_stopping() && !mailbox_.is_closed()) {
     const std::optional<int> index = pool_.lend();
     if (!index) {
       std::this_thread::sleep_for(100us);
@@ -165,7 +165,7 @@ void Daemon::link_loop() {
     }
     if (!is_frame_over_) continue;
     if (ended_us == 0) ended_us = now_us();
-    const bool is_drained = session_.is_drained() && port_.unsent() == 0;
+    const bool is_drained = session_.is_drained() && !port_.has_unsent();
     if (!options_.lingers && (is_drained || now_us() - ended_us > kDrainUs)) return;
   }
 }

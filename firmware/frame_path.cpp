@@ -140,7 +140,8 @@ void FramePath::judge() {
   if (!photometric_ || is_foreign_optics_) s.flags |= kFlagUncalibratedZ;
   const int64_t limit_q3 = board_.pad.thickness_um * 8 / 2;
   for (const NodeDisplacement& u : s.displacement.node) {
-    if (std::max({u.x.raw(), u.y.raw()}) > limit_q3 || std::min({u.x.raw(), u.y.raw(), u.z.raw()}) < -limit_q3) {
+    if (std::max({u.x.raw(), u.y.raw(), u.z.raw()}) > limit_q3 ||
+        std::min({u.x.raw(), u.y.raw(), u.z.raw()}) < -limit_q3) {
       s.flags |= kFlagOverRange;
       break;
     }

@@ -18,6 +18,8 @@ namespace {
 namespace fs = std::filesystem;
 using SteadyClock = std::chrono::steady_clock;
 
+const cv::Size kUnreadable(1, 1);  // stands for a file that is no picture: no board's size, so it is counted
+
 // A source of pictures; an empty Mat is the end.
 class Pictures {
  public:
@@ -32,7 +34,7 @@ class FolderPictures : public Pictures {
   cv::Mat next() override {
     if (at_ == files_.size()) return {};
     cv::Mat picture = cv::imread(files_[at_++].string(), cv::IMREAD_COLOR);
-    return picture.empty() ? cv::Mat(1, 1, CV_8UC3) : picture;  // unreadable: wrong size, counted
+    return picture.empty() ? cv::Mat(kUnreadable, CV_8UC3) : picture;
   }
   void rewind() override { at_ = 0; }
 
@@ -113,7 +115,8 @@ class ReplayCamera : public Camera {
 std::vector<fs::path> image_files(const fs::path& folder) {
   static const std::vector<std::string> kEndings = {".png", ".jpg", ".jpeg", ".bmp", ".ppm"};
   std::vector<fs::path> files;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+  std::error_code failed;  // a folder that may not be read holds nothing
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder, failed)) {
     const std::string ending = entry.path().extension().string();
     if (std::find(kEndings.begin(), kEndings.end(), ending) != kEndings.end()) files.push_back(entry.path());
   }
@@ -174,7 +177,9 @@ Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const 
     pictures = std::move(video);
   }
   cv::Mat first = pictures->next();
-  if (first.empty()) return Error{ErrorKind::kUnavailable, options.path + ": holds no frame that can be read"};
+  if (first.empty() || first.size() == kUnreadable) {
+    return Error{ErrorKind::kUnavailable, options.path + ": its first frame cannot be read: is the file whole?"};
+  }
   if (first.cols != board.camera.width_px || first.rows != board.camera.height_px) {
     return Error{ErrorKind::kBadInput, options.path + ": frames are " + std::to_string(first.cols) + "x" +
                                            std::to_string(first.rows) + ", board \"" + board.name + "\" needs " +

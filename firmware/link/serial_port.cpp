@@ -1,13 +1,16 @@
 #include "link/serial_port.h"
 
 #include <fcntl.h>
+#include <poll.h>
 #include <pty.h>
 #include <sys/file.h>
 #include <sys/ioctl.h>
+#include <sys/stat.h>
 #include <termios.h>
 
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 
 namespace ruffini {
 namespace {
@@ -17,18 +20,22 @@ Error unavailable(const std::string& path, const std::string& what) {
           path + ": cannot " + what + ": " + std::strerror(errno) + ": is it there, free, and are you in its group?"};
 }
 
+// 8 data bits, no parity, one stop bit, no flow control. The speed counts on a UART only; the host tool's is the same.
 bool set_raw(int fd) {
   termios settings{};
   if (::tcgetattr(fd, &settings) != 0) return false;
   ::cfmakeraw(&settings);
   settings.c_cflag |= CLOCAL | CREAD;
+  settings.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | CRTSCTS);
+  ::cfsetspeed(&settings, B115200);
   return ::tcsetattr(fd, TCSANOW, &settings) == 0;
 }
 
-int moved(ssize_t n) {
-  if (n > 0) return static_cast<int>(n);
-  if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR)) return 0;
-  return n == 0 ? 0 : -1;
+bool is_only_late() { return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR; }
+
+bool is_link_to(const std::string& path, const std::string& target) {
+  std::error_code failed;
+  return std::filesystem::read_symlink(path, failed) == target;
 }
 
 }  // namespace
@@ -43,7 +50,7 @@ Result<SerialPort> SerialPort::open(const std::string& link) {
 }
 
 SerialPort::~SerialPort() {
-  if (fd_ && !symlink_.empty()) ::unlink(symlink_.c_str());
+  if (fd_ && !symlink_.empty() && is_link_to(symlink_, slave_path_)) ::unlink(symlink_.c_str());
 }
 
 Status SerialPort::open_pty() {
@@ -52,12 +59,17 @@ Status SerialPort::open_pty() {
   char name[128];
   if (::openpty(&master, &slave, name, nullptr, nullptr) != 0) return unavailable("pty", "make a pseudo-terminal");
   fd_.reset(master);
-  slave_.reset(slave);
+  const UniqueFd raw(slave);
+  slave_path_ = name;
   ::fcntl(master, F_SETFL, O_NONBLOCK);
   ::fcntl(master, F_SETFD, FD_CLOEXEC);
   if (!set_raw(slave)) return unavailable(name, "set raw mode");
   host_path_ = name;
   if (!symlink_.empty()) {
+    struct stat there{};
+    if (::lstat(symlink_.c_str(), &there) == 0 && !S_ISLNK(there.st_mode)) {
+      return Error{ErrorKind::kBadInput, symlink_ + ": is there and is no link: choose another name for the pty"};
+    }
     ::unlink(symlink_.c_str());
     if (::symlink(name, symlink_.c_str()) != 0) return unavailable(symlink_, "make the link");
     host_path_ = symlink_;
@@ -76,18 +88,37 @@ Status SerialPort::open_device() {
   return Unit{};
 }
 
-int SerialPort::read(std::span<uint8_t> out) { return moved(::read(fd_.get(), out.data(), out.size())); }
+int SerialPort::read(std::span<uint8_t> out) {
+  const ssize_t n = ::read(fd_.get(), out.data(), out.size());
+  if (n > 0) return static_cast<int>(n);
+  return n < 0 && is_only_late() ? 0 : -1;  // a line that hung up reads as its end
+}
 
-int SerialPort::write(std::span<const uint8_t> bytes) { return moved(::write(fd_.get(), bytes.data(), bytes.size())); }
+int SerialPort::write(std::span<const uint8_t> bytes) {
+  const ssize_t n = ::write(fd_.get(), bytes.data(), bytes.size());
+  return n >= 0 ? static_cast<int>(n) : is_only_late() ? 0 : -1;
+}
 
-int SerialPort::unsent() const {
-  int n = 0;
-  const int failed = slave_ ? ::ioctl(slave_.get(), FIONREAD, &n) : ::ioctl(fd_.get(), TIOCOUTQ, &n);
-  return failed == 0 ? n : 0;
+UniqueFd SerialPort::open_slave() const {
+  return UniqueFd(::open(slave_path_.c_str(), O_RDONLY | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+}
+
+bool SerialPort::has_unsent() const {
+  if (slave_path_.empty()) {
+    int n = 0;
+    return ::ioctl(fd_.get(), TIOCOUTQ, &n) == 0 && n > 0;
+  }
+  // poll() pushes on what the kernel still holds between the two ends; FIONREAD would not see that.
+  const UniqueFd slave = open_slave();
+  pollfd wait{slave.get(), POLLIN, 0};
+  return slave && ::poll(&wait, 1, 0) > 0 && (wait.revents & POLLIN) != 0;
 }
 
 bool SerialPort::reopen() {
-  if (slave_) return true;  // a pty's master outlives its hosts
+  if (!slave_path_.empty()) {  // a pty's master outlives its hosts
+    const UniqueFd slave = open_slave();
+    return slave && ::tcflush(slave.get(), TCIFLUSH) == 0;
+  }
   fd_.reset();
   return open_device().has_value();
 }

@@ -24,21 +24,22 @@ class SerialPort {
   [[nodiscard]] const std::string& host_path() const { return host_path_; }
   [[nodiscard]] int fd() const { return fd_.get(); }
 
-  // Bytes moved; 0 = nothing now; -1 = the line is gone (reopen() may bring it back).
+  // Bytes moved; 0 = nothing now; -1 = the line hung up, or nobody has the pty open (reopen() may bring it back).
   int read(std::span<uint8_t> out);
   int write(std::span<const uint8_t> bytes);
-  // Bytes written that the other side has not taken yet.
-  [[nodiscard]] int unsent() const;
-  // After a hang-up. True when the line is usable again.
+  // Something that was written is still on its way to the host.
+  [[nodiscard]] bool has_unsent() const;
+  // After a hang-up: what the host before did not read is forgotten. True when the line is usable again.
   bool reopen();
 
  private:
   SerialPort() = default;
   Status open_pty();
   Status open_device();
+  [[nodiscard]] UniqueFd open_slave() const;
 
   UniqueFd fd_;
-  UniqueFd slave_;  // pty: kept open so that a host's close does not hang up the master
+  std::string slave_path_;  // empty for a device. Only hosts keep it open: the last one's close hangs up the line
   std::string link_;
   std::string host_path_;
   std::string symlink_;

@@ -26,9 +26,11 @@ namespace {
 constexpr uint64_t kStatusPeriodUs = 1'000'000;
 constexpr size_t kMaxReplies = 64;  // a host that asks faster than it reads is not answered
 
+// What does not fit is cut off, before a whole UTF-8 character: half a one would spoil the message.
 template <size_t N>
 void copy_text(char (&out)[N], const std::string& text) {
-  const size_t n = std::min(text.size(), N - 1);
+  size_t n = std::min(text.size(), N - 1);
+  while (n > 0 && n < text.size() && (static_cast<uint8_t>(text[n]) & 0xC0) == 0x80) --n;
   std::memcpy(out, text.data(), n);
   out[n] = '\0';
 }
@@ -374,8 +376,9 @@ void Session::reset_line() {
   written_ = 0;
   writing_.clear();
   replies_.clear();
-  for (Outgoing& slot : telemetry_) slot.is_full = false;
   for (auto& every : exchange_.every) every = 0;
+  while (exchange_.telemetry.pop(popped_)) continue;
+  for (Outgoing& slot : telemetry_) slot.is_full = false;
   has_last_reply_ = false;
 }
 

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <cerrno>
 #include <cstdlib>
 #include <filesystem>
 #include <thread>
@@ -29,6 +30,7 @@ extern "C" {
 void* __libc_malloc(size_t size);
 void* __libc_calloc(size_t n, size_t size);
 void* __libc_realloc(void* p, size_t size);
+void* __libc_memalign(size_t alignment, size_t size);
 
 void* malloc(size_t size) {
   if (is_watched) n_allocations.fetch_add(1, std::memory_order_relaxed);
@@ -41,6 +43,14 @@ void* calloc(size_t n, size_t size) {
 void* realloc(void* p, size_t size) {
   if (is_watched) n_allocations.fetch_add(1, std::memory_order_relaxed);
   return __libc_realloc(p, size);
+}
+void* aligned_alloc(size_t alignment, size_t size) {
+  if (is_watched) n_allocations.fetch_add(1, std::memory_order_relaxed);
+  return __libc_memalign(alignment, size);
+}
+int posix_memalign(void** out, size_t alignment, size_t size) {
+  *out = aligned_alloc(alignment, size);
+  return *out == nullptr ? ENOMEM : 0;
 }
 }
 

@@ -123,11 +123,11 @@ class Daemon:
 
 
 @contextlib.contextmanager
-def start(sensor: Sensor, store: Path, *options: str, serial: str = "0001") -> Iterator[Daemon]:
-    """ruffinid on the sensor's recording and a new pty."""
+def start(sensor: Sensor, store: Path, *options: str, serial: str = "0001", link: str = "pty") -> Iterator[Daemon]:
+    """ruffinid on the sensor's recording and a new pty, or the given line."""
     command = [
         str(find_daemon()), "--board", str(sensor.folder), "--camera", f"replay:{sensor.recording}",
-        "--link", "pty", "--store", str(store), "--serial", serial, *options,
+        "--link", link, "--store", str(store), "--serial", serial, *options,
     ]  # fmt: skip
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:

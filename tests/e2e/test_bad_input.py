@@ -5,6 +5,7 @@ Exit codes: 0 ok, 1 failed check, 2 usage or bad input, 3 no device, 4 refused, 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import resource
@@ -19,10 +20,10 @@ import cv2
 import numpy as np
 import pytest
 import serial
-from conftest import Sensor, make_calibration, start, write_board, write_recording
+from conftest import Sensor, start, write_board, write_recording
 from mcap.reader import make_reader
 
-from ruffini.boards import find_board
+from ruffini.calibrate import container
 from ruffini.demo.daemon import find_daemon
 
 HOST = [sys.executable, "-c", "import sys; from ruffini.cli import main; sys.exit(main())"]
@@ -83,7 +84,7 @@ def unreadable_image(sensor: Sensor, folder: Path) -> str:
 CAMERAS: dict[str, tuple[Callable[[Sensor, Path], str], int, str]] = {
     "missing recording": (lambda s, f: f"replay:{f}/nothing", 3, "no such recording"),
     "unreadable video": (unreadable, 3, "cannot be read as a video"),
-    "unreadable image": (unreadable_image, 2, "frames are 1x1"),
+    "unreadable image": (unreadable_image, 3, "first frame cannot be read"),
     "folder without images": (lambda s, f: f"replay:{f}", 3, "holds no PNG or JPEG"),
     "wrong frame size": (other_size, 2, "frames are 60x50"),
     "recording of another board": (other_board, 2, 'recorded with board "another"'),
@@ -159,7 +160,8 @@ def no_calibration(sensor: Sensor) -> bytes:
 
 
 def for_another_board(sensor: Sensor) -> bytes:
-    return make_calibration(find_board("gelslim")).data
+    file = container.unpack(sensor.calibration)
+    return container.pack(file.tensors, {**file.metadata, "board": "gelslim"}).data
 
 
 FILES: dict[str, tuple[Callable[[Sensor], bytes], tuple[int, ...], str]] = {
@@ -280,6 +282,33 @@ def test_a_daemon_that_dies_ends_the_verb_with_a_sentence(verb: list[str], senso
     if verb[0] == "record":
         with out.open("rb") as file:
             assert sum(1 for _ in make_reader(file).iter_messages()) > 0, "what was recorded is whole"
+
+
+def test_a_daemon_that_dies_under_snapshot_ends_it_with_a_sentence(sensor: Sensor, tmp_path: Path) -> None:
+    out = tmp_path / "snapshot.png"
+    never_a_frame = write_recording(sensor.board, tmp_path / "one", 1)  # it ends, the line stays
+    with start(Sensor(sensor.board, sensor.folder, never_a_frame, b""), tmp_path / "store", "--linger") as daemon:
+        process = subprocess.Popen(
+            [*HOST, "--port", daemon.port, "snapshot", "--out", str(out)], stderr=subprocess.PIPE, text=True
+        )
+        while not is_open_by(process.pid, daemon.port):
+            assert process.poll() is None
+            time.sleep(0.01)
+        time.sleep(0.3)
+        daemon.process.kill()
+        _, text = process.communicate(timeout=20)
+    assert (process.returncode, is_one_sentence(text)) == (3, True)
+    assert daemon.port in text
+    assert not out.exists()
+
+
+def is_open_by(pid: int, path: str) -> bool:
+    """Whether a process has a file open."""
+    found = []
+    for entry in Path(f"/proc/{pid}/fd").iterdir():
+        with contextlib.suppress(OSError):  # it may close it meanwhile
+            found.append(str(entry.readlink()))
+    return path in found
 
 
 def test_record_does_not_overwrite(sensor: Sensor, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import time
@@ -13,7 +14,8 @@ from conftest import N_FRAMES, N_REST, Sensor, start
 
 from ruffini.device import Connection, Wrench
 from ruffini.device.results import NOT_MEASURED, VALID
-from ruffini.errors import NoDeviceError
+from ruffini.errors import NoDeviceError, RefusedError
+from ruffini.wire import Decoder, Schema, encode_message
 
 EVERYTHING = {"wrench": 1, "field": 1, "depth": 1, "contacts": 1, "markers": 1, "image": 1}
 NO_REFERENCE = 1
@@ -113,6 +115,70 @@ def test_a_new_host_on_the_same_line_is_answered(sensor: Sensor, tmp_path: Path)
                 host.subscribe(image=1, wrench=1)
                 next(iter(host.stream(timeout_s=2)))
         assert daemon.process.poll() is None
+
+
+def test_a_host_that_goes_takes_its_subscriptions_with_it(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--loop") as daemon:
+        with Connection(daemon.port) as host:
+            host.subscribe(**EVERYTHING)
+            next(iter(host.stream(timeout_s=2)))
+        time.sleep(0.2)
+        with Connection(daemon.port) as host:
+            assert next(iter(host.stream(timeout_s=0.5)), None) is None
+            host.subscribe(wrench=1)
+            assert next(iter(host.stream(timeout_s=2)))
+
+
+def test_a_host_that_goes_does_not_hold_up_lockstep(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--lockstep", "--wait-for-host") as daemon:
+        with Connection(daemon.port) as host:
+            host.subscribe(**EVERYTHING)
+            next(iter(host.stream(timeout_s=2)))
+        assert daemon.process.wait(5) == 0
+
+
+def test_a_line_that_is_unplugged_is_opened_again(sensor: Sensor, tmp_path: Path) -> None:
+    schema = Schema.own()
+
+    def plug_in() -> int:
+        far, near = os.openpty()
+        (tmp_path / "new").symlink_to(os.ttyname(near))
+        (tmp_path / "new").rename(tmp_path / "tty")
+        os.close(near)
+        os.set_blocking(far, False)
+        return far
+
+    def says_hello(far: int) -> bool:
+        decoder, deadline = Decoder(), time.monotonic() + 3
+        while time.monotonic() < deadline:
+            with contextlib.suppress(OSError):  # the device may not have it open yet
+                os.write(far, b"\0" + encode_message(schema.type_numbers["HELLO"], b"", sensor=255, sequence=0))
+            time.sleep(0.1)
+            with contextlib.suppress(OSError):
+                for frame in decoder.feed(os.read(far, 65536)):
+                    if schema.type_name(frame.type) == "HELLO":
+                        return True
+        return False
+
+    line = plug_in()
+    with start(sensor, tmp_path / "store", "--loop", link=str(tmp_path / "tty")) as daemon:
+        assert says_hello(line)
+        os.close(line)
+        time.sleep(0.2)
+        assert daemon.process.poll() is None
+        line = plug_in()
+        assert says_hello(line)
+        os.close(line)
+
+
+def test_get_and_set(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--loop") as daemon, Connection(daemon.port) as host:
+        first = host.checked(get={"key": "frames_processed"}).value
+        time.sleep(0.2)
+        assert host.checked(get={"key": "frames_processed"}).value > first
+        for action in ({"get": {"key": "humour"}}, {"set": {"key": "frames_processed", "value": 0}}):
+            with pytest.raises(RefusedError, match="this firmware has frames_processed"):
+                host.checked(**action)
 
 
 def test_noise_on_the_line_is_counted_and_hello_answers(sensor: Sensor, tmp_path: Path) -> None:

@@ -133,6 +133,21 @@ TEST_F(SessionTest, HelloSaysWhoIsThereAndThatItIsSimulated) {
   EXPECT_FALSE(hello.sensors[0].calibration.present);
 }
 
+TEST_F(SessionTest, ATextThatDoesNotFitIsCutBeforeAWholeCharacter) {
+  const size_t room = sizeof ruffini_Hello::firmware_version - 1;
+  const std::string version = std::string(room - 1, 'v') + "\u00e9";  // two bytes, one too many
+  Session session(board_, *path_, {.serial = "0042", .version = version}, calibrator_, exchange_);
+  session.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_HELLO));
+  ruffini_Hello hello = ruffini_Hello_init_zero;
+  for (const uint8_t byte : session.pending()) {
+    if (const auto frame = decoder_.push(byte)) {
+      pb_istream_t in = pb_istream_from_buffer(frame->payload.data(), frame->payload.size());
+      ASSERT_TRUE(pb_decode(&in, ruffini_Hello_fields, &hello));
+    }
+  }
+  EXPECT_EQ(std::string(hello.firmware_version), std::string(room - 1, 'v'));
+}
+
 TEST_F(SessionTest, ARetriedCommandIsAnsweredAndNotRunAgain) {
   ruffini_Command zero = request(9, ruffini_Command_zero_tag);
   zero.action.zero.n_frames = 5;
@@ -282,8 +297,10 @@ TEST_F(SessionTest, ALostLineForgetsWhoSubscribed) {
   exchange_.every[4] = 1;
   push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, {1});
   session_.poll(1);
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_FIELD, {2});
   session_.reset_line();
   EXPECT_EQ(exchange_.every[4].load(), 0U);
+  session_.poll(2);
   EXPECT_TRUE(session_.pending().empty());
 }
 

@@ -1,0 +1,174 @@
+#include "link/serial_port.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <pty.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <filesystem>
+#include <fstream>
+#include <numeric>
+#include <vector>
+
+namespace ruffini {
+namespace {
+
+namespace fs = std::filesystem;
+using Bytes = std::vector<uint8_t>;
+
+UniqueFd open_host(const std::string& path) {
+  return UniqueFd(::open(path.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+}
+
+// What is there now; empty when nothing is.
+Bytes read_now(int fd) {
+  Bytes bytes(4'096);
+  const ssize_t n = ::read(fd, bytes.data(), bytes.size());
+  bytes.resize(n > 0 ? static_cast<size_t>(n) : 0);
+  return bytes;
+}
+
+// The kernel hands bytes from one end to the other in its own time.
+template <typename Condition>
+bool becomes_true(Condition condition) {
+  for (int i = 0; i < 2'000; ++i) {
+    if (condition()) return true;
+    ::usleep(1'000);
+  }
+  return false;
+}
+
+class SerialPortTest : public testing::Test {
+ protected:
+  SerialPortTest() : folder_(testing::TempDir() + "serial_port_test" + std::to_string(::getpid())) {
+    fs::create_directories(folder_);
+  }
+  ~SerialPortTest() override { fs::remove_all(folder_); }
+  std::string folder_;
+};
+
+// A line as a device sees it: the test holds the other end, `path` leads to it.
+class Wire {
+ public:
+  explicit Wire(const std::string& path) {
+    int other = -1;
+    int device = -1;
+    char name[128];
+    EXPECT_EQ(::openpty(&other, &device, name, nullptr, nullptr), 0);
+    other_.reset(other);
+    ::close(device);
+    fs::remove(path);
+    fs::create_symlink(name, path);
+  }
+  [[nodiscard]] int fd() const { return other_.get(); }
+
+ private:
+  UniqueFd other_;
+};
+
+TEST_F(SerialPortTest, EveryByteGoesThroughBothWays) {
+  SerialPort port = SerialPort::open("pty").value();
+  Bytes all(256);
+  std::iota(all.begin(), all.end(), uint8_t{0});
+  for (int i = 0; i < 2; ++i) {  // the second host finds the line as the first one did
+    const UniqueFd host = open_host(port.host_path());
+    ASSERT_EQ(port.write(all), 256);
+    Bytes got;
+    EXPECT_TRUE(becomes_true([&] {
+      const Bytes more = read_now(host.get());
+      got.insert(got.end(), more.begin(), more.end());
+      return got.size() >= all.size();
+    }));
+    EXPECT_EQ(got, all);
+    ASSERT_EQ(::write(host.get(), all.data(), all.size()), 256);
+    got.assign(256, 0xAA);
+    size_t n = 0;
+    EXPECT_TRUE(becomes_true([&] {
+      n += static_cast<size_t>(port.read(std::span(got).subspan(n)));
+      return n >= all.size();
+    }));
+    EXPECT_EQ(got, all);
+  }
+}
+
+TEST_F(SerialPortTest, AHostThatGoesHangsUpAndTheNextOneGetsNothingOld) {
+  SerialPort port = SerialPort::open("pty").value();
+  Bytes got(16);
+  EXPECT_EQ(port.read(got), -1) << "nobody is there yet";
+  UniqueFd host = open_host(port.host_path());
+  EXPECT_EQ(port.read(got), 0);
+  ASSERT_GT(port.write(Bytes(1'000, 7)), 0);
+  ASSERT_EQ(::write(host.get(), "x", 1), 1);
+  host.reset();
+  EXPECT_EQ(port.read(got), 1) << "what it sent comes before its end";
+  EXPECT_EQ(port.read(got), -1);
+  EXPECT_TRUE(port.reopen());
+  EXPECT_FALSE(port.has_unsent());
+  host = open_host(port.host_path());
+  EXPECT_EQ(port.read(got), 0);
+  EXPECT_TRUE(read_now(host.get()).empty());
+}
+
+TEST_F(SerialPortTest, HasUnsentUntilTheHostTookTheLastByte) {
+  SerialPort port = SerialPort::open("pty").value();
+  const UniqueFd host = open_host(port.host_path());
+  EXPECT_FALSE(port.has_unsent());
+  size_t n_left = 0;
+  for (int n = 1; n > 0;) {  // until the line is full: more than the host's end holds at a time
+    n = port.write(Bytes(1'000, 7));
+    ASSERT_GE(n, 0);
+    n_left += static_cast<size_t>(n);
+  }
+  ASSERT_GT(n_left, 4'096U);
+  while (n_left > 0) {
+    ASSERT_TRUE(port.has_unsent()) << n_left;
+    n_left -= read_now(host.get()).size();
+  }
+  EXPECT_FALSE(port.has_unsent());
+}
+
+TEST_F(SerialPortTest, ADeviceThatIsUnpluggedReadsAsGoneAndComesBack) {
+  const std::string path = folder_ + "/tty";
+  auto wire = std::make_unique<Wire>(path);
+  SerialPort port = SerialPort::open(path).value();
+  Bytes got(16);
+  EXPECT_EQ(port.read(got), 0);
+  wire.reset();
+  EXPECT_EQ(port.read(got), -1);
+  EXPECT_FALSE(port.reopen());
+  EXPECT_EQ(port.read(got), -1);
+  wire = std::make_unique<Wire>(path);
+  ASSERT_TRUE(port.reopen());
+  ASSERT_EQ(::write(wire->fd(), "hi", 2), 2);
+  EXPECT_TRUE(becomes_true([&] { return port.read(got) == 2; }));
+}
+
+TEST_F(SerialPortTest, ALineInUseIsRefused) {
+  const std::string path = folder_ + "/tty";
+  const Wire wire(path);
+  const SerialPort first = SerialPort::open(path).value();
+  const auto second = SerialPort::open(path);
+  ASSERT_FALSE(second);
+  EXPECT_EQ(second.error().kind, ErrorKind::kUnavailable);
+  EXPECT_NE(second.error().message.find(path), std::string::npos);
+}
+
+TEST_F(SerialPortTest, TheLinkToAPtyReplacesAnOldLinkButNoFile) {
+  const std::string path = folder_ + "/port";
+  fs::create_symlink("/dev/pts/of-a-daemon-that-died", path);
+  {
+    const SerialPort port = SerialPort::open("pty:" + path).value();
+    EXPECT_EQ(port.host_path(), path);
+    EXPECT_TRUE(open_host(path));
+  }
+  EXPECT_FALSE(fs::is_symlink(path)) << "gone with its pty";
+  std::ofstream(path) << "precious";
+  const auto refused = SerialPort::open("pty:" + path);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().kind, ErrorKind::kBadInput);
+  EXPECT_EQ(fs::file_size(path), 8U);
+}
+
+}  // namespace
+}  // namespace ruffini
