@@ -1,6 +1,7 @@
 #include "store/calibration.h"
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 
 namespace ruffini {
@@ -12,6 +13,7 @@ constexpr size_t kMaxMetadata = 128;
 constexpr size_t kMaxRank = 8;
 constexpr std::string_view kSignatureName = "zz_signature";
 constexpr size_t kSignatureBytes = 64;
+constexpr std::array<std::string_view, 4> kKinds = {"operator", "photometric", "rest", "support"};
 
 Error bad(const std::string& what) {
   return {ErrorKind::kBadInput, "calibration file: " + what + ": make or copy the file again"};
@@ -221,7 +223,27 @@ Result<Calibration> Calibration::parse(std::span<const uint8_t> file) {
   if (out.text("format") != "ruffini-calibration" || out.text("format_version") != "1") {
     return bad("is not a ruffini calibration of format version 1");
   }
+  const Status known = out.check_kinds();
+  if (!known) return known.error();
   return out;
+}
+
+// What this firmware does not know could change the meaning of what it knows: refused, not passed over.
+Status Calibration::check_kinds() const {
+  for (std::string_view rest = text("kinds"); !rest.empty();) {
+    const size_t comma = std::min(rest.find(','), rest.size());
+    const std::string_view kind = rest.substr(0, comma);
+    if (std::find(kKinds.begin(), kKinds.end(), kind) == kKinds.end()) {
+      return bad("kind \"" + std::string(kind) + "\" is unknown");
+    }
+    rest.remove_prefix(std::min(comma + 1, rest.size()));
+  }
+  for (const Tensor& tensor : tensors_) {
+    if (tensor.name != kSignatureName && !has_kind(tensor.name.substr(0, tensor.name.find('.')))) {
+      return bad("tensor " + std::string(tensor.name) + " belongs to no kind that the file names");
+    }
+  }
+  return Unit{};
 }
 
 std::string_view Calibration::text(std::string_view key) const {

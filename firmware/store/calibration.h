@@ -56,6 +56,8 @@ class Calibration {
     std::string key;
     std::string value;
   };
+  [[nodiscard]] Status check_kinds() const;
+
   std::vector<Entry> metadata_;
   std::vector<Tensor> tensors_;
   std::span<const uint8_t> signed_bytes_;

@@ -59,6 +59,19 @@ Status write_all(const std::string& path, std::span<const uint8_t> bytes) {
   return Unit{};
 }
 
+// Writes, and reads back from the medium what it kept.
+Status write_checked(const std::string& path, std::span<const uint8_t> bytes) {
+  Status written = write_all(path, bytes);
+  if (!written) return written;
+  const auto back = read_all(path, true);
+  if (!back) return back.error();
+  if (!std::equal(bytes.begin(), bytes.end(), back.value().begin(), back.value().end())) {
+    errno = EIO;
+    return storage_error("keep what was written to it (read-back differs)", path);
+  }
+  return Unit{};
+}
+
 }  // namespace
 
 Result<SlotStore> SlotStore::open(const std::string& folder) {
@@ -81,22 +94,17 @@ Result<std::vector<uint8_t>> SlotStore::load() const {
 
 Status SlotStore::install(std::span<const uint8_t> bytes) const {
   const std::string incoming = path(kIncoming);
-  const std::string active = path(kActive);
   ::unlink(incoming.c_str());
-  Status written = write_all(incoming, bytes);
-  if (!written) {
-    ::unlink(incoming.c_str());
-    return written;
-  }
-  const auto back = read_all(incoming, true);
-  if (!back) return back.error();
-  if (!std::equal(bytes.begin(), bytes.end(), back.value().begin(), back.value().end())) {
-    ::unlink(incoming.c_str());
-    errno = EIO;
-    return storage_error("keep what was written to it (read-back differs)", incoming);
-  }
-  // The old file gets a second name first, so that there is one in force at every moment.
+  const Status written = write_checked(incoming, bytes);
+  const Status installed = written ? put_in_force(incoming) : written;
+  if (!installed) ::unlink(incoming.c_str());
+  return installed;
+}
+
+Status SlotStore::put_in_force(const std::string& incoming) const {
+  const std::string active = path(kActive);
   const std::string previous = path(kPrevious);
+  // The old file gets a second name first, so that there is one in force at every moment.
   ::unlink(previous.c_str());
   if (::link(active.c_str(), previous.c_str()) != 0 && errno != ENOENT) return storage_error("keep", previous);
   if (::rename(incoming.c_str(), active.c_str()) != 0) return storage_error("rename to", active);

@@ -29,6 +29,7 @@ class SlotStore {
 
  private:
   explicit SlotStore(std::string folder) : folder_(std::move(folder)) {}
+  [[nodiscard]] Status put_in_force(const std::string& incoming) const;
   [[nodiscard]] std::string path(const char* name) const { return folder_ + "/" + name; }
 
   std::string folder_;

@@ -21,6 +21,8 @@ Tensors = dict[str, npt.NDArray[np.generic]]
 SIGNATURE = "zz_signature"
 SIGNATURE_BYTES = 64
 MAX_HEADER_BYTES = 65_536
+MAX_RANK = 8
+KINDS = {"operator", "photometric", "rest", "support"}
 DTYPES = {"U8": np.uint8, "I16": np.int16, "U16": np.uint16, "I32": np.int32}
 # Anybody can derive this key: it proves integrity, not origin. STATUS says when it is in use.
 DEVELOPMENT_SEED = hashlib.sha256(b"ruffini development key").digest()
@@ -142,8 +144,8 @@ def unpack(data: bytes, where: str = "calibration file") -> CalibrationFile:
         for name, entry in header.items():
             begin, end = entry["data_offsets"]
             dtype = np.dtype(DTYPES[entry["dtype"]])
-            shape = [int(n) for n in entry["shape"]]
-            if any(n <= 0 for n in shape) or len(shape) > 8:
+            shape = entry["shape"]
+            if any(type(n) is not int or n <= 0 for n in shape) or len(shape) > MAX_RANK:
                 raise refuse(f"tensor {name} has no size")
             length = int(np.prod(shape, dtype=object)) * dtype.itemsize if shape else dtype.itemsize
             if begin != offset or end - begin != length or end > len(body):
@@ -163,7 +165,13 @@ def unpack(data: bytes, where: str = "calibration file") -> CalibrationFile:
     if (metadata.get("format"), metadata.get("format_version")) != ("ruffini-calibration", "1"):
         raise refuse("is not a ruffini calibration of format version 1")
     del tensors[SIGNATURE]
-    return CalibrationFile(tensors, metadata, data)
+    file = CalibrationFile(tensors, metadata, data)
+    for kind in set(file.kinds) - KINDS:
+        raise refuse(f'kind "{kind}" is unknown')
+    for name in tensors:
+        if name.split(".")[0] not in file.kinds:
+            raise refuse(f"tensor {name} belongs to no kind that the file names")
+    return file
 
 
 def verify(file: CalibrationFile, public_key: bytes | None = None) -> None:

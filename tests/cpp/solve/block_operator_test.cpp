@@ -23,9 +23,10 @@ struct Loaded {
 // 2 x 33 columns, so two blocks: row 0 counts block 0 once and block 1 four times, row 1 is -1 everywhere.
 std::vector<uint8_t> example(std::vector<int16_t> entry, std::vector<uint8_t> shift, const char* out_shift) {
   return test::CalibrationBytes()
-      .meta("g.out_shift", out_shift)
-      .tensor("g.entry", "I16", {2, 64}, entry)
-      .tensor("g.shift", "U8", {2, 2}, shift)
+      .meta("kinds", "operator")
+      .meta("operator.out_shift", out_shift)
+      .tensor("operator.entry", "I16", {2, 64}, entry)
+      .tensor("operator.shift", "U8", {2, 2}, shift)
       .bytes();
 }
 
@@ -46,7 +47,7 @@ std::vector<int16_t> padded(int16_t value) {
 
 TEST(BlockOperator, ScalesEachBlockAndRoundsHalfUp) {
   const Loaded file(example(example_entry(), {0, 2, 0, 0}, "1"));
-  const auto op = BlockOperator::load(file.calibration, "g", 2, 33);
+  const auto op = BlockOperator::load(file.calibration, "operator", 2, 33);
   ASSERT_TRUE(op.has_value());
   EXPECT_EQ(op.value().row(0, padded(1)), 18);   // (32 + 4) / 2
   EXPECT_EQ(op.value().row(1, padded(1)), -16);  // -33 / 2 = -16.5, half up
@@ -56,7 +57,7 @@ TEST(BlockOperator, ScalesEachBlockAndRoundsHalfUp) {
 
 TEST(BlockOperator, SomeBlocksOnlyIsTheSameWhereTheOthersAreZero) {
   const Loaded file(example(example_entry(), {0, 2, 0, 0}, "1"));
-  const auto op = BlockOperator::load(file.calibration, "g", 2, 33);
+  const auto op = BlockOperator::load(file.calibration, "operator", 2, 33);
   ASSERT_TRUE(op.has_value());
   std::vector<int16_t> u(64);
   u[32] = 100;
@@ -67,7 +68,7 @@ TEST(BlockOperator, SomeBlocksOnlyIsTheSameWhereTheOthersAreZero) {
 
 TEST(BlockOperator, LargestEntriesTimesLargestDisplacementsDoNotOverflow) {
   const Loaded file(example(std::vector<int16_t>(128, 16383), {27, 27, 0, 0}, "40"));
-  const auto op = BlockOperator::load(file.calibration, "g", 2, 64);
+  const auto op = BlockOperator::load(file.calibration, "operator", 2, 64);
   ASSERT_TRUE(op.has_value());
   const std::vector<int16_t> u(64, -32768);
   // 64 x 16383 x -32768 x 2^27 / 2^40 = -(2^20 - 64) x 2^15 / 2^13 = -(4194304 - 256)
@@ -85,12 +86,12 @@ TEST(BlockOperator, RefusesWhatCouldOverflowAndWhatIsMissing) {
   };
   for (const auto& bytes : bad) {
     const Loaded file(bytes);
-    EXPECT_FALSE(BlockOperator::load(file.calibration, "g", 2, 33).has_value());
+    EXPECT_FALSE(BlockOperator::load(file.calibration, "operator", 2, 33).has_value());
   }
   const Loaded file(example(example_entry(), {0, 0, 0, 0}, "1"));
   EXPECT_FALSE(BlockOperator::load(file.calibration, "h", 2, 33).has_value());
-  EXPECT_FALSE(BlockOperator::load(file.calibration, "g", 3, 33).has_value());
-  EXPECT_FALSE(BlockOperator::load(file.calibration, "g", 2, 65).has_value());
+  EXPECT_FALSE(BlockOperator::load(file.calibration, "operator", 3, 33).has_value());
+  EXPECT_FALSE(BlockOperator::load(file.calibration, "operator", 2, 65).has_value());
 }
 
 }  // namespace

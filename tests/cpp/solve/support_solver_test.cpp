@@ -62,6 +62,7 @@ class Loaded {
     const std::vector<uint8_t> shift(kUnknowns);
     const std::vector<uint8_t> bytes =
         test::CalibrationBytes()
+            .meta("kinds", "support")
             .meta("support.normal.out_shift", "5")   // 8192 / 2^5 = 256: 8 fraction bits
             .meta("support.project.out_shift", "7")  // 8192 / 2^7 = 64
             .tensor("support.scale", "I32", {kUnknowns}, std::vector<int32_t>(kUnknowns, 4 << 16))

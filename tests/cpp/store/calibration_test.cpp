@@ -22,6 +22,7 @@ struct Parsed {
 
 std::vector<uint8_t> operator_file(int16_t entry, uint8_t shift) {
   return test::CalibrationBytes()
+      .meta("kinds", "operator")
       .meta("operator.out_shift", "4")
       .tensor("operator.entry", "I16", {2, 64}, std::vector<int16_t>(128, entry))
       .tensor("operator.shift", "U8", {2, 2}, std::vector<uint8_t>(4, shift))
@@ -65,6 +66,46 @@ TEST(Calibration, EverySpoiltByteIsRefusedOrStaysInsideTheFile) {
       }
       bytes[at] = static_cast<uint8_t>(bytes[at] ^ flip);
     }
+  }
+}
+
+// What a file says when it is refused; "" when it is read.
+std::string refusal(test::CalibrationBytes file) {
+  const Parsed parsed(file.bytes());
+  return *parsed.result ? "" : parsed.result->error().message;
+}
+
+TEST(Calibration, WhatThisFirmwareDoesNotKnowIsRefused) {
+  const std::vector<uint8_t> values(16);
+  const auto file = [](const char* kinds) { return std::move(test::CalibrationBytes().meta("kinds", kinds)); };
+  EXPECT_EQ(refusal(file("operator").tensor("operator.shift", "U8", {16}, values)), "");
+  EXPECT_EQ(refusal(file("operator,rest").tensor("operator.shift", "U8", {16}, values)), "");
+  EXPECT_NE(refusal(file("magic").tensor("magic.wand", "U8", {16}, values)).find("\"magic\""), std::string::npos);
+  EXPECT_NE(refusal(file("rest").tensor("operator.shift", "U8", {16}, values)).find("operator.shift"),
+            std::string::npos);
+  EXPECT_NE(refusal(file("rest").tensor("rest.image", "F32", {4}, values)).find("F32"), std::string::npos);
+  EXPECT_NE(refusal(file("rest").tensor("rest.image", "I32", {2, 3}, values)).find("rest.image"), std::string::npos);
+  EXPECT_NE(refusal(file("rest").tensor("rest", "U8", {16}, values).tensor("rest", "U8", {16}, values)).find("dupl"),
+            std::string::npos);
+  EXPECT_NE(refusal(file("rest").meta("kinds", "rest")).find("kinds"), std::string::npos);
+  EXPECT_NE(refusal(file("").meta("board", "\\u0041")).find("__metadata__"), std::string::npos);
+}
+
+TEST(Calibration, LengthsThatOverflowAreRefused) {
+  const std::vector<uint8_t> values(16);
+  for (const int n : {0, 17, 1 << 30}) {
+    EXPECT_NE(refusal(std::move(test::CalibrationBytes().meta("kinds", "rest").tensor("rest.x", "U8", {n}, values))),
+              "");
+  }
+  // 2^30 x 2^30 x 2^30 x 16 is 0 in 64 bits.
+  EXPECT_NE(refusal(std::move(test::CalibrationBytes()
+                                  .meta("kinds", "rest")
+                                  .tensor("rest.x", "U8", {1 << 30, 1 << 30, 1 << 30, 16}, std::vector<uint8_t>()))),
+            "");
+  std::vector<uint8_t> bytes = operator_file(5, 3);
+  for (const uint8_t high : std::vector<uint8_t>{0x01, 0x7F, 0xFF}) {
+    bytes[7] = high;  // a header of more than 2^56 bytes
+    EXPECT_FALSE(*Parsed(bytes).result);
   }
 }
 

@@ -1,12 +1,64 @@
 #include "store/slot_store.h"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+
+namespace {
+
+// A medium that fails at one point of install(), by taking the place of the C library's functions in this program.
+enum class Fault { kNone, kFileSync, kReadBack, kLink, kRename, kFolderSync };
+Fault g_fault = Fault::kNone;
+
+int fail_with(int error) {
+  errno = error;
+  return -1;
+}
+
+bool is_folder(int fd) {
+  struct stat status{};
+  return ::fstat(fd, &status) == 0 && S_ISDIR(status.st_mode);
+}
+
+}  // namespace
+
+extern "C" {
+
+int fsync(int fd) {
+  if (g_fault == (is_folder(fd) ? Fault::kFolderSync : Fault::kFileSync)) return fail_with(EIO);
+  return static_cast<int>(::syscall(SYS_fsync, fd));
+}
+
+int rename(const char* from, const char* to) noexcept {
+  if (g_fault == Fault::kRename) return fail_with(EROFS);
+  return ::renameat(AT_FDCWD, from, AT_FDCWD, to);
+}
+
+int link(const char* from, const char* to) noexcept {
+  if (g_fault == Fault::kLink) return fail_with(EPERM);
+  return ::linkat(AT_FDCWD, from, AT_FDCWD, to, 0);
+}
+
+// Called before the read-back: what is on the medium is no longer what was written.
+int posix_fadvise(int fd, off_t, off_t, int) noexcept {
+  if (g_fault == Fault::kReadBack) {
+    const std::string name = "/proc/self/fd/" + std::to_string(fd);
+    const int again = ::open(name.c_str(), O_WRONLY | O_CLOEXEC);
+    EXPECT_EQ(::pwrite(again, "x", 1, 0), 1);
+    ::close(again);
+  }
+  return 0;
+}
+
+}  // extern "C"
 
 namespace ruffini {
 namespace {
@@ -58,6 +110,49 @@ TEST_F(SlotStoreTest, AFullMediumLeavesWhatIsInForce) {
   EXPECT_EQ(installed.error().kind, ErrorKind::kStorage);
   EXPECT_NE(installed.error().message.find("incoming.tmp"), std::string::npos) << installed.error().message;
   EXPECT_EQ(store.load().value(), Bytes(10, 1));
+}
+
+// Before the rename the old file stays in force, and nothing of the new one is left.
+TEST_F(SlotStoreTest, AMediumThatFailsLeavesWhatIsInForce) {
+  const SlotStore store = open();
+  ASSERT_TRUE(store.install(Bytes(10, 1)));
+  for (const Fault fault : {Fault::kFileSync, Fault::kReadBack, Fault::kLink, Fault::kRename}) {
+    g_fault = fault;
+    const Status installed = store.install(Bytes(20, 2));
+    g_fault = Fault::kNone;
+    ASSERT_FALSE(installed) << static_cast<int>(fault);
+    EXPECT_EQ(installed.error().kind, ErrorKind::kStorage);
+    EXPECT_NE(installed.error().message.find(folder_.string()), std::string::npos) << installed.error().message;
+    EXPECT_EQ(store.load().value(), Bytes(10, 1)) << static_cast<int>(fault);
+    EXPECT_FALSE(has("incoming.tmp")) << static_cast<int>(fault);
+  }
+  ASSERT_TRUE(store.install(Bytes(20, 2)));
+  EXPECT_EQ(store.load().value(), Bytes(20, 2));
+}
+
+// After it the new one has the name; that the folder may not be durable is said.
+TEST_F(SlotStoreTest, AFolderThatIsNotSyncedIsSaid) {
+  const SlotStore store = open();
+  ASSERT_TRUE(store.install(Bytes(10, 1)));
+  g_fault = Fault::kFolderSync;
+  const Status installed = store.install(Bytes(20, 2));
+  g_fault = Fault::kNone;
+  ASSERT_FALSE(installed);
+  EXPECT_EQ(store.load().value(), Bytes(20, 2));
+  EXPECT_TRUE(has("previous.safetensors"));
+}
+
+TEST_F(SlotStoreTest, WhatIsNoPlainFileIsNotRead) {
+  const SlotStore store = open();
+  fs::create_directory(folder_ / "calibration.safetensors");
+  EXPECT_EQ(store.load().error().kind, ErrorKind::kStorage);
+  fs::remove(folder_ / "calibration.safetensors");
+  fs::create_symlink("/etc/hostname", folder_ / "calibration.safetensors");
+  EXPECT_EQ(store.load().error().kind, ErrorKind::kStorage);
+  fs::remove(folder_ / "calibration.safetensors");
+  fs::create_symlink(folder_ / "elsewhere", folder_ / "incoming.tmp");
+  ASSERT_TRUE(store.install(Bytes(10, 1)));
+  EXPECT_FALSE(has("elsewhere"));
 }
 
 TEST_F(SlotStoreTest, AFolderThatCannotBeMadeIsNamed) {

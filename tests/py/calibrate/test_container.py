@@ -75,11 +75,14 @@ def test_every_truncation_is_refused(file: container.CalibrationFile) -> None:
         (lambda h: h["operator.entry"].update(shape=[4, 31]), "operator.entry"),
         (lambda h: h["operator.entry"].update(shape=[-4, -32]), "operator.entry"),
         (lambda h: h["operator.entry"].update(data_offsets=[0, 10**30]), "operator.entry"),
+        (lambda h: h["operator.entry"].update(shape=["4", "32"]), "operator.entry"),
+        (lambda h: h["__metadata__"].update(kinds="magic,operator,support"), "magic"),
+        (lambda h: h["__metadata__"].update(kinds="operator"), "support.scale"),
         (lambda h: h.pop("__metadata__"), "metadata"),
         (lambda h: h["__metadata__"].update(format="other"), "format"),
         (lambda h: h["__metadata__"].update(format_version="2"), "version"),
     ],
-    ids=["float", "shape", "negative", "offset", "no metadata", "format", "version"],
+    ids=["float", "shape", "negative", "offset", "text", "kind", "stray", "no metadata", "format", "version"],
 )
 def test_what_the_format_does_not_have(file: container.CalibrationFile, change: object, words: str) -> None:
     header = header_of(file.data)

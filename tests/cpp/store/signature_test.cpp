@@ -1,0 +1,88 @@
+#include "store/signature.h"
+
+#include <gtest/gtest.h>
+
+#include <optional>
+
+#include "support/calibration_bytes.h"
+#include "support/signed_calibration.h"
+
+namespace ruffini {
+namespace {
+
+using Bytes = std::vector<uint8_t>;
+
+std::string hex(const std::string& bytes) {
+  std::string out;
+  for (const char c : bytes) {
+    for (const int digit : {(c >> 4) & 15, c & 15}) out += "0123456789abcdef"[digit];
+  }
+  return out;
+}
+
+Bytes small_file() {
+  return test::CalibrationBytes()
+      .meta("kinds", "rest")
+      .meta("key_id", "c72ea612")
+      .tensor("rest.image", "U8", {8}, Bytes{1, 2, 3, 4, 5, 6, 7, 8})
+      .bytes();
+}
+
+// nullopt where the file cannot even be read.
+std::optional<Result<Signer>> judge(const Bytes& bytes) {
+  std::vector<uint64_t> aligned((bytes.size() + 7) / 8);
+  std::memcpy(aligned.data(), bytes.data(), bytes.size());
+  const auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(aligned.data()), bytes.size()});
+  if (!parsed) return std::nullopt;
+  return verify_signature(parsed.value());
+}
+
+// FIPS 180-4, appendix B.
+TEST(Sha256, KnownAnswers) {
+  EXPECT_EQ(hex(sha256({})), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  EXPECT_EQ(hex(sha256(Bytes{'a', 'b', 'c'})), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+}
+
+TEST(Signature, TheDevelopmentKeyIsKnownAndNamed) {
+  const auto signer = judge(test::sign(small_file()));
+  ASSERT_TRUE(signer && *signer);
+  EXPECT_EQ(signer->value().key_id, "c72ea612");
+  EXPECT_TRUE(signer->value().is_development_key);
+}
+
+TEST(Signature, AnUnsignedFileIsRefusedWithTheKeyThatItNames) {
+  const auto signer = judge(small_file());  // the signature is zeros
+  ASSERT_TRUE(signer);
+  ASSERT_FALSE(*signer);
+  EXPECT_EQ(signer->error().kind, ErrorKind::kRefused);
+  EXPECT_NE(signer->error().message.find("c72ea612"), std::string::npos) << signer->error().message;
+}
+
+TEST(Signature, EveryFlippedBitIsRefused) {
+  Bytes bytes = test::sign(small_file());
+  for (size_t bit = 0; bit < 8 * bytes.size(); ++bit) {
+    const auto flip = static_cast<uint8_t>(1U << bit % 8);
+    bytes[bit / 8] ^= flip;
+    const auto signer = judge(bytes);
+    EXPECT_FALSE(signer && *signer) << "bit " << bit;
+    bytes[bit / 8] ^= flip;
+  }
+  EXPECT_TRUE(judge(bytes) && *judge(bytes));
+}
+
+TEST(Signature, AnotherKeysSignatureIsRefused) {
+  Bytes bytes = small_file();
+  std::array<uint8_t, crypto_sign_PUBLICKEYBYTES> public_key{};
+  std::array<uint8_t, crypto_sign_SECRETKEYBYTES> secret_key{};
+  const std::array<uint8_t, crypto_sign_SEEDBYTES> seed{7};
+  crypto_sign_seed_keypair(public_key.data(), secret_key.data(), seed.data());
+  const size_t n_signed = bytes.size() - crypto_sign_BYTES;
+  crypto_sign_detached(bytes.data() + n_signed, nullptr, bytes.data(), n_signed, secret_key.data());
+  EXPECT_EQ(crypto_sign_verify_detached(bytes.data() + n_signed, bytes.data(), n_signed, public_key.data()), 0);
+  const auto signer = judge(bytes);
+  ASSERT_TRUE(signer);
+  EXPECT_FALSE(*signer);
+}
+
+}  // namespace
+}  // namespace ruffini
