@@ -24,11 +24,19 @@ def press(
     board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="New folder for the recording.")],
     program: Annotated[
-        str, typer.Option(help="demo, grid (presses for judging) or balls (for cal photometric).")
+        str,
+        typer.Option(
+            help="demo, grid (presses for judging), balls (for cal photometric), "
+            "or one indenter's way: press, shear, twist, roll, slide, cycles, walk, limit."
+        ),
     ] = "demo",
     n: Annotated[int, typer.Option("--n", help="Number of presses (grid, balls).")] = 40,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 1,
     ball_mm: Annotated[float, typer.Option(help="Diameter of the calibration ball (balls).")] = 5.0,
+    indenter: Annotated[str, typer.Option(help="Shape that goes the way: sphere, square, nut, ...")] = "sphere",
+    radius_mm: Annotated[float, typer.Option(help="Half of the shape's size.")] = 3.0,
+    depth_mm: Annotated[float, typer.Option(help="Depth of the way.")] = 0.8,
+    shore_a: Annotated[int | None, typer.Option(help="Hardness of the shape; rigid without.")] = None,
     scenario: Annotated[
         Path | None, typer.Option("--scenario", help="Program, n, seed and faults from a file, instead of options.")
     ] = None,
@@ -41,14 +49,19 @@ def press(
     from ruffini.boards import find_board
     from ruffini.sim.recording import PadError, TwinUnit, record_balls, record_touches
     from ruffini.sim.scenario import load_scenario, scenario_of
+    from ruffini.sim.trajectories import TRAJECTORIES
 
     is_balls = program == "balls" and scenario is None
     if scenario is not None:
         plan = load_scenario(scenario)
     elif program in ("demo", "grid", "balls"):
         plan = scenario_of({"program": "demo" if is_balls else program, "n": n, "seed": seed}, "options")
+    elif program in TRAJECTORIES:
+        touch = {"indenter": indenter, "radius_um": round(radius_mm * 1e3), "depth_um": round(depth_mm * 1e3),
+                 "shore_a": shore_a}  # fmt: skip
+        plan = scenario_of({"program": program, "seed": seed, "touch": touch}, "options")
     else:
-        raise InputError(f"unknown program {program!r}: demo, grid or balls")
+        raise InputError(f"unknown program {program!r}: demo, grid, balls or {', '.join(TRAJECTORIES)}")
     found = find_board(board)
     with progress_bar("pad mechanics") as progress:
         unit = TwinUnit.build(found, PadError(scale_modulus, scale_poisson, scale_thickness), progress=progress)

@@ -5,7 +5,8 @@
     truth.npz               frame (t,) number, time_s (t,), wrench (t, 6) N and N m about the pad's centre,
                             force (t, n_y, n_x, 3) N on the board's node grid (whole pad),
                             displacement (t, n_y, n_x, 3) m at the board's nodes,
-                            pose (t, 4) x, y, depth (m), turn (rad), NaN where nothing touches,
+                            pose (t, 6) x, y, depth (m), turn, roll, pitch (rad), NaN where nothing touches,
+                            contact (t, n_y, n_x) at the board's nodes: 0 free, 1 sticks, 2 slips,
                             judged (t,) bool, touch (t,) number of the touch or -1,
                             shape and radius_m of each touch's indenter
 
@@ -89,7 +90,8 @@ def record_touches(
     scenario, renderer, total = Scenario(seed=seed, fault=list(faults)), unit.renderer(), n_frames_of(story)
     touches = [step.indenter for step in story if not isinstance(step, Rest)]
     rows: dict[str, list[npt.ArrayLike]] = {
-        "frame": [], "wrench": [], "force": [], "displacement": [], "pose": [], "judged": [], "touch": [],
+        "frame": [], "wrench": [], "force": [], "displacement": [], "pose": [], "contact": [], "judged": [],
+        "touch": [],
         "shape": [indenter.shape for indenter in touches],
         "radius_m": [indenter.radius_m for indenter in touches],
     }  # fmt: skip
@@ -105,6 +107,7 @@ def record_touches(
         rows["force"].append(moment.nodal_force())
         rows["displacement"].append(moment.nodal_displacement())
         rows["pose"].append(moment.pose_row())
+        rows["contact"].append(moment.nodal_state())
         rows["judged"].append(moment.judged)
         rows["touch"].append(moment.touch)
         picture = scenario.picture(renderer, frame, displacement, before)
@@ -171,7 +174,7 @@ def _contact_circle_px(unit: TwinUnit, solver: ContactSolver, pose: Pose) -> Arr
     camera = unit.board.camera
     touching = solver.hat_force[:, 2] < 0
     radius_m = np.sqrt(hat_areas(unit.model)[touching].sum() / np.pi)
-    edge_height_m = float(solver.indenter.height(np.array(radius_m))) - pose.depth_m
+    edge_height_m = float(solver.indenter.height(radius_m, 0.0)) - pose.depth_m
     px_per_m = camera.focal_mpx * 1e-3 / (camera.standoff_um * 1e-6 + edge_height_m)
     center = np.array([camera.center_x_mpx, camera.center_y_mpx]) * 1e-3
     return np.append(center + np.array([pose.x_m, pose.y_m]) * px_per_m, radius_m * px_per_m)

@@ -1,9 +1,13 @@
 """What a live twin plays: a program and scripted faults, in a file or by name. Strict.
 
 schema = 1
-program = "demo"             # or grid, rest
+program = "demo"             # or grid, rest, or a way of [touch]: press shear twist roll slide cycles walk limit
 n = 10                       # presses (grid) or frames (rest)
 seed = 1
+[touch]
+indenter = "square"          # any of `ruffini.sim.indenters`
+radius_um = 5000
+shore_a = 40                 # rigid without
 [[fault]]
 kind = "led_off"             # stall drop over_exposure led_off lens_cap torn_gel light_leak
 first_frame = 100
@@ -20,7 +24,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
@@ -28,6 +32,7 @@ from ruffini.sim import programs
 from ruffini.sim.optics.conditions import Conditions
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.programs import Rest, Step
+from ruffini.sim.trajectories import TRAJECTORIES, TouchSettings, TrajectoryName, told
 
 Array = npt.NDArray[np.float64]
 Frame = Annotated[int, Field(ge=0, le=10_000_000)]
@@ -120,10 +125,19 @@ class Scenario(Section):
     """A program and its faults."""
 
     schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
-    program: Literal["demo", "grid", "rest"] = "demo"
+    program: Literal["demo", "grid", "rest"] | TrajectoryName = "demo"
     n: Annotated[int, Field(ge=1, le=1_000_000)] = 40
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
+    touch: TouchSettings | None = None
     fault: list[Fault] = Field(default=[])
+
+    @model_validator(mode="after")
+    def _touch_has_a_way(self) -> Scenario:
+        if self.touch is not None and self.program not in TRAJECTORIES:
+            raise ValueError(
+                f"[touch] goes one of the ways {', '.join(TRAJECTORIES)}: program {self.program!r} is none"
+            )
+        return self
 
     def story(self, board: Board) -> list[Step]:
         """The program's steps on a board."""
@@ -131,7 +145,10 @@ class Scenario(Section):
             return programs.demo(board)
         if self.program == "grid":
             return programs.grid(board, self.n, np.random.default_rng(self.seed))
-        return [Rest(self.n)]
+        if self.program == "rest":
+            return [Rest(self.n)]
+        n_rest = board.pipeline.n_rest_frames + 2
+        return told(self.program, self.touch or TouchSettings(), n_rest, np.random.default_rng(self.seed))
 
     def conditions(self, frame: int) -> Conditions:
         """Optics of a frame."""

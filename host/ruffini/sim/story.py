@@ -35,9 +35,16 @@ class Moment:
         return wrench_of(self.unit.model, self.solver.nodal_force) if self.solver else np.zeros(6)
 
     def pose_row(self) -> Array:
-        """x, y, depth (m) and turn (rad), NaN where nothing touches, (4,)."""
-        pose = self.pose
-        return np.array([pose.x_m, pose.y_m, pose.depth_m, pose.turn_rad] if pose else [np.nan] * 4)
+        """x, y, depth (m), turn, roll and pitch (rad), NaN where nothing touches, (6,)."""
+        return self.pose.row() if self.pose else np.full(6, np.nan)
+
+    def nodal_state(self) -> npt.NDArray[np.uint8]:
+        """0 free, 1 sticks, 2 slips: the nearest node of the mechanics to each of the board's, (n_y, n_x)."""
+        grid, (n_y, n_x) = self.unit.board.grid, self.unit.model.shape
+        if self.solver is None:
+            return np.zeros((grid.n_y, grid.n_x), np.uint8)
+        rows, columns = (np.rint(np.linspace(0, n - 1, m)).astype(int) for n, m in ((n_y, grid.n_y), (n_x, grid.n_x)))
+        return np.asarray(self.solver.contact_state.reshape(n_y, n_x)[np.ix_(rows, columns)])
 
     def nodal_force(self) -> Array:
         """Force (N) at the board's nodes, (n_y, n_x, 3)."""

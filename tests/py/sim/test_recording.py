@@ -47,7 +47,7 @@ def test_recording_holds_frames_truth_and_settings(coarse_unit, tmp_path):
     assert truth["wrench"].shape == (5, 6)
     assert truth["force"].shape == truth["displacement"].shape == (5, 25, 31, 3)
     assert not truth["wrench"][[0, 1, 4]].any()
-    np.testing.assert_allclose(truth["pose"][3], [1.1 * MM, 0, 0.5 * MM, 0])
+    np.testing.assert_allclose(truth["pose"][3], [1.1 * MM, 0, 0.5 * MM, 0, 0, 0])
     assert truth["time_s"][1] == pytest.approx(1 / 60)
     settings = tomllib.loads((tmp_path / "out" / "recording.toml").read_text())
     assert settings["simulated"] is True

@@ -30,7 +30,8 @@ FIELDS = {
     "wrench": "N and N m: force on the pad and moment about its centre",
     "force": "N: nodal force on the pad, rows of nodes over the whole pad, x y z",
     "displacement": "m: of the surface at the nodes, x y z",
-    "pose": "m, m, m, rad: x, y and depth of the indenter's lowest point, turn about z",
+    "pose": "m, m, m, rad, rad, rad: x, y and depth of the indenter's lowest point, turn, roll, pitch (about z, x, y)",
+    "contact": "at the nodes: 0 free, 1 sticks, 2 slips",
     "shape": "name of the indenter's shape",
     "radius_m": "m: radius of the indenter",
     "attempt": "which drawn press this is: above 0 where the contact solver gave up on the ones before",
@@ -71,6 +72,7 @@ def _sample(shop: _Workshop, plan: Plan, index: int) -> dict[str, Any]:
             "image": shop.renderer.image(moment.displacement, rng), "index": index, "wrench": moment.wrench(),
             "force": moment.nodal_force().astype(np.float32),
             "displacement": moment.nodal_displacement().astype(np.float32), "pose": moment.pose_row(),
+            "contact": moment.nodal_state(),
             "shape": touch.indenter.shape, "radius_m": touch.indenter.radius_m, "attempt": attempt,
         }  # fmt: skip
     raise RuffiniError(f"sample {index}: the contact solver gave up on {MAX_ATTEMPTS} presses: choose another --seed")
