@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 namespace ruffini {
 namespace {
@@ -219,8 +220,14 @@ Status FramePath::load_tables() {
   }
   if (has(Stage::kOperator) && c.has_kind("operator")) {
     const int n = 3 * nodes_.size().count();
-    auto lsb = c.integer("operator.force_lsb_un", board_.force_lsb_un, board_.force_lsb_un);
-    if (!lsb) return lsb.error();
+    const std::pair<const char*, int64_t> expected[] = {{"operator.n_x", nodes_.size().n_x},
+                                                        {"operator.n_y", nodes_.size().n_y},
+                                                        {"operator.force_lsb_un", board_.force_lsb_un},
+                                                        {"operator.displacement_lsb_nm", kDisplacementLsbNm}};
+    for (const auto& [key, value] : expected) {
+      const auto found = c.integer(key, value, value);
+      if (!found) return found.error();
+    }
     auto op = BlockOperator::load(c, "operator", n, n);
     if (!op) return op.error();
     operator_ = op.value();

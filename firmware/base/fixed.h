@@ -78,5 +78,6 @@ using RelativeChange = Fixed<int16_t, 12, Ratio>;      // I / I_rest - 1
 using Slope = Fixed<int16_t, 12, Ratio>;               // dz/dx of the surface
 using ImagePx = Fixed<int32_t, 16, Pixel>;             // image position or displacement
 using DisplacementUm = Fixed<int16_t, 3, Micrometre>;  // 125 nm, +-4.096 mm
+inline constexpr int kDisplacementLsbNm = 1000 >> 3;
 
 }  // namespace ruffini

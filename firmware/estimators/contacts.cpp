@@ -46,7 +46,7 @@ Contact ContactFinder::grow(int seed, std::span<const uint8_t> mask, std::span<c
     }
   }
   contact.area_um2 = contact.n_nodes * grid_.node_area_um2();
-  contact.peak_depth_nm = deepest * 125;
+  contact.peak_depth_nm = deepest * kDisplacementLsbNm;
   if (pressure < 0) {
     contact.center_x_um = floor_div(-grid_.to_um_x(pressure_x), -pressure);
     contact.center_y_um = floor_div(-grid_.to_um_y(pressure_y), -pressure);

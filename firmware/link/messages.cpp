@@ -93,7 +93,7 @@ size_t MessageEncoder::field(const FramePath& path, const FrameStamp& stamp) {
   m.has_stamp = true;
   m.stamp = to_proto(stamp, s.flags);
   m.force_lsb_un = static_cast<uint32_t>(path.board().force_lsb_un);
-  m.displacement_lsb_nm = 125;
+  m.displacement_lsb_nm = kDisplacementLsbNm;
   m.validity_count = 3;
   m.validity[0] = m.validity[1] = to_proto(s.force_xy);
   m.validity[2] = to_proto(s.force_z);
@@ -119,7 +119,7 @@ size_t MessageEncoder::depth(const FramePath& path, const FrameStamp& stamp) {
   ruffini_Depth m = ruffini_Depth_init_zero;
   m.has_stamp = true;
   m.stamp = to_proto(stamp, s.flags);
-  m.depth_lsb_nm = 125;
+  m.depth_lsb_nm = kDisplacementLsbNm;
   m.step_px = static_cast<uint32_t>(path.board().depth.step_px);
   m.validity = to_proto(s.depth_validity);
   std::transform(s.poisson.depth.begin(), s.poisson.depth.end(), values_.begin(),

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 
 #include "support/signed_calibration.h"
@@ -129,6 +130,28 @@ TEST_F(CalibratorTest, AFileForAnotherGridIsRefused) {
   BoardSettings other = board_;
   other.grid = {9, 7};
   EXPECT_EQ(refusal_of(test::sign(test::diagonal_calibration(other))).kind, ErrorKind::kBadInput);
+}
+
+// As many nodes, but 13 x 17 of them: force would be given to the wrong places.
+TEST_F(CalibratorTest, AFileForTheSameNumberOfNodesInAnotherGridIsRefused) {
+  BoardSettings other = board_;
+  std::swap(other.grid.n_x, other.grid.n_y);
+  const Error error = refusal_of(test::sign(test::diagonal_calibration(other)));
+  EXPECT_EQ(error.kind, ErrorKind::kBadInput);
+  EXPECT_NE(error.message.find("operator.n_x"), std::string::npos) << error.message;
+}
+
+TEST_F(CalibratorTest, AnOperatorOfOtherStepsIsRefused) {
+  for (const std::string key : {"operator.displacement_lsb_nm", "operator.force_lsb_un"}) {
+    Bytes other = file_;
+    const std::string text = "\"" + key + "\":\"1";
+    const auto at = std::search(other.begin(), other.end(), text.begin(), text.end());
+    ASSERT_NE(at, other.end()) << key;
+    at[static_cast<ptrdiff_t>(text.size()) - 1] = '2';
+    const Error error = refusal_of(test::sign(other));
+    EXPECT_EQ(error.kind, ErrorKind::kBadInput);
+    EXPECT_NE(error.message.find(key), std::string::npos) << error.message;
+  }
 }
 
 TEST_F(CalibratorTest, ChunksAreTakenInOrderAndNoFurtherThanAnnounced) {
