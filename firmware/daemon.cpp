@@ -9,7 +9,7 @@ namespace {
 
 constexpr int kBuffers = 4;  // one captured, one posted, one processed, one spare
 constexpr int kLinkPollMs = 2;
-constexpr uint64_t kDrainUs = 2'000'000;  // how long an ended recording waits for its reader
+constexpr uint64_t kDrainUs = 2'000'000;  // how long an ended recording waits for a reader that takes nothing
 constexpr auto kReopenPause = std::chrono::milliseconds(50);
 
 uint64_t now_us() {
@@ -144,7 +144,7 @@ void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) 
 
 void Daemon::link_loop() {
   std::array<uint8_t, 4'096> received;
-  uint64_t ended_us = 0;
+  uint64_t waits_since_us = 0;
   while (!stop_->load(std::memory_order_relaxed)) {
     session_.poll(now_us());
     std::span<const uint8_t> out = session_.pending();
@@ -157,6 +157,7 @@ void Daemon::link_loop() {
       n_written = port_.write(out);
       if (n_written <= 0) break;
       session_.consumed(static_cast<size_t>(n_written));
+      waits_since_us = 0;
     }
     if (n_read < 0 || n_written < 0) {
       session_.reset_line();
@@ -164,9 +165,9 @@ void Daemon::link_loop() {
       port_.reopen();
     }
     if (!is_frame_over_) continue;
-    if (ended_us == 0) ended_us = now_us();
+    if (waits_since_us == 0) waits_since_us = now_us();
     const bool is_drained = session_.is_drained() && !port_.has_unsent();
-    if (!options_.lingers && (is_drained || now_us() - ended_us > kDrainUs)) return;
+    if (!options_.lingers && (is_drained || now_us() - waits_since_us > kDrainUs)) return;
   }
 }
 

@@ -235,6 +235,31 @@ def test_a_port_where_nothing_answers() -> None:
     assert "nothing answers HELLO" in text
 
 
+def test_a_port_that_takes_nothing() -> None:
+    master, slave = os.openpty()
+    os.set_blocking(slave, False)
+    try:
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(slave, bytes(1000))
+        code, _, text = run_host("info", port=os.ttyname(slave))
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert (code, is_one_sentence(text)) == (3, True)
+    assert "nobody takes what is sent" in text
+
+
+def test_of_two_ports_the_one_that_answers_is_taken(sensor: Sensor, tmp_path: Path) -> None:
+    nobody = str(tmp_path / "ttyACM9")
+    with start(sensor, tmp_path / "a", "--wait-for-host", serial="A1") as one:
+        code, out, _ = run_host("info", "--json", RUFFINI_PORT=f"{nobody},{one.port}")
+        assert (code, json.loads(out)["serial"]) == (0, "A1")
+    code, _, text = run_host("info", RUFFINI_PORT=f"{nobody},{nobody}8")
+    assert (code, is_one_sentence(text)) == (3, True)
+    assert "no sensor answers" in text
+
+
 def test_two_devices_are_listed_and_a_serial_number_chooses(sensor: Sensor, tmp_path: Path) -> None:
     with (
         start(sensor, tmp_path / "a", "--wait-for-host", serial="A1") as one,
@@ -309,6 +334,20 @@ def is_open_by(pid: int, path: str) -> bool:
         with contextlib.suppress(OSError):  # it may close it meanwhile
             found.append(str(entry.readlink()))
     return path in found
+
+
+@pytest.mark.parametrize(
+    "verb", [["monitor", "--n", "9999"], ["record", "OUT", "--n", "9999"]], ids=["monitor", "record"]
+)
+def test_a_camera_that_stands_still_ends_the_verb_with_a_sentence(
+    verb: list[str], sensor: Sensor, tmp_path: Path
+) -> None:
+    short = Sensor(sensor.board, sensor.folder, write_recording(sensor.board, tmp_path / "short", 3), b"")
+    out = tmp_path / "run.mcap"
+    with start(short, tmp_path / "store", "--wait-for-host", "--linger") as daemon:
+        code, _, text = run_host(*[str(out) if a == "OUT" else a for a in verb], port=daemon.port)
+    assert (code, "Traceback" in text) == (3, False)
+    assert "no frame for 5 s" in text.strip().splitlines()[-1]
 
 
 def test_record_does_not_overwrite(sensor: Sensor, tmp_path: Path) -> None:

@@ -56,6 +56,9 @@ def test_every_verb_has_json_and_help() -> None:
 def test_a_wrong_option_is_usage() -> None:
     assert run_host("info", "--nonsense")[0] == 2
     assert run_host("nonsense")[0] == 2
+    for verb in (["monitor", "--n", "-1"], ["record", "x", "--image-every", "-1"], ["cal", "zero", "--n", "-1"]):
+        code, _, text = run_host(*verb)
+        assert (code, "Traceback" in text) == (2, False), verb
 
 
 def test_boards(sensor: Sensor) -> None:
@@ -95,11 +98,27 @@ def test_watch(sensor: Sensor, tmp_path: Path) -> None:
         assert len(lines) == 5
         assert all(line["simulated"] and line["replay"] for line in lines)
         picture = tmp_path / "snapshot.png"
-        assert ask("snapshot", "--out", str(picture), port=daemon.port)["file"] == str(picture)
+        shown = ask("snapshot", "--out", str(picture), port=daemon.port)
+        assert (shown["file"], shown["simulated"], shown["validity"]) == (str(picture), True, [1, 1, 1])
         assert cv2.imread(str(picture)) is not None
         recording = tmp_path / "run.mcap"
         counts = ask("record", str(recording), "--n", "5", port=daemon.port)["messages"]
         assert counts["WRENCH"] >= 5  # type: ignore[index]
+
+
+def test_a_snapshot_says_what_is_not_measured_and_what_is_not_valid(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path / "store", "--loop") as daemon:
+        shown = ask("snapshot", "--out", str(tmp_path / "a.png"), port=daemon.port)
+        assert shown["force_n"] == [None] * 3
+        assert {"FLAG_UNCALIBRATED_XY", "FLAG_UNCALIBRATED_Z"} <= set(shown["flags"])  # type: ignore[call-overload]
+        path = tmp_path / "c.safetensors"
+        path.write_bytes(sensor.calibration)
+        ask("cal", "flash", str(path), port=daemon.port)
+        ask("cal", "zero", "--n", "256", port=daemon.port)
+        code, out, _ = run_host("snapshot", "--out", str(tmp_path / "b.png"), port=daemon.port)
+        assert code == 0
+        assert "INVALID" in out
+        assert "NO_REFERENCE" in out
 
 
 def test_track(sensor: Sensor, tmp_path: Path) -> None:

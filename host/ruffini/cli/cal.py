@@ -249,7 +249,7 @@ def show(file: Annotated[Path, FILE], json_: JsonFlag = False) -> None:
 
 @app.command("zero")
 def zero(
-    n: Annotated[int, typer.Option("--n", help="Frames to average (0 = the board's own number).")] = 0,
+    n: Annotated[int, typer.Option("--n", min=0, help="Frames to average (0 = the board's own number).")] = 0,
     json_: JsonFlag = False,
 ) -> None:
     """Learn the untouched image anew: nothing may touch the pad now."""

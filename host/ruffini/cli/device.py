@@ -99,17 +99,19 @@ def info(json_: JsonFlag = False) -> None:
 
 
 def monitor(
-    n: Annotated[int, typer.Option("--n", help="Stop after so many frames (0 = never).")] = 0,
+    n: Annotated[int, typer.Option("--n", min=0, help="Stop after so many frames (0 = never).")] = 0,
     json_: Annotated[bool, typer.Option("--json", help="One JSON object per line and frame.")] = False,
 ) -> None:
     """The wrench as it comes."""
     from ruffini.device import Wrench
+    from ruffini.device.connection import SILENCE_S
+    from ruffini.errors import NoDeviceError
 
     with open_sensor() as sensor:
         sensor.subscribe(wrench=1)
         count = 0
         wanted = sensor.schema.type_numbers["WRENCH"]
-        for frame, message in sensor.stream(timeout_s=5.0):
+        for frame, message in sensor.stream(timeout_s=SILENCE_S):
             if frame.type != wanted:
                 continue
             wrench = Wrench.from_message(message)
@@ -130,16 +132,16 @@ def monitor(
             count += 1
             if n and count >= n:
                 break
-        if count == 0:
-            from ruffini.errors import NoDeviceError
-
-            raise NoDeviceError(f"{sensor.port}: no frame within 5 s: is the camera running?")
+        else:
+            raise NoDeviceError(f"{sensor.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
 
 
 def record(
     out: Annotated[Path, typer.Argument(help="MCAP file to write.")],
-    n: Annotated[int, typer.Option("--n", help="Stop after so many frames (0 = until interrupted).")] = 0,
-    image_every: Annotated[int, typer.Option(help="Every so many frames also the camera image (0 = never).")] = 0,
+    n: Annotated[int, typer.Option("--n", min=0, help="Stop after so many frames (0 = until interrupted).")] = 0,
+    image_every: Annotated[
+        int, typer.Option(min=0, help="Every so many frames also the camera image (0 = never).")
+    ] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     json_: JsonFlag = False,
 ) -> None:
@@ -167,14 +169,15 @@ def snapshot(
     from ruffini.boards import parse_board
     from ruffini.demo.pictures import field_over_frame
     from ruffini.demo.view import node_pixels
-    from ruffini.device.results import RESULTS
+    from ruffini.device.connection import SILENCE_S
+    from ruffini.device.results import INVALID, NOT_MEASURED, RESULTS, VALID
     from ruffini.errors import NoDeviceError
 
     with open_sensor() as sensor:
         sensor.subscribe(field=1, image=1)
         board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
         got: dict[str, dict[int, Any]] = {"FIELD": {}, "IMAGE": {}}
-        for frame, message in sensor.stream(timeout_s=5.0):
+        for frame, message in sensor.stream(timeout_s=SILENCE_S):
             name = sensor.schema.type_name(frame.type)
             if name not in got:
                 continue
@@ -183,14 +186,20 @@ def snapshot(
             if both:
                 break
         else:
-            raise NoDeviceError(f"{sensor.port}: no field within 5 s: is the camera running?")
+            raise NoDeviceError(f"{sensor.port}: no field for {SILENCE_S:.0f} s: is the camera running?")
     field, image = got["FIELD"][both[0]], got["IMAGE"][both[0]]
-    badge = " SIMULATED" if frame.is_simulated else ""
-    title = f"{board.name}, frame {field.frame}{badge}"
-    field_over_frame(out, image.pixels, node_pixels(board), field.force, title=title,
-                     z_calibrated=field.validity[2] in (1, 3))  # fmt: skip
+    flags = sensor.schema.enum_names("FlagBit", field.flags)
+    badges = [*(["SIMULATED"] if frame.is_simulated else []), *(f.removeprefix("FLAG_") for f in flags)]
+    if INVALID in field.validity:
+        badges.insert(0, "INVALID")
+    title = f"{board.name}, frame {field.frame} {' '.join(badges)}"
+    field_over_frame(out, image.pixels, node_pixels(board) / image.step_px, field.force, title=title,
+                     z_calibrated=field.validity[2] in (VALID, INVALID))  # fmt: skip
+    total = field.force.sum(axis=(0, 1)).tolist()
+    force = [None if v == NOT_MEASURED else f for f, v in zip(total, field.validity, strict=True)]
     emit(
-        {"file": str(out), "frame": field.frame, "force_n": field.force.sum(axis=(0, 1)).tolist()},
+        {"file": str(out), "frame": field.frame, "force_n": force, "validity": list(field.validity), "flags": flags,
+         "simulated": frame.is_simulated, "replay": frame.is_replay},
         json_,
-        str(out),
-    )
+        " ".join([str(out), *badges]),
+    )  # fmt: skip

@@ -18,6 +18,7 @@ REPLY_TIMEOUT_S = 2.0
 COMMIT_TIMEOUT_S = 30.0  # proof, fsync and read-back of a large table on a slow medium
 RETRIES = 3
 CHUNK_BYTES = 3072
+SILENCE_S = 5.0  # without a frame: the camera stands still
 MAX_BACKLOG = 4096  # messages kept while a command waits for its reply
 DEVICE = 255
 
@@ -105,7 +106,7 @@ class Connection:
     def _wait_for(self, type_name: str, timeout_s: float, accept: Callable[[Any], bool]) -> Any | None:
         wanted = self.schema.type_numbers[type_name]
         deadline = time.monotonic() + timeout_s
-        kept: list[tuple[Frame, Any]] = []
+        kept: deque[tuple[Frame, Any]] = deque(maxlen=MAX_BACKLOG)
         try:
             while time.monotonic() < deadline:
                 while self.messages:
@@ -116,22 +117,28 @@ class Connection:
                 self._read()
             return None
         finally:
-            self.messages.extendleft(reversed(kept))
+            kept.extend(self.messages)  # the oldest go where the backlog is full
+            self.messages = kept
 
     # ---- sending ------------------------------------------------------------------------------
 
-    def _send(self, type_name: str, payload: bytes = b"") -> None:
+    def _write(self, data: bytes) -> None:
         import serial
 
-        number = self.schema.type_numbers[type_name]
         try:
-            self._serial.write(encode_message(number, payload, sensor=DEVICE, sequence=self._sequence))
+            self._serial.write(data)
+        except serial.SerialTimeoutException as error:
+            raise NoDeviceError(f"{self.port}: nobody takes what is sent: is ruffinid running?") from error
         except (serial.SerialException, OSError) as error:
             raise NoDeviceError(f"{self.port}: the line was lost: {error}") from error
+
+    def _send(self, type_name: str, payload: bytes = b"") -> None:
+        number = self.schema.type_numbers[type_name]
+        self._write(encode_message(number, payload, sensor=DEVICE, sequence=self._sequence))
         self._sequence += 1
 
     def _say_hello(self, timeout_s: float) -> Any:
-        self._serial.write(b"\0")  # end whatever half frame is in the device's buffer
+        self._write(b"\0")  # end whatever half frame is in the device's buffer
         for _ in range(RETRIES):
             self._send("HELLO")
             hello = self._wait_for("HELLO", timeout_s / RETRIES, lambda m: True)
@@ -238,7 +245,9 @@ def connect(port: str | None = None, serial: str | None = None) -> Connection:
     Raises
     ------
     NoDeviceError
-        None, or several and no choice; the text lists them and names the option.
+        None, or none with this serial number; the text says what each port answered.
+    SeveralDevicesError
+        Several and no choice; the text lists them and names the option.
     """
     port = port or os.environ.get("RUFFINI_PORT")
     serial = serial or os.environ.get("RUFFINI_SERIAL")
@@ -247,17 +256,25 @@ def connect(port: str | None = None, serial: str | None = None) -> Connection:
         raise NoDeviceError("no sensor found: plug one in, or name its port with --port")
     if len(ports) == 1 and serial is None:
         return Connection(ports[0])
-    found: list[str] = []
+    answering: list[Connection] = []
+    seen: list[str] = []
     for candidate in ports:
         try:
             connection = Connection(candidate)
         except RuffiniError as error:
-            found.append(f"{candidate} ({error})")
+            seen.append(f"{candidate} ({error})")
             continue
-        if serial is not None and connection.serial_number == serial:
-            return connection
-        found.append(f"{candidate} (serial {connection.serial_number})")
+        seen.append(f"{candidate} (serial {connection.serial_number})")
+        if serial is None or connection.serial_number == serial:
+            answering.append(connection)
+        else:
+            connection.close()
+    if len(answering) == 1:
+        return answering[0]
+    for connection in answering:
         connection.close()
-    if serial is not None:
-        raise NoDeviceError(f"no sensor with serial {serial!r} among: {', '.join(found)}")
-    raise SeveralDevicesError(f"several sensors, choose one with --port or --serial: {', '.join(found)}")
+    listed = ", ".join(seen)
+    if answering:
+        raise SeveralDevicesError(f"several sensors, choose one with --port or --serial: {listed}")
+    which = "no sensor answers" if serial is None else f"no sensor with serial {serial!r}"
+    raise NoDeviceError(f"{which} among: {listed}")

@@ -82,17 +82,18 @@ class Depth:
 
 @dataclass(frozen=True)
 class Image:
-    """The camera's frame, (h, w, 3) uint8, B G R."""
+    """The camera's frame, (h, w, 3) uint8, B G R; every step_px-th pixel of it where it does not fit a message."""
 
     capture_s: float
     frame: int
     flags: int
     pixels: npt.NDArray[np.uint8]
+    step_px: int
 
     @classmethod
     def from_message(cls, m: Any) -> Image:
         pixels = np.frombuffer(m.data, np.uint8).reshape(m.height_px, m.width_px, 3)
-        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, pixels)
+        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, pixels, m.step_px)
 
 
 RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "IMAGE": Image}

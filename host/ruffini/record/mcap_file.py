@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 from typing import Any
 
 from ruffini.device import Connection
+from ruffini.device.connection import SILENCE_S
 from ruffini.errors import InputError, NoDeviceError
 
 RAW_TOPIC = "/ruffini/raw"
@@ -27,6 +29,8 @@ def record_stream(sensor: Connection, path: Path, *, n_frames: int = 0, image_ev
     ------
     InputError
         The file cannot be written.
+    NoDeviceError
+        `n_frames` will not be reached: the line was lost, or no frame came for a while.
     """
     from mcap.writer import Writer
 
@@ -47,8 +51,11 @@ def record_stream(sensor: Connection, path: Path, *, n_frames: int = 0, image_ev
 
         sensor.raw_sink = keep_raw
         sensor.subscribe(wrench=1, field=1, depth=1, contacts=1, markers=1, status=1, image=image_every)
+        frame_s = time.monotonic()
         try:
-            for frame, message in sensor.stream(timeout_s=5.0):
+            for frame, message in sensor.stream(
+                timeout_s=SILENCE_S
+            ):  # STATUS comes each second, whatever the camera does
                 name = sensor.schema.type_name(frame.type)
                 if name is None or name in ("HELLO", "SCHEMA", "REPLY"):
                     continue
@@ -61,8 +68,14 @@ def record_stream(sensor: Connection, path: Path, *, n_frames: int = 0, image_ev
                     publish_time=clock_us * 1000, sequence=frame.sequence,
                 )  # fmt: skip
                 counts[name] = counts.get(name, 0) + 1
-                if n_frames and counts.get("CONTACTS", 0) >= n_frames:
-                    break
+                if name == "MARKERS":  # a frame's last message, but for its image
+                    frame_s = time.monotonic()
+                    if n_frames and counts.get("WRENCH", 0) >= n_frames:
+                        break
+                elif n_frames and time.monotonic() - frame_s > SILENCE_S:
+                    raise NoDeviceError(f"{sensor.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
+            else:
+                raise NoDeviceError(f"{sensor.port}: nothing came for {SILENCE_S:.0f} s: is ruffinid running?")
         except KeyboardInterrupt:
             pass
         except NoDeviceError as error:
