@@ -6,8 +6,7 @@
 #include <set>
 #include <sstream>
 
-#define TOML_EXCEPTIONS 0
-#include <toml++/toml.h>
+#include "board/plain_toml.h"
 
 namespace ruffini {
 namespace {
@@ -254,22 +253,9 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
     return Error{ErrorKind::kBadInput, where + ": has more than " + std::to_string(kMaxBoardBytes) +
                                            " bytes: move comments into the board's README.md"};
   }
-  // Plain ASCII: one spelling of every file, and toml++ 3.3 reaches undefined behaviour on some other characters.
-  if (text.substr(0, 3) == "\xEF\xBB\xBF") {
-    return Error{ErrorKind::kBadInput, where + ": starts with a byte-order mark: save it without one"};
-  }
-  const auto is_allowed = [](char c) { return c == '\t' || c == '\n' || c == '\r' || (c >= ' ' && c <= '~'); };
-  if (const auto odd = std::find_if_not(text.begin(), text.end(), is_allowed); odd != text.end()) {
-    const auto line = 1 + std::count(text.begin(), odd, '\n');
-    return Error{ErrorKind::kBadInput, where + ":" + std::to_string(line) + ": a character that is not plain ASCII"};
-  }
-  const toml::parse_result parsed = toml::parse(text);
-  if (!parsed) {
-    std::ostringstream what;
-    what << where << ":" << parsed.error().source().begin.line << ": not TOML: " << parsed.error().description();
-    return Error{ErrorKind::kBadInput, what.str()};
-  }
-  const toml::table& root = parsed.table();
+  const Result<toml::table> parsed = parse_plain_toml(text, where);
+  if (!parsed) return parsed.error();
+  const toml::table& root = parsed.value();
   Reader in(root, where);
   if (root["schema"].value_exact<int64_t>() != int64_t{1}) in.fail("schema must be 1");
   BoardSettings board;

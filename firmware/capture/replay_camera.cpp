@@ -4,13 +4,14 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 #include <thread>
 
-#define TOML_EXCEPTIONS 0
-#include <toml++/toml.h>
+#include "board/plain_toml.h"
 
 namespace ruffini {
 namespace {
@@ -19,6 +20,9 @@ namespace fs = std::filesystem;
 using SteadyClock = std::chrono::steady_clock;
 
 const cv::Size kUnreadable(1, 1);  // stands for a file that is no picture: no board's size, so it is counted
+
+constexpr int64_t kMinRateMhz = 100;  // as board.toml's
+constexpr int64_t kMaxRateMhz = 1'000'000;
 
 // A source of pictures; an empty Mat is the end.
 class Pictures {
@@ -133,15 +137,33 @@ Result<RecordingInfo> read_info(const fs::path& folder, const BoardSettings& boa
   RecordingInfo info;
   const fs::path path = folder / "recording.toml";
   if (!fs::is_regular_file(path)) return info;
-  const toml::parse_result parsed = toml::parse_file(path.string());
-  if (!parsed) return Error{ErrorKind::kBadInput, path.string() + ": not TOML: record it again"};
-  const toml::table& table = parsed.table();
-  info.is_simulated = table["simulated"].value_or(false);
-  info.rate_mhz = std::clamp<int64_t>(table["rate_mhz"].value_or(int64_t{0}), 0, 1'000'000);
-  const std::string recorded = table["board"].value_or(board.name);
-  if (recorded != board.name) {
-    return Error{ErrorKind::kBadInput, path.string() + ": recorded with board \"" + recorded + "\", this is \"" +
-                                           board.name + "\": choose the board that fits"};
+  std::ifstream stream(path, std::ios::binary);
+  if (!stream) return Error{ErrorKind::kUnavailable, path.string() + ": cannot be read: check its permissions"};
+  const std::string text(std::istreambuf_iterator<char>(stream), {});
+  const Result<toml::table> parsed = parse_plain_toml(text, path.string());
+  if (!parsed) return parsed.error();
+  const toml::table& table = parsed.value();
+  const auto refuse = [&path](const char* what) {
+    return Error{ErrorKind::kBadInput, path.string() + ": " + what + " (boards/README.md lists the keys)"};
+  };
+  // A mark that cannot be read must not turn simulated frames into measured ones.
+  if (const toml::node* simulated = table.get("simulated")) {
+    if (!simulated->is_boolean()) return refuse("simulated must be true or false");
+    info.is_simulated = simulated->as_boolean()->get();
+  }
+  if (const toml::node* rate = table.get("rate_mhz")) {
+    info.rate_mhz = rate->is_integer() ? rate->as_integer()->get() : 0;
+    if (info.rate_mhz < kMinRateMhz || info.rate_mhz > kMaxRateMhz) {
+      return refuse("rate_mhz must be an integer from 100 to 1000000");
+    }
+  }
+  if (const toml::node* recorded = table.get("board")) {
+    if (!recorded->is_string()) return refuse("board must be a text");
+    const std::string& name = recorded->as_string()->get();
+    if (name != board.name) {
+      return Error{ErrorKind::kBadInput, path.string() + ": recorded with board \"" + name + "\", this is \"" +
+                                             board.name + "\": choose the board that fits"};
+    }
   }
   return info;
 }
@@ -186,8 +208,10 @@ Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const 
                                            std::to_string(board.camera.width_px) + "x" +
                                            std::to_string(board.camera.height_px)};
   }
-  int64_t rate_mhz = info.rate_mhz > 0 ? info.rate_mhz : static_cast<int64_t>(video_hz * 1'000);
-  if (rate_mhz <= 0 || rate_mhz > 1'000'000) rate_mhz = board.camera.rate_mhz;
+  // Not every container says its rate; what it says may be nonsense, NaN included.
+  const bool has_rate = video_hz * 1'000 >= kMinRateMhz && video_hz * 1'000 <= kMaxRateMhz;
+  int64_t rate_mhz = has_rate ? static_cast<int64_t>(video_hz * 1'000) : board.camera.rate_mhz;
+  if (info.rate_mhz > 0) rate_mhz = info.rate_mhz;
   return std::unique_ptr<Camera>(
       std::make_unique<ReplayCamera>(std::move(pictures), std::move(first), options, rate_mhz, info.is_simulated));
 }

@@ -1,0 +1,195 @@
+#include "capture/replay_camera.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "support/test_board.h"
+
+namespace ruffini {
+namespace {
+
+namespace fs = std::filesystem;
+
+class ReplayCameraTest : public testing::Test {
+ protected:
+  ReplayCameraTest()
+      : folder_(fs::path(testing::TempDir()) / ("replay_camera_test" + std::to_string(::getpid()))),
+        pool_(1, board_.camera.width_px, board_.camera.height_px) {
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+  }
+  ~ReplayCameraTest() override { fs::remove_all(folder_); }
+
+  void picture(const std::string& name, int level, cv::Size size = {160, 120}) const {
+    ASSERT_TRUE(
+        cv::imwrite((folder_ / name).string(), cv::Mat(size, CV_8UC3, cv::Scalar(level, level + 1, level + 2))));
+  }
+  void write(const std::string& name, const std::string& text) const { std::ofstream(folder_ / name) << text; }
+
+  [[nodiscard]] Result<std::unique_ptr<Camera>> open(const std::string& path, bool is_loop = false) const {
+    return open_replay({.path = path, .is_lockstep = true, .is_loop = is_loop}, board_);
+  }
+  [[nodiscard]] std::unique_ptr<Camera> camera(bool is_loop = false) const {
+    return open(folder_.string(), is_loop).value();
+  }
+  // Why a recording is not opened.
+  [[nodiscard]] Error refusal(const std::string& path) const {
+    const auto opened = open(path);
+    EXPECT_FALSE(opened) << path << " was opened";
+    return opened ? Error{} : opened.error();
+  }
+  void expect_refused(ErrorKind kind, const std::string& words) const {
+    const Error error = refusal(folder_.string());
+    EXPECT_EQ(error.kind, kind) << error.message;
+    EXPECT_NE(error.message.find(words), std::string::npos) << error.message;
+  }
+  // Level of the next frame's first pixel; -1 at the end, -2 for an invalid frame.
+  int next(Camera& camera) {
+    switch (camera.capture(pool_[0])) {
+      case CaptureStatus::kFrame:
+        return pool_[0].pixels[0];
+      case CaptureStatus::kInvalidFrame:
+        return -2;
+      default:
+        return -1;
+    }
+  }
+
+  BoardSettings board_ = test::round_board();
+  fs::path folder_;
+  FramePool pool_;
+};
+
+TEST_F(ReplayCameraTest, AFolderPlaysInTheOrderOfItsNames) {
+  picture("b.png", 20);
+  picture("c.bmp", 30);
+  picture("a.png", 10);
+  write("notes.txt", "no picture");
+  const auto replay = camera();
+  EXPECT_EQ(next(*replay), 10);
+  for (size_t i = 0; i < pool_[0].pixels.size(); ++i) ASSERT_EQ(pool_[0].pixels[i], 10 + i % 3) << i;  // B, G, R
+  EXPECT_EQ(pool_[0].number, 0U);
+  EXPECT_EQ(next(*replay), 20);
+  const uint64_t before_us = pool_[0].capture_us;
+  EXPECT_EQ(next(*replay), 30);
+  EXPECT_EQ(pool_[0].number, 2U);
+  EXPECT_GE(pool_[0].capture_us, before_us);
+  EXPECT_EQ(next(*replay), -1);
+  EXPECT_EQ(next(*replay), -1);
+  EXPECT_TRUE(replay->is_replay());
+  EXPECT_FALSE(replay->is_simulated());
+}
+
+TEST_F(ReplayCameraTest, FramesHaveAFolderOfTheirOwnInARecording) {
+  fs::create_directory(folder_ / "frames");
+  picture("preview.png", 99);
+  picture("frames/0.png", 10);
+  EXPECT_EQ(next(*camera()), 10);
+}
+
+TEST_F(ReplayCameraTest, ALoopStartsAgainAndGoesOnCounting) {
+  picture("a.png", 10);
+  picture("b.png", 20);
+  const auto replay = camera(true);
+  for (const int level : {10, 20, 10, 20, 10}) EXPECT_EQ(next(*replay), level);
+  EXPECT_EQ(pool_[0].number, 4U);
+}
+
+TEST_F(ReplayCameraTest, ASpoiltFrameIsInvalidAndTheNextOneGood) {
+  picture("a.png", 10);
+  write("b.png", "no picture");
+  picture("c.png", 30, {80, 60});
+  picture("d.png", 40);
+  const auto replay = camera();
+  for (const int level : {10, -2, -2, 40, -1}) EXPECT_EQ(next(*replay), level);
+  EXPECT_EQ(pool_[0].number, 3U);
+}
+
+TEST_F(ReplayCameraTest, AGreyPictureBecomesThreeEqualColours) {
+  cv::imwrite((folder_ / "a.png").string(), cv::Mat(120, 160, CV_8UC1, cv::Scalar(77)));
+  const auto replay = camera();
+  EXPECT_EQ(next(*replay), 77);
+  EXPECT_EQ(pool_[0].pixels[2], 77);
+}
+
+TEST_F(ReplayCameraTest, AVideoPlaysAtItsOwnSizeOnly) {
+  const auto video = [this](const char* name, cv::Size size) {
+    const std::string path = (folder_ / name).string();
+    cv::VideoWriter out(path, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 50, size);
+    for (const int level : {40, 80, 120}) out.write(cv::Mat(size, CV_8UC3, cv::Scalar::all(level)));
+    return path;
+  };
+  const auto replay = open(video("good.avi", {160, 120}), true).value();
+  for (const int level : {40, 80, 120, 40}) EXPECT_NEAR(next(*replay), level, 3);  // JPEG
+  const Error error = refusal(video("small.avi", {80, 60}));
+  EXPECT_EQ(error.kind, ErrorKind::kBadInput);
+  EXPECT_NE(error.message.find("80x60"), std::string::npos) << error.message;
+}
+
+TEST_F(ReplayCameraTest, WhatIsNoVideoIsNamed) {
+  write("video.mp4", "no video");
+  for (const char* name : {"video.mp4", "nothing.mp4"}) {
+    const Error error = refusal((folder_ / name).string());
+    EXPECT_EQ(error.kind, ErrorKind::kUnavailable);
+    EXPECT_NE(error.message.find(name), std::string::npos) << error.message;
+  }
+}
+
+TEST_F(ReplayCameraTest, AFolderWithoutAFirstFrameIsRefused) {
+  expect_refused(ErrorKind::kUnavailable, "holds no PNG");
+  write("a.png", "no picture");
+  expect_refused(ErrorKind::kUnavailable, "cannot be read");
+  picture("a.png", 10, {160, 121});
+  expect_refused(ErrorKind::kBadInput, "160x121");
+}
+
+TEST_F(ReplayCameraTest, TheRecordingSaysWhatItIs) {
+  picture("a.png", 10);
+  write("recording.toml", "simulated = true\nboard = \"round\"\nrate_mhz = 100000\nseed = 5\n[twin]\nx = 1.5\n");
+  EXPECT_TRUE(camera()->is_simulated());
+  write("recording.toml", "simulated = false\n");
+  EXPECT_FALSE(camera()->is_simulated());
+}
+
+TEST_F(ReplayCameraTest, ARecordingThatCannotBeUnderstoodIsRefused) {
+  picture("a.png", 10);
+  for (const auto& [text, words] : std::vector<std::pair<std::string, std::string>>{
+           {"board = \"square\"", "\"square\""},
+           {"board = 5", "board must"},
+           {"simulated = \"yes\"", "simulated must"},
+           {"simulated = 1", "simulated must"},
+           {"rate_mhz = 60.0", "rate_mhz must"},
+           {"rate_mhz = 0", "rate_mhz must"},
+           {"rate_mhz = 1000001", "rate_mhz must"},
+           {"rate_mhz = ", "not TOML"},
+           {"# gr\xC3\xBCn", "plain ASCII"},
+       }) {
+    write("recording.toml", text);
+    expect_refused(ErrorKind::kBadInput, words);
+  }
+}
+
+// Only from below: a busy machine may be late.
+TEST_F(ReplayCameraTest, FramesComeAtTheRecordingsPaceUnlessInLockstep) {
+  for (const char* name : {"a.png", "b.png", "c.png"}) picture(name, 10);
+  const auto captured_us = [&](int64_t rate_mhz, bool is_lockstep) {
+    write("recording.toml", "rate_mhz = " + std::to_string(rate_mhz));
+    const auto replay =
+        open_replay({.path = folder_.string(), .is_lockstep = is_lockstep, .is_loop = false}, board_).value();
+    next(*replay);
+    const uint64_t first_us = pool_[0].capture_us;
+    next(*replay);
+    next(*replay);
+    return pool_[0].capture_us - first_us;
+  };
+  EXPECT_GE(captured_us(50'000, false), 2 * 20'000U - 1);
+  EXPECT_LT(captured_us(100, true), 10'000'000U);  // one frame in ten seconds, were it not for the lockstep
+}
+
+}  // namespace
+}  // namespace ruffini
