@@ -35,6 +35,12 @@ void copy_text(char (&out)[N], const std::string& text) {
   out[n] = '\0';
 }
 
+// What came over the line, fit to be said: a text that is no UTF-8 would spoil the reply.
+std::string plain(std::string text) {
+  std::replace_if(text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+  return text;
+}
+
 template <typename Bytes>
 void copy_bytes(Bytes& out, const std::string& bytes) {
   out.size = static_cast<pb_size_t>(std::min(bytes.size(), sizeof out.bytes));
@@ -169,7 +175,7 @@ void Session::act(const ruffini_Command& request, ruffini_Reply& reply) {
         reply.code = ruffini_ReplyCode_REPLY_OK;
         reply.value = static_cast<int64_t>(exchange_.frames_processed.load());
       } else {
-        copy_text(reply.text, std::string("no setting \"") + key + "\": this firmware has frames_processed (get)");
+        copy_text(reply.text, "no setting \"" + plain(key) + "\": this firmware has frames_processed (get)");
       }
       break;
     }

@@ -49,6 +49,9 @@ class HeaderParser {
 
   // "" on success, otherwise what is wrong.
   std::string run() {
+    if (std::any_of(text_.begin(), text_.end(), [](char c) { return static_cast<uint8_t>(c) >= 0x80; })) {
+      return "header is not plain ASCII";  // HELLO says parts of it, and must be UTF-8
+    }
     if (!take('{')) return "header does not start with {";
     size_t next_offset = 0;
     do {
@@ -87,7 +90,7 @@ class HeaderParser {
     ++at_;
     return !out.empty();
   }
-  // A string value; escapes \" \\ \/ \n \t, and \uXXXX below 0x80.
+  // A string value; escapes \" \\ \/ \n \t.
   bool take_value(std::string& out) {
     if (!take('"')) return false;
     while (at_ < text_.size() && text_[at_] != '"') {

@@ -191,6 +191,14 @@ TEST_F(SessionTest, AnUnknownCommandIsAnsweredAsUnknown) {
   EXPECT_EQ(command(request(3, 0)).code, ruffini_ReplyCode_REPLY_UNKNOWN_COMMAND);
 }
 
+TEST_F(SessionTest, AReplyIsTextWhateverTheKeyWas) {
+  ruffini_Command get = request(4, ruffini_Command_get_tag);
+  std::memcpy(get.action.get.key, "\xFFh\xC3i\n", 6);
+  const ruffini_Reply reply = command(get);
+  EXPECT_EQ(reply.code, ruffini_ReplyCode_REPLY_BAD_ARGUMENT);
+  EXPECT_NE(std::string(reply.text).find("\"?h?i?\""), std::string::npos) << reply.text;
+}
+
 TEST_F(SessionTest, HelloNamesEveryKindOfTheCalibrationInForce) {
   board_ = test::round_board();
   Calibrator calibrator(board_, "0042", SlotStore::open(folder_).value(), exchange_);

@@ -89,6 +89,7 @@ TEST(Calibration, WhatThisFirmwareDoesNotKnowIsRefused) {
             std::string::npos);
   EXPECT_NE(refusal(file("rest").meta("kinds", "rest")).find("kinds"), std::string::npos);
   EXPECT_NE(refusal(file("").meta("board", "\\u0041")).find("__metadata__"), std::string::npos);
+  EXPECT_NE(refusal(file("").meta("board", "gr\xC3\xBCn")).find("ASCII"), std::string::npos);
 }
 
 TEST(Calibration, LengthsThatOverflowAreRefused) {
