@@ -5,50 +5,23 @@
 
 #include <algorithm>
 #include <cstring>
-#include <iterator>
-#include <sstream>
 
 #include "link/messages.h"
-#include "schema.h"
+#include "link/proto_text.h"
 
 namespace ruffini {
 
-// Every type has its slot, and what the board's parser lets through fits HELLO.
-static_assert(_ruffini_MessageType_MAX < kMessageTypes);
-static_assert(sizeof ruffini_SensorInfo::board_toml > kMaxBoardBytes);
-static_assert(std::size(decltype(ruffini_SensorInfo::not_measured){}) >= kMaxNotMeasured);
-static_assert(std::size(decltype(ruffini_SensorInfo::stages){}) >= kStageCount);
-static_assert(sizeof ruffini_SensorInfo::not_measured[0] > kMaxListedLength);
-static_assert(sizeof ruffini_SensorInfo::stages[0] > kMaxListedLength);
+static_assert(_ruffini_MessageType_MAX < kMessageTypes, "every type has its slot");
 
 namespace {
 
 constexpr uint64_t kStatusPeriodUs = 1'000'000;
 constexpr size_t kMaxReplies = 64;  // a host that asks faster than it reads is not answered
 
-// What does not fit is cut off, before a whole UTF-8 character: half a one would spoil the message.
-template <size_t N>
-void copy_text(char (&out)[N], const std::string& text) {
-  size_t n = std::min(text.size(), N - 1);
-  while (n > 0 && n < text.size() && (static_cast<uint8_t>(text[n]) & 0xC0) == 0x80) --n;
-  std::memcpy(out, text.data(), n);
-  out[n] = '\0';
-}
-
 // What came over the line, fit to be said: a text that is no UTF-8 would spoil the reply.
 std::string plain(std::string text) {
   std::replace_if(text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
   return text;
-}
-
-template <typename Bytes>
-void copy_bytes(Bytes& out, const std::string& bytes) {
-  out.size = static_cast<pb_size_t>(std::min(bytes.size(), sizeof out.bytes));
-  std::memcpy(out.bytes, bytes.data(), out.size);
-}
-
-bool write_schema(pb_ostream_t* stream, const pb_field_t* field, void* const*) {
-  return pb_encode_tag_for_field(stream, field) && pb_encode_string(stream, kSchemaBytes, kSchemaSize);
 }
 
 ruffini_ReplyCode code_of(ErrorKind kind) {
@@ -69,11 +42,6 @@ void answer(ruffini_Reply& reply, const Status& status) {
   if (status) return;
   reply.code = code_of(status.error().kind);
   copy_text(reply.text, status.error().message);
-}
-
-// Node position from the pad's centre, nanometres: (2 i - (n - 1)) size / (2 (n - 1)).
-int32_t origin_nm(int first, int n, int64_t size_um) {
-  return static_cast<int32_t>(floor_div((2 * first - (n - 1)) * size_um * 1'000, 2 * int64_t{n - 1}));
 }
 
 }  // namespace
@@ -237,93 +205,6 @@ void Session::send(ruffini_MessageType type, const pb_msgdesc_t* fields, const v
   std::vector<uint8_t> frames(frames_bound(n_bytes));
   frames.resize(write_frames(type, identity_.stream_flags, kDeviceSensor, sequence_++, payload, frames));
   replies_.push_back(std::move(frames));
-}
-
-void Session::send_hello() {
-  ruffini_Hello m = ruffini_Hello_init_zero;
-  m.protocol_version = kProtocolVersion;
-  std::memcpy(m.schema_sha256, kSchemaSha256, sizeof kSchemaSha256);
-  copy_text(m.firmware_version, identity_.version);
-  copy_text(m.device_serial, identity_.serial);
-  m.session_id = identity_.session_id;
-  m.sensors_count = 1;
-  ruffini_SensorInfo& s = m.sensors[0];
-  s.sensor = identity_.sensor;
-  copy_text(s.board, board_.name);
-  copy_text(s.product, board_.product);
-  s.image_width_px = static_cast<uint32_t>(board_.camera.width_px);
-  s.image_height_px = static_cast<uint32_t>(board_.camera.height_px);
-  s.grid_n_x = static_cast<uint32_t>(grid_.n_x);
-  s.grid_n_y = static_cast<uint32_t>(grid_.n_y);
-  s.grid_origin_x_nm = origin_nm(first_x_.first, board_.grid.n_x, board_.pad.size_x_um);
-  s.grid_origin_y_nm = origin_nm(first_y_.first, board_.grid.n_y, board_.pad.size_y_um);
-  s.grid_step_x_nm = static_cast<uint32_t>(floor_div(board_.pad.size_x_um * 1'000, board_.grid.n_x - 1));
-  s.grid_step_y_nm = static_cast<uint32_t>(floor_div(board_.pad.size_y_um * 1'000, board_.grid.n_y - 1));
-  s.n_markers = static_cast<uint32_t>(board_.markers.lattice.count());
-  for (const std::string& stage : board_.stages) copy_text(s.stages[s.stages_count++], stage);
-  for (const std::string& what : board_.not_measured) copy_text(s.not_measured[s.not_measured_count++], what);
-  copy_text(s.board_toml, board_.toml);
-  const ActiveCalibration& active = calibrator_.active();
-  s.has_calibration = true;
-  s.calibration.present = active.is_present;
-  if (active.is_present) {
-    copy_bytes(s.calibration.sha256, active.sha256);
-    copy_text(s.calibration.created_utc, active.created_utc);
-    copy_text(s.calibration.key_id, active.signer.key_id);
-    s.calibration.development_key = active.signer.is_development_key;
-    std::stringstream kinds(active.kinds);
-    for (std::string kind;
-         s.calibration.kinds_count < std::size(s.calibration.kinds) && std::getline(kinds, kind, ',');)
-      copy_text(s.calibration.kinds[s.calibration.kinds_count++], kind);
-  }
-  send(ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_Hello_fields, &m);
-}
-
-void Session::send_schema() {
-  ruffini_Schema m = ruffini_Schema_init_zero;
-  m.file_descriptor_set.funcs.encode = write_schema;
-  copy_bytes(m.sha256, std::string(reinterpret_cast<const char*>(kSchemaSha256), sizeof kSchemaSha256));
-  send(ruffini_MessageType_MESSAGE_TYPE_SCHEMA, ruffini_Schema_fields, &m);
-}
-
-void Session::send_status(uint64_t now_us) {
-  ruffini_Status m = ruffini_Status_init_zero;
-  const uint64_t frames = exchange_.frames_processed.load();
-  const uint64_t elapsed_us = std::max<uint64_t>(now_us - status_us_, 1);
-  m.uptime_us = now_us - started_us_;
-  m.frame_rate_mhz =
-      status_us_ == 0 ? 0 : static_cast<uint32_t>((frames - status_frames_) * 1'000'000'000 / elapsed_us);
-  m.link_bytes_per_s =
-      status_us_ == 0 ? 0 : static_cast<uint32_t>((bytes_sent_ - status_bytes_) * 1'000'000 / elapsed_us);
-  m.frames_captured = exchange_.frames_captured.load();
-  m.frames_processed = frames;
-  m.has_drops = true;
-  m.drops = {.capture_overrun = exchange_.frames_overrun.load(),
-             .link_backpressure = exchange_.telemetry_dropped.load(),
-             .invalid_frame = exchange_.frames_invalid.load(),
-             .rx_bad_crc = decoder_.counters().bad_crc,
-             .rx_malformed = decoder_.counters().malformed + rx_malformed_,
-             .rx_oversize = decoder_.counters().oversize,
-             .rx_echo = rx_echo_};
-  m.saturations = exchange_.saturations.load();
-  const uint64_t n = std::max<uint64_t>(frames - status_frames_, 1);
-  for (size_t i = 0; i < kStageCount; ++i) {
-    ruffini_StageTime& t = m.stage_times[m.stage_times_count++];
-    copy_text(t.stage, known_stages()[i]);
-    t.mean_ns = static_cast<uint32_t>(exchange_.stage_sum_ns[i].exchange(0) / n);
-    t.max_ns = static_cast<uint32_t>(exchange_.stage_max_ns[i].exchange(0));
-  }
-  const ActiveCalibration& active = calibrator_.active();
-  if (!active.is_present) m.health |= ruffini_HealthBit_HEALTH_UNCALIBRATED;
-  if (active.is_present && active.signer.is_development_key) m.health |= ruffini_HealthBit_HEALTH_DEVELOPMENT_KEY;
-  if ((exchange_.flags.load() & kFlagNoReference) != 0) m.health |= ruffini_HealthBit_HEALTH_NO_REFERENCE;
-  if (decoder_.counters().bad_crc > 0) m.health |= ruffini_HealthBit_HEALTH_LINK_DEGRADED;
-  m.development_key = active.is_present && active.signer.is_development_key;
-  copy_bytes(m.calibration_sha256, active.sha256);
-  status_us_ = now_us;
-  status_frames_ = frames;
-  status_bytes_ = bytes_sent_;
-  send(ruffini_MessageType_MESSAGE_TYPE_STATUS, ruffini_Status_fields, &m);
 }
 
 void Session::take_telemetry() {
