@@ -17,6 +17,8 @@ import scipy.sparse as sp
 from ruffini.errors import InputError, RuffiniError
 from ruffini.sim.complementarity import in_discs, largest_eigenvalue, nonnegative
 from ruffini.sim.indenters import Indenter
+from ruffini.sim.indenters.body import body_of
+from ruffini.sim.indenters.face import ElasticFace
 from ruffini.sim.pad import BLAS, PadModel
 from ruffini.sim.pose import Pose, rigid_step, surface_height
 from ruffini.sim.surface import hat_shares, on_grid
@@ -60,6 +62,7 @@ class ContactSolver:
         self._shares = hat_shares(self.model)
         self.hat_force = np.zeros((len(self._place), 3))
         self.displacement = np.zeros((len(self._place), 3))
+        self._body = ElasticFace(body_of(self.indenter)) if self.indenter.material else None
 
     @property
     def nodal_force(self) -> Array:
@@ -121,6 +124,8 @@ class ContactSolver:
         near = np.flatnonzero(gap < 0.3 * after.depth_m)
         if after.depth_m <= 0 or not near.size:
             self.hat_force[:], self.displacement[:] = 0.0, 0.0
+            if self._body:
+                self._body.release()
             return
         place = self._place + self.displacement
         target = self.displacement + rigid_step(self.indenter, before, after, place)
@@ -129,6 +134,8 @@ class ContactSolver:
             dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
             displacement = (nodal.ravel() @ self.compliance[dofs]).reshape(-1, 3)
             over = displacement[:, 2] - self._gap(after, self._place + displacement)
+            if self._body:
+                over -= self._body.pushed(near, force, after, self._place)[:, 2]
             through = np.flatnonzero(self._shares.T @ over > OPEN_GAP_M)
             grown = np.union1d(near, through)
             if len(grown) == len(near):
@@ -137,6 +144,8 @@ class ContactSolver:
         self.hat_force[:] = 0.0
         self.hat_force[near] = force
         self.displacement = displacement
+        if self._body:
+            self._body.push(near, force, after, self._place)
 
     def _gap(self, pose: Pose, place: Array) -> Array:
         """Height of the indenter's surface over the undeformed pad's surface at `place` (n, 2 or 3)."""
@@ -155,10 +164,13 @@ class ContactSolver:
         local = self.compliance[np.ix_(dofs, dofs)]
         spread = sp.kron(shares, sp.identity(3), format="csr")
         c = np.asarray(spread.T @ (spread.T @ local).T).reshape(len(near), 3, len(near), 3)
+        stick = shares.T @ target[nodes, :2]
+        if self._body:
+            c += self._body.compliance(near, pose, self._place)
+            stick -= self._body.displacement(near, pose, self._place)[:, :2]
         normal, cross = c[:, 2, :, 2], c[:, 2, :, :2].reshape(len(near), -1)
         tangent = c[:, :2, :, :2].reshape(2 * len(near), -1)
         step = 1 / largest_eigenvalue(tangent)
-        stick = shares.T @ target[nodes, :2]
         place = self._place[nodes, :2]
         pressure, shear = np.maximum(-self.hat_force[near, 2], 0.0), self.hat_force[near, :2].copy()
         moved, change = self.displacement[nodes, :2], np.inf

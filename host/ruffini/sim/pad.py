@@ -112,8 +112,11 @@ def _plane_matrices(model: PadModel, thickness_m: float) -> list[list[sp.csr_mat
     ]
 
 
-def _class_compliance(q: sp.csr_matrix, layers: list[list[list[sp.csr_matrix]]]) -> Array:
-    """Compliance of the surface in one reflection class with basis `q`; layers from the bottom up."""
+def eliminate(q: sp.csr_matrix, layers: list[list[list[sp.csr_matrix]]]) -> Array:
+    """Compliance of the last plane of nodes for displacements with basis `q`; the first plane is bonded.
+
+    `layers` from the bonded side on, each with its stiffness between its three planes, [3][3].
+    """
     below: Array | None = None
     for planes in layers:
         k = [[(q.T @ m @ q).tocsr() for m in row] for row in planes]
@@ -138,7 +141,7 @@ def surface_compliance(model: PadModel, *, progress: Callable[[float], None] = l
     layers = [_plane_matrices(model, f * model.thickness_m) for f in reversed(model.layers)]
     blocks = []
     with BLAS.limit(limits=1), ThreadPoolExecutor(min(len(bases), os.cpu_count() or 1)) as pool:
-        for block in pool.map(_class_compliance, bases, [layers] * len(bases)):
+        for block in pool.map(eliminate, bases, [layers] * len(bases)):
             blocks.append(block)
             progress(len(blocks) / len(bases))
         return dense_from_blocks(bases, blocks)

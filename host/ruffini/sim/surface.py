@@ -18,17 +18,22 @@ Array = npt.NDArray[np.float64]
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)  # exact for a quadratic times a hat
 
 
+def hat_on_element() -> Array:
+    """Integral of each quadratic shape function times each of the three hats over an element of length 1, (3, 3)."""
+    shares = np.zeros((3, 3))
+    for half in (0, 1):
+        for point, weight in zip(_POINTS, _WEIGHTS, strict=True):
+            t = (point + 1) / 2
+            shapes, _ = quadratic_shapes(t - 1 + half)
+            shares[:, half : half + 2] += weight / 4 * np.outer(shapes, [1 - t, t])
+    return shares
+
+
 def _hat_on_quadratic(n: int) -> Array:
     """Share of a hat's unit force that each node of quadratic elements gets along one axis, (n, n)."""
-    shares = np.zeros((n, n))
-    for element in range(0, n - 1, 2):
-        for half in (0, 1):
-            for point, weight in zip(_POINTS, _WEIGHTS, strict=True):
-                t = (point + 1) / 2
-                hats = np.array([1 - t, t])
-                shapes, _ = quadratic_shapes(t - 1 + half)
-                left = element + half
-                shares[element : element + 3, left : left + 2] += weight / 2 * np.outer(shapes, hats)
+    shares, element = np.zeros((n, n)), hat_on_element()
+    for first in range(0, n - 1, 2):
+        shares[first : first + 3, first : first + 3] += element
     return np.asarray(shares / shares.sum(axis=0))
 
 
