@@ -59,9 +59,10 @@ werror: setup  ## a build where warnings are errors
 comma := ,
 SANITIZE_FLAGS = -fno-omit-frame-pointer -fno-sanitize-recover=all
 sanitize: setup  ## C++ tests under ASan + UBSan, then under TSan
-	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_tests ruffini_device_tests)
+	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_tests ruffini_device_tests ruffini_capture_tests)
 	@$(BUILD)/asan/ruffini_tests --gtest_brief=1
 	@$(BUILD)/asan/ruffini_device_tests --gtest_brief=1
+	@ASAN_OPTIONS=detect_leaks=0 $(BUILD)/asan/ruffini_capture_tests --gtest_brief=1
 	@$(call compile,$(BUILD)/tsan,-DCMAKE_CXX_FLAGS='-fsanitize=thread $(SANITIZE_FLAGS)',ruffini_tests ruffini_device_tests)
 	@$(BUILD)/tsan/ruffini_tests --gtest_brief=1
 	@$(BUILD)/tsan/ruffini_device_tests --gtest_brief=1
