@@ -28,7 +28,7 @@ class CalibrationBytes {
     for (const int n : shape) sizes += (sizes.empty() ? "" : ",") + std::to_string(n);
     const size_t begin = data_.size();
     data_.resize(begin + values.size() * sizeof(T));
-    std::memcpy(data_.data() + begin, values.data(), values.size() * sizeof(T));
+    if (!values.empty()) std::memcpy(data_.data() + begin, values.data(), values.size() * sizeof(T));
     tensors_ += ",\"" + name + "\":{\"dtype\":\"" + dtype + "\",\"shape\":[" + sizes + "],\"data_offsets\":[" +
                 std::to_string(begin) + "," + std::to_string(data_.size()) + "]}";
     return *this;
