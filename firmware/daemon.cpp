@@ -10,6 +10,7 @@ namespace {
 constexpr int kBuffers = 4;  // one captured, one posted, one processed, one spare
 constexpr int kLinkPollMs = 2;
 constexpr uint64_t kDrainUs = 2'000'000;  // how long an ended recording waits for a reader that takes nothing
+constexpr uint64_t kQuietUs = 100'000;    // a tty that looks empty may be about to be filled by the kernel
 constexpr auto kReopenPause = std::chrono::milliseconds(50);
 
 uint64_t now_us() {
@@ -144,7 +145,8 @@ void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) 
 
 void Daemon::link_loop() {
   std::array<uint8_t, 4'096> received;
-  uint64_t waits_since_us = 0;
+  uint64_t moved_us = now_us();  // the last time that something went out
+  uint64_t owed_us = moved_us;   // the last time that something was still to go out
   while (!stop_->load(std::memory_order_relaxed)) {
     session_.poll(now_us());
     std::span<const uint8_t> out = session_.pending();
@@ -157,17 +159,19 @@ void Daemon::link_loop() {
       n_written = port_.write(out);
       if (n_written <= 0) break;
       session_.consumed(static_cast<size_t>(n_written));
-      waits_since_us = 0;
+      moved_us = now_us();
     }
     if (n_read < 0 || n_written < 0) {
       session_.reset_line();
       std::this_thread::sleep_for(kReopenPause);
       port_.reopen();
     }
-    if (!is_frame_over_) continue;
-    if (waits_since_us == 0) waits_since_us = now_us();
-    const bool is_drained = session_.is_drained() && !port_.has_unsent();
-    if (!options_.lingers && (is_drained || now_us() - waits_since_us > kDrainUs)) return;
+    if (!is_frame_over_ || options_.lingers) {
+      moved_us = owed_us = now_us();
+      continue;
+    }
+    if (!session_.is_drained() || port_.has_unsent()) owed_us = now_us();
+    if (now_us() - owed_us > kQuietUs || now_us() - moved_us > kDrainUs) return;
   }
 }
 
