@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
-import os
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini import __version__
-from ruffini.boards import Board
+from ruffini.boards import Board, find_board
 from ruffini.errors import InputError, RefusedError, VerifyError
+from ruffini.files import write_whole
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 SIGNATURE = "zz_signature"
@@ -164,6 +164,8 @@ def unpack(data: bytes, where: str = "calibration file") -> CalibrationFile:
         raise refuse("metadata is not text")
     if (metadata.get("format"), metadata.get("format_version")) != ("ruffini-calibration", "1"):
         raise refuse("is not a ruffini calibration of format version 1")
+    if "board" not in metadata:
+        raise refuse("names no board")
     del tensors[SIGNATURE]
     file = CalibrationFile(tensors, metadata, data)
     for kind in set(file.kinds) - KINDS:
@@ -205,6 +207,13 @@ def check_board(file: CalibrationFile, board: Board) -> None:
             raise RefusedError(f"calibration is for {what} {theirs!r}, this is {ours!r}: use the right file")
 
 
+def board_of(file: CalibrationFile, choice: str | None = None) -> Board:
+    """The board that was chosen, or else the one that the file names; refuses a file for another one."""
+    board = find_board(choice or file.metadata["board"])
+    check_board(file, board)
+    return board
+
+
 def read(path: Path) -> CalibrationFile:
     """Read and check the layout of a file on disk."""
     try:
@@ -217,21 +226,6 @@ def read(path: Path) -> CalibrationFile:
 def write(path: Path, file: CalibrationFile) -> None:
     """Write a calibration file, whole or not at all."""
     write_whole(path, file.data)
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Temporary file, fsync, rename: what was there stays valid until all of `data` is on the medium."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def merge(files: list[CalibrationFile], seed: bytes = DEVELOPMENT_SEED) -> CalibrationFile:

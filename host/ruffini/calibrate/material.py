@@ -23,7 +23,7 @@ from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
 from ruffini.boards import Board
-from ruffini.calibrate.container import CalibrationFile, write_whole
+from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.operator import Material, board_slab, board_window_m, observed_unknowns
 from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
@@ -31,6 +31,7 @@ from ruffini.fem.condense import condense
 from ruffini.fem.operators import Noise, force_operator
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
+from ruffini.files import write_whole
 from ruffini.frames import read_frames
 
 Array = npt.NDArray[np.float64]

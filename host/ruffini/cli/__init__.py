@@ -18,6 +18,10 @@ def main() -> int:
     except RuffiniError as error:
         print(f"ruffini: {error}", file=sys.stderr)
         return error.exit_code
+    except OSError as error:  # a path of the command line that no verb could use
+        what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        print(f"ruffini: {what}: check the path and its permissions", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return 130
     return 0

@@ -96,14 +96,12 @@ def material(
     json_: JsonFlag = False,
 ) -> None:
     """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
-    from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.material import fit_material, log_from_recording, write_material
     from ruffini.fem.operators import Noise
 
     file = container.read(calibration)
-    found = find_board(board or file.metadata["board"])
-    container.check_board(file, found)
+    found = container.board_of(file, board)
     with progress_bar("frames") as progress:
         frames = log_from_recording(found, file, log, reference, progress=progress)
     with progress_bar("fit") as progress:
@@ -220,16 +218,13 @@ def verify(
     json_: JsonFlag = False,
 ) -> None:
     """Check a file's layout and signature, and that the core can prove it."""
-    from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.core import Pipeline
 
     read = container.read(file)
     container.verify(read)
     if board is not None:
-        found = find_board(board)
-        container.check_board(read, found)
-        Pipeline(found, read.data).close()
+        Pipeline(container.board_of(read, board), read.data).close()
     emit({"file": str(file), "ok": True, "kinds": read.kinds, "board": read.metadata["board"]}, json_,
          f"{file}: {', '.join(read.kinds)} for {read.metadata['board']}, signature ok")  # fmt: skip
 

@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
+import io
+from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
 from ruffini.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from ruffini.boards import Board
+
+
+def _read_picture(path: Path, board: Board) -> npt.NDArray[np.uint8]:
+    """An image of the board's size."""
+    from ruffini.frames import read_image
+
+    picture = read_image(path)
+    height, width = picture.shape[:2]
+    if (width, height) != (board.camera.width_px, board.camera.height_px):
+        raise InputError(f"{path}: is {width}x{height}, board {board.name!r} needs {board.resolution}")
+    return picture
 
 
 def track(
@@ -22,6 +41,7 @@ def track(
 
     from ruffini.boards import find_board
     from ruffini.core import Pipeline
+    from ruffini.files import write_whole
     from ruffini.frames import read_frames
 
     found = find_board(board)
@@ -41,7 +61,9 @@ def track(
     if result.n_markers_at_rest == 0:
         raise InputError(f"{video}: no markers of board {found.name!r} found: is it the right board?")
     if out is not None:
-        np.savez_compressed(out, displacement_px=displacement, rest_px=rest, lost=state)
+        archive = io.BytesIO()
+        np.savez_compressed(archive, displacement_px=displacement, rest_px=rest, lost=state)
+        write_whole(out, archive.getvalue())
     learned = found.pipeline.n_rest_frames
     seen = state[learned:] == 0
     length = np.linalg.norm(displacement, axis=-1)
@@ -82,15 +104,13 @@ def depth(
     import cv2
     import numpy as np
 
-    from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.core import Pipeline
     from ruffini.demo.pictures import depth_map
-    from ruffini.frames import read_image
+    from ruffini.files import write_array
 
     file = container.read(calibration)
-    found = find_board(board or file.metadata["board"])
-    container.check_board(file, found)
+    found = container.board_of(file, board)
     if "photometric" not in file.kinds:
         raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal photometric`")
     references = (
@@ -100,18 +120,20 @@ def depth(
     )
     if not references:
         raise InputError(f"no untouched image beside {images[0]}: give one with --reference")
-    rest = np.mean([read_image(p).astype(float) for p in references], axis=0)
+    twice = [p for p, n in Counter(path.stem for path in images).items() if n > 1]
+    if out is not None and twice:
+        raise InputError(f"several images would be written to {out / twice[0]}.npy: give them other names")
+    rest = np.mean([_read_picture(p, found).astype(float) for p in references], axis=0)
     rows = []
     with Pipeline(found, file.data) as pipeline, progress_bar("depth") as progress:
         pipeline.set_rest(rest)
         for i, path in enumerate(images):
-            result = pipeline.process(read_image(path))
+            result = pipeline.process(_read_picture(path, found))
             grid = pipeline.depth_m()
             size_px = (found.camera.width_px, found.camera.height_px)
             full = np.asarray(cv2.resize(grid, size_px, interpolation=cv2.INTER_LINEAR), dtype=np.float64)
             if out is not None:
-                out.mkdir(parents=True, exist_ok=True)
-                np.save(out / f"{path.stem}.npy", full)
+                write_array(out / f"{path.stem}.npy", full)
                 depth_map(out / f"{path.stem}.png", full * 1e6, title=path.name)
             rows.append({"image": str(path), "lowest_um": round(float(grid.min() * 1e6), 3),
                          "highest_um": round(float(grid.max() * 1e6), 3), "flags": result.flags,
@@ -134,20 +156,16 @@ def field(
     """Displacement field -> force field with the device's fixed-point solve."""
     import numpy as np
 
-    from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.core import Pipeline
     from ruffini.core.pipeline import DISPLACEMENT_LSB_M
+    from ruffini.files import read_array, write_array
 
     file = container.read(calibration)
-    found = find_board(board or file.metadata["board"])
-    container.check_board(file, found)
+    found = container.board_of(file, board)
     if "operator" not in file.kinds:
         raise InputError(f"{calibration} has no operator: make one with `ruffini cal operator`")
-    try:
-        u = np.load(displacement)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{displacement}: cannot be read as NPY: {error}") from error
+    u = read_array(displacement)
     shape = (found.grid.n_y, found.grid.n_x, 3)
     if u.ndim != 4 or u.shape[1:] != shape or u.dtype.kind != "f":
         raise InputError(
@@ -156,7 +174,7 @@ def field(
         )
     if not np.isfinite(u).all():
         raise InputError(f"{displacement}: holds NaN or infinity: fill lost nodes first")
-    steps = np.floor(u * 1e-3 / DISPLACEMENT_LSB_M + 0.5)
+    steps = np.floor(u.astype(np.float64) * 1e-3 / DISPLACEMENT_LSB_M + 0.5)
     if np.abs(steps).max(initial=0) > 32767:
         raise InputError(
             f"{displacement}: holds more than 4.096 mm, which the board's integers do not: are these millimetres?"
@@ -165,9 +183,10 @@ def field(
     seen = steps[:, rows, columns].astype(np.int16)
     force = np.full(u.shape, np.nan)
     with Pipeline(found, file.data) as pipeline:
-        solved = pipeline.solve(seen.reshape(len(u), -1, 3)).reshape(seen.shape)
+        n_seen = seen.shape[1] * seen.shape[2]
+        solved = pipeline.solve(seen.reshape(len(u), n_seen, 3)).reshape(seen.shape)
     force[:, rows, columns] = solved * (found.field.force_lsb_un * 1e-6)
-    np.save(out, force)
+    write_array(out, force)
     total = np.nansum(force, axis=(1, 2))
     emit({"file": str(out), "frames": len(u), "resultant_n": total.round(6).tolist()}, json_,
          f"{out}: {len(u)} frames, largest resultant {np.linalg.norm(total, axis=1).max(initial=0):.4f} N")  # fmt: skip

@@ -26,8 +26,8 @@ import scipy
 
 from ruffini import __version__
 from ruffini.errors import InputError
+from ruffini.files import write_whole
 from ruffini.sim.contact import ContactSolver, Pose
-from ruffini.sim.files import write_whole
 from ruffini.sim.programs import Rest, Step, ball_presses, n_frames_of
 from ruffini.sim.scenario import Fault, Scenario
 from ruffini.sim.story import play
@@ -45,7 +45,7 @@ MARKING_ERROR_PX = 0.5  # standard deviation with which a person marks the conta
 
 
 def _write(path: Path, data: bytes) -> None:
-    write_whole(path, data, remedy="make room and choose a new --out")
+    write_whole(path, data, remedy="make room and choose a new --out", is_durable=False)
 
 
 def _new_folder(folder: Path) -> None:

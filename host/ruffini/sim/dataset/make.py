@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ruffini.errors import InputError
+from ruffini.files import write_whole
 from ruffini.sim.dataset import workers
 from ruffini.sim.dataset.card import card, shard_name
 from ruffini.sim.dataset.plan import PLAN_FILE, Plan, stored_plan
 from ruffini.sim.dataset.shard import is_whole
-from ruffini.sim.files import write_whole
 from ruffini.sim.unit import TwinUnit
 
 REMEDY = "make room and run the same command again: it goes on from here"

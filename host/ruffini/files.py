@@ -1,0 +1,67 @@
+"""Files that are there whole or not at all, and arrays from outside."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import tokenize
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.errors import InputError
+
+
+def write_whole(
+    path: Path, data: bytes, *, remedy: str = "choose another place or make room", is_durable: bool = True
+) -> None:
+    """Write a file in one step; what was there stays until all of `data` is.
+
+    Parameters
+    ----------
+    is_durable : bool
+        Wait until `data` is on the medium, so that not even a power cut loses both.
+
+    Raises
+    ------
+    InputError
+        It cannot be written; `remedy` is what to do then.
+    """
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_bytes(data)
+        if is_durable:
+            with temporary.open("rb") as stream:
+                os.fsync(stream.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise InputError(f"{path} cannot be written ({error.strerror}): what was there is whole; {remedy}") from error
+
+
+def write_array(path: Path, array: npt.NDArray[np.generic]) -> None:
+    """Write one array as NPY, under exactly this name. Raises InputError as `write_whole`."""
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=False)
+    write_whole(path, stream.getvalue())
+
+
+def read_array(path: Path) -> npt.NDArray[np.generic]:
+    """One array of an NPY file. Its header is not believed: what the file does not hold is not allocated.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it is no NPY file of numbers that is whole.
+    """
+    try:
+        return np.array(np.lib.format.open_memmap(path, mode="r"))
+    except (OSError, ValueError, TypeError, EOFError, OverflowError, MemoryError) as error:
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error).splitlines()[0]
+    except (SyntaxError, RecursionError, tokenize.TokenError):
+        why = "its header makes no sense"
+    raise InputError(f"{path}: cannot be read as NPY: {why}")

@@ -1,0 +1,121 @@
+"""cal operator and photometric as typed: what they make, and what they refuse before they make it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from small_board import Files, Run
+
+from ruffini.calibrate import container
+
+BALL_MM, PX_PER_MM = 4.0, 15.0  # base.toml: 300 px over 20 mm
+
+
+def press(rng: np.random.Generator, size: tuple[int, int], circle: tuple[float, float, float] | None) -> np.ndarray:
+    """A ball's cap in light that grows with the normal's x in blue and with its y in red."""
+    y, x = np.mgrid[: size[0], : size[1]].astype(float)
+    normal = np.zeros((*size, 3))
+    if circle is not None:
+        dx, dy = x - circle[0], y - circle[1]
+        inside = np.hypot(dx, dy) < circle[2]
+        normal[inside, 0] = dx[inside] / (BALL_MM / 2 * PX_PER_MM)
+        normal[inside, 2] = dy[inside] / (BALL_MM / 2 * PX_PER_MM)
+    return np.clip(np.round(110 * (1 + 0.5 * normal) + rng.normal(0, 1, normal.shape)), 0, 255).astype(np.uint8)
+
+
+def write_presses(folder: Path, size: tuple[int, int] = (240, 320)) -> Path:
+    rng = np.random.default_rng(11)
+    folder.mkdir()
+    cv2.imwrite(str(folder / "reference.png"), press(rng, size, None))
+    lines = ["image,center_x_px,center_y_px,contact_radius_px"]
+    for i in range(4):
+        circle = (rng.uniform(40, size[1] - 40), rng.uniform(40, size[0] - 40), rng.uniform(9, 12))
+        cv2.imwrite(str(folder / f"{i}.png"), press(rng, size, circle))
+        lines.append(f"{i}.png,{circle[0]:.2f},{circle[1]:.2f},{circle[2]:.2f}")
+    (folder / "presses.csv").write_text("\n".join(lines) + "\n")
+    (folder / "presses.toml").write_text(f"ball_mm = {BALL_MM}\npx_per_mm = {PX_PER_MM}\n")
+    return folder
+
+
+def test_photometric_makes_a_table_that_the_core_takes(files: Files, run: Run, tmp_path: Path) -> None:
+    folder, out = write_presses(tmp_path / "presses"), tmp_path / "colours.safetensors"
+    code, text, err = run("cal", "photometric", folder, "--board", files.folder, "--out", out, "--json")
+    assert code == 0, err
+    report = json.loads(text)
+    assert report["n_presses"] == 4
+    assert report["held_out_normal_median_deg"] < 3
+    file = container.read(out)
+    assert file.kinds == ["photometric"]
+    assert file.metadata["optics"] == files.board.camera.optics
+    assert json.loads(file.metadata["residuals"])["n_presses"] == 4
+    assert run("cal", "verify", out, "--board", files.folder)[0] == 0
+
+
+def test_presses_of_other_optics_need_to_be_called_so(files: Files, run: Run, tmp_path: Path) -> None:
+    folder, out = write_presses(tmp_path / "presses", (200, 220)), tmp_path / "colours.safetensors"
+    code, _, err = run("cal", "photometric", folder, "--board", files.folder, "--out", out)
+    assert code == 2
+    assert "220x200" in err
+    assert "--foreign" in err
+    assert not out.exists()
+    assert run("cal", "photometric", folder, "--board", files.folder, "--out", out, "--foreign")[0] == 0
+    assert container.read(out).metadata["optics"] == "foreign"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--method", "magic"), "magic"),
+        (("--noise-um", "5,5"), "5,5"),
+        (("--noise-um", "5,5,0"), "5,5,0"),
+        (("--noise-um", "5,5,nan"), "nan"),
+        (("--method", "ridge", "--ridge-weight", "-1"), "-1"),
+        (("--method", "ridge", "--ridge-weight", "nan"), "nan"),
+        (("--method", "optimal", "--gauge-um", "-1"), "-1"),
+        (("--method", "optimal", "--tilt-um", "nan"), "nan"),
+        (("--material", "nothing.json"), "nothing.json"),
+    ],
+    ids=lambda v: " ".join(v) if isinstance(v, tuple) else "",
+)
+def test_operator_refuses(words: tuple[str, ...], said: str, files: Files, run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "o.safetensors"
+    code, text, err = run("cal", "operator", "--board", files.folder, "--out", out, *words)
+    assert (code, text) == (2, ""), err
+    assert said in err
+    assert len(err.strip().splitlines()) == 1, err
+    assert not out.exists()
+
+
+def test_merge_of_a_file_with_itself_and_of_two_boards(files: Files, run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "m.safetensors"
+    code, text, _ = run("cal", "merge", files.operator, files.calibration, "--out", out, "--json")
+    assert (code, json.loads(text)["kinds"]) == (0, ["operator", "photometric"])
+    file = container.read(files.operator)
+    other = tmp_path / "other.safetensors"
+    container.write(other, container.pack(file.tensors, {**file.metadata, "board": "another"}))
+    before = out.read_bytes()
+    code, _, err = run("cal", "merge", out, other, "--out", out)
+    assert code == 4
+    assert "another" in err
+    assert out.read_bytes() == before
+
+
+def test_verify_tells_a_changed_file_from_one_for_another_board(files: Files, run: Run, tmp_path: Path) -> None:
+    data = bytearray(files.operator.read_bytes())
+    data[-100] ^= 1
+    changed = tmp_path / "changed.safetensors"
+    changed.write_bytes(data)
+    assert run("cal", "verify", changed)[0] == 5
+    assert run("cal", "verify", files.operator, "--board", "gelslim")[0] == 4
+    assert run("cal", "verify", tmp_path / "none.safetensors")[0] == 2
+    assert run("cal", "verify", files.operator, "--board", files.folder)[0] == 0
+
+
+def test_a_path_that_no_verb_can_use_is_named(run: Run) -> None:
+    code, _, err = run("board", "check", "x" * 5000)
+    assert (code, len(err.strip().splitlines())) == (2, 1)
+    assert "File name too long" in err
