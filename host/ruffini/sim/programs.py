@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.sim.contact import Indenter, Pose
@@ -29,12 +30,20 @@ class Rest:
     n_frames: int
 
 
-Step = Touch | Rest
+@dataclass(frozen=True)
+class Load:
+    """A rigid connector in the pad's place: wrench about the pad's centre in every frame, (n, 6) N and N m."""
+
+    wrenches: npt.NDArray[np.float64]
+    judged: list[bool]
+
+
+Step = Touch | Rest | Load
 
 
 def n_frames_of(story: list[Step]) -> int:
     """Frames that a story takes."""
-    return sum(step.n_frames if isinstance(step, Rest) else len(step.poses) for step in story)
+    return sum(step.n_frames if isinstance(step, Rest) else len(step.judged) for step in story)
 
 
 def _ramp(start: Pose, end: Pose, n: int) -> list[Pose]:

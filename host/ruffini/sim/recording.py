@@ -15,7 +15,7 @@ Everything random follows from the seed: the same machine writes the same bytes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -28,9 +28,10 @@ from ruffini import __version__
 from ruffini.errors import InputError
 from ruffini.files import write_whole
 from ruffini.sim.contact import ContactSolver, Pose
-from ruffini.sim.programs import Rest, Step, ball_presses, n_frames_of
+from ruffini.sim.programs import Step, Touch, ball_presses, n_frames_of
+from ruffini.sim.rig import Unit
 from ruffini.sim.scenario import Fault, Scenario
-from ruffini.sim.story import play
+from ruffini.sim.story import Told, play
 from ruffini.sim.surface import hat_areas
 from ruffini.sim.toml import inline, settings_toml
 from ruffini.sim.unit import PadError, TwinUnit
@@ -70,16 +71,19 @@ def _truth_npz(rate_hz: float, rows: dict[str, list[npt.ArrayLike]]) -> bytes:
 
 
 def record_touches(
-    unit: TwinUnit,
+    unit: Unit,
     story: list[Step],
     out: Path,
     *,
     seed: int,
     program: str,
     faults: Sequence[Fault] = (),
+    moments: Iterable[Told] | None = None,
     progress: Progress = lambda _: None,
 ) -> int:
     """Play a story and write the recording. Returns the number of frames that its faults left.
+
+    moments : the story's frames where somebody has played it already.
 
     Raises
     ------
@@ -88,7 +92,7 @@ def record_touches(
     """
     _new_folder(out)
     scenario, renderer, total = Scenario(seed=seed, fault=list(faults)), unit.renderer(), n_frames_of(story)
-    touches = [step.indenter for step in story if not isinstance(step, Rest)]
+    touches = [step.indenter for step in story if isinstance(step, Touch)]
     rows: dict[str, list[npt.ArrayLike]] = {
         "frame": [], "wrench": [], "force": [], "displacement": [], "pose": [], "contact": [], "judged": [],
         "touch": [],
@@ -96,7 +100,7 @@ def record_touches(
         "radius_m": [indenter.radius_m for indenter in touches],
     }  # fmt: skip
     previous: Array | None = None
-    for frame, moment in enumerate(play(unit, story)):
+    for frame, moment in enumerate(play(unit, story) if moments is None else moments):
         displacement = moment.displacement.copy()
         before, previous = previous, displacement
         progress((frame + 1) / total)
@@ -110,7 +114,7 @@ def record_touches(
         rows["contact"].append(moment.nodal_state())
         rows["judged"].append(moment.judged)
         rows["touch"].append(moment.touch)
-        picture = scenario.picture(renderer, frame, displacement, before)
+        picture = scenario.picture(renderer, frame, displacement, before, moment.tray)
         _write(out / "frames" / f"{frame:06d}.png", _png(picture))
     rate_hz = unit.board.camera.rate_mhz * 1e-3
     _write(out / "truth.npz", _truth_npz(rate_hz, rows))
@@ -118,14 +122,10 @@ def record_touches(
     return len(rows["frame"])
 
 
-def _write_settings(unit: TwinUnit, out: Path, seed: int, program: str, faults: Sequence[Fault] = ()) -> None:
-    model = unit.model
+def _write_settings(unit: Unit, out: Path, seed: int, program: str, faults: Sequence[Fault] = ()) -> None:
     text = (
         f'simulated = true\nboard = "{unit.board.name}"\nrate_mhz = {unit.board.camera.rate_mhz}\n'
-        f'seed = {seed}\nprogram = "{program}"\n\n[pad]\n'
-        f"modulus_pa = {model.modulus_pa!r}\npoisson = {model.poisson!r}\n"
-        f"thickness_m = {model.thickness_m!r}\n"
-        f"n_nodes_x = {model.shape[1]}\nn_nodes_y = {model.shape[0]}\n"
+        f'seed = {seed}\nprogram = "{program}"\n\n{unit.body_toml()}'
         f'\n[versions]\nruffini = "{__version__}"\n'
         f'numpy = "{np.__version__}"\nscipy = "{scipy.__version__}"\n'
     )

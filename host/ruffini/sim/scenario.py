@@ -29,7 +29,7 @@ from pydantic import Field, ValidationError, model_validator
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
 from ruffini.sim import programs
-from ruffini.sim.optics.conditions import Conditions
+from ruffini.sim.optics.conditions import Conditions, TrayPose
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.programs import Rest, Step
 from ruffini.sim.trajectories import TRAJECTORIES, TouchSettings, TrajectoryName, told
@@ -172,7 +172,12 @@ class Scenario(Section):
         return True
 
     def picture(
-        self, renderer: Renderer, frame: int, displacement_m: Array, previous_m: Array | None
+        self,
+        renderer: Renderer,
+        frame: int,
+        displacement_m: Array,
+        previous_m: Array | None,
+        tray: TrayPose | None = None,
     ) -> npt.NDArray[np.uint8]:
         """Frame `frame`, (h, w, 3) uint8 B G R, of displacements (n, 3) now and one frame before, metres.
 
@@ -184,6 +189,7 @@ class Scenario(Section):
             previous_m=previous_m,
             time_s=frame * 1e3 / renderer.board.camera.rate_mhz,
             conditions=self.conditions(frame),
+            tray=tray,
         )
 
 

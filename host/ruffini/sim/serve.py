@@ -20,12 +20,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
-from ruffini.sim.contact import Indenter, Pose
+from ruffini.sim.indenters import Indenter
+from ruffini.sim.optics.conditions import TrayPose
 from ruffini.sim.optics.renderer import Renderer
+from ruffini.sim.pose import Pose
+from ruffini.sim.rig import Unit
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.story import play
-from ruffini.sim.surface import wrench_of
-from ruffini.sim.unit import Progress, TwinUnit
+from ruffini.sim.unit import Progress
 
 Array = npt.NDArray[np.float64]
 
@@ -35,11 +37,17 @@ LOCKSTEP, PACED = b"L", b"P"
 MAX_SPEED_M_S = 0.02  # of a steered indenter
 
 
+States = tuple[Array, Array | None, TrayPose | None]
+
+
 class Frames(Protocol):
     """Where the surface is in each frame."""
 
-    def states(self, frame: int) -> tuple[Array, Array | None] | None:
-        """Surface displacement (n, 3), metres, in a frame and in the one before, if any; None = the end."""
+    def states(self, frame: int) -> States | None:
+        """Surface displacement (n, 3), metres, in a frame and in the one before, if any, and where the tray is.
+
+        None = the end.
+        """
 
 
 class Resting:
@@ -48,37 +56,39 @@ class Resting:
     def __init__(self, renderer: Renderer, n: int) -> None:
         self._at_rest, self._n = renderer.at_rest(), n
 
-    def states(self, frame: int) -> tuple[Array, Array | None] | None:
-        return (self._at_rest, self._at_rest) if frame < self._n else None
+    def states(self, frame: int) -> States | None:
+        return (self._at_rest, self._at_rest, None) if frame < self._n else None
 
 
 class Scripted:
     """A scenario's frames, worked out before the first one is shown."""
 
-    def __init__(self, unit: TwinUnit, scenario: Scenario, progress: Progress = lambda _: None) -> None:
+    def __init__(self, unit: Unit, scenario: Scenario, progress: Progress = lambda _: None) -> None:
         from ruffini.sim.programs import n_frames_of
 
         story = scenario.story(unit.board)
         total = n_frames_of(story)
         self._frames = []
         for moment in play(unit, story):
-            self._frames.append(moment.displacement.copy())
+            self._frames.append((moment.displacement.copy(), moment.tray))
             progress(len(self._frames) / total)
 
     def __len__(self) -> int:
         return len(self._frames)
 
-    def states(self, frame: int) -> tuple[Array, Array | None] | None:
+    def states(self, frame: int) -> States | None:
         if frame >= len(self._frames):
             return None
-        return self._frames[frame], self._frames[frame - 1] if frame else None
+        displacement, tray = self._frames[frame]
+        return displacement, self._frames[frame - 1][0] if frame else None, tray
 
 
 class Steered:
     """An indenter that goes where it is told, at most at MAX_SPEED_M_S; without end."""
 
-    def __init__(self, unit: TwinUnit, indenter: Indenter) -> None:
-        self._solver = unit.solver(indenter)
+    def __init__(self, unit: Unit, indenter: Indenter) -> None:
+        self._rig = unit.rig()
+        self._rig.take(indenter)
         self._step_m = MAX_SPEED_M_S * 1e3 / unit.board.camera.rate_mhz
         self._pose: Pose | None = None
         self._target: Pose | None = None
@@ -87,37 +97,37 @@ class Steered:
     @property
     def wrench(self) -> Array:
         """What the ball does to the pad now: force (N) and moment (N m), (6,)."""
-        return wrench_of(self._solver.model, self._solver.nodal_force)
+        return self._rig.wrench()
 
     def move_to(self, target: Pose) -> None:
         """From the next frame on, go there. Any thread. A first touch starts above its place."""
         with self._lock:
             self._target = target
 
-    def states(self, frame: int) -> tuple[Array, Array | None] | None:
-        before = self._solver.displacement
-        return self._move(), before
+    def states(self, frame: int) -> States | None:
+        before = self._rig.displacement
+        return self._move(), before, self._rig.tray
 
     def _move(self) -> Array:
         with self._lock:
             target = self._target
         if target is None:
-            return self._solver.displacement
+            return self._rig.displacement
         if self._pose is None:
             self._pose = Pose(target.x_m, target.y_m, 0.0, target.turn_rad)
         way = np.hypot(np.hypot(target.x_m - self._pose.x_m, target.y_m - self._pose.y_m),
                        target.depth_m - self._pose.depth_m)  # fmt: skip
         if way == 0:
-            return self._solver.displacement
+            return self._rig.displacement
         pose = self._pose.towards(target, min(1.0, self._step_m / way))
         try:
-            self._solver.advance(pose)
+            self._rig.advance(pose)
             self._pose = pose
         except InputError as error:  # stays where it is until it is told another place
             print(error, file=sys.stderr)
             with self._lock:
                 self._target = self._pose
-        return self._solver.displacement
+        return self._rig.displacement
 
 
 def steer_from(lines: Iterable[str], steered: Steered) -> None:

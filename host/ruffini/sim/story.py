@@ -4,35 +4,74 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.sim.contact import ContactSolver, Pose
-from ruffini.sim.programs import Rest, Step
-from ruffini.sim.surface import wrench_of
-from ruffini.sim.unit import TwinUnit
+from ruffini.sim.contact import ContactSolver
+from ruffini.sim.optics.conditions import TrayPose
+from ruffini.sim.pose import Pose
+from ruffini.sim.programs import Load, Rest, Step
+from ruffini.sim.rig import Rig, Unit
+from ruffini.sim.unit import FlatRig
 
 Array = npt.NDArray[np.float64]
 
 
+class Told(Protocol):
+    """What a recording wants to know of a frame."""
+
+    @property
+    def displacement(self) -> Array: ...
+
+    @property
+    def tray(self) -> TrayPose | None: ...
+
+    @property
+    def touch(self) -> int: ...
+
+    @property
+    def judged(self) -> bool: ...
+
+    def wrench(self) -> Array: ...
+
+    def pose_row(self) -> Array: ...
+
+    def nodal_state(self) -> npt.NDArray[np.uint8]: ...
+
+    def nodal_force(self) -> Array: ...
+
+    def nodal_displacement(self) -> Array: ...
+
+
 @dataclass(frozen=True)
 class Moment:
-    """The truth of one frame; `solver` and `pose` are None where nothing touches.
+    """The truth of one frame; `pose` is None where no indenter touches. The next moment changes it."""
 
-    displacement : (n, 3) metres at the surface nodes of the mechanics.
-    """
-
-    unit: TwinUnit
-    displacement: Array
+    rig: Rig
     touch: int = -1
     pose: Pose | None = None
     judged: bool = False
-    solver: ContactSolver | None = None
+
+    @property
+    def displacement(self) -> Array:
+        """(n, 3) metres at the surface nodes of the mechanics."""
+        return self.rig.displacement
+
+    @property
+    def tray(self) -> TrayPose | None:
+        """Where the tray stands, if there is one."""
+        return self.rig.tray
+
+    @property
+    def solver(self) -> ContactSolver | None:
+        """The contact with a flat pad, while something touches it."""
+        return self.rig.solver if isinstance(self.rig, FlatRig) else None
 
     def wrench(self) -> Array:
         """Force (N) and moment (N m) about the pad's centre, (6,)."""
-        return wrench_of(self.unit.model, self.solver.nodal_force) if self.solver else np.zeros(6)
+        return self.rig.wrench()
 
     def pose_row(self) -> Array:
         """x, y, depth (m), turn, roll and pitch (rad), NaN where nothing touches, (6,)."""
@@ -40,39 +79,38 @@ class Moment:
 
     def nodal_state(self) -> npt.NDArray[np.uint8]:
         """0 free, 1 sticks, 2 slips: the nearest node of the mechanics to each of the board's, (n_y, n_x)."""
-        grid, (n_y, n_x) = self.unit.board.grid, self.unit.model.shape
-        if self.solver is None:
-            return np.zeros((grid.n_y, grid.n_x), np.uint8)
-        rows, columns = (np.rint(np.linspace(0, n - 1, m)).astype(int) for n, m in ((n_y, grid.n_y), (n_x, grid.n_x)))
-        return np.asarray(self.solver.contact_state.reshape(n_y, n_x)[np.ix_(rows, columns)])
+        return self.rig.nodal_state()
 
     def nodal_force(self) -> Array:
         """Force (N) at the board's nodes, (n_y, n_x, 3)."""
-        grid = self.unit.board.grid
-        return self.solver.forces_on_grid(grid.n_x, grid.n_y) if self.solver else np.zeros((grid.n_y, grid.n_x, 3))
+        return self.rig.nodal_force()
 
     def nodal_displacement(self) -> Array:
         """Displacement (m) at the board's nodes, (n_y, n_x, 3)."""
-        grid = self.unit.board.grid
-        return self.unit.at_nodes(self.displacement) if self.solver else np.zeros((grid.n_y, grid.n_x, 3))
+        return self.rig.nodal_displacement()
 
 
-def play(unit: TwinUnit, story: Iterable[Step]) -> Iterator[Moment]:
-    """One moment a frame. A moment's solver goes on with the next one: take what is needed first.
+def play(unit: Unit, story: Iterable[Step]) -> Iterator[Moment]:
+    """One moment a frame. A moment's rig goes on with the next one: take what is needed first.
 
     Raises
     ------
     InputError
-        An indenter leaves the pad.
+        An indenter leaves the pad, or the body cannot be loaded so.
     """
-    at_rest, touch = unit.at_rest(), -1
+    rig, touch = unit.rig(), -1
     for step in story:
         if isinstance(step, Rest):
             for _ in range(step.n_frames):
-                yield Moment(unit, at_rest)
-            continue
-        touch += 1
-        solver = unit.solver(step.indenter)
-        for pose, judged in zip(step.poses, step.judged, strict=True):
-            solver.advance(pose)
-            yield Moment(unit, solver.displacement, touch, pose, judged, solver)
+                rig.rest()
+                yield Moment(rig)
+        elif isinstance(step, Load):
+            for wrench, judged in zip(step.wrenches, step.judged, strict=True):
+                rig.load(wrench)
+                yield Moment(rig, judged=judged)
+        else:
+            touch += 1
+            rig.take(step.indenter)
+            for pose, judged in zip(step.poses, step.judged, strict=True):
+                rig.advance(pose)
+                yield Moment(rig, touch, pose, judged)

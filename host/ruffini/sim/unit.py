@@ -13,9 +13,12 @@ from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.sim.cache import cached_compliance
 from ruffini.sim.contact import ContactSolver, Indenter
+from ruffini.sim.optics.conditions import TrayPose
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.pad import PadModel
+from ruffini.sim.pose import Pose
 from ruffini.sim.settings import MeshSettings, TwinSettings, load_twin
+from ruffini.sim.surface import wrench_of
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -92,6 +95,19 @@ class TwinUnit:
         """A fresh contact of an indenter with this pad."""
         return ContactSolver(self.model, self.compliance, indenter, self.twin.unit.friction_1e3 * 1e-3)
 
+    def rig(self) -> FlatRig:
+        """The pad before anything ever touched it."""
+        return FlatRig(self)
+
+    def body_toml(self) -> str:
+        """The pad's true numbers."""
+        model = self.model
+        return (
+            f"[pad]\nmodulus_pa = {model.modulus_pa!r}\npoisson = {model.poisson!r}\n"
+            f"thickness_m = {model.thickness_m!r}\n"
+            f"n_nodes_x = {model.shape[1]}\nn_nodes_y = {model.shape[0]}\n"
+        )
+
     def renderer(self, *, has_dots: bool = True) -> Renderer:
         """This unit's camera."""
         return Renderer(self.board, self.twin, self.model.node_x() * 1e3, self.model.node_y() * 1e3, has_dots=has_dots)
@@ -107,3 +123,51 @@ class TwinUnit:
         y = np.linspace(node_y[0], node_y[-1], self.board.grid.n_y)
         field = displacement.reshape(*self.model.shape, 3)
         return np.stack([RectBivariateSpline(node_y, node_x, field[:, :, c])(y, x) for c in range(3)], axis=-1)
+
+
+class FlatRig:
+    """A flat pad under one indenter after the other (`rig.Rig`); it forgets each."""
+
+    def __init__(self, unit: TwinUnit) -> None:
+        self.unit = unit
+        self.solver: ContactSolver | None = None
+        self._at_rest = unit.at_rest()
+
+    @property
+    def displacement(self) -> Array:
+        return self.solver.displacement if self.solver else self._at_rest
+
+    @property
+    def tray(self) -> TrayPose | None:
+        return None
+
+    def take(self, indenter: Indenter) -> None:
+        self.solver = self.unit.solver(indenter)
+
+    def advance(self, pose: Pose) -> None:
+        assert self.solver is not None
+        self.solver.advance(pose)
+
+    def load(self, wrench: Array) -> None:
+        raise InputError(f"board {self.unit.board.name!r} has no platform that a connector could load: press its pad")
+
+    def rest(self) -> None:
+        self.solver = None
+
+    def wrench(self) -> Array:
+        return wrench_of(self.unit.model, self.solver.nodal_force) if self.solver else np.zeros(6)
+
+    def nodal_state(self) -> npt.NDArray[np.uint8]:
+        grid, (n_y, n_x) = self.unit.board.grid, self.unit.model.shape
+        if self.solver is None:
+            return np.zeros((grid.n_y, grid.n_x), np.uint8)
+        rows, columns = (np.rint(np.linspace(0, n - 1, m)).astype(int) for n, m in ((n_y, grid.n_y), (n_x, grid.n_x)))
+        return np.asarray(self.solver.contact_state.reshape(n_y, n_x)[np.ix_(rows, columns)])
+
+    def nodal_force(self) -> Array:
+        grid = self.unit.board.grid
+        return self.solver.forces_on_grid(grid.n_x, grid.n_y) if self.solver else np.zeros((grid.n_y, grid.n_x, 3))
+
+    def nodal_displacement(self) -> Array:
+        grid = self.unit.board.grid
+        return self.unit.at_nodes(self.displacement) if self.solver else np.zeros((grid.n_y, grid.n_x, 3))

@@ -20,7 +20,7 @@ from ruffini.sim.dataset import workers
 from ruffini.sim.dataset.card import card, shard_name
 from ruffini.sim.dataset.plan import PLAN_FILE, Plan, stored_plan
 from ruffini.sim.dataset.shard import is_whole
-from ruffini.sim.unit import TwinUnit
+from ruffini.sim.units import build_unit
 
 REMEDY = "make room and run the same command again: it goes on from here"
 
@@ -71,7 +71,7 @@ def _results(plan: Plan, todo: list[int], n_workers: int, dask: str | None) -> w
         return iter(())
     if dask is not None:
         return workers.on_dask(plan, todo, dask)
-    TwinUnit.build(plan.board(), plan.error(), twin=plan.twin())  # once, into the cache that the workers share
+    build_unit(plan.board(), plan.error(), twin=plan.twin())  # once, into the cache that the workers share
     if n_workers > 1:
         return workers.in_processes(plan, todo, n_workers)
     return workers.in_process(plan, todo)

@@ -15,8 +15,9 @@ from ruffini.errors import RuffiniError
 from ruffini.sim.dataset.plan import Plan
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.programs import Touch, random_touch
+from ruffini.sim.rig import Unit
 from ruffini.sim.story import Moment, play
-from ruffini.sim.unit import TwinUnit
+from ruffini.sim.units import build_unit
 
 MAX_ATTEMPTS = 5  # presses drawn for one sample, where the contact solver gives up
 MAX_NAME = 32  # characters of a shape's name
@@ -40,7 +41,7 @@ FIELDS = {
 
 @dataclass(frozen=True)
 class _Workshop:
-    unit: TwinUnit
+    unit: Unit
     renderer: Renderer
 
 
@@ -51,11 +52,11 @@ def _workshop(plan_json: str) -> _Workshop:
 
     cv2.setNumThreads(1)
     plan = Plan.model_validate_json(plan_json)
-    unit = TwinUnit.build(plan.board(), plan.error(), twin=plan.twin())
+    unit = build_unit(plan.board(), plan.error(), twin=plan.twin())
     return _Workshop(unit, unit.renderer())
 
 
-def _held(unit: TwinUnit, touch: Touch) -> Moment:
+def _held(unit: Unit, touch: Touch) -> Moment:
     """The judged moment of a touch."""
     return next(moment for moment in play(unit, [touch]) if moment.judged)
 
@@ -69,7 +70,7 @@ def _sample(shop: _Workshop, plan: Plan, index: int) -> dict[str, Any]:
         except RuffiniError:
             continue
         return {
-            "image": shop.renderer.image(moment.displacement, rng), "index": index, "wrench": moment.wrench(),
+            "image": shop.renderer.image(moment.displacement, rng, tray=moment.tray), "index": index, "wrench": moment.wrench(),
             "force": moment.nodal_force().astype(np.float32),
             "displacement": moment.nodal_displacement().astype(np.float32), "pose": moment.pose_row(),
             "contact": moment.nodal_state(),

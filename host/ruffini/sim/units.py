@@ -1,0 +1,29 @@
+"""Which simulated body a board has."""
+
+from __future__ import annotations
+
+from ruffini.boards import Board
+from ruffini.errors import InputError
+from ruffini.sim.rig import Unit
+from ruffini.sim.settings import TwinSettings, load_twin
+from ruffini.sim.unit import PadError, Progress, TwinUnit
+
+
+def build_unit(
+    board: Board,
+    error: PadError | None = None,
+    *,
+    twin: TwinSettings | None = None,
+    progress: Progress = lambda _: None,
+) -> Unit:
+    """The simulated sensor of a board; `twin` instead of the board's own.
+
+    Raises
+    ------
+    InputError
+        The board has no twin, or the factors make a body that cannot be.
+    """
+    twin = twin or load_twin(board)
+    if twin.shape.kind != "plane":
+        raise InputError(f"board {board.name!r} is a {twin.shape.kind}: only flat pads can be pressed yet")
+    return TwinUnit.build(board, error, twin=twin, progress=progress)
