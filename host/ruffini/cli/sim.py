@@ -9,9 +9,11 @@ from typing import Annotated
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.reproduce import reproduce
 from ruffini.errors import InputError
 
 app = typer.Typer(no_args_is_help=True, help="The digital twin: simulated recordings with their truth.")
+app.command("reproduce")(reproduce)
 
 
 @app.callback()
@@ -47,9 +49,11 @@ def press(
 ) -> None:
     """Press the simulated pad and record frames and truth."""
     from ruffini.boards import find_board
-    from ruffini.sim.recording import PadError, TwinUnit, record_balls, record_touches
+    from ruffini.sim.recording import record_balls, record_touches
     from ruffini.sim.scenario import load_scenario, scenario_of
     from ruffini.sim.trajectories import TRAJECTORIES
+    from ruffini.sim.unit import PadError, TwinUnit
+    from ruffini.sim.units import build_unit
 
     is_balls = program == "balls" and scenario is None
     if scenario is not None:
@@ -64,9 +68,11 @@ def press(
         raise InputError(f"unknown program {program!r}: demo, grid, balls or {', '.join(TRAJECTORIES)}")
     found = find_board(board)
     with progress_bar("pad mechanics") as progress:
-        unit = TwinUnit.build(found, PadError(scale_modulus, scale_poisson, scale_thickness), progress=progress)
+        unit = build_unit(found, PadError(scale_modulus, scale_poisson, scale_thickness), progress=progress)
     with progress_bar("frames") as progress:
         if is_balls:
+            if not isinstance(unit, TwinUnit):
+                raise InputError(f"balls calibrate colour on a flat pad: board {found.name!r} has none")
             count = record_balls(unit, plan.n, out, ball_mm=ball_mm, seed=plan.seed, progress=progress)
         else:
             story = plan.story(found)
@@ -148,7 +154,7 @@ def serve(
     from ruffini.sim.scenario import Scenario, load_scenario
     from ruffini.sim.serve import Resting, Scripted, Steered, TwinServer, steer_from
     from ruffini.sim.settings import load_twin
-    from ruffini.sim.unit import TwinUnit
+    from ruffini.sim.units import build_unit
 
     plan, found = load_scenario(scenario) if scenario else Scenario(), find_board(board)
     frames: Resting | Scripted | Steered
@@ -157,7 +163,7 @@ def serve(
         frames = Resting(renderer, plan.n)
     else:
         with progress_bar("pad mechanics") as progress:
-            unit = TwinUnit.build(found, progress=progress)
+            unit = build_unit(found, progress=progress)
         renderer = unit.renderer()
         if steer:
             frames = Steered(unit, Indenter("sphere", ball_mm / 2e3))

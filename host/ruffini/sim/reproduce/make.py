@@ -1,0 +1,153 @@
+"""Recordings of a board's reproduce.toml: OUT/<set>/<number>/, each whole or not there, and what the bench read.
+
+frames/, truth.npz, recording.toml   as every recording of the twin (`ruffini.sim.recording`)
+rig.npz   force (t, 6) N and N m that the reference sensor read, depth_m (t,) where the stage said it was,
+          shore_a that the tester read (NaN of a rigid one), place_m (2,) that a person noted,
+          gel_depth_m (t,) and area_m2 (t,) of the contact: truth that no sensor of the bench reads
+run.json  part, indenter, and the run's value on each list of its set
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import shutil
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from ruffini import __version__
+from ruffini.boards import Board, find_board
+from ruffini.errors import InputError, RuffiniError
+from ruffini.files import write_whole
+from ruffini.sim.recording import record_touches
+from ruffini.sim.reproduce.runs import Run, readings_rng, runs_of
+from ruffini.sim.reproduce.settings import ReproduceSettings, RigSettings, load_reproduce
+from ruffini.sim.reproduce.solved import KeptMoment, aged, solved
+from ruffini.sim.rig import Unit
+from ruffini.sim.settings import load_twin
+from ruffini.sim.units import build_unit
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What `reproduce` did. `failed` : runs whose mechanics found no solution, with the reason."""
+
+    n_made: int
+    n_kept: int
+    failed: dict[str, str]
+
+
+def reproduce(
+    board: Board, out: Path, *, quick: bool = False, n_workers: int = 1, progress: Progress = lambda _: None
+) -> Outcome:
+    """Make the runs that are not there yet.
+
+    Raises
+    ------
+    InputError
+        The board has no paper, or the folder holds something else or cannot be written.
+    """
+    settings = load_reproduce(board)
+    _claim(out, board, settings)
+    runs = runs_of(settings, quick=quick)
+    missing = [run for run in runs if not (out / run.key / "run.json").is_file()]
+    failed: dict[str, str] = {}
+    for done, (run, reason) in enumerate(_made(board, missing, out, n_workers), 1):
+        if reason:
+            failed[run.key] = reason
+        progress((len(runs) - len(missing) + done) / len(runs))
+    return Outcome(len(missing) - len(failed), len(runs) - len(missing), failed)
+
+
+def _made(board: Board, runs: list[Run], out: Path, n_workers: int) -> Iterable[tuple[Run, str]]:
+    name = str(board.folder or board.name)
+    if n_workers == 1 or len(runs) < 2:
+        yield from ((run, _make_one(name, run, out)) for run in runs)
+        return
+    with ProcessPoolExecutor(n_workers, mp_context=get_context("spawn")) as pool:
+        yield from zip(runs, pool.map(_make_one, [name] * len(runs), runs, [out] * len(runs)), strict=True)
+
+
+@lru_cache(maxsize=1)
+def _unit(board: str) -> Unit:
+    return build_unit(find_board(board))
+
+
+def _make_one(board: str, run: Run, out: Path) -> str:
+    """Make one run; the reason where its mechanics has no solution, else nothing."""
+    unit = _unit(board)
+    settings = load_reproduce(unit.board)
+    unit = aged(unit, settings.aging, run.n_pressed_before)
+    try:
+        moments = solved(unit, run)
+    except InputError:
+        raise
+    except RuffiniError as error:
+        return str(error)
+    folder = out / run.key
+    partial = folder.with_name(f"{folder.name}.part")
+    for rest in (partial, folder):  # of a run that was stopped
+        shutil.rmtree(rest, ignore_errors=True)
+    record_touches(unit, run.story(unit.board), partial, seed=run.seed, program=run.key, moments=moments)
+    _write_rig(partial, run, moments, settings.rig)
+    _write_run(partial, run)
+    partial.rename(folder)
+    return ""
+
+
+def _write_rig(folder: Path, run: Run, moments: list[KeptMoment], rig: RigSettings) -> None:
+    rng, n = readings_rng(run), len(moments)
+    sigma = np.array([*(1e-6 * s for s in rig.force_noise_un), *(1e-9 * s for s in rig.torque_noise_nnm)])
+    gain = 1 + rng.normal(size=6) * np.array([*rig.force_gain_1e4, *rig.torque_gain_1e4]) * 1e-4
+    force = np.array([m.wrench() for m in moments]) * gain + rng.normal(size=(n, 6)) * sigma
+    poses = np.array([m.pose_row() for m in moments])
+    shore = float(str(run.chosen.get("shore_a", "nan"))) + rng.normal() * rig.shore_noise_1e1 * 0.1
+    touched = poses[np.isfinite(poses[:, 0])]
+    stream = io.BytesIO()
+    np.savez(
+        stream, force=force, depth_m=poses[:, 2] + rng.normal() * rig.depth_noise_um * 1e-6, shore_a=shore,
+        place_m=touched[-1, :2] + rng.normal(size=2) * rig.place_noise_um * 1e-6,
+        gel_depth_m=[m.gel_depth_m for m in moments], area_m2=[m.area_m2 for m in moments],
+    )  # fmt: skip
+    write_whole(folder / "rig.npz", stream.getvalue(), is_durable=False)
+
+
+def _write_run(folder: Path, run: Run) -> None:
+    tree = {
+        "simulated": True, "key": run.key, "part": run.settings.part, "what": run.settings.what,
+        "seed": run.seed, "indenter": run.indenter.shape, "radius_m": run.indenter.radius_m, "chosen": run.chosen,
+    }  # fmt: skip
+    write_whole(folder / "run.json", json.dumps(tree, indent=1).encode(), is_durable=False)
+
+
+def digest(board: Board) -> str:
+    """Of all that a board's recordings follow from: board.toml, twin.toml, reproduce.toml."""
+    tree = [board.model_dump(mode="json"), load_twin(board).model_dump(mode="json"),
+            load_reproduce(board).model_dump(mode="json")]  # fmt: skip
+    return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
+
+
+def _claim(out: Path, board: Board, settings: ReproduceSettings) -> None:
+    """Make the folder ours, or go on in it. Raises InputError where it holds something else."""
+    card = out / "reproduce.json"
+    ours = {"simulated": True, "board": board.name, "paper": settings.paper, "settings": digest(board),
+            "ruffini": __version__}  # fmt: skip
+    try:
+        if card.is_file():
+            if json.loads(card.read_text()) != ours:
+                raise InputError(f"{out} holds recordings of another board, twin or version: choose another --out")
+            return
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise InputError(f"{out} is there already and is not an empty folder: choose another --out")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{card} cannot be read ({error}): choose another --out") from error
+    write_whole(card, json.dumps(ours, indent=1).encode(), remedy="make room and choose another --out")

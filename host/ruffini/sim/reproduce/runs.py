@@ -1,0 +1,115 @@
+"""The runs of a reproduce.toml: each is one approach of one indenter, with its own seed."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from ruffini.boards import Board
+from ruffini.sim.indenters import Indenter, Material
+from ruffini.sim.pose import Pose
+from ruffini.sim.programs import Rest, Step, Touch
+from ruffini.sim.reproduce.settings import Lists, PressSet, ReproduceSettings
+
+UM = 1e-6
+N_REST = 2  # untouched frames after the board's rest frames
+
+AXES = tuple(Lists.model_fields)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a set.
+
+    key : its folder below the output; seed : everything random in it follows from it.
+    chosen : its value on each of the set's lists.
+    """
+
+    key: str
+    seed: int
+    settings: PressSet
+    indenter: Indenter
+    chosen: dict[str, object]
+
+    @property
+    def n_pressed_before(self) -> int:
+        return int(str(self.chosen.get("after", 0)))
+
+    def poses(self) -> list[Pose]:
+        """Where the indenter stands, frame by frame."""
+        x, y = _pair(self.chosen.get("at_um"))
+        dx, dy = _pair(self.chosen.get("shift_um"))
+        turn = float(str(self.chosen.get("turn_mrad", 0))) * 1e-3
+        s = self.settings
+        n = max(1, round(s.depth_um / s.step_um))
+        down = [Pose(x * UM, y * UM, s.depth_um * UM * (i + 1) / n) for i in range(n)]
+        poses, last = list(down), down[-1]
+        if dx or dy or turn:
+            end = Pose((x + dx) * UM, (y + dy) * UM, s.depth_um * UM, turn)
+            poses += [last.towards(end, (i + 1) / s.side_steps) for i in range(s.side_steps)]
+        if s.returns:
+            top = poses[-1]
+            poses += [top.towards(Pose(top.x_m, top.y_m, 0.0, top.turn_rad), (i + 1) / n) for i in range(n)]
+        return poses
+
+    def story(self, board: Board) -> list[Step]:
+        """Untouched frames, then the touch; all of it is judged."""
+        poses = self.poses()
+        return [Rest(board.pipeline.n_rest_frames + N_REST), Touch(self.indenter, poses, [True] * len(poses))]
+
+
+def _pair(value: object) -> tuple[float, float]:
+    pair = value if isinstance(value, (list, tuple)) else (0, 0)
+    return float(pair[0]), float(pair[1])
+
+
+def _indenter(s: PressSet, chosen: dict[str, object]) -> Indenter:
+    shape, radius_m = str(chosen["indenter"]), float(str(chosen["radius_um"])) * UM
+    if s.second is not None:
+        other = Indenter(s.second.indenter, s.second.radius_um * UM)
+        return Indenter.two(Indenter(shape, radius_m), other, s.second.distance_um * UM, s.second.lift_um * UM)
+    if "shore_a" not in chosen:
+        return Indenter(shape, radius_m)
+    hardness = float(str(chosen["shore_a"]))
+    material = Material.of_shore_a(hardness, core_part=s.core_1e3 * 1e-3, skin_part=s.skin_1e3 * 1e-3)
+    return Indenter(shape, radius_m, material)
+
+
+def runs_of(settings: ReproduceSettings, *, quick: bool = False) -> list[Run]:
+    """Every run, in the order of the file; with `quick` those of the quick subset, the same seeds and keys.
+
+    Raises
+    ------
+    InputError
+        An indenter cannot be made.
+    """
+    out = []
+    for s in settings.set_:
+        if quick and s.quick is None:
+            continue
+        for number, chosen in enumerate(_product(s)):
+            if quick and not _is_quick(s, chosen):
+                continue
+            key = f"{s.name}/{number:04d}"
+            seed = int.from_bytes(hashlib.sha256(f"{settings.seed}/{key}".encode()).digest()[:4]) >> 1
+            out.append(Run(key, seed, s, _indenter(s, chosen), chosen))
+    return out
+
+
+def _product(s: PressSet) -> list[dict[str, object]]:
+    lists = {name: values for name in AXES if (values := getattr(s, name)) is not None}
+    return [dict(zip(lists, chosen, strict=True)) for chosen in itertools.product(*lists.values())]
+
+
+def _is_quick(s: PressSet, chosen: dict[str, object]) -> bool:
+    assert s.quick is not None
+    wanted = {name: values for name in AXES if (values := getattr(s.quick, name)) is not None}
+    return all(chosen.get(name) in values for name, values in wanted.items())
+
+
+def readings_rng(run: Run) -> np.random.Generator:
+    """Errors of the bench in this run, apart from the pictures' noise."""
+    return np.random.default_rng([run.seed, 1])

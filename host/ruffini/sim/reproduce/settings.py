@@ -1,0 +1,155 @@
+"""reproduce.toml: the bench of a board's paper, and every press that it made. Strict.
+
+schema = 1
+paper = "its title"
+seed = 1
+[rig]                        # what the bench itself gets wrong
+depth_noise_um = 50
+[[set]]
+name = "S1"
+part = "judge"               # fit: what the paper's method is fitted on; show: neither
+what = "a ball"
+indenter = ["sphere"]        # the runs of a set are the product of its lists
+radius_um = [3000, 5000]
+shore_a = [40, 60]           # rigid without
+at_um = [[0, 0]]
+depth_um = 600
+quick = {radius_um = [3000]} # these lists instead, in the quick subset; {} = as it is, without = left out
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError, model_validator
+
+from ruffini.boards import Board, Section
+from ruffini.errors import InputError
+
+Um = Annotated[int, Field(ge=-200_000, le=200_000)]
+Positive = Annotated[int, Field(ge=1, le=200_000)]
+Place = Annotated[list[Um], Field(min_length=2, max_length=2)]
+Error = Annotated[int, Field(ge=0, le=10_000_000)]
+ThreeErrors = Annotated[list[Error], Field(min_length=3, max_length=3)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$")]
+
+
+class RigSettings(Section):
+    """[rig]: standard deviations of what the bench reads, against the truth. Frozen with the twin.
+
+    A gain is drawn for each run and axis (the reference sensor's placement and nonlinearity), noise for each reading.
+    """
+
+    force_noise_un: ThreeErrors = Field(default=[0, 0, 0])
+    force_gain_1e4: ThreeErrors = Field(default=[0, 0, 0])
+    torque_noise_nnm: ThreeErrors = Field(default=[0, 0, 0])
+    torque_gain_1e4: ThreeErrors = Field(default=[0, 0, 0])
+    depth_noise_um: Error = 0  # of a run: where the stage took its zero
+    shore_noise_1e1: Error = 0  # of a run: the hardness tester
+    place_noise_um: Error = 0  # of a run: where a person says that it touched
+
+
+class AgingSettings(Section):
+    """[aging]: what 10,000 presses do to the unit; it grows evenly with their number."""
+
+    modulus_loss_1e3: Annotated[int, Field(ge=0, le=900)] = 0
+    light_loss_1e3: Annotated[int, Field(ge=0, le=900)] = 0
+
+
+class SecondSettings(Section):
+    """A second rigid indenter on the same holder."""
+
+    indenter: str
+    radius_um: Positive
+    distance_um: Positive
+    lift_um: Um = 0
+
+
+class Lists(Section):
+    """The lists of a set: a run for each of their product."""
+
+    indenter: Annotated[list[str], Field(min_length=1)] | None = None
+    radius_um: Annotated[list[Positive], Field(min_length=1)] | None = None
+    shore_a: Annotated[list[Annotated[int, Field(ge=0, le=99)]], Field(min_length=1)] | None = None
+    at_um: Annotated[list[Place], Field(min_length=1)] | None = None
+    shift_um: Annotated[list[Place], Field(min_length=1)] | None = None
+    turn_mrad: Annotated[list[Um], Field(min_length=1)] | None = None
+    after: Annotated[list[Annotated[int, Field(ge=0, le=10_000_000)]], Field(min_length=1)] | None = None
+    trial: Annotated[list[int], Field(min_length=1)] | None = None
+
+
+class PressSet(Lists):
+    """[[set]]: presses to `depth_um` in even steps of `step_um`; then sideways and turned in `side_steps` frames.
+
+    `after` presses the unit has been pressed before (aging); a `trial` is the same press with another seed.
+    """
+
+    name: Name
+    part: Literal["fit", "judge", "show"]
+    what: Annotated[str, Field(min_length=1, max_length=200)]
+    depth_um: Positive
+    step_um: Positive = 100
+    side_steps: Annotated[int, Field(ge=1, le=1000)] = 4
+    returns: bool = False  # up again as it went down
+    friction_1e3: Annotated[int, Field(ge=0, le=2000)] | None = None  # of the twin where absent
+    core_1e3: Annotated[int, Field(ge=0, le=999)] = 0  # rigid core of an elastic indenter, over its radius
+    skin_1e3: Annotated[int, Field(ge=0, le=999)] = 0  # elastic skin in front of that core
+    second: SecondSettings | None = None
+    quick: Lists | None = None
+
+    @model_validator(mode="after")
+    def _has_something_to_press(self) -> PressSet:
+        if self.indenter is None or self.radius_um is None:
+            raise ValueError(f"set {self.name!r} needs indenter and radius_um")
+        if self.second is not None and self.shore_a is not None:
+            raise ValueError(f"set {self.name!r}: two indenters on one holder are rigid, leave shore_a out")
+        return self
+
+
+class ReproduceSettings(Section):
+    """A whole reproduce.toml."""
+
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    paper: Annotated[str, Field(min_length=1, max_length=200)]
+    seed: Annotated[int, Field(ge=0, le=2**31)] = 1
+    rig: RigSettings = RigSettings()
+    aging: AgingSettings = AgingSettings()
+    set_: Annotated[list[PressSet], Field(alias="set", min_length=1)]
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> ReproduceSettings:
+        names = [s.name for s in self.set_]
+        if len(set(names)) < len(names):
+            raise ValueError("two sets have the same name")
+        return self
+
+
+def load_reproduce(board: Board) -> ReproduceSettings:
+    """reproduce.toml beside the board's board.toml.
+
+    Raises
+    ------
+    InputError
+        The board has none, or the file is not as it should be.
+    """
+    path = (board.folder or Path()) / "reproduce.toml"
+    if not path.is_file():
+        raise InputError(f"board {board.name!r} has no paper to reproduce: {path} does not exist")
+    try:
+        return parse_reproduce(tomllib.loads(path.read_text("utf-8")), str(path))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: not TOML: {error}") from error
+
+
+def parse_reproduce(tree: dict[str, Any], where: str) -> ReproduceSettings:
+    """Checked settings; `where` names their source in messages. Raises InputError."""
+    try:
+        return ReproduceSettings.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        kind = {"extra_forbidden": "unknown key, check the spelling or remove it",
+                "missing": "key is missing"}.get(first["type"], first["msg"])  # fmt: skip
+        raise InputError(f"{where}: {key}: {kind}") from error
