@@ -28,11 +28,13 @@ def press(
     program: Annotated[
         str,
         typer.Option(
-            help="demo, grid (presses for judging), balls (for cal photometric), "
+            help="demo, grid (presses for judging), balls (for cal photometric), connector (loads of a tray on springs), "
             "or one indenter's way: press, shear, twist, roll, slide, cycles, walk, limit."
         ),
     ] = "demo",
-    n: Annotated[int, typer.Option("--n", help="Number of presses (grid, balls).")] = 40,
+    n: Annotated[
+        int, typer.Option("--n", help="Number of presses (grid, balls), frames of each load (connector).")
+    ] = 40,
     seed: Annotated[int, typer.Option(help="Everything random follows from it.")] = 1,
     ball_mm: Annotated[float, typer.Option(help="Diameter of the calibration ball (balls).")] = 5.0,
     indenter: Annotated[str, typer.Option(help="Shape that goes the way: sphere, square, nut, ...")] = "sphere",
@@ -58,14 +60,14 @@ def press(
     is_balls = program == "balls" and scenario is None
     if scenario is not None:
         plan = load_scenario(scenario)
-    elif program in ("demo", "grid", "balls"):
+    elif program in ("demo", "grid", "balls", "connector"):
         plan = scenario_of({"program": "demo" if is_balls else program, "n": n, "seed": seed}, "options")
     elif program in TRAJECTORIES:
         touch = {"indenter": indenter, "radius_um": round(radius_mm * 1e3), "depth_um": round(depth_mm * 1e3),
                  "shore_a": shore_a}  # fmt: skip
         plan = scenario_of({"program": program, "seed": seed, "touch": touch}, "options")
     else:
-        raise InputError(f"unknown program {program!r}: demo, grid, balls or {', '.join(TRAJECTORIES)}")
+        raise InputError(f"unknown program {program!r}: demo, grid, balls, connector or {', '.join(TRAJECTORIES)}")
     found = find_board(board)
     with progress_bar("pad mechanics") as progress:
         unit = build_unit(found, PadError(scale_modulus, scale_poisson, scale_thickness), progress=progress)

@@ -8,6 +8,8 @@
                             pose (t, 6) x, y, depth (m), turn, roll, pitch (rad), NaN where nothing touches,
                             contact (t, n_y, n_x) at the board's nodes: 0 free, 1 sticks, 2 slips,
                             judged (t,) bool, touch (t,) number of the touch or -1,
+                            tray (t, 6) its shift (m) and turn (rad) from rest, 0 where a board has none; the
+                            displacement above is relative to it,
                             shape and radius_m of each touch's indenter
 
 Everything random follows from the seed: the same machine writes the same bytes.
@@ -95,7 +97,7 @@ def record_touches(
     touches = [step.indenter for step in story if isinstance(step, Touch)]
     rows: dict[str, list[npt.ArrayLike]] = {
         "frame": [], "wrench": [], "force": [], "displacement": [], "pose": [], "contact": [], "judged": [],
-        "touch": [],
+        "touch": [], "tray": [],
         "shape": [indenter.shape for indenter in touches],
         "radius_m": [indenter.radius_m for indenter in touches],
     }  # fmt: skip
@@ -114,6 +116,7 @@ def record_touches(
         rows["contact"].append(moment.nodal_state())
         rows["judged"].append(moment.judged)
         rows["touch"].append(moment.touch)
+        rows["tray"].append(np.zeros(6) if moment.tray is None else moment.tray.row())
         picture = scenario.picture(renderer, frame, displacement, before, moment.tray)
         _write(out / "frames" / f"{frame:06d}.png", _png(picture))
     rate_hz = unit.board.camera.rate_mhz * 1e-3
@@ -155,11 +158,13 @@ def record_balls(
         _write(out / f"reference_{i}.png", _png(renderer.image(unit.at_rest(), rng)))
     lines = ["image,center_x_px,center_y_px,contact_radius_px"]
     for i, (indenter, pose) in enumerate(ball_presses(unit.board, n, ball_mm / 2e3, rng)):
-        solver = unit.solver(indenter)
-        solver.advance(pose)
+        rig = unit.rig()
+        rig.take(indenter)
+        rig.advance(pose)
+        assert rig.solver is not None
         name = f"press/{i:04d}.png"
-        _write(out / name, _png(renderer.image(solver.displacement, rng)))
-        circle = _contact_circle_px(unit, solver, pose) + rng.normal(0, MARKING_ERROR_PX, 3)
+        _write(out / name, _png(renderer.image(rig.displacement, rng, tray=rig.tray)))
+        circle = _contact_circle_px(unit, rig.solver, pose) + rng.normal(0, MARKING_ERROR_PX, 3)
         lines.append(f"{name},{circle[0]:.2f},{circle[1]:.2f},{circle[2]:.2f}")
         progress((i + 1) / n)
     _write(out / "presses.csv", ("\n".join(lines) + "\n").encode("ascii"))

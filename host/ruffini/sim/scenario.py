@@ -1,8 +1,8 @@
 """What a live twin plays: a program and scripted faults, in a file or by name. Strict.
 
 schema = 1
-program = "demo"             # or grid, rest, or a way of [touch]: press shear twist roll slide cycles walk limit
-n = 10                       # presses (grid) or frames (rest)
+program = "demo"             # or grid, rest, connector, or a way of [touch]: press shear twist roll slide ...
+n = 10                       # presses (grid), frames (rest), or frames of each load (connector)
 seed = 1
 [touch]
 indenter = "square"          # any of `ruffini.sim.indenters`
@@ -29,6 +29,7 @@ from pydantic import Field, ValidationError, model_validator
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
 from ruffini.sim import programs
+from ruffini.sim.bodies.connector import connector
 from ruffini.sim.optics.conditions import Conditions, TrayPose
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.programs import Rest, Step
@@ -125,7 +126,7 @@ class Scenario(Section):
     """A program and its faults."""
 
     schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
-    program: Literal["demo", "grid", "rest"] | TrajectoryName = "demo"
+    program: Literal["demo", "grid", "rest", "connector"] | TrajectoryName = "demo"
     n: Annotated[int, Field(ge=1, le=1_000_000)] = 40
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
     touch: TouchSettings | None = None
@@ -148,6 +149,8 @@ class Scenario(Section):
         if self.program == "rest":
             return [Rest(self.n)]
         n_rest = board.pipeline.n_rest_frames + 2
+        if self.program == "connector":
+            return connector(n_rest, self.n, np.random.default_rng(self.seed))
         return told(self.program, self.touch or TouchSettings(), n_rest, np.random.default_rng(self.seed))
 
     def conditions(self, frame: int) -> Conditions:

@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
+from ruffini.sim.bodies import settings as bodies
 from ruffini.sim.optics import settings as optics
 
 Pair = Annotated[list[Annotated[int, Field(ge=-5000, le=5000)]], Field(min_length=2, max_length=2)]
@@ -49,11 +50,14 @@ class TwinSettings(Section):
     targets: optics.TargetSettings | None = None
     sensor: optics.SensorSettings | None = None
     wear: optics.WearSettings | None = None
+    platform: bodies.PlatformSettings | None = None
 
     @model_validator(mode="after")
     def _cross_check(self) -> TwinSettings:
         if self.gel is not None and (self.shape.kind != "plane" or self.pins is not None):
             raise ValueError("[gel] refracts at the flat back of a plane pad without [pins]")
+        if self.platform is not None and self.shape.kind != "plane":
+            raise ValueError("[platform] carries a plane pad")
         return self
 
 

@@ -33,6 +33,10 @@ class TrayPose:
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turn_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    def row(self) -> Array:
+        """Shift (m) and turn (rad), (6,)."""
+        return np.array([*self.shift_m, *self.turn_rad])
+
     def matrix(self) -> Array:
         """Rotation, (3, 3), by Rodrigues' formula."""
         vector = np.array(self.turn_rad)

@@ -1,0 +1,55 @@
+"""Sections of twin.toml that say what stands behind a surface that is no plain slab."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from ruffini.boards import Section
+from ruffini.sim.prony import Prony
+
+LengthUm = Annotated[int, Field(ge=1, le=500_000)]
+Modulus = Annotated[int, Field(ge=1000, le=100_000_000_000)]
+
+
+class Relaxing(Section):
+    """A rubber that relaxes: parts of its instantaneous stiffness, and the times in which they go."""
+
+    relax_1e3: Annotated[list[Annotated[int, Field(ge=0, le=900)]], Field(max_length=8)] = Field(default=[])
+    relax_ms: Annotated[list[Annotated[int, Field(ge=1, le=10_000_000)]], Field(max_length=8)] = Field(default=[])
+
+    @model_validator(mode="after")
+    def _pairs(self) -> Relaxing:
+        if len(self.relax_1e3) != len(self.relax_ms):
+            raise ValueError(f"relax_1e3 has {len(self.relax_1e3)} parts and relax_ms {len(self.relax_ms)} times")
+        if sum(self.relax_1e3) > 900:
+            raise ValueError("relax_1e3: at most 900 of 1000 may relax")
+        return self
+
+    def relaxation(self) -> Prony:
+        """As a Prony series."""
+        return Prony(tuple((w * 1e-3, t * 1e-3) for w, t in zip(self.relax_1e3, self.relax_ms, strict=True)))
+
+
+class PlatformSettings(Relaxing):
+    """[platform]: springs in a rubber sleeve that carry the pad's tray (`bodies.platform`)."""
+
+    n_springs: Annotated[int, Field(ge=3, le=24)]
+    ring_um: LengthUm  # radius on which the springs stand
+    top_um: Annotated[int, Field(ge=-500_000, le=0)]  # z of their upper ends
+    length_um: LengthUm
+    coil_um: LengthUm  # mean diameter
+    wire_um: LengthUm
+    coils_1e3: Annotated[int, Field(ge=1000, le=100_000)]  # that give way
+    sleeve_inner_um: LengthUm  # radii
+    sleeve_outer_um: LengthUm
+    sleeve_modulus_pa: Modulus
+
+    @model_validator(mode="after")
+    def _wire_fits(self) -> PlatformSettings:
+        if self.wire_um >= self.coil_um:
+            raise ValueError("wire_um must be below coil_um")
+        if self.sleeve_inner_um >= self.sleeve_outer_um:
+            raise ValueError("sleeve_inner_um must be below sleeve_outer_um")
+        return self
