@@ -1,13 +1,14 @@
 """Indenters on the pad: unilateral contact with Coulomb friction along a loading path.
 
 Unknowns are tractions that are bilinear between the surface nodes (`ruffini.sim.surface`), so the
-forces are exact. The surface touches the indenter where it is after it moved sideways. Force ON the
-pad, z out of it. An elastic indenter gives way by its own compliance (`indenters.body`); what the pad
-has behind its surface is in `response`.
+forces are exact. The surface touches the indenter where it is after it moved sideways; pressure acts along z.
+Force ON the pad, z out of it. An elastic indenter gives way by its own compliance (`indenters.body`); what the
+pad has behind its surface is in `response`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,9 +22,10 @@ from ruffini.sim.indenters.body import body_of
 from ruffini.sim.indenters.face import ElasticFace
 from ruffini.sim.pad import BLAS, PadModel
 from ruffini.sim.pose import Pose, rigid_step, surface_height
+from ruffini.sim.response import LinearResponse, Response
 from ruffini.sim.surface import hat_shares, on_grid
 
-__all__ = ["ContactSolver", "Indenter", "Pose"]
+__all__ = ["ContactSolver", "Indenter", "Pose", "advance_together"]
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -32,6 +34,8 @@ MAX_STEP_M = 0.1e-3  # of the indenter's path between two equilibria: friction f
 TOLERANCE = 1e-5  # change of the forces between two rounds, of the largest force
 MAX_ROUNDS = 80
 UNDAMPED_ROUNDS = 6
+MAX_CORRECTIONS = 40  # of a response that is not linear, in one increment
+CORRECTED_M = 3e-8  # lacking displacement that is equilibrium
 OPEN_GAP_M = 1e-9  # penetration outside the candidates that is rounding
 FREE, STICKS, SLIPS = 0, 1, 2
 
@@ -42,16 +46,21 @@ class ContactSolver:
 
     Parameters
     ----------
-    model, compliance : the pad and its `surface_compliance`.
+    model : the pad.
+    compliance : its `surface_compliance`, or a response with more behind it.
     indenter : Indenter
     friction : float
         Coulomb coefficient mu.
+    give_m : float
+        Way by which what carries the pad may give on top of the pad's own largest depth.
     """
 
     model: PadModel
-    compliance: Array
+    compliance: Array | Response
     indenter: Indenter
     friction: float
+    give_m: float = 0.0
+    response: Response = field(init=False)
     hat_force: Array = field(init=False)  # (n, 3) N, of each node's hat
     displacement: Array = field(init=False)  # (n, 3) m, of the surface nodes
     _pose: Pose | None = field(init=False, default=None)
@@ -63,6 +72,8 @@ class ContactSolver:
         self.hat_force = np.zeros((len(self._place), 3))
         self.displacement = np.zeros((len(self._place), 3))
         self._body = ElasticFace(body_of(self.indenter)) if self.indenter.material else None
+        linear = isinstance(self.compliance, np.ndarray)
+        self.response = LinearResponse(self.compliance) if linear else self.compliance  # type: ignore[arg-type,assignment]
 
     @property
     def nodal_force(self) -> Array:
@@ -80,28 +91,25 @@ class ContactSolver:
         """Nodal forces of the same tractions on another grid over the pad, (n_y, n_x, 3), newtons."""
         return on_grid(self.model, self.hat_force, n_x, n_y)
 
-    def advance(self, pose: Pose) -> None:
+    def advance(self, pose: Pose, duration_s: float = 0.0) -> None:
         """Move the indenter in a straight line; stick and slip follow from where it was before.
 
         Raises
         ------
         InputError
-            The indenter is beside the pad, or deeper than a linear model of pad and ball can go.
+            The indenter is beside the pad, or deeper than the model of pad and ball can go.
         RuffiniError
             No equilibrium was found.
         """
+        advance_together([self], [pose], duration_s)
+
+    def _way(self, pose: Pose) -> tuple[Pose, int]:
+        """Where the way to a pose starts, and in how many increments it is gone."""
         self._check(pose)
         start = self._pose or Pose(pose.x_m, pose.y_m, 0.0, *pose.row()[3:].tolist())
         change = np.abs(pose.row() - start.row())
         change[3:] *= self.indenter.radius_m
-        n_steps = max(1, int(np.ceil(change.max() / MAX_STEP_M - 1e-6)))
-        before = start
-        with BLAS.limit(limits=1):
-            for i in range(n_steps):
-                after = start.towards(pose, (i + 1) / n_steps)
-                self._step(before, after)
-                before = after
-        self._pose = pose
+        return start, max(1, int(np.ceil(change.max() / MAX_STEP_M - 1e-6)))
 
     def _check(self, pose: Pose) -> None:
         half = (self.model.size_x_m / 2, self.model.size_y_m / 2)
@@ -113,74 +121,87 @@ class ContactSolver:
         deepest = 0.5 * self.model.thickness_m
         if self.indenter.shape in ("sphere", "cylinder"):
             deepest = min(deepest, 0.8 * self.indenter.radius_m)
+        deepest += self.give_m
         if pose.depth_m > deepest:
             raise InputError(
-                f"depth {pose.depth_m * 1e3:.2f} mm is beyond this linear model, "
+                f"depth {pose.depth_m * 1e3:.2f} mm is beyond this model, "
                 f"which holds to {deepest * 1e3:.2f} mm here: press less deep"
             )
 
-    def _step(self, before: Pose, after: Pose) -> None:
-        gap = self._gap(after, self._place + self.displacement)
-        near = np.flatnonzero(gap < 0.3 * after.depth_m)
-        if after.depth_m <= 0 or not near.size:
-            self.hat_force[:], self.displacement[:] = 0.0, 0.0
+    def _begin(self, before: Pose, after: Pose) -> None:
+        """Another increment: which nodes may touch, and where they would go with the indenter."""
+        place = self._place + self.displacement
+        self._near = np.flatnonzero(self._gap(after, place) < 0.3 * after.depth_m)
+        self._after, self._target = after, self.displacement + rigid_step(self.indenter, before, after, place)
+
+    def _touch(self, free: Array) -> None:
+        """Equilibrium with the linear picture of a pad whose unloaded surface is at `free` (n, 3)."""
+        after = self._after
+        if after.depth_m <= 0 or not self._near.size:
+            self.hat_force[:], self.displacement = 0.0, free.copy()
             if self._body:
                 self._body.release()
             return
-        place = self._place + self.displacement
-        target = self.displacement + rigid_step(self.indenter, before, after, place)
         while True:  # the pad may bulge up against the indenter outside the first guess
-            force, nodes, nodal = self._balance(near, after, target)
-            dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
-            displacement = (nodal.ravel() @ self.compliance[dofs]).reshape(-1, 3)
+            near = self._near
+            force, nodes, nodal = self._balance(near, after, free)
+            displacement = free + (nodal.ravel() @ self.response.rows(nodes)).reshape(-1, 3)
             over = displacement[:, 2] - self._gap(after, self._place + displacement)
             if self._body:
                 over -= self._body.pushed(near, force, after, self._place)[:, 2]
             through = np.flatnonzero(self._shares.T @ over > OPEN_GAP_M)
-            grown = np.union1d(near, through)
-            if len(grown) == len(near):
+            self._near = np.union1d(near, through)
+            if len(self._near) == len(near):
                 break
-            near = grown
         self.hat_force[:] = 0.0
         self.hat_force[near] = force
         self.displacement = displacement
-        if self._body:
-            self._body.push(near, force, after, self._place)
+
+    def _pushed(self) -> Array:
+        """What this contact's forces alone do to the surface in the linear picture, (n, 3)."""
+        nodal = self.nodal_force
+        nodes = np.flatnonzero(nodal.any(axis=1))
+        return np.asarray((nodal[nodes].ravel() @ self.response.rows(nodes)).reshape(-1, 3))
+
+    def _end(self) -> None:
+        near = self._near
+        if self._body and self._after.depth_m > 0 and near.size:
+            self._body.push(near, self.hat_force[near], self._after, self._place)
+        self._pose = self._after
 
     def _gap(self, pose: Pose, place: Array) -> Array:
         """Height of the indenter's surface over the undeformed pad's surface at `place` (n, 2 or 3)."""
         return surface_height(self.indenter, pose, place[:, :2])
 
-    def _balance(self, near: Indices, pose: Pose, target: Array) -> tuple[Array, Indices, Array]:
+    def _balance(self, near: Indices, pose: Pose, free: Array) -> tuple[Array, Indices, Array]:
         """Equilibrium of the candidates: their hat forces, the nodes that these load, the nodal forces.
 
-        Pressure and friction are solved in turn, each exactly for the other, until they agree. `target`
-        (n, 3) is the displacement of nodes that would follow the indenter rigidly in this step.
+        Pressure and friction are solved in turn, each exactly for the other, until they agree.
         """
         columns = self._shares[:, near]
         nodes = np.unique(columns.indices)
         shares = sp.csr_matrix(columns[nodes])
         dofs = (3 * nodes[:, None] + np.arange(3)).ravel()
-        local = self.compliance[np.ix_(dofs, dofs)]
+        local = self.response.rows(nodes)[:, dofs]
         spread = sp.kron(shares, sp.identity(3), format="csr")
         c = np.asarray(spread.T @ (spread.T @ local).T).reshape(len(near), 3, len(near), 3)
-        stick = shares.T @ target[nodes, :2]
+        stick = shares.T @ (self._target - free)[nodes, :2]
         if self._body:
             c += self._body.compliance(near, pose, self._place)
             stick -= self._body.displacement(near, pose, self._place)[:, :2]
         normal, cross = c[:, 2, :, 2], c[:, 2, :, :2].reshape(len(near), -1)
         tangent = c[:, :2, :, :2].reshape(2 * len(near), -1)
         step = 1 / largest_eigenvalue(tangent)
-        place = self._place[nodes, :2]
+        place, unloaded = self._place[nodes, :2] + free[nodes, :2], shares.T @ free[nodes, 2]
         pressure, shear = np.maximum(-self.hat_force[near, 2], 0.0), self.hat_force[near, :2].copy()
-        moved, change = self.displacement[nodes, :2], np.inf
+        moved, change = self.displacement[nodes, :2] - free[nodes, :2], np.inf
         for i in range(MAX_ROUNDS):
             last_pressure, last_shear = pressure, shear
             nodal = shares @ np.column_stack([shear, -pressure])
             damping = 1.0 if i < UNDAMPED_ROUNDS else 0.5  # nodes at an edge may swing about it
             moved = moved + damping * ((local @ nodal.ravel()).reshape(-1, 3)[:, :2] - moved)
             gap = shares.T @ self._gap(pose, place + moved)
-            pressure = nonnegative(normal, cross @ shear.ravel() - gap, pressure > 0)
+            pressure = nonnegative(normal, cross @ shear.ravel() + unloaded - gap, pressure > 0)
             wanted = stick.ravel() + cross.T @ pressure
             limit = self.friction * pressure
             largest = float(limit.max())
@@ -194,3 +215,49 @@ class ContactSolver:
             f"the simulated contact at {pose} found no equilibrium in {MAX_ROUNDS} rounds: "
             "press less deep or with less friction"
         )
+
+
+def advance_together(solvers: Sequence[ContactSolver], poses: Sequence[Pose], duration_s: float = 0.0) -> None:
+    """Move indenters that share one response, each in a straight line, in the same increments.
+
+    Raises
+    ------
+    InputError
+        An indenter is beside the pad, or deeper than the model can go.
+    RuffiniError
+        No equilibrium was found.
+    """
+    ways = [solver._way(pose) for solver, pose in zip(solvers, poses, strict=True)]
+    n_steps, response = max(n for _, n in ways), solvers[0].response
+    with BLAS.limit(limits=1):
+        for i in range(n_steps):
+            response.begin(duration_s / n_steps)
+            for solver, pose, (start, _) in zip(solvers, poses, ways, strict=True):
+                solver._begin(start.towards(pose, i / n_steps), start.towards(pose, (i + 1) / n_steps))
+            _equilibrium(solvers, response)
+            response.commit()
+            for solver in solvers:
+                solver._end()
+    for solver, pose in zip(solvers, poses, strict=True):
+        solver._pose = pose
+
+
+def _equilibrium(solvers: Sequence[ContactSolver], response: Response) -> None:
+    """Contacts with the linear picture of the pad, each in the others' field, and its correction, in turn."""
+    lack = np.inf
+    for _ in range(MAX_CORRECTIONS):
+        free = response.free_surface()
+        for solver in solvers:
+            others = [other._pushed() for other in solvers if other is not solver]
+            solver._touch(free + np.sum(others, axis=0) if others else free)
+        surface = solvers[-1].displacement
+        apart = max(float(np.abs(solver.displacement - surface).max()) for solver in solvers)
+        lack = max(apart, response.correct(np.sum([solver.nodal_force for solver in solvers], axis=0), surface))
+        for solver in solvers:
+            solver.displacement = surface.copy()
+        if lack <= CORRECTED_M:
+            return
+    raise RuffiniError(
+        f"the simulated pad found no equilibrium in {MAX_CORRECTIONS} corrections ({lack * 1e6:.2f} um are lacking): "
+        "press less deep, or with a rounder indenter"
+    )

@@ -30,14 +30,17 @@ class Prony:
         if any(w < 0 or tau <= 0 for w, tau in self.terms) or sum(parts) >= 1:
             raise InputError("parts that relax must be positive and sum below 1, and their times positive")
 
-    def left(self, time_s: float) -> float:
-        """g(t): part of the instantaneous response that is left a time after a sudden load."""
-        return 1.0 - sum(w * -float(np.expm1(-time_s / tau)) for w, tau in self.terms)
+    def part(self, time_s: float) -> float:
+        """g(t): stress at a time after a sudden strain over the one after REFERENCE_S."""
+        return self._raw(time_s) / self._raw(REFERENCE_S)
+
+    def _raw(self, time_s: float) -> float:
+        return 1.0 + sum(w * float(np.expm1(-time_s / tau)) for w, tau in self.terms)
 
     @property
     def scale(self) -> float:
         """g(0): the instantaneous response over the one after REFERENCE_S."""
-        return 1 / (1 - sum(w * (1 - np.exp(-REFERENCE_S / tau)) for w, tau in self.terms))
+        return self.part(0.0)
 
     @property
     def loss(self) -> float:
