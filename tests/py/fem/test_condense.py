@@ -6,7 +6,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
 from ruffini.errors import InputError
-from ruffini.fem.condense import condense, spd_inverse, surface_stiffness
+from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.slab import CORNERS, Slab, assemble_layer, hexahedron_stiffness
 from ruffini.reflection import blocks_from_dense, dense_from_blocks, parity_bases
 
@@ -100,19 +100,6 @@ def test_bonded_thin_layer():
     assert uniform_compression_stiffness(slab) == pytest.approx(expected, rel=0.02)
 
 
-def test_point_load_on_a_deep_pad_follows_boussinesq():
-    """Surface settlement at distance r from a normal point force: (1 - nu^2) F / (pi E r)."""
-    slab = Slab(60e-3, 60e-3, 60e-3, 41, 41, 24, 2e5, 0.3)
-    condensed = condense(slab)
-    compliance = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
-    centre = 20 * 41 + 20
-    settlement = compliance[2::3, 3 * centre + 2].reshape(41, 41)[20, 20:]
-    r = np.arange(21) * 1.5e-3
-    # The bonded bottom and the finite width shift all settlements by the same amount: compare differences.
-    theory = (1 - 0.3**2) / (np.pi * 2e5 * r[4:10])
-    np.testing.assert_allclose(np.diff(settlement[4:10]), np.diff(theory), rtol=0.08)
-
-
 def test_no_volumetric_locking():
     """Near nu = 0.5 the plain element is far too stiff where gel must flow aside; B-bar is not."""
     slab = small_slab(size_x_m=10e-3, size_y_m=10e-3, n_x=13, n_y=13, n_layers=6, poisson=0.4999)
@@ -139,7 +126,7 @@ def test_convergence_with_refinement():
         stiffness = dense_from_blocks(condensed.bases, surface_stiffness(condensed))
         return float(load @ np.linalg.solve(stiffness, load))
 
-    coarse, middle, fine = (mean_settlement(n) for n in (4, 8, 16))
+    coarse, middle, fine = (mean_settlement(n) for n in (3, 6, 12))
     rate = np.log2(abs(coarse - middle) / abs(middle - fine))
     assert 1.3 < rate < 3.0
 
