@@ -58,3 +58,24 @@ def presses(
     with progress_bar("presses") as progress:
         result, text = comparison.run(recorded, out, progress)
     emit(result, json_, text)
+
+
+@app.command("papers")
+def papers(
+    board: Annotated[
+        str | None, typer.Option("--board", help="One board, by name or folder; default: every board with a paper.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="The quick subset of each bench.")] = False,
+    workers: Annotated[int, typer.Option(min=1, help="Processes of this machine, for the recordings.")] = 1,
+    json_: JsonFlag = False,
+) -> None:
+    """The papers' own methods on the twin, beside what the papers print. Recordings are kept and gone on with."""
+    from ruffini.bench import papers as benchmark
+    from ruffini.boards import board_names, boards_folder, find_board
+
+    with_paper = [name for name in board_names() if (boards_folder() / name / "reproduce.toml").is_file()]
+    results = []
+    for one in map(find_board, [board] if board else with_paper):
+        with progress_bar(one.name) as progress:
+            results.append(benchmark.run(one, quick=quick, n_workers=workers, progress=progress))
+    emit({"simulated": True, "boards": results}, json_, "\n\n".join(benchmark.table(r) for r in results))

@@ -21,6 +21,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from ruffini import __version__
 from ruffini.boards import Board, find_board
@@ -34,6 +35,7 @@ from ruffini.sim.rig import Unit
 from ruffini.sim.settings import load_twin
 from ruffini.sim.units import build_unit
 
+Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 
@@ -112,11 +114,16 @@ def _write_rig(folder: Path, run: Run, moments: list[KeptMoment], rig: RigSettin
     poses = np.array([m.pose_row() for m in moments])
     shore = float(str(run.chosen.get("shore_a", "nan"))) + rng.normal() * rig.shore_noise_1e1 * 0.1
     touched = poses[np.isfinite(poses[:, 0])]
+    extra: dict[str, Array] = {}
+    if any(rig.displacement_noise_um):
+        nodes = np.array([m.nodal_displacement() for m in moments])
+        extra["displacement_m"] = nodes + rng.normal(size=nodes.shape) * np.array(rig.displacement_noise_um) * 1e-6
     stream = io.BytesIO()
     np.savez(
         stream, force=force, depth_m=poses[:, 2] + rng.normal() * rig.depth_noise_um * 1e-6, shore_a=shore,
         place_m=touched[-1, :2] + rng.normal(size=2) * rig.place_noise_um * 1e-6,
         gel_depth_m=[m.gel_depth_m for m in moments], area_m2=[m.area_m2 for m in moments],
+        allow_pickle=False, **extra,
     )  # fmt: skip
     write_whole(folder / "rig.npz", stream.getvalue(), is_durable=False)
 

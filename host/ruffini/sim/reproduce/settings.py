@@ -2,7 +2,13 @@
 
 schema = 1
 paper = "its title"
+method = "inverse_fem"       # in ruffini.papers
 seed = 1
+[[published]]                # what the paper prints of its method's errors
+name = "normal force"
+unit = "N"
+value_1e6 = 1080000
+where = "Table I"
 [rig]                        # what the bench itself gets wrong
 depth_noise_um = 50
 [[set]]
@@ -33,6 +39,7 @@ Positive = Annotated[int, Field(ge=1, le=200_000)]
 Place = Annotated[list[Um], Field(min_length=2, max_length=2)]
 Error = Annotated[int, Field(ge=0, le=10_000_000)]
 ThreeErrors = Annotated[list[Error], Field(min_length=3, max_length=3)]
+MethodName = Literal["inverse_fem", "glitter_flow", "spring_tray", "glowing_skin", "stereo_pins"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$")]
 
 
@@ -49,6 +56,7 @@ class RigSettings(Section):
     depth_noise_um: Error = 0  # of a run: where the stage took its zero
     shore_noise_1e1: Error = 0  # of a run: the hardness tester
     place_noise_um: Error = 0  # of a run: where a person says that it touched
+    displacement_noise_um: ThreeErrors = Field(default=[0, 0, 0])  # of a surface displacement that the paper is given
 
 
 class AgingSettings(Section):
@@ -108,11 +116,22 @@ class PressSet(Lists):
         return self
 
 
+class Published(Section):
+    """[[published]]: what the paper prints of its method's errors; `ruffini bench papers` calls it by the same name."""
+
+    name: Annotated[str, Field(min_length=1, max_length=60)]
+    unit: Annotated[str, Field(max_length=12)]
+    value_1e6: Annotated[int, Field(ge=1)]
+    where: Annotated[str, Field(min_length=1, max_length=60)]
+
+
 class ReproduceSettings(Section):
     """A whole reproduce.toml."""
 
     schema_version: Annotated[Literal[1], Field(alias="schema")]
     paper: Annotated[str, Field(min_length=1, max_length=200)]
+    method: MethodName | None = None
+    published: list[Published] = Field(default=[])
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
     rig: RigSettings = RigSettings()
     aging: AgingSettings = AgingSettings()
