@@ -28,7 +28,7 @@ def press(
     program: Annotated[
         str,
         typer.Option(
-            help="demo, grid (presses for judging), balls (for cal photometric), connector (loads of a tray on springs), "
+            help="demo, grid (presses for judging), balls (for cal photometric), connector (loads of a tray), "
             "or one indenter's way: press, shear, twist, roll, slide, cycles, walk, limit."
         ),
     ] = "demo",
@@ -44,6 +44,12 @@ def press(
     scenario: Annotated[
         Path | None, typer.Option("--scenario", help="Program, n, seed and faults from a file, instead of options.")
     ] = None,
+    strain: Annotated[
+        str | None, typer.Option(help="linear, or finite (minutes for a press); as twin.toml says without.")
+    ] = None,
+    relax: Annotated[
+        bool | None, typer.Option("--relax/--no-relax", help="Let the gel relax; as twin.toml says without.")
+    ] = None,
     scale_modulus: Annotated[float, typer.Option(help="True modulus over the board's.")] = 1.0,
     scale_poisson: Annotated[float, typer.Option(help="True Poisson's ratio over the board's.")] = 1.0,
     scale_thickness: Annotated[float, typer.Option(help="True thickness over the board's.")] = 1.0,
@@ -58,19 +64,21 @@ def press(
     from ruffini.sim.units import build_unit
 
     is_balls = program == "balls" and scenario is None
+    mechanics = {"strain": strain, "is_relaxing": relax}
     if scenario is not None:
         plan = load_scenario(scenario)
     elif program in ("demo", "grid", "balls", "connector"):
-        plan = scenario_of({"program": "demo" if is_balls else program, "n": n, "seed": seed}, "options")
+        plan = scenario_of({"program": "demo" if is_balls else program, "n": n, "seed": seed, **mechanics}, "options")
     elif program in TRAJECTORIES:
         touch = {"indenter": indenter, "radius_um": round(radius_mm * 1e3), "depth_um": round(depth_mm * 1e3),
                  "shore_a": shore_a}  # fmt: skip
-        plan = scenario_of({"program": program, "seed": seed, "touch": touch}, "options")
+        plan = scenario_of({"program": program, "seed": seed, "touch": touch, **mechanics}, "options")
     else:
         raise InputError(f"unknown program {program!r}: demo, grid, balls, connector or {', '.join(TRAJECTORIES)}")
     found = find_board(board)
     with progress_bar("pad mechanics") as progress:
-        unit = build_unit(found, PadError(scale_modulus, scale_poisson, scale_thickness), progress=progress)
+        error = PadError(scale_modulus, scale_poisson, scale_thickness)
+        unit = build_unit(found, error, twin=plan.twin(found), progress=progress)
     with progress_bar("frames") as progress:
         if is_balls:
             if not isinstance(unit, TwinUnit):
@@ -165,7 +173,7 @@ def serve(
         frames = Resting(renderer, plan.n)
     else:
         with progress_bar("pad mechanics") as progress:
-            unit = build_unit(found, progress=progress)
+            unit = build_unit(found, twin=plan.twin(found), progress=progress)
         renderer = unit.renderer()
         if steer:
             frames = Steered(unit, Indenter("sphere", ball_mm / 2e3))

@@ -70,10 +70,10 @@ class ContactSolver:
         self._place = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
         self._shares = hat_shares(self.model)
         self.hat_force = np.zeros((len(self._place), 3))
-        self.displacement = np.zeros((len(self._place), 3))
         self._body = ElasticFace(body_of(self.indenter)) if self.indenter.material else None
         linear = isinstance(self.compliance, np.ndarray)
         self.response = LinearResponse(self.compliance) if linear else self.compliance  # type: ignore[arg-type,assignment]
+        self.displacement = self.response.surface.copy()
 
     @property
     def nodal_force(self) -> Array:
@@ -242,6 +242,13 @@ def advance_together(solvers: Sequence[ContactSolver], poses: Sequence[Pose], du
         solver._pose = pose
 
 
+def release(response: Response, duration_s: float) -> None:
+    """Let a pad alone for a time: nothing touches it."""
+    response.begin(duration_s)
+    _equilibrium([], response)
+    response.commit()
+
+
 def _equilibrium(solvers: Sequence[ContactSolver], response: Response) -> None:
     """Contacts with the linear picture of the pad, each in the others' field, and its correction, in turn."""
     lack = np.inf
@@ -250,9 +257,10 @@ def _equilibrium(solvers: Sequence[ContactSolver], response: Response) -> None:
         for solver in solvers:
             others = [other._pushed() for other in solvers if other is not solver]
             solver._touch(free + np.sum(others, axis=0) if others else free)
-        surface = solvers[-1].displacement
-        apart = max(float(np.abs(solver.displacement - surface).max()) for solver in solvers)
-        lack = max(apart, response.correct(np.sum([solver.nodal_force for solver in solvers], axis=0), surface))
+        surface = solvers[-1].displacement if solvers else free
+        apart = max((float(np.abs(solver.displacement - surface).max()) for solver in solvers), default=0.0)
+        force = sum((solver.nodal_force for solver in solvers), start=np.zeros_like(free))
+        lack = max(apart, response.correct(force, surface))
         for solver in solvers:
             solver.displacement = surface.copy()
         if lack <= CORRECTED_M:

@@ -32,6 +32,10 @@ class Response(Protocol):
     def moves_the_arm(self) -> bool:
         """Whether moments count the place to which the forces moved."""
 
+    @property
+    def surface(self) -> Array:
+        """Displacement of the surface when the last increment ended, (n, 3)."""
+
     def begin(self, duration_s: float) -> None:
         """Another increment of the path, of this duration."""
 
@@ -62,6 +66,10 @@ class LinearResponse:
         self._free: Array = np.zeros((len(compliance) // 3, 3))
         self._end = self._free
 
+    @property
+    def surface(self) -> Array:
+        return self._end
+
     def begin(self, duration_s: float) -> None:
         self._memory.begin(duration_s)
         held = np.broadcast_to(self._memory.held, self._free.shape)
@@ -83,22 +91,54 @@ class LinearResponse:
         self._memory.commit(self._end)
 
 
+class Tangent:
+    """A factored tangent, and the columns of its surface compliance that were asked for."""
+
+    def __init__(self, mesh: FiniteMesh, u: Array) -> None:
+        with BLAS.limit(limits=1):
+            self._factor = mesh.tangent(u)
+        n = mesh.n_plane
+        self._rows, self._has = np.empty((3 * n, 3 * n), np.float32), np.zeros(n, bool)
+
+    def solve(self, force: Array) -> Array:
+        """Displacements (planes, n, 3) of forces (planes, n, 3)."""
+        return self._factor.solve(force)
+
+    def rows(self, nodes: Indices) -> Array:
+        """Displacement of the surface for unit forces on its `nodes`, (3 m, 3 n)."""
+        missing = nodes[~self._has[nodes]]
+        if missing.size:
+            dofs = (3 * missing[:, None] + np.arange(3)).ravel()
+            self._rows[dofs] = self._factor.surface_columns(dofs)
+            self._has[missing] = True
+        return np.asarray(self._rows[(3 * nodes[:, None] + np.arange(3)).ravel()], np.float64)
+
+
 class FiniteResponse:
     """A slab at finite strain with relaxation: each increment starts from the tangent that served the last one.
 
     Quasi-linear: the second Piola-Kirchhoff stress relaxes as the series says (Fung, 1972).
+
+    Parameters
+    ----------
+    mesh : may be shared.
+    prony : relaxation.
+    at_rest : the tangent of the untouched slab, where there is one already.
     """
 
     moves_the_arm = True
 
-    def __init__(self, mesh: FiniteMesh, prony: Prony | None = None) -> None:
+    def __init__(self, mesh: FiniteMesh, prony: Prony | None = None, at_rest: Tangent | None = None) -> None:
         self._mesh, self._prony = mesh, prony or Prony()
         self._memories = [Memory(self._prony) for _ in mesh.layers]
         self.u = mesh.at_rest()
         self._steps: deque[tuple[Array, Array]] = deque(maxlen=HISTORY)
-        self._held = mesh.at_rest()
-        self._n_corrections = 0
-        self._renew_tangent()
+        self._held, self._n_corrections = mesh.at_rest(), 0
+        self._tangent = at_rest or Tangent(mesh, self.u)
+
+    @property
+    def surface(self) -> Array:
+        return np.asarray(self.u[-1])
 
     def begin(self, duration_s: float) -> None:
         for memory in self._memories:
@@ -108,7 +148,8 @@ class FiniteResponse:
 
     def free_surface(self) -> Array:
         if self._n_corrections == PATIENCE:
-            self._renew_tangent()
+            self._tangent, self._n_corrections = Tangent(self._mesh, self.u), 0
+            self._steps.clear()
         self._held = self._solve(self.internal_force())
         return np.asarray(self.u[-1] - self._held[-1])
 
@@ -123,12 +164,7 @@ class FiniteResponse:
         return self._mesh.force_of(stresses)
 
     def rows(self, nodes: Indices) -> Array:
-        missing = nodes[~self._has[nodes]]
-        if missing.size:
-            dofs = (3 * missing[:, None] + np.arange(3)).ravel()
-            self._rows[dofs] = self._tangent.surface_columns(dofs)
-            self._has[missing] = True
-        return np.asarray(self._rows[(3 * nodes[:, None] + np.arange(3)).ravel()], np.float64) / self._factor
+        return self._tangent.rows(nodes) / self._factor
 
     def correct(self, nodal_force: Array, surface: Array) -> float:
         load = self._mesh.at_rest()
@@ -150,15 +186,6 @@ class FiniteResponse:
         if self._prony.terms:
             for memory, f in zip(self._memories, self._mesh.deformations(self.u), strict=True):
                 memory.commit(self._mesh.second_stress(f))
-
-    def _renew_tangent(self) -> None:
-        with BLAS.limit(limits=1):
-            self._tangent = self._mesh.tangent(self.u)
-        n = self._mesh.n_plane
-        self._rows = np.empty((3 * n, 3 * n), np.float32)
-        self._has = np.zeros(n, bool)
-        self._steps.clear()
-        self._n_corrections = 0
 
 
 def _anderson(steps: list[tuple[Array, Array]]) -> Array:

@@ -4,6 +4,7 @@ schema = 1
 program = "demo"             # or grid, rest, connector, or a way of [touch]: press shear twist roll slide ...
 n = 10                       # presses (grid), frames (rest), or frames of each load (connector)
 seed = 1
+strain = "finite"            # of a flat pad, is_relaxing likewise; as twin.toml says where left out
 [touch]
 indenter = "square"          # any of `ruffini.sim.indenters`
 radius_um = 5000
@@ -33,6 +34,7 @@ from ruffini.sim.bodies.connector import connector
 from ruffini.sim.optics.conditions import Conditions, TrayPose
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.programs import Rest, Step
+from ruffini.sim.settings import Strain, TwinSettings, load_twin
 from ruffini.sim.trajectories import TRAJECTORIES, TouchSettings, TrajectoryName, told
 
 Array = npt.NDArray[np.float64]
@@ -129,6 +131,8 @@ class Scenario(Section):
     program: Literal["demo", "grid", "rest", "connector"] | TrajectoryName = "demo"
     n: Annotated[int, Field(ge=1, le=1_000_000)] = 40
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
+    strain: Strain | None = None
+    is_relaxing: bool | None = None
     touch: TouchSettings | None = None
     fault: list[Fault] = Field(default=[])
 
@@ -139,6 +143,16 @@ class Scenario(Section):
                 f"[touch] goes one of the ways {', '.join(TRAJECTORIES)}: program {self.program!r} is none"
             )
         return self
+
+    def twin(self, board: Board) -> TwinSettings:
+        """The board's twin with this scenario's pad.
+
+        Raises
+        ------
+        InputError
+            The board has no twin, or its gel does not relax.
+        """
+        return load_twin(board).with_pad(strain=self.strain, is_relaxing=self.is_relaxing)
 
     def story(self, board: Board) -> list[Step]:
         """The program's steps on a board."""

@@ -117,9 +117,7 @@ class Steered:
             self._pose = Pose(target.x_m, target.y_m, 0.0, target.turn_rad)
         way = np.hypot(np.hypot(target.x_m - self._pose.x_m, target.y_m - self._pose.y_m),
                        target.depth_m - self._pose.depth_m)  # fmt: skip
-        if way == 0:
-            return self._rig.displacement
-        pose = self._pose.towards(target, min(1.0, self._step_m / way))
+        pose = self._pose.towards(target, min(1.0, self._step_m / way)) if way > 0 else target
         try:
             self._rig.advance(pose)
             self._pose = pose

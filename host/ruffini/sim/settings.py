@@ -12,7 +12,9 @@ from ruffini.boards import Board, Section
 from ruffini.errors import InputError
 from ruffini.sim.bodies import settings as bodies
 from ruffini.sim.optics import settings as optics
+from ruffini.sim.prony import Prony
 
+Strain = Literal["linear", "finite"]
 Pair = Annotated[list[Annotated[int, Field(ge=-5000, le=5000)]], Field(min_length=2, max_length=2)]
 
 
@@ -32,6 +34,21 @@ class MeshSettings(Section):
     cells_y: Annotated[int, Field(ge=2, le=64)] = 19
 
 
+class PadSettings(bodies.Relaxing):
+    """[pad]: what a flat pad's mechanics count; board.toml has its size and moduli.
+
+    strain = "finite" is a neo-Hookean solid (`ruffini.sim.finite`), a hundred times slower than "linear".
+    The gel relaxes (relax_1e3, relax_ms) where is_relaxing says so.
+    """
+
+    strain: Strain = "linear"
+    is_relaxing: bool = False
+
+    def prony(self) -> Prony:
+        """The relaxation that counts."""
+        return self.relaxation() if self.is_relaxing else Prony()
+
+
 class TwinSettings(Section):
     """A whole twin.toml."""
 
@@ -40,6 +57,7 @@ class TwinSettings(Section):
     light: optics.Light
     noise: optics.NoiseSettings
     mesh: MeshSettings = MeshSettings()
+    pad: PadSettings = PadSettings()
     shape: optics.ShapeSettings = optics.ShapeSettings()
     lens: optics.LensSettings | None = None
     gel: optics.GelSettings | None = None
@@ -52,10 +70,26 @@ class TwinSettings(Section):
     wear: optics.WearSettings | None = None
     platform: bodies.PlatformSettings | None = None
 
+    def with_pad(self, *, strain: Strain | None = None, is_relaxing: bool | None = None) -> TwinSettings:
+        """The same with another strain or relaxation of the pad; None leaves what there is.
+
+        Raises
+        ------
+        InputError
+            A gel is to relax and [pad] does not say how.
+        """
+        asked = {"strain": strain, "is_relaxing": is_relaxing}
+        pad = self.pad.model_copy(update={key: value for key, value in asked.items() if value is not None})
+        if pad.is_relaxing and not pad.relax_1e3:
+            raise InputError("this board's twin.toml does not say how its gel relaxes: give [pad] relax_1e3, relax_ms")
+        return self.model_copy(update={"pad": pad})
+
     @model_validator(mode="after")
     def _cross_check(self) -> TwinSettings:
         if self.gel is not None and (self.shape.kind != "plane" or self.pins is not None):
             raise ValueError("[gel] refracts at the flat back of a plane pad without [pins]")
+        if self.pad.is_relaxing and not self.pad.relax_1e3:
+            raise ValueError("[pad] is_relaxing needs relax_1e3 and relax_ms")
         if self.platform is not None and self.shape.kind != "plane":
             raise ValueError("[platform] carries a plane pad")
         return self

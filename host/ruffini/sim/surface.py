@@ -81,8 +81,13 @@ def on_grid(model: PadModel, hat_force: Array, n_x: int, n_y: int) -> Array:
     return np.asarray(out)
 
 
-def wrench_of(model: PadModel, nodal_force: Array) -> Array:
-    """Force (N) and moment (N m) about the undeformed pad centre of nodal forces (n, 3): (6,)."""
+def wrench_of(model: PadModel, nodal_force: Array, displacement: Array | None = None) -> Array:
+    """Force (N) and moment (N m) about the undeformed pad centre of nodal forces (n, 3): (6,).
+
+    `displacement` (n, 3) of the nodes moves the forces' points; at small strain they stay where they were.
+    """
     x, y = np.meshgrid(model.node_x(), model.node_y())
     arm = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    if displacement is not None:
+        arm = arm + displacement
     return np.concatenate([nodal_force.sum(axis=0), np.cross(arm, nodal_force).sum(axis=0)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +13,13 @@ from scipy.interpolate import RectBivariateSpline
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.sim.cache import cached_compliance
-from ruffini.sim.contact import ContactSolver, Indenter
+from ruffini.sim.contact import ContactSolver, Indenter, release
+from ruffini.sim.finite import FiniteMesh
 from ruffini.sim.optics.conditions import TrayPose
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.pad import PadModel
 from ruffini.sim.pose import Pose
+from ruffini.sim.response import FiniteResponse, LinearResponse, Response, Tangent
 from ruffini.sim.settings import MeshSettings, TwinSettings, load_twin
 from ruffini.sim.surface import wrench_of
 
@@ -91,9 +94,29 @@ class TwinUnit:
         model = pad_model(board, error or PadError(), twin.mesh)
         return cls(board, twin, model, cached_compliance(model, progress=progress))
 
-    def solver(self, indenter: Indenter) -> ContactSolver:
-        """A fresh contact of an indenter with this pad."""
-        return ContactSolver(self.model, self.compliance, indenter, self.twin.unit.friction_1e3 * 1e-3)
+    @property
+    def frame_s(self) -> float:
+        """Time from frame to frame."""
+        return 1e3 / self.board.camera.rate_mhz
+
+    @cached_property
+    def _mesh(self) -> tuple[FiniteMesh, Tangent]:
+        """The slab at finite strain and its tangent at rest, once for all touches."""
+        mesh = FiniteMesh(self.model)
+        return mesh, Tangent(mesh, mesh.at_rest())
+
+    def response(self) -> Response:
+        """The pad before anything ever touched it."""
+        prony = self.twin.pad.prony()
+        if self.twin.pad.strain == "finite":
+            mesh, tangent = self._mesh
+            return FiniteResponse(mesh, prony, tangent)
+        return LinearResponse(self.compliance, prony)
+
+    def solver(self, indenter: Indenter, response: Response | None = None) -> ContactSolver:
+        """A contact of an indenter with this pad in its state `response`, or before anything touched it."""
+        friction = self.twin.unit.friction_1e3 * 1e-3
+        return ContactSolver(self.model, response or self.response(), indenter, friction)
 
     def rig(self) -> FlatRig:
         """The pad before anything ever touched it."""
@@ -126,36 +149,45 @@ class TwinUnit:
 
 
 class FlatRig:
-    """A flat pad under one indenter after the other (`rig.Rig`); it forgets each."""
+    """A flat pad under one indenter after the other (`rig.Rig`); it remembers them as long as its gel does."""
 
     def __init__(self, unit: TwinUnit) -> None:
         self.unit = unit
         self.solver: ContactSolver | None = None
-        self._at_rest = unit.at_rest()
+        self._pad = unit.response()
+        self._pose: Pose | None = None
 
     @property
     def displacement(self) -> Array:
-        return self.solver.displacement if self.solver else self._at_rest
+        return self.solver.displacement if self.solver else self._pad.surface
 
     @property
     def tray(self) -> TrayPose | None:
         return None
 
     def take(self, indenter: Indenter) -> None:
-        self.solver = self.unit.solver(indenter)
+        release(self._pad, 0.0)
+        self.solver, self._pose = self.unit.solver(indenter, self._pad), None
 
     def advance(self, pose: Pose) -> None:
         assert self.solver is not None
-        self.solver.advance(pose)
+        if pose == self._pose and not self.unit.twin.pad.is_relaxing:
+            return  # nothing moves
+        self.solver.advance(pose, self.unit.frame_s)
+        self._pose = pose
 
     def load(self, wrench: Array) -> None:
         raise InputError(f"board {self.unit.board.name!r} has no platform that a connector could load: press its pad")
 
     def rest(self) -> None:
         self.solver = None
+        release(self._pad, self.unit.frame_s)
 
     def wrench(self) -> Array:
-        return wrench_of(self.unit.model, self.solver.nodal_force) if self.solver else np.zeros(6)
+        if self.solver is None:
+            return np.zeros(6)
+        moved = self.solver.displacement if self._pad.moves_the_arm else None
+        return wrench_of(self.unit.model, self.solver.nodal_force, moved)
 
     def nodal_state(self) -> npt.NDArray[np.uint8]:
         grid, (n_y, n_x) = self.unit.board.grid, self.unit.model.shape
@@ -169,5 +201,4 @@ class FlatRig:
         return self.solver.forces_on_grid(grid.n_x, grid.n_y) if self.solver else np.zeros((grid.n_y, grid.n_x, 3))
 
     def nodal_displacement(self) -> Array:
-        grid = self.unit.board.grid
-        return self.unit.at_nodes(self.displacement) if self.solver else np.zeros((grid.n_y, grid.n_x, 3))
+        return self.unit.at_nodes(self.displacement)
