@@ -23,6 +23,7 @@ from ruffini.fem.condense import condense
 from ruffini.fem.operators import Noise, ridge_operator
 from ruffini.fem.sparse import SparseEstimator
 from ruffini.reflection import dense_from_blocks
+from ruffini.sim.settings import Strain
 from ruffini.sim.unit import PadError
 
 Array = npt.NDArray[np.float64]
@@ -187,8 +188,8 @@ def evaluate(
     return {name: scores.means() for name, scores in table.items()}
 
 
-def run(board: Board, *, quick: bool, progress: Progress = lambda _: None) -> dict[str, Any]:
-    """The whole benchmark as one nested dict.
+def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progress = lambda _: None) -> dict[str, Any]:
+    """The whole benchmark as one nested dict; `truth` is the strain of the pad that the methods are judged on.
 
     Raises
     ------
@@ -200,18 +201,21 @@ def run(board: Board, *, quick: bool, progress: Progress = lambda _: None) -> di
     white = Disturbance(white_um=WHITE_UM)
     methods = Methods(board, progress=lambda done: progress(0.15 * done))
     try:
-        tuned = make_states(board, TUNED, (0.6,), progress=lambda done: progress(0.15 + 0.1 * done))
+        tuned = make_states(board, TUNED, (0.6,), truth=truth, progress=lambda done: progress(0.15 + 0.1 * done))
         methods.tune(tuned, white, np.random.default_rng(5))
-        states = make_states(board, JUDGED, depths, progress=lambda done: progress(0.25 + 0.2 * done))
+        states = make_states(board, JUDGED, depths, truth=truth, progress=lambda done: progress(0.25 + 0.2 * done))
         heavy = [s for s in states if s.resultant_n >= LIGHT_N]
         result: dict[str, Any] = {
-            "board": board.name, "simulated": True, "quick": quick, "states": len(heavy), "seeds": n_seeds,
-            "noise_um": WHITE_UM, "weights": {"ridge": methods.ridge_weight, "sparse": methods.sparse_weight},
-            "accuracy": {}, "noise": {}, "model_error": {},
+            "board": board.name, "simulated": True, "quick": quick, "truth": truth,
+            "states": len(heavy), "seeds": n_seeds, "noise_um": WHITE_UM,
+            "weights": {"ridge": methods.ridge_weight, "sparse": methods.sparse_weight},
+            "accuracy": {}, "strain": {}, "noise": {}, "model_error": {},
         }  # fmt: skip
         for depth in depths:
             chosen = [s for s in heavy if s.depth_mm == depth]
             result["accuracy"][f"{depth} mm"] = evaluate(methods, chosen, white, n_seeds)
+        if truth == "finite":
+            result["strain"] = strain_cost(methods, heavy, make_states(board, JUDGED, depths), white, n_seeds)
         progress(0.6)
         middle = [s for s in heavy if s.depth_mm == 0.6]
         for level in (0.0, 10.0, 20.0, 40.0):
@@ -223,7 +227,7 @@ def run(board: Board, *, quick: bool, progress: Progress = lambda _: None) -> di
                     methods, middle, Disturbance(correlated_um=(level / 4, level / 4, level)), n_seeds
                 )
         progress(0.8)
-        for name, error in ({} if quick else MODEL_ERRORS).items():
+        for name, error in ({} if quick or truth == "finite" else MODEL_ERRORS).items():
             wrong = make_states(board, JUDGED, (0.6,), error)
             result["model_error"][name] = evaluate(
                 methods, [s for s in wrong if s.resultant_n >= LIGHT_N], white, n_seeds
@@ -234,11 +238,29 @@ def run(board: Board, *, quick: bool, progress: Progress = lambda _: None) -> di
         methods.close()
 
 
+def strain_cost(
+    methods: Methods, finite: list[State], linear: list[State], disturbance: Disturbance, n_seeds: int
+) -> dict[str, dict[str, Any]]:
+    """By depth: what the force of the pad at finite strain is over the linear one's, and what that costs."""
+    pairs = [(f, next(s for s in linear if (s.recipe, s.depth_mm) == (f.recipe, f.depth_mm))) for f in finite]
+    out: dict[str, dict[str, Any]] = {}
+    for depth in sorted({f.depth_mm for f in finite}):
+        here = [(f, s) for f, s in pairs if f.depth_mm == depth]
+        judged = {
+            name: evaluate(methods, list(states), disturbance, n_seeds, ("optimal", "default"))
+            for name, states in zip(("finite", "linear"), zip(*here, strict=True), strict=True)
+        }
+        ratios = [f.resultant_n / s.resultant_n for f, s in here]
+        out[f"{depth} mm"] = {"force_ratio": float(np.mean(ratios)), "largest_ratio": max(ratios), **judged}
+    return out
+
+
 def tables(result: dict[str, Any]) -> str:
     """The result as text."""
     weights = result["weights"]
     lines = [
-        f"{result['board']}, SIMULATED: {result['states']} states of at least {LIGHT_N} N, {result['seeds']} seeds; "
+        f"{result['board']}, SIMULATED, truth at {'finite' if result['truth'] == 'finite' else 'small'} strain: "
+        f"{result['states']} states of at least {LIGHT_N} N, {result['seeds']} seeds; "
         f"own best weights: ridge {weights['ridge']:g}, sparse {weights['sparse']:g}",
         "tangential, normal: relative L2 error of the nodal forces; false shear: tangential over normal force under "
         "pure normal load",
@@ -254,4 +276,17 @@ def tables(result: dict[str, Any]) -> str:
                     f"  {name:16}{m['tangential']:11.3f}{m['normal']:9.3f}{m['false_shear']:13.4f}"
                     f"{1e3 * m['resultant_n']:8.1f} mN{m['moment_nmm']:7.2f} Nmm{m['shape']:8.2f}{m['peak']:7.2f}"
                 )
+    for depth, cost in result["strain"].items():
+        lines += [
+            "",
+            f"{depth}, noise 5/5/20 um: the pad at finite strain presses back {100 * cost['force_ratio'] - 100:+.1f} % "
+            f"(at most {100 * cost['largest_ratio'] - 100:+.1f} %); what that costs, from the linear pad's truth on:",
+        ]
+        for name in ("optimal", "default"):
+            small, finite = cost["linear"][name], cost["finite"][name]
+            lines.append(
+                f"  {name:16}tangential {small['tangential']:.3f} -> {finite['tangential']:.3f}, "
+                f"normal {small['normal']:.3f} -> {finite['normal']:.3f}, "
+                f"resultant {1e3 * small['resultant_n']:.0f} -> {1e3 * finite['resultant_n']:.0f} mN"
+            )
     return "\n".join(lines)

@@ -1,7 +1,8 @@
 """Contact states for judging inverse FEM: surface displacement and the nodal forces that caused it. SIMULATED.
 
 Truth comes from `ruffini.sim`: quadratic elements, finer than any operator and not nested in its grid,
-unilateral contact with friction solved to equilibrium. Nothing here knows an estimator.
+unilateral contact with friction solved to equilibrium, at small or at finite strain. Nothing here knows an
+estimator.
 """
 
 from __future__ import annotations
@@ -13,7 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.sim.contact import ContactSolver, Indenter, Pose
+from ruffini.sim.cache import cached_state
+from ruffini.sim.contact import ContactSolver, Indenter, Pose, advance_together
+from ruffini.sim.response import Response
+from ruffini.sim.settings import Strain, load_twin
 from ruffini.sim.surface import on_grid
 from ruffini.sim.unit import PadError, TwinUnit
 
@@ -96,42 +100,73 @@ def make_states(
     depths_mm: tuple[float, ...],
     error: PadError | None = None,
     *,
+    truth: Strain = "linear",
     progress: Callable[[float], None] = lambda _: None,
 ) -> list[State]:
-    """Solve every recipe at every depth.
+    """Solve every recipe at every depth. At finite strain that takes a minute a state, once: they are cached.
 
-    Two indenters at once are the sum of their tractions on one linear pad: an exact truth for the
-    field, if not exactly the balls' own shape where they disturb each other.
+    Two indenters at once are, on a linear pad, the sum of their tractions: an exact truth for the field, if
+    not exactly the balls' own shape where they disturb each other. At finite strain they go down together.
+
+    Raises
+    ------
+    InputError
+        The board has no twin, or an indenter does not fit its pad.
     """
-    unit = TwinUnit.build(board, error, progress=lambda done: progress(done / 2))
+    twin = load_twin(board).with_pad(strain=truth, is_relaxing=False)
+    share = 0.5 if truth == "linear" else 0.05
+    unit = TwinUnit.build(board, error, twin=twin, progress=lambda done: progress(done * share))
     states = []
     for i, recipe in enumerate(recipes):
-        solvers = [_Path(unit, touch) for touch in recipe.touches]
-        for depth in depths_mm:
-            hats = np.sum([solver.press(depth) for solver in solvers], axis=0)
-            nodal = np.sum([solver.nodal for solver in solvers], axis=0)
-            displacement = (unit.compliance @ nodal.ravel()).reshape(-1, 3)
-            force = on_grid(unit.model, hats, board.grid.n_x, board.grid.n_y)
-            states.append(State(recipe, depth, force, unit.at_nodes(displacement)))
-        progress(0.5 + (i + 1) / len(recipes) / 2)
+        for k, depth in enumerate(depths_mm):
+            solved = _superposed(unit, recipe, depth) if truth == "linear" else _together(unit, recipe, depth)
+            states.append(State(recipe, depth, solved["force"], solved["displacement"]))
+            progress(share + (1 - share) * (i + (k + 1) / len(depths_mm)) / len(recipes))
     return states
 
 
-class _Path:
-    """One indenter that comes anew for every depth."""
+def _superposed(unit: TwinUnit, recipe: Recipe, depth_mm: float) -> dict[str, Array]:
+    """Each indenter alone on a linear pad, and the sum."""
+    solvers = []
+    for touch in recipe.touches:
+        solver = _solver(unit, touch, unit.response())
+        for pose in _path(touch, depth_mm):
+            solver.advance(pose)
+        solvers.append(solver)
+    hats = np.sum([solver.hat_force for solver in solvers], axis=0)
+    nodal = np.sum([solver.nodal_force for solver in solvers], axis=0)
+    return _on_board(unit, hats, (unit.compliance @ nodal.ravel()).reshape(-1, 3))
 
-    def __init__(self, unit: TwinUnit, touch: Touch) -> None:
-        self.unit, self.touch = unit, touch
-        self.nodal: Array = np.zeros(0)
 
-    def press(self, depth_mm: float) -> Array:
-        """Tractions' forces of the hats, (n, 3) N, at the end of the path to this depth."""
-        t = self.touch
-        friction = self.unit.twin.unit.friction_1e3 * 1e-3 if t.friction is None else t.friction
-        solver = ContactSolver(self.unit.model, self.unit.compliance, Indenter(t.shape, t.radius * MM), friction)
-        solver.advance(Pose(t.x * MM, t.y * MM, depth_mm * MM))
-        if t.turn or any(t.shift):
-            end = Pose((t.x + t.shift[0]) * MM, (t.y + t.shift[1]) * MM, depth_mm * MM, t.turn)
-            solver.advance(end)
-        self.nodal = solver.nodal_force
-        return solver.hat_force.copy()
+def _together(unit: TwinUnit, recipe: Recipe, depth_mm: float) -> dict[str, Array]:
+    """All indenters on one pad at finite strain."""
+
+    def solve() -> dict[str, Array]:
+        response = unit.response()
+        solvers = [_solver(unit, touch, response) for touch in recipe.touches]
+        paths = [_path(touch, depth_mm) for touch in recipe.touches]
+        for k in range(max(len(path) for path in paths)):
+            advance_together(solvers, [path[min(k, len(path) - 1)] for path in paths])
+        return _on_board(unit, np.sum([solver.hat_force for solver in solvers], axis=0), response.surface)
+
+    grid = unit.board.grid
+    friction = unit.twin.unit.friction_1e3
+    return cached_state(repr((unit.model, friction, recipe.touches, depth_mm, grid.n_x, grid.n_y)), solve)
+
+
+def _on_board(unit: TwinUnit, hats: Array, displacement: Array) -> dict[str, Array]:
+    grid = unit.board.grid
+    return {"force": on_grid(unit.model, hats, grid.n_x, grid.n_y), "displacement": unit.at_nodes(displacement)}
+
+
+def _solver(unit: TwinUnit, touch: Touch, response: Response) -> ContactSolver:
+    friction = unit.twin.unit.friction_1e3 * 1e-3 if touch.friction is None else touch.friction
+    return ContactSolver(unit.model, response, Indenter(touch.shape, touch.radius * MM), friction)
+
+
+def _path(touch: Touch, depth_mm: float) -> list[Pose]:
+    """Down, then sideways and round."""
+    t, down = touch, Pose(touch.x * MM, touch.y * MM, depth_mm * MM)
+    if not (t.turn or any(t.shift)):
+        return [down]
+    return [down, Pose((t.x + t.shift[0]) * MM, (t.y + t.shift[1]) * MM, depth_mm * MM, t.turn)]

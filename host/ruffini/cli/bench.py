@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.errors import InputError
 
 app = typer.Typer(no_args_is_help=True, help="Benchmarks on the digital twin: our methods and the papers'.")
 
@@ -21,6 +22,9 @@ def bench() -> None:
 def ifem(
     board: BoardOption,
     quick: Annotated[bool, typer.Option("--quick", help="One depth, one seed, no model errors.")] = False,
+    truth: Annotated[
+        str, typer.Option(help="Strain of the true pad: linear, or finite (half an hour once; then from a cache).")
+    ] = "linear",
     out: Annotated[Path | None, typer.Option("--out", help="Picture (PNG) of the fields beside the truth.")] = None,
     json_: JsonFlag = False,
 ) -> None:
@@ -28,9 +32,12 @@ def ifem(
     from ruffini.bench import ifem as benchmark
     from ruffini.boards import find_board
 
+    if truth not in ("linear", "finite"):
+        raise InputError(f"unknown truth {truth!r}: linear or finite")
+    chosen: Literal["linear", "finite"] = "finite" if truth == "finite" else "linear"
     found = find_board(board)
     with progress_bar("benchmark") as progress:
-        result = benchmark.run(found, quick=quick, progress=progress)
+        result = benchmark.run(found, quick=quick, truth=chosen, progress=progress)
     text = benchmark.tables(result)
     if out is not None:
         from ruffini.bench.pictures import fields_beside_truth

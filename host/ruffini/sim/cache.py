@@ -1,4 +1,5 @@
-"""Compliances of simulated pads, kept between runs: `$XDG_CACHE_HOME/ruffini/twin/<hash>.npy`.
+"""What takes long, kept between runs under `$XDG_CACHE_HOME/ruffini/twin/`: compliances of simulated pads
+(`<hash>.npy`) and contacts at finite strain (`states/<hash>.npz`).
 
 Only time depends on it: a file is taken when its name is the hash of everything that the result
 depends on and its shape is right, and left unwritten when the disk does not want it.
@@ -9,9 +10,11 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
+import zipfile
 from collections.abc import Callable
 from dataclasses import astuple
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +25,9 @@ from ruffini.sim.pad import PadModel, surface_compliance
 Array = npt.NDArray[np.float64]
 
 KEPT_FILES = 4  # of about 260 MB each at the default mesh
+# What a contact at finite strain depends on, beside the indenters.
+MECHANICS = ("complementarity", "contact", "finite", "hex27", "pad", "pose", "response", "slices", "surface")
+KEPT_STATES = 2000  # of about 50 kB each
 
 
 def cache_folder() -> Path:
@@ -52,19 +58,42 @@ def cached_compliance(model: PadModel, *, progress: Callable[[float], None] = la
     return compliance
 
 
+def cached_state(key: str, make: Callable[[], dict[str, Array]]) -> dict[str, Array]:
+    """What `make` gives, from the cache where it is there. `key` says all that it depends on but our own code."""
+    folder = Path(pad.__file__).parent
+    files = [*(folder / f"{name}.py" for name in MECHANICS), *sorted((folder / "indenters").glob("*.py"))]
+    code = b"".join(file.read_bytes() for file in files)
+    name = hashlib.sha256(key.encode() + np.__version__.encode() + code).hexdigest()[:32]
+    path = cache_folder() / "states" / f"{name}.npz"
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            arrays = {name: np.asarray(kept[name]) for name in kept.files}
+        path.touch()
+        return arrays
+    except (OSError, ValueError, zipfile.BadZipFile, KeyError):
+        pass  # not there, or not whole
+    arrays = make()
+    _write(path, lambda file: np.savez(file, **arrays), KEPT_STATES)  # type: ignore[arg-type]
+    return arrays
+
+
 def _keep(path: Path, compliance: Array) -> None:
+    _write(path, lambda file: np.save(file, compliance), KEPT_FILES)
+
+
+def _write(path: Path, save: Callable[[IO[bytes]], None], n_kept: int) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
         try:
             with os.fdopen(handle, "wb") as file:
-                np.save(file, compliance)
+                save(file)
             os.replace(temporary, path)
         except OSError:
             os.unlink(temporary)
             raise
-        by_age = sorted(path.parent.glob("*.npy"), key=lambda p: p.stat().st_mtime, reverse=True)
-        for old in by_age[KEPT_FILES:]:
+        by_age = sorted(path.parent.glob(f"*{path.suffix}"), key=lambda p: p.stat().st_mtime, reverse=True)
+        for old in by_age[n_kept:]:
             old.unlink(missing_ok=True)
     except OSError:
         return  # a cache that cannot be written is no error
