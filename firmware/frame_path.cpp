@@ -91,15 +91,14 @@ void FramePath::run_displacement() {
 void FramePath::run_solve(bool with_support) {
   if (!operator_) return;
   timed(Stage::kOperator, [&] {
-    std::vector<int16_t>& u = state_.solve.padded;
+    std::vector<int16_t>& u = state_.solve.u;
     for (size_t i = 0; i < state_.displacement.node.size(); ++i) {
       u[3 * i] = state_.displacement.node[i].x.raw();
       u[3 * i + 1] = state_.displacement.node[i].y.raw();
       u[3 * i + 2] = state_.displacement.node[i].z.raw();
     }
-    const auto row = [&](size_t r) {
-      return saturate_raw<int32_t>(operator_->row(static_cast<int>(r), u), state_.saturations);
-    };
+    operator_->run(u, state_.solve.wide);
+    const auto row = [&](size_t r) { return saturate_raw<int32_t>(state_.solve.wide[r], state_.saturations); };
     for (size_t i = 0; i < state_.solve.force.size(); ++i) {
       state_.solve.force[i] = {row(3 * i), row(3 * i + 1), row(3 * i + 2)};
     }
@@ -107,7 +106,7 @@ void FramePath::run_solve(bool with_support) {
   });
   if (!support_ || !with_support) return;
   timed(Stage::kSupport,
-        [&] { support_->run(state_.solve.padded, state_.solve.mask, state_.solve.force, state_.saturations); });
+        [&] { support_->run(state_.solve.u, state_.solve.mask, state_.solve.force, state_.saturations); });
 }
 
 void FramePath::run_estimators() {
@@ -193,7 +192,8 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
   state_.photometric.slope.resize(static_cast<size_t>(depth_grid_.count()));
   state_.poisson.depth.resize(static_cast<size_t>(depth_grid_.count()));
   state_.displacement.node.resize(n_nodes);
-  state_.solve.padded.resize((3 * n_nodes + BlockOperator::kBlock - 1) / BlockOperator::kBlock * BlockOperator::kBlock);
+  state_.solve.u.resize(3 * n_nodes);
+  state_.solve.wide.resize(3 * n_nodes);
   state_.solve.force.resize(n_nodes);
   state_.solve.mask = mask_.find(state_.solve.force);
 }
@@ -228,9 +228,9 @@ Status FramePath::load_tables() {
       const auto found = c.integer(key, value, value);
       if (!found) return found.error();
     }
-    auto op = BlockOperator::load(c, "operator", n, n);
+    auto op = BlockProgram::load(c, "operator", n, n);
     if (!op) return op.error();
-    operator_ = op.value();
+    operator_ = std::move(op).value();
   }
   if (has(Stage::kSupport) && operator_ && c.has_kind("support")) {
     auto support = SupportSolver::load(c, nodes_.size().count(), contact_threshold_lsb_);

@@ -11,7 +11,7 @@
 #include "frame_state.h"
 #include "image/poisson.h"
 #include "image/rest.h"
-#include "solve/block_operator.h"
+#include "solve/block_program.h"
 #include "solve/support_solver.h"
 #include "store/calibration.h"
 
@@ -47,7 +47,7 @@ class FramePath {
   void zero(int n_frames);
   // Rest from an untouched picture at once (offline use).
   void set_rest(std::span<const uint16_t> image);
-  // The solve alone: displacement (padded, see FrameState) -> force. For offline use.
+  // The solve alone: displacement -> force. For offline use.
   void solve(std::span<const NodeDisplacement> displacement);
 
   [[nodiscard]] const FrameState& state() const { return state_; }
@@ -94,7 +94,7 @@ class FramePath {
   bool is_foreign_optics_ = false;
   Poisson poisson_;
   Displacement displacement_;
-  std::optional<BlockOperator> operator_;
+  std::optional<BlockProgram> operator_;
   std::optional<SupportSolver> support_;
   uint32_t calibration_id_ = 0;
   int64_t contact_threshold_lsb_;

@@ -75,7 +75,8 @@ struct FrameState {
     std::vector<NodeDisplacement> node;  // observed nodes
   } displacement;
   struct {
-    std::vector<int16_t> padded;    // displacement, xyz interleaved, zero padded
+    std::vector<int16_t> u;         // displacement, xyz interleaved
+    std::vector<int64_t> wide;      // nodal force before it is held to 32 bits
     std::vector<NodeForce> force;   // observed nodes; the second pass overwrites it
     std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
   } solve;

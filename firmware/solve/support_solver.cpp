@@ -1,7 +1,8 @@
 #include "solve/support_solver.h"
 
 #include <algorithm>
-#include <bit>
+
+#include "solve/block_float.h"
 
 namespace ruffini {
 namespace {
@@ -20,7 +21,9 @@ int64_t limited(int64_t x, SaturationCounter& saturations, int64_t limit = kLimi
   return x;
 }
 
-int bit_width(int64_t x) { return static_cast<int>(std::bit_width(static_cast<uint64_t>(x))); }
+using block_float::bit_width;
+using block_float::common_shift;
+using block_float::to_16;
 
 // Rounding shift in either direction, at most +-2^62; zero where everything is shifted out.
 int64_t shifted(int64_t x, int right) {
@@ -31,27 +34,19 @@ int64_t shifted(int64_t x, int right) {
   return x * (int64_t{1} << -right);
 }
 
-int common_shift(std::span<const int64_t> values) {
-  int64_t largest = 0;
-  for (const int64_t v : values) largest = std::max(largest, v < 0 ? -v : v);
-  return std::max(bit_width(largest + (largest >> 14)) - 15, 0);  // rounding cannot reach 32768
-}
-
-int64_t to_16(int64_t v, int shift) { return shift == 0 ? v : round_shift(v, shift); }
-
 }  // namespace
 
 Result<SupportSolver> SupportSolver::load(const Calibration& calibration, int n_nodes, int64_t threshold_lsb) {
   const int n = 3 * n_nodes;
-  auto normal = BlockOperator::load(calibration, "support.normal", n, n);
+  auto normal = BlockProgram::load(calibration, "support.normal", n, n);
   if (!normal) return normal.error();
-  auto project = BlockOperator::load(calibration, "support.project", n, n);
+  auto project = BlockProgram::load(calibration, "support.project", n, n);
   if (!project) return project.error();
   auto scale = calibration.tensor("support.scale", Tensor::Type::kI32, {n});
   if (!scale) return scale.error();
   SupportSolver out;
-  out.normal_ = normal.value();
-  out.project_ = project.value();
+  out.normal_ = std::move(normal).value();
+  out.project_ = std::move(project).value();
   out.scale_ = scale.value()->as<int32_t>();
   out.threshold_lsb_ = threshold_lsb;
   for (const int32_t d : out.scale_) {
@@ -59,8 +54,8 @@ Result<SupportSolver> SupportSolver::load(const Calibration& calibration, int n_
   }
   const auto size = static_cast<size_t>(n);
   out.index_.reserve(size);
-  out.blocks_.reserve(static_cast<size_t>(out.normal_.n_blocks()));
-  out.p16_.resize(static_cast<size_t>(out.normal_.padded_cols()));
+  out.p16_.resize(size);
+  out.wide_.resize(size);
   for (auto* values : {&out.weight_, &out.b_, &out.y_, &out.r_, &out.v_, &out.p_, &out.image_}) values->reserve(size);
   return out;
 }
@@ -90,17 +85,16 @@ SupportSolver::Energy SupportSolver::energy() const {
 
 void SupportSolver::gather(std::span<const uint8_t> mask) {
   index_.clear();
-  blocks_.clear();
   weight_.clear();
   for (uint32_t node = 0; node < mask.size(); ++node) {
     if (mask[node] == 0) continue;
     for (uint32_t c = 0; c < 3; ++c) {
       index_.push_back(3 * node + c);
       weight_.push_back(mask[node]);
-      const auto block = static_cast<uint16_t>((3 * node + c) / BlockOperator::kBlock);
-      if (blocks_.empty() || blocks_.back() != block) blocks_.push_back(block);
     }
   }
+  normal_.select(index_);
+  project_.select(index_);
 }
 
 int SupportSolver::spread(std::span<const int64_t> values) {
@@ -111,9 +105,8 @@ int SupportSolver::spread(std::span<const int64_t> values) {
 
 void SupportSolver::multiply(SaturationCounter& saturations) {
   image_.resize(index_.size());
-  for (size_t i = 0; i < index_.size(); ++i) {
-    image_[i] = limited(normal_.row(static_cast<int>(index_[i]), p16_, blocks_), saturations, kImageLimit);
-  }
+  normal_.run(p16_, wide_);
+  for (size_t i = 0; i < index_.size(); ++i) image_[i] = limited(wide_[index_[i]], saturations, kImageLimit);
 }
 
 // y = w times the linear estimate, and b.
@@ -124,12 +117,13 @@ void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce>
   r_.resize(index_.size());
   v_.resize(index_.size());
   p_.resize(index_.size());
+  project_.run(u, wide_);
   for (size_t i = 0; i < index_.size(); ++i) {
     const NodeForce& f = force[index_[i] / 3];
     const int64_t value = index_[i] % 3 == 0 ? f.x : index_[i] % 3 == 1 ? f.y : f.z;
     const int64_t y = limited(floor_div(value * (int64_t{1} << kForceFraction), scale_[index_[i]]), saturations);
     y_[i] = round_shift(weight_[i] * y, ContactMask::kFraction);
-    b_[i] = project_.row(static_cast<int>(index_[i]), u);
+    b_[i] = wide_[index_[i]];
   }
 }
 

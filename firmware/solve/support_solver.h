@@ -13,7 +13,7 @@
 //   step, beta mantissa of 24 bits and a power of two
 //   F = (y d + 2^29) >> 30, d = `support.scale` (Q16 force steps per unit of y)
 //
-// Work is bounded by kRounds (kSteps + 1) |S| rows. Frame thread; no allocation after the constructor.
+// Work is bounded by kRounds (kSteps + 1) products with the rows and columns of S. Frame thread; no allocation after the constructor.
 // Not in the paper.
 #pragma once
 
@@ -22,7 +22,7 @@
 #include <vector>
 
 #include "base/fixed.h"
-#include "solve/block_operator.h"
+#include "solve/block_program.h"
 #include "solve/contact_mask.h"
 
 namespace ruffini {
@@ -35,7 +35,7 @@ class SupportSolver {
   // threshold_lsb: the contact threshold T in force steps, above zero.
   [[nodiscard]] static Result<SupportSolver> load(const Calibration& calibration, int n_nodes, int64_t threshold_lsb);
 
-  // `u`: padded displacement, xyz interleaved. `mask`: ContactMask's. `force`: linear estimate in,
+  // `u`: displacement, xyz interleaved. `mask`: ContactMask's. `force`: linear estimate in,
   // second pass out (zero outside the mask).
   void run(std::span<const int16_t> u, std::span<const uint8_t> mask, std::span<NodeForce> force,
            SaturationCounter& saturations);
@@ -64,13 +64,13 @@ class SupportSolver {
   int spread(std::span<const int64_t> values);
   void multiply(SaturationCounter& saturations);
 
-  BlockOperator normal_;
-  BlockOperator project_;
+  BlockProgram normal_;
+  BlockProgram project_;
   std::span<const int32_t> scale_;
   int64_t threshold_lsb_ = 1;
-  std::vector<uint32_t> index_;   // unknowns of the support
-  std::vector<uint16_t> blocks_;  // column blocks that hold one
-  std::vector<int16_t> p16_;      // all unknowns, padded
+  std::vector<uint32_t> index_;  // unknowns of the support
+  std::vector<int16_t> p16_;     // all unknowns
+  std::vector<int64_t> wide_;    // all unknowns of a product
   std::vector<int64_t> weight_;
   std::vector<int64_t> b_;
   std::vector<int64_t> y_;

@@ -2,7 +2,7 @@
 #include <cstring>
 #include <vector>
 
-#include "solve/block_operator.h"
+#include "solve/block_program.h"
 #include "store/calibration.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
@@ -13,7 +13,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   const ruffini::Calibration& file = parsed.value();
   (void)file.has_kind("operator");
   (void)file.integer("operator.n_x", 0, 1000);
-  (void)ruffini::BlockOperator::load(file, "operator", 4, 4);
+  (void)ruffini::BlockProgram::load(file, "operator", 4, 4);
   ruffini::BoardSettings board;
   (void)file.check_target(board, "0000");
   return 0;

@@ -12,11 +12,13 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
-from ruffini.fem.compile import DISPLACEMENT_LSB_NM, BlockTable, certificate, compile_matrix, force_steps
+from ruffini.fem.certificate import DISPLACEMENT_LSB_NM
+from ruffini.fem.compile import Compiled, compile_matrix, force_steps
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import SupportSystem, support_system
+from ruffini.fem.symmetry import Sites, node_sites
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 Progress = Callable[[float], None]
@@ -75,6 +77,16 @@ def observed_unknowns(board: Board) -> npt.NDArray[np.bool_]:
     return np.repeat(inside.ravel(), 3)
 
 
+def observed_sites(board: Board) -> Sites:
+    """Where the observed nodes lie on the pad, xyz interleaved."""
+    pad, grid = board.pad, board.grid
+    x = np.linspace(0, pad.size_x_um * 1e-6, grid.n_x)
+    y = np.linspace(0, pad.size_y_um * 1e-6, grid.n_y)
+    rows, columns = board.observed
+    place = np.stack(np.meshgrid(x[columns], y[rows], [0.0]), axis=-1)
+    return node_sites(place.reshape(-1, 3))
+
+
 def make_operator(
     board: Board,
     *,
@@ -105,8 +117,9 @@ def make_operator(
     )
     lsb = board.field.force_lsb_un
     in_steps = matrix * force_steps(lsb)
-    table = compile_matrix(in_steps, "the operator")
-    proof = certificate(table, in_steps)
+    sites = observed_sites(board)
+    compiled = compile_matrix(in_steps, sites, sites, "the operator")
+    proof = compiled.certificate
     rows, columns = board.observed
     metadata = {
         "operator.n_x": str(columns.stop - columns.start),
@@ -119,27 +132,29 @@ def make_operator(
         "operator.material": ",".join(f"{v:.6g}" for v in material) if material else "board",
     }
     tensors: Tensors = {}
-    _add(tensors, metadata, "operator", table)
+    _add(tensors, metadata, "operator", compiled)
     system = None
     if has_support:
         system = support_system(condense(slab), noise, observed_unknowns(board))
         progress(0.8)
-        _add_support(tensors, metadata, system, lsb)
+        _add_support(tensors, metadata, system, lsb, sites)
     progress(1.0)
     return OperatorKind(tensors, metadata, matrix, system)
 
 
-def _add(tensors: Tensors, metadata: dict[str, str], name: str, table: BlockTable) -> None:
-    tensors[f"{name}.entry"] = table.entry
-    tensors[f"{name}.shift"] = table.shift
-    metadata[f"{name}.out_shift"] = str(table.out_shift)
-    metadata[f"{name}.error_1e9"] = str(round(table.error * 1e9))
+def _add(tensors: Tensors, metadata: dict[str, str], name: str, compiled: Compiled) -> None:
+    tensors |= compiled.program.tensors(name)
+    metadata[f"{name}.out_shift"] = str(compiled.program.out_shift)
+    metadata[f"{name}.error_1e9"] = str(round(compiled.certificate.total * 1e9))
+    metadata[f"{name}.form"] = compiled.form
 
 
-def _add_support(tensors: Tensors, metadata: dict[str, str], system: SupportSystem, force_lsb_un: int) -> None:
-    normal = compile_matrix(system.normal * NORMAL_SCALE, "the normal equations")
+def _add_support(
+    tensors: Tensors, metadata: dict[str, str], system: SupportSystem, force_lsb_un: int, sites: Sites
+) -> None:
+    normal = compile_matrix(system.normal * NORMAL_SCALE, sites, sites, "the normal equations")
     step_m = DISPLACEMENT_LSB_NM * 1e-9
-    project = compile_matrix(system.project * (step_m * FRACTION_Q14), "the projection")
+    project = compile_matrix(system.project * (step_m * FRACTION_Q14), sites, sites, "the projection")
     _add(tensors, metadata, "support.normal", normal)
     _add(tensors, metadata, "support.project", project)
     scale = np.round(system.scale_n / (force_lsb_un * 1e-6) * SCALE_Q16)

@@ -1,4 +1,8 @@
-"""float64 matrix -> the block-scaled int16 table of proto/CALIBRATION.md, with its certificate."""
+"""float64 matrix -> the board's program of integer products, with its certificate.
+
+Candidates are dense and hierarchical programs over the reflection classes of the matrix; the cost model
+picks the cheapest. See README.md for what each route gives.
+"""
 
 from __future__ import annotations
 
@@ -8,57 +12,21 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
+from ruffini.fem.certificate import DISPLACEMENT_LSB_NM, Certificate, certify
+from ruffini.fem.clusters import cluster_order
+from ruffini.fem.program import Panel, Plan, Program, quantise
+from ruffini.fem.symmetry import ReflectionClass, Sites, reflection_classes
 
-BLOCK = 32  # columns that share one scale
-ENTRY_LIMIT = 16383  # 15 bits with sign: four products with int16 fit one int32 lane
-DISPLACEMENT_LSB_NM = 125
-BOUND_BITS = 62  # of the row accumulator
-MAX_SHIFT = 27
-CERTIFIED_UM = 1000  # displacement up to which the certificate bounds the error
-
-
-@dataclass(frozen=True)
-class BlockTable:
-    """out[r] = (sum_b (sum_j q[r, j] u[j] << shift[r, b]) + half) >> out_shift, see CALIBRATION.md.
-
-    `entry` (n_rows, n_cols_padded) int16, `shift` (n_rows, n_blocks) uint8; `error` is the relative
-    L2 (Frobenius) error of the rounded matrix.
-    """
-
-    entry: npt.NDArray[np.int16]
-    shift: npt.NDArray[np.uint8]
-    out_shift: int
-    error: float
-
-    def to_float(self) -> npt.NDArray[np.float64]:
-        """The rounded matrix, output steps per input step, (n_rows, n_cols_padded)."""
-        scale = 2.0 ** (self.shift.astype(float) - self.out_shift)
-        return np.asarray(self.entry * np.repeat(scale, BLOCK, axis=1))
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Certificate:
-    """What rounding an operator costs, along x, y and z, against float64.
+class Compiled:
+    """A program, what it costs against float64, and how it was made (`dense`, `dense/4`, ...)."""
 
-    `worst_steps`: no displacement of at most CERTIFIED_UM anywhere changes a nodal force by more than this,
-    in force steps. `typical`: relative L2 error for displacements of independent nodes.
-    """
-
-    worst_steps: tuple[float, float, float]
-    typical: tuple[float, float, float]
-
-
-def certificate(table: BlockTable, matrix: npt.NDArray[np.float64]) -> Certificate:
-    """Certificate of a table for rows in the order x, y, z of one node after the other.
-
-    worst = max over rows of sum_j |q_rj - m_rj| u_max + 1/2, the half for the rounding of the result;
-    typical = |Q - M|_F / |M|_F over the rows of an axis.
-    """
-    difference = table.to_float()[:, : matrix.shape[1]] - matrix
-    u_max = CERTIFIED_UM * 1000 / DISPLACEMENT_LSB_NM
-    worst = [float(np.abs(difference[c::3]).sum(axis=1).max()) * u_max + 0.5 for c in range(3)]
-    typical = [float(np.linalg.norm(difference[c::3]) / np.linalg.norm(matrix[c::3])) for c in range(3)]
-    return Certificate((worst[0], worst[1], worst[2]), (typical[0], typical[1], typical[2]))
+    program: Program
+    certificate: Certificate
+    form: str
 
 
 def force_steps(force_lsb_un: int) -> float:
@@ -66,38 +34,79 @@ def force_steps(force_lsb_un: int) -> float:
     return DISPLACEMENT_LSB_NM * 1e-9 / (force_lsb_un * 1e-6)
 
 
-def compile_matrix(matrix: npt.NDArray[np.float64], what: str, *, max_error: float = 2e-3) -> BlockTable:
-    """Round a matrix (n_rows, n_cols), in output steps per input step, to the board's table.
+def compile_matrix(
+    matrix: Array,
+    rows: Sites,
+    columns: Sites,
+    what: str,
+    *,
+    max_error: float = 1e-3,
+    max_bytes: int | None = None,
+    samples: Array | None = None,
+) -> Compiled:
+    """Compile a matrix (n_rows, n_cols), in output steps per input step.
+
+    Parameters
+    ----------
+    max_error : float
+        Largest relative L2 error, for independent inputs and for `samples`.
+    max_bytes : int or None
+        Room that the board has for this program.
+    samples : (n_cols, n) float64 or None
+        Inputs as they really come, to judge the error on.
 
     Raises
     ------
     InputError
-        When it is not finite, all zero, or cannot be held within `max_error` (relative L2).
+        When the matrix is not finite or all zero, the error cannot be met, or the program is larger than the
+        board's memory.
     """
     if matrix.ndim != 2 or not np.isfinite(matrix).all() or not matrix.any():
         raise InputError(f"{what} is not a finite, non-zero matrix: nothing to compile")
-    n_rows, n_cols = matrix.shape
-    n_blocks = -(-n_cols // BLOCK)
-    padded = np.zeros((n_rows, n_blocks * BLOCK))
-    padded[:, :n_cols] = matrix
-    blocks = padded.reshape(n_rows, n_blocks, BLOCK)
-    peak = np.abs(blocks).max(axis=2)
-    # Smallest exponent e with peak <= ENTRY_LIMIT 2^e.
-    exponent = np.where(peak > 0, np.ceil(np.log2(np.maximum(peak, 1e-300) / ENTRY_LIMIT)), -np.inf)
-    # The row sum is bounded by sum_b 2^(34 + shift): as much room as BOUND_BITS leaves.
-    room = min(BOUND_BITS - 34 - int(np.ceil(np.log2(n_blocks))), MAX_SHIFT)
-    out_shift = room - int(exponent.max())
-    if not 1 <= out_shift <= 60:
-        raise InputError(
-            f"the largest entry of {what} needs an output shift of {out_shift}, outside 1..60: "
-            "change [field] force_lsb_un in board.toml"
-        )
-    shift = np.clip(exponent + out_shift, 0, MAX_SHIFT)
-    scaled = blocks / 2.0 ** (shift - out_shift)[:, :, None]
-    entry = np.clip(np.floor(scaled + 0.5), -ENTRY_LIMIT, ENTRY_LIMIT)
-    entries, shifts = entry.reshape(n_rows, -1).astype(np.int16), shift.astype(np.uint8)
-    rounded = BlockTable(entries, shifts, out_shift, 0.0).to_float()[:, :n_cols]
-    error = float(np.linalg.norm(rounded - matrix) / np.linalg.norm(matrix))
+    if matrix.shape != (len(rows), len(columns)):
+        raise InputError(f"{what} is {matrix.shape}, its sites are {(len(rows), len(columns))}")
+    classes = reflection_classes(matrix, rows, columns)
+    plan = dense_plan(classes, rows, columns)
+    program = quantise(plan, what)
+    proof = certify(program, matrix, rows.axis, samples)
+    form = "dense" if len(classes) == 1 else f"dense/{len(classes)}"
+    error = max(proof.total, proof.samples)
     if error > max_error:
         raise InputError(f"rounding {what} to 15 bits costs {error:.1e} (relative L2), more than {max_error:.1e}")
-    return BlockTable(entries, shifts, out_shift, error)
+    if max_bytes is not None and program.n_bytes > max_bytes:
+        raise InputError(
+            f"{what} takes {program.n_bytes / 1e6:.1f} MB as {form}, more than the {max_bytes / 1e6:.1f} MB that the "
+            "board has for it: use fewer nodes or raise [memory] calibration_kb"
+        )
+    return Compiled(program, proof, form)
+
+
+def dense_plan(classes: list[ReflectionClass], rows: Sites, columns: Sites) -> Plan:
+    """One stage with one panel for each class; columns in the order of their places, so that blocks are local."""
+    fold, panels, n_slots, n_values = [], [], 0, 0
+    unfold: list[list[int]] = [[] for _ in range(len(rows))]
+    for block in classes:
+        row_order = cluster_order(rows.place_m[np.abs(block.rows[:, 0]) - 1])
+        column_order = cluster_order(columns.place_m[np.abs(block.columns[:, 0]) - 1])
+        fold.append(block.columns[column_order])
+        panels.append(
+            Panel(0, n_values, 0, ((n_slots, len(column_order)),), block.matrix[np.ix_(row_order, column_order)])
+        )
+        add_outputs(unfold, block.rows[row_order], n_values)
+        n_slots += len(column_order)
+        n_values += len(row_order)
+    return Plan(np.concatenate(fold).astype(np.int32), rectangle(unfold), (n_values,), panels)
+
+
+def add_outputs(unfold: list[list[int]], rows: npt.NDArray[np.int64], first: int) -> None:
+    """Note for each output that a class's row spreads to: value `first` + row, with its sign."""
+    for value, members in enumerate(rows, start=first + 1):
+        for member in members:
+            if member:
+                unfold[abs(member) - 1].append(value if member > 0 else -value)
+
+
+def rectangle(unfold: list[list[int]]) -> npt.NDArray[np.int32]:
+    """Zero padded to one length."""
+    width = max(len(members) for members in unfold)
+    return np.array([members + [0] * (width - len(members)) for members in unfold], np.int32)

@@ -16,7 +16,8 @@ from mirror.light import difference, grey, reciprocal, rest_image
 from mirror.markers import Lattice
 from mirror.photometric import cell_slope, marker_mask, pixel_slope, upsample
 from mirror.poisson import poisson
-from mirror.solve import BlockTable, SupportTables, contact_mask, linear_force, support_force
+from mirror.program import Program
+from mirror.solve import SupportTables, contact_mask, linear_force, support_force
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 
@@ -36,14 +37,6 @@ class Outcome:
     contact_areas: list[int]
 
 
-def _block_table(tensors: Tensors, metadata: dict[str, str], name: str) -> BlockTable:
-    return BlockTable(
-        tensors[f"{name}.entry"].astype(np.int16),
-        tensors[f"{name}.shift"].astype(np.uint8),
-        int(metadata[f"{name}.out_shift"]),
-    )
-
-
 class FramePath:
     """Operator, support and photometric kinds are all required."""
 
@@ -51,10 +44,10 @@ class FramePath:
         self.board = board
         self.saturations = Saturations()
         self._lattice = Lattice(board)
-        self._operator = _block_table(tensors, metadata, "operator")
+        self._operator = Program(tensors, metadata, "operator")
         self._support = SupportTables(
-            _block_table(tensors, metadata, "support.normal"),
-            _block_table(tensors, metadata, "support.project"),
+            Program(tensors, metadata, "support.normal"),
+            Program(tensors, metadata, "support.project"),
             tensors["support.scale"].astype(np.int32),
         )
         camera = board["camera"]

@@ -1,4 +1,4 @@
-"""Displacement -> nodal force: block operator, contact mask, second pass on the contact's support."""
+"""Displacement -> nodal force: program, contact mask, second pass on the contact's support."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mirror.fixed import I64, Saturations, round_shift
+from mirror.fixed import I64, Saturations
+from mirror.program import Program
 
-BLOCK = 32
 LIMIT = (1 << 31) - 1
 IMAGE_LIMIT = 1 << 33
 WIDE_LIMIT = 1 << 62
@@ -17,26 +17,9 @@ ROUNDS, STEPS = 3, 2
 FULL = 128  # a node of the contact mask that is surely touched
 
 
-@dataclass(frozen=True)
-class BlockTable:
-    """One block-scaled matrix of proto/CALIBRATION.md."""
-
-    entry: npt.NDArray[np.int16]  # (n_rows, n_cols padded to 32)
-    shift: npt.NDArray[np.uint8]  # (n_rows, n_blocks)
-    out_shift: int
-
-    def times(self, u: I64) -> I64:
-        """All rows, not saturated; u without its padding."""
-        padded = np.zeros(self.entry.shape[1], np.int64)
-        padded[: len(u)] = u
-        products = self.entry.astype(np.int64) * padded
-        blocks = products.reshape(len(self.entry), -1, BLOCK).sum(axis=2)
-        return round_shift((blocks << self.shift.astype(np.int64)).sum(axis=1), self.out_shift)
-
-
-def linear_force(table: BlockTable, u: I64, saturations: Saturations) -> I64:
+def linear_force(program: Program, u: I64, saturations: Saturations) -> I64:
     """(n_nodes, 3) in force steps, of (n_nodes, 3) displacements."""
-    return saturations.int32(table.times(u.ravel())).reshape(-1, 3)
+    return saturations.int32(program.times(u.ravel())).reshape(-1, 3)
 
 
 def contact_mask(force: I64, shape: tuple[int, int], threshold_lsb: int, min_nodes: int) -> I64:
@@ -61,8 +44,8 @@ def contact_mask(force: I64, shape: tuple[int, int], threshold_lsb: int, min_nod
 
 @dataclass(frozen=True)
 class SupportTables:
-    normal: BlockTable
-    project: BlockTable
+    normal: Program
+    project: Program
     scale: npt.NDArray[np.int32]
 
 

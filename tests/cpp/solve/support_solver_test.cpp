@@ -53,23 +53,25 @@ std::vector<double> eliminate(const Matrix& h, std::vector<double> b, const std:
 class Loaded {
  public:
   explicit Loaded(const Matrix& h) {
-    std::vector<int16_t> normal(kUnknowns * 32);
-    std::vector<int16_t> project(kUnknowns * 32);
+    std::vector<int16_t> normal(kUnknowns * kUnknowns);
+    std::vector<int16_t> project(kUnknowns * kUnknowns);
     for (size_t i = 0; i < kUnknowns; ++i) {
-      for (size_t j = 0; j < kUnknowns; ++j) normal[i * 32 + j] = static_cast<int16_t>(std::lround(h[i][j] * 8192));
-      project[i * 32 + i] = 8192;
+      for (size_t j = 0; j < kUnknowns; ++j)
+        normal[i * kUnknowns + j] = static_cast<int16_t>(std::lround(h[i][j] * 8192));
+      project[i * kUnknowns + i] = 8192;
     }
-    const std::vector<uint8_t> shift(kUnknowns);
     const std::vector<uint8_t> bytes =
         test::CalibrationBytes()
             .meta("kinds", "support")
             .meta("support.normal.out_shift", "5")   // 8192 / 2^5 = 256: 8 fraction bits
             .meta("support.project.out_shift", "7")  // 8192 / 2^7 = 64
             .tensor("support.scale", "I32", {kUnknowns}, std::vector<int32_t>(kUnknowns, 4 << 16))
-            .tensor("support.normal.entry", "I16", {kUnknowns, 32}, normal)
-            .tensor("support.project.entry", "I16", {kUnknowns, 32}, project)
-            .tensor("support.normal.shift", "U8", {kUnknowns, 1}, shift)
-            .tensor("support.project.shift", "U8", {kUnknowns, 1}, shift)
+            .dense_program("support.normal", kUnknowns, kUnknowns)
+            .dense_program("support.project", kUnknowns, kUnknowns)
+            .dense_entries("support.normal", kUnknowns, kUnknowns, normal)
+            .dense_entries("support.project", kUnknowns, kUnknowns, project)
+            .dense_shifts("support.normal", kUnknowns, kUnknowns)
+            .dense_shifts("support.project", kUnknowns, kUnknowns)
             .bytes();
     storage_.resize((bytes.size() + 7) / 8);
     std::memcpy(storage_.data(), bytes.data(), bytes.size());
@@ -96,7 +98,7 @@ double force_of(double y) { return y * 4 / 16'384; }
 TEST(SupportSolver, SolvesTheSupportAndLeavesZeroOutside) {
   const Matrix h = tridiagonal(0.1);
   Loaded loaded(h);
-  std::vector<int16_t> u(32);
+  std::vector<int16_t> u(kUnknowns);
   for (size_t i = 0; i < kUnknowns; ++i) {
     u[i] = static_cast<int16_t>(i % 3 == 2 ? -9'000 : 1000 * std::sin(static_cast<double>(i)) + 400);
   }
@@ -123,7 +125,7 @@ TEST(SupportSolver, SolvesTheSupportAndLeavesZeroOutside) {
 
 TEST(SupportSolver, ANodeThatWouldPullLosesItsForce) {
   Loaded loaded(tridiagonal(0));  // b is y: the first round finds it at once
-  std::vector<int16_t> u(32);
+  std::vector<int16_t> u(kUnknowns);
   for (const size_t node : {size_t{1}, size_t{2}}) u[3 * node] = 9'000;  // both sheared
   u[3 * 1 + 2] = -9'000;
   u[3 * 2 + 2] = 9'000;
@@ -138,7 +140,7 @@ TEST(SupportSolver, ANodeThatWouldPullLosesItsForce) {
 
 TEST(SupportSolver, ANodeBelowTheThresholdKeepsItsFreedomWhileItPresses) {
   Loaded loaded(tridiagonal(0));
-  std::vector<int16_t> u(32);
+  std::vector<int16_t> u(kUnknowns);
   for (const size_t node : {size_t{1}, size_t{2}}) u[3 * node] = 9'000;
   u[3 * 1 + 2] = -9'000;
   u[3 * 2 + 2] = -320;  // a pressure of half the threshold
@@ -153,7 +155,7 @@ TEST(SupportSolver, AnEmptyMaskIsNoForce) {
   Loaded loaded(tridiagonal(0.3));
   std::vector<NodeForce> force(kNodes, {5, 6, -7});
   SaturationCounter saturations;
-  loaded.solver().run(std::vector<int16_t>(32, 100), std::vector<uint8_t>(kNodes), force, saturations);
+  loaded.solver().run(std::vector<int16_t>(kUnknowns, 100), std::vector<uint8_t>(kNodes), force, saturations);
   for (const NodeForce& f : force) EXPECT_EQ(std::max({std::abs(f.x), std::abs(f.y), std::abs(f.z)}), 0);
 }
 
@@ -163,7 +165,8 @@ TEST(SupportSolver, StaysBoundedWhenTheTablesAreNotPositive) {
   Loaded loaded(h);
   std::vector<NodeForce> force(kNodes, {100, 100, -100});
   SaturationCounter saturations;
-  loaded.solver().run(std::vector<int16_t>(32, 32767), std::vector<uint8_t>(kNodes, kSurely), force, saturations);
+  loaded.solver().run(std::vector<int16_t>(kUnknowns, 32767), std::vector<uint8_t>(kNodes, kSurely), force,
+                      saturations);
   for (const NodeForce& f : force) EXPECT_EQ(f.z, -100);
 }
 

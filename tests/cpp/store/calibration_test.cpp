@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include "solve/block_operator.h"
 #include "support/calibration_bytes.h"
 #include "support/test_board.h"
 #include "support/test_calibration.h"
@@ -108,17 +107,6 @@ TEST(Calibration, LengthsThatOverflowAreRefused) {
     bytes[7] = high;  // a header of more than 2^56 bytes
     EXPECT_FALSE(*Parsed(bytes).result);
   }
-}
-
-TEST(Calibration, AnAccumulatorThatCouldOverflowIsRefused) {
-  const auto load = [](int16_t entry, uint8_t shift) {
-    const Parsed file(operator_file(entry, shift));
-    return static_cast<bool>(BlockOperator::load(file.result->value(), "operator", 2, 64));
-  };
-  EXPECT_TRUE(load(16'383, 27));  // 2 blocks of 2^(34 + 27) are 2^62
-  EXPECT_FALSE(load(16'384, 0));  // four products would leave an int32 lane
-  EXPECT_FALSE(load(-16'384, 0));
-  EXPECT_FALSE(load(1, 28));
 }
 
 TEST(Calibration, AnotherBoardResolutionOrSensorIsRefusedByName) {

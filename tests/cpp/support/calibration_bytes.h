@@ -1,6 +1,7 @@
 // Builds calibration files (proto/CALIBRATION.md) for tests; the signature is zeros.
 #pragma once
 
+#include <algorithm>
 #include <cstring>
 #include <string>
 #include <vector>
@@ -32,6 +33,39 @@ class CalibrationBytes {
     tensors_ += ",\"" + name + "\":{\"dtype\":\"" + dtype + "\",\"shape\":[" + sizes + "],\"data_offsets\":[" +
                 std::to_string(begin) + "," + std::to_string(data_.size()) + "]}";
     return *this;
+  }
+
+  // A dense program (proto/CALIBRATION.md) of n_rows x n_cols entries, row by row, all with one shift.
+  // Its tensors of 32 bits; the 16 and 8 bit ones follow with dense_entries, so that everything stays aligned.
+  CalibrationBytes& dense_program(const std::string& name, int n_rows, int n_cols) {
+    const auto identity = [](int n) {
+      std::vector<int32_t> out(static_cast<size_t>(n));
+      for (int i = 0; i < n; ++i) out[static_cast<size_t>(i)] = i + 1;
+      return out;
+    };
+    return tensor(name + ".fold", "I32", {n_cols, 1}, identity(n_cols))
+        .tensor(name + ".panel", "I32", {1, 6}, std::vector<int32_t>{0, 0, n_rows, 0, 0, 1})
+        .tensor(name + ".segment", "I32", {1, 2}, std::vector<int32_t>{0, n_cols})
+        .tensor(name + ".stage", "I32", {1, 2}, std::vector<int32_t>{n_rows, 0})
+        .tensor(name + ".unfold", "I32", {n_rows, 1}, identity(n_rows));
+  }
+  CalibrationBytes& dense_entries(const std::string& name, int n_rows, int n_cols, const std::vector<int16_t>& rows) {
+    const auto width = static_cast<size_t>(n_cols);
+    const size_t n_blocks = (width + 31) / 32;
+    std::vector<int16_t> out;
+    for (size_t first = 0; first < static_cast<size_t>(n_rows); first += 8) {
+      const size_t last = std::min(first + 8, static_cast<size_t>(n_rows));
+      for (size_t b = 0; b < n_blocks; ++b) {
+        for (size_t r = first; r < last; ++r) {
+          for (size_t j = 32 * b; j < 32 * b + 32; ++j) out.push_back(j < width ? rows[r * width + j] : int16_t{0});
+        }
+      }
+    }
+    return tensor(name + ".entry", "I16", {static_cast<int>(out.size())}, out);
+  }
+  CalibrationBytes& dense_shifts(const std::string& name, int n_rows, int n_cols, uint8_t shift = 0) {
+    const int n = n_rows * ((n_cols + 31) / 32);
+    return tensor(name + ".shift", "U8", {n}, std::vector<uint8_t>(static_cast<size_t>(n), shift));
   }
 
   [[nodiscard]] std::vector<uint8_t> bytes() {

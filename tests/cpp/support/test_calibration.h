@@ -14,15 +14,11 @@ namespace ruffini::test {
 inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board) {
   const GridSize nodes = NodeGrid(board).size();
   const int n = 3 * nodes.count();
-  const int n_blocks = (n + 31) / 32;
-  const int n_padded = 32 * n_blocks;
   const auto diagonal = [&](int16_t value) {
-    std::vector<int16_t> out(static_cast<size_t>(n) * static_cast<size_t>(n_padded));
-    for (int i = 0; i < n; ++i)
-      out[static_cast<size_t>(i) * static_cast<size_t>(n_padded) + static_cast<size_t>(i)] = value;
+    std::vector<int16_t> out(static_cast<size_t>(n * n));
+    for (int i = 0; i < n; ++i) out[static_cast<size_t>(i * n + i)] = value;
     return out;
   };
-  const std::vector<uint8_t> no_shift(static_cast<size_t>(n) * static_cast<size_t>(n_blocks));
   const int n_q = 65;
   std::vector<int16_t> unmix(13 * 17 * 2 * 3);
   for (size_t i = 0; i < unmix.size(); i += 6) {
@@ -52,14 +48,17 @@ inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board) {
       .meta("support.normal.out_shift", "5")
       .meta("support.project.out_shift", "7")
       .tensor("support.scale", "I32", {n}, std::vector<int32_t>(static_cast<size_t>(n), 4 << 16))
-      .tensor("operator.entry", "I16", {n, n_padded}, diagonal(10'240))
-      .tensor("support.normal.entry", "I16", {n, n_padded}, diagonal(8'192))
-      .tensor("support.project.entry", "I16", {n, n_padded}, diagonal(8'192))
+      .dense_program("operator", n, n)
+      .dense_program("support.normal", n, n)
+      .dense_program("support.project", n, n)
+      .dense_entries("operator", n, n, diagonal(10'240))
+      .dense_entries("support.normal", n, n, diagonal(8'192))
+      .dense_entries("support.project", n, n, diagonal(8'192))
       .tensor("photometric.unmix", "I16", {13, 17, 2, 3}, unmix)
       .tensor("photometric.slope", "I16", {n_q, n_q, 2}, slope)
-      .tensor("operator.shift", "U8", {n, n_blocks}, no_shift)
-      .tensor("support.normal.shift", "U8", {n, n_blocks}, no_shift)
-      .tensor("support.project.shift", "U8", {n, n_blocks}, no_shift)
+      .dense_shifts("operator", n, n)
+      .dense_shifts("support.normal", n, n)
+      .dense_shifts("support.project", n, n)
       .bytes();
 }
 

@@ -1,0 +1,126 @@
+"""The operator compiler: what it promises is reached and never passed, and what it cannot do it says."""
+
+import numpy as np
+import pytest
+
+from ruffini.errors import InputError
+from ruffini.fem.certificate import CERTIFIED_STEPS, effective_rows
+from ruffini.fem.compile import compile_matrix, force_steps
+from ruffini.fem.operators import Noise, force_operator
+from ruffini.fem.slab import Slab
+from ruffini.fem.symmetry import Sites, node_sites, reflection_classes
+
+SLAB = Slab(10e-3, 8e-3, 4e-3, 11, 9, 4, 2e5, 0.48)
+
+
+def slab_sites(slab: Slab) -> Sites:
+    x, y = np.linspace(0, slab.size_x_m, slab.n_x), np.linspace(0, slab.size_y_m, slab.n_y)
+    return node_sites(np.stack(np.meshgrid(x, y, [0.0]), axis=-1).reshape(-1, 3))
+
+
+def scattered(n: int, seed: int) -> Sites:
+    rng = np.random.default_rng(seed)
+    return Sites(np.column_stack([rng.uniform(0, 20e-3, (n, 2)), np.zeros(n)]), rng.integers(-1, 3, n))
+
+
+def kernel(rows: Sites, columns: Sites) -> np.ndarray:
+    """Smooth and decaying, different for each pair of directions."""
+    away = rows.place_m[:, None] - columns.place_m[None]
+    distance = np.sqrt(np.square(away).sum(axis=-1) + 1e-6)
+    return (1 + rows.axis[:, None] + 0.3 * columns.axis) * 1e-3 / distance
+
+
+@pytest.fixture(scope="module")
+def raw() -> np.ndarray:
+    return force_operator(SLAB, "raw", noise=Noise((5e-6, 5e-6, 20e-6))) * force_steps(10)
+
+
+def test_the_classes_of_a_slab_hold_a_quarter_and_lose_nothing(raw):
+    sites = slab_sites(SLAB)
+    classes = reflection_classes(raw, sites, sites)
+    assert len(classes) == 4
+    assert sum(c.matrix.size for c in classes) < 0.26 * raw.size
+    again = np.zeros_like(raw)
+    for c in classes:
+        spread, gather = np.zeros((len(raw), len(c.rows))), np.zeros((len(c.columns), len(raw)))
+        for k in range(4):
+            for table, out in ((c.rows, spread), (c.columns, gather.T)):
+                used = np.flatnonzero(table[:, k])
+                out[np.abs(table[used, k]) - 1, used] = np.sign(table[used, k])
+        again += spread @ c.matrix @ gather
+    np.testing.assert_allclose(again, raw, atol=1e-9 * np.abs(raw).max())
+
+
+def test_one_moved_place_or_one_changed_entry_is_no_symmetry(raw):
+    sites = slab_sites(SLAB)
+    moved = Sites(sites.place_m.copy(), sites.axis)
+    moved.place_m[:3] += 1e-5
+    assert len(reflection_classes(raw, sites, moved)) == 1
+    changed = raw.copy()
+    changed[3, 7] += 1e-3 * np.abs(raw).max()
+    assert len(reflection_classes(changed, sites, sites)) == 1
+
+
+def test_a_matrix_symmetric_about_one_line_has_two_classes():
+    sites = slab_sites(SLAB)
+    x = sites.place_m[:, 0] - 5e-3
+    y = sites.place_m[:, 1]
+    # Odd under x -> -x for x components, even for the others; nothing of y -> -y.
+    sign = np.where(sites.axis == 0, np.sign(x), 1.0)
+    profile = sign * (1 + np.abs(x) * 100) * np.exp(y * 300)
+    matrix = np.outer(profile, profile)
+    assert len(reflection_classes(matrix, sites, sites)) == 2
+
+
+@pytest.mark.parametrize("case", ["slab", "scattered"])
+def test_the_certificate_is_reached_and_never_passed(raw, case):
+    """By displacements that are against each axis at its worst, and by random ones."""
+    if case == "slab":
+        matrix, rows, columns = raw, slab_sites(SLAB), slab_sites(SLAB)
+    else:
+        rows, columns = scattered(70, 1), scattered(110, 2)
+        matrix = kernel(rows, columns)
+    compiled = compile_matrix(matrix, rows, columns, "test")
+    rounded = effective_rows(compiled.program, slice(0, len(matrix)), matrix.shape[1])
+    proof = compiled.certificate
+    axis = np.where(rows.axis < 0, 2, rows.axis)
+    for a in range(3):
+        error = np.abs(rounded - matrix).sum(axis=1) * (axis == a)
+        row = int(error.argmax())
+        u = CERTIFIED_STEPS * np.sign(rounded - matrix)[row]
+        worst = abs(np.floor(rounded[row] @ u + 0.5) - matrix[row] @ u)
+        assert proof.worst_steps[a] - 1.01 <= worst <= proof.worst_steps[a]
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        u = rng.integers(-CERTIFIED_STEPS, CERTIFIED_STEPS + 1, matrix.shape[1])
+        error = np.abs(np.floor(rounded @ u + 0.5) - matrix @ u)
+        assert all((error[axis == a] <= proof.worst_steps[a]).all() for a in range(3))
+    relative = np.linalg.norm(rounded - matrix) / np.linalg.norm(matrix)
+    assert relative == pytest.approx(proof.total)
+    assert 1e-6 < proof.total < 3e-4
+
+
+@pytest.mark.parametrize("bad", [np.full((3, 3), np.nan), np.zeros((3, 3)), np.zeros(3)])
+def test_what_is_no_operator_is_refused(bad):
+    with pytest.raises(InputError, match="nothing to compile"):
+        compile_matrix(bad, scattered(3, 0), scattered(3, 0), "the operator")
+
+
+def test_an_error_that_cannot_be_met_and_memory_that_is_not_there_are_refused(raw):
+    sites = slab_sites(SLAB)
+    with pytest.raises(InputError, match=r"more than 1\.0e-06"):
+        compile_matrix(raw, sites, sites, "the operator", max_error=1e-6)
+    with pytest.raises(InputError, match="the board has for it"):
+        compile_matrix(raw, sites, sites, "the operator", max_bytes=10_000)
+    with pytest.raises(InputError, match="its sites are"):
+        compile_matrix(raw, scattered(3, 0), sites, "the operator")
+
+
+def test_samples_are_judged_as_they_come(raw):
+    """Inputs that the operator nearly cancels cost more than independent ones."""
+    sites = slab_sites(SLAB)
+    _, _, right = np.linalg.svd(raw)
+    compiled = compile_matrix(raw, sites, sites, "the operator", samples=right[-1:].T, max_error=0.5)
+    assert compiled.certificate.samples > 10 * compiled.certificate.total
+    with pytest.raises(InputError, match="costs"):
+        compile_matrix(raw, sites, sites, "the operator", samples=right[-1:].T)
