@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
+from ruffini.calibrate.error_model import ErrorModel, Estimate, fit_error_model
 from ruffini.errors import InputError
 from ruffini.fem.certificate import DISPLACEMENT_LSB_NM
 from ruffini.fem.compile import Compiled, compile_matrix, force_steps
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
-from ruffini.fem.support import SupportSystem, support_system
+from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
 from ruffini.fem.symmetry import Sites, node_sites
 
 Tensors = dict[str, npt.NDArray[np.generic]]
@@ -38,6 +39,7 @@ class OperatorKind:
     metadata: dict[str, str]
     matrix: npt.NDArray[np.float64]
     support: SupportSystem | None
+    errors: ErrorModel | None
 
 
 class Material(NamedTuple):
@@ -94,14 +96,20 @@ def make_operator(
     noise: Noise,
     ridge_weight: float = 1e-4,
     material: Material | None = None,
+    n_touches: int = 0,
     progress: Progress = lambda _: None,
 ) -> OperatorKind:
     """Solve and compile the inverse FEM of a board.
 
+    Parameters
+    ----------
+    n_touches : int
+        Simulated touches on which the second pass's error model is fitted; 0: none, uncertainty is not measured.
+
     Raises
     ------
     InputError
-        Unknown method, or a matrix that the board's integers cannot hold.
+        Unknown method, too few touches, or a matrix that the board's integers cannot hold.
     """
     if method not in OPERATOR_METHODS:
         raise InputError(f"unknown method {method!r}: choose one of {', '.join(OPERATOR_METHODS)}")
@@ -133,13 +141,33 @@ def make_operator(
     }
     tensors: Tensors = {}
     _add(tensors, metadata, "operator", compiled)
-    system = None
+    system, errors = None, None
     if has_support:
         system = support_system(condense(slab), noise, observed_unknowns(board))
-        progress(0.8)
+        progress(0.6)
         _add_support(tensors, metadata, system, lsb, sites)
+    if system is not None and n_touches > 0:
+        errors = fit_error_model(
+            slab, board.observed, second_pass(board, matrix, system), noise, force_step_n=lsb * 1e-6,
+            threshold_n=board.contact.threshold_un * 1e-6, n_touches=n_touches,
+            progress=lambda done: progress(0.6 + 0.4 * done),
+        )  # fmt: skip
     progress(1.0)
-    return OperatorKind(tensors, metadata, matrix, system)
+    return OperatorKind(tensors, metadata, matrix, system, errors)
+
+
+def second_pass(board: Board, matrix: npt.NDArray[np.float64], system: SupportSystem) -> Estimate:
+    """The board's solve in float64: linear estimate, contact mask, second pass."""
+    threshold_n = board.contact.threshold_un * 1e-6
+
+    def estimate(u: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        linear = matrix @ u.ravel()
+        force_z = linear.reshape(u.shape)[..., 2]
+        mask = contact_mask(force_z, threshold_n=threshold_n, min_nodes=board.contact.min_nodes)
+        force = solve_on_support(system, u.ravel(), linear, mask.ravel(), threshold_n=threshold_n)
+        return force.reshape(u.shape), mask
+
+    return estimate
 
 
 def _add(tensors: Tensors, metadata: dict[str, str], name: str, compiled: Compiled) -> None:

@@ -1,0 +1,133 @@
+"""The error model of a board's second pass, fitted on simulated touches: `support.error_*` of proto/CALIBRATION.md."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter, label
+from threadpoolctl import threadpool_limits
+
+from ruffini.fem.operators import Noise
+from ruffini.fem.slab import Slab
+from ruffini.fem.touches import MaterialSpread, Touch, TouchMaker
+from ruffini.fem.uncertainty import (
+    NodeError,
+    NodeSample,
+    WrenchError,
+    WrenchSample,
+    fit_node_error,
+    fit_wrench_error,
+)
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+# Displacement (n_y, n_x, 3) m of the observed nodes -> force (n_y, n_x, 3) N and contact mask (n_y, n_x).
+Estimate = Callable[[Array], tuple[Array, Array]]
+
+N_TOUCHES = 120
+SEED = 20_000
+# Beside the white noise, in every second touch: noise of long correlation, as a badly integrated depth has it.
+CORRELATED_PART = 0.5
+CORRELATION_NODES = 3.0
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """What the board needs to say how wrong it is."""
+
+    node: NodeError
+    wrench: WrenchError
+
+
+@dataclass(frozen=True)
+class NodePlaces:
+    """The observed nodes: x (n_x,) and y (n_y,) from the pad's centre, metres."""
+
+    x_m: Array
+    y_m: Array
+
+    def wrench(self, force: Array, center_m: Array) -> Array:
+        """Force and moment of nodal forces (n_y, n_x, 3) about a point of the surface, (6,) N and N m."""
+        x, y = self.x_m[None, :] - center_m[0], self.y_m[:, None] - center_m[1]
+        fx, fy, fz = np.moveaxis(force, -1, 0)
+        moment = [(y * fz).sum(), -(x * fz).sum(), (x * fy - y * fx).sum()]
+        return np.array([*force.sum(axis=(0, 1)), *moment])
+
+    def center_of_pressure(self, force_z: Array) -> Array | None:
+        """(2,) m of the pressing nodes; None where none presses."""
+        pressing = np.minimum(force_z, 0)
+        total = float(pressing.sum())
+        if total == 0:
+            return None
+        return np.array([(pressing * self.x_m[None, :]).sum(), (pressing * self.y_m[:, None]).sum()]) / total
+
+
+def fit_error_model(
+    slab: Slab,
+    observed: tuple[slice, slice],
+    estimate: Estimate,
+    noise: Noise,
+    *,
+    force_step_n: float,
+    threshold_n: float,
+    n_touches: int = N_TOUCHES,
+    progress: Progress = lambda _: None,
+) -> ErrorModel:
+    """Press simulated pads, solve as the board would, fit what it gets wrong.
+
+    Raises
+    ------
+    InputError
+        Too few touches to fit, or a board that hardly feels them.
+    """
+    places = node_places(slab, observed)
+    nodes: list[NodeSample] = []
+    wrenches: list[WrenchSample] = []
+    touches = _observations(slab, observed, noise, n_touches, lambda done: progress(0.6 * done))
+    with threadpool_limits(limits=1):  # many small solves: more threads cost more than they give
+        for i, (touch, u) in enumerate(touches):
+            force, mask = estimate(u)
+            force, truth = _round(force, force_step_n), touch.force[observed]
+            nodes.append(NodeSample(force / force_step_n, _round(truth, force_step_n) / force_step_n))
+            center = places.center_of_pressure(force[..., 2])
+            if center is not None and label(mask > 0, np.ones((3, 3)))[1] == 1:
+                wrenches.append(WrenchSample(places.wrench(force, center), places.wrench(force - truth, center)))
+            progress(0.6 + 0.3 * (i + 1) / len(touches))
+        return ErrorModel(fit_node_error(nodes, threshold_n / force_step_n), fit_wrench_error(wrenches))
+
+
+def node_places(slab: Slab, observed: tuple[slice, slice]) -> NodePlaces:
+    """Places of a slab's observed nodes."""
+    x = np.linspace(-0.5, 0.5, slab.n_x) * slab.size_x_m
+    y = np.linspace(-0.5, 0.5, slab.n_y) * slab.size_y_m
+    return NodePlaces(x[observed[1]], y[observed[0]])
+
+
+def _round(force: Array, step_n: float) -> Array:
+    return np.asarray(np.floor(force / step_n + 0.5) * step_n)
+
+
+def _observations(
+    slab: Slab, observed: tuple[slice, slice], noise: Noise, n_touches: int, progress: Progress
+) -> list[tuple[Touch, Array]]:
+    """Touches of four pads off by the material's spread, and the displacement that the board would see."""
+    spread, rng = MaterialSpread(), np.random.default_rng(SEED)
+    pads, out = spread.pads(slab), []
+    for i, pad in enumerate(pads):
+        maker = TouchMaker(pad, SEED + i, modulus_spread=spread.modulus)
+        for k in range(n_touches // len(pads)):
+            touch = maker.draw()
+            seen = touch.displacement[observed]
+            out.append((touch, seen + _noise(rng, seen.shape, noise, CORRELATED_PART * (k % 2))))
+        progress((i + 1) / len(pads))
+    return out
+
+
+def _noise(rng: np.random.Generator, shape: tuple[int, ...], noise: Noise, correlated_part: float) -> Array:
+    """White noise of the operator's standard deviation, and `correlated_part` of it again with long correlation."""
+    smooth = gaussian_filter(rng.normal(size=shape), (CORRELATION_NODES, CORRELATION_NODES, 0), mode="reflect")
+    smooth *= correlated_part / max(float(np.std(smooth)), 1e-12)
+    return np.asarray((rng.normal(size=shape) + smooth) * np.array(noise.sigma_m))
