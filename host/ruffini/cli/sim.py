@@ -133,11 +133,9 @@ def bench(board: BoardOption, json_: JsonFlag = False) -> None:
     from ruffini.sim.speed import measure
 
     result = measure(find_board(board))
-    pressed = result["mechanics_fps"]
-    mechanics = f"{pressed:.1f} frames/s" if pressed else "not modelled"
     text = (
         f"{result['board']} {result['resolution']}, one core: rendering {result['rendering_fps']:.1f} frames/s, "
-        f"mechanics {mechanics}, {result['memory_mb']:.0f} MB"
+        f"mechanics {result['mechanics_fps']:.1f} frames/s, {result['memory_mb']:.0f} MB"
     )
     emit(result, json_, text)
 

@@ -29,7 +29,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
-from ruffini.sim import programs
+from ruffini.sim.bodies import touches
 from ruffini.sim.bodies.connector import connector
 from ruffini.sim.optics.conditions import Conditions, TrayPose
 from ruffini.sim.optics.renderer import Renderer
@@ -157,9 +157,9 @@ class Scenario(Section):
     def story(self, board: Board) -> list[Step]:
         """The program's steps on a board."""
         if self.program == "demo":
-            return programs.demo(board)
+            return touches.demo(board, load_twin(board))
         if self.program == "grid":
-            return programs.grid(board, self.n, np.random.default_rng(self.seed))
+            return touches.grid(board, load_twin(board), self.n, np.random.default_rng(self.seed))
         if self.program == "rest":
             return [Rest(self.n)]
         n_rest = board.pipeline.n_rest_frames + 2

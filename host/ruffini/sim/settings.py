@@ -69,6 +69,7 @@ class TwinSettings(Section):
     sensor: optics.SensorSettings | None = None
     wear: optics.WearSettings | None = None
     platform: bodies.PlatformSettings | None = None
+    dome: bodies.DomeSettings | None = None
 
     def with_pad(self, *, strain: Strain | None = None, is_relaxing: bool | None = None) -> TwinSettings:
         """The same with another strain or relaxation of the pad; None leaves what there is.
@@ -92,6 +93,8 @@ class TwinSettings(Section):
             raise ValueError("[pad] is_relaxing needs relax_1e3 and relax_ms")
         if self.platform is not None and self.shape.kind != "plane":
             raise ValueError("[platform] carries a plane pad")
+        if self.dome is not None and self.shape.kind != "dome":
+            raise ValueError('[dome] belongs to [shape] kind = "dome"')
         return self
 
 

@@ -10,21 +10,15 @@ from typing import Any
 import numpy as np
 
 from ruffini.boards import Board
-from ruffini.errors import InputError
 from ruffini.sim.contact import Indenter, Pose
-from ruffini.sim.optics.renderer import Renderer
-from ruffini.sim.settings import load_twin
-from ruffini.sim.unit import TwinUnit
+from ruffini.sim.units import build_unit
 
 N_FRAMES = 20
 PRESS = (3e-3, 0.8e-3)  # ball radius and depth of the mechanics' press, metres
 
 
 def measure(board: Board) -> dict[str, Any]:
-    """Frames per second and memory of one board's twin, one thread.
-
-    mechanics_fps is None where the board's body cannot be pressed yet.
-    """
+    """Frames per second and memory of one board's twin, one thread."""
     import cv2
     from threadpoolctl import threadpool_limits
 
@@ -38,22 +32,17 @@ def measure(board: Board) -> dict[str, Any]:
 
 
 def _measure(board: Board) -> dict[str, Any]:
-    twin = load_twin(board)
-    try:
-        unit = TwinUnit.build(board)
-    except InputError:
-        renderer = Renderer.over_chart(board, twin)
-        displacement, mechanics_fps = renderer.at_rest(), None
-    else:
-        renderer, solver = unit.renderer(), unit.solver(Indenter("sphere", PRESS[0]))
-        poses = [Pose(0.0, 0.0, PRESS[1] * (i + 1) / N_FRAMES) for i in range(N_FRAMES)]
-        mechanics_fps = _rate(lambda i: solver.advance(poses[i]))
-        displacement = solver.displacement
+    unit = build_unit(board)
+    renderer, rig = unit.renderer(), unit.rig()
+    rig.take(Indenter("sphere", PRESS[0]))
+    poses = [Pose(0.0, 0.0, PRESS[1] * (i + 1) / N_FRAMES) for i in range(N_FRAMES)]
+    mechanics_fps = _rate(lambda i: rig.advance(poses[i]))
+    displacement, tray = rig.displacement, rig.tray
     rng = np.random.default_rng(1)
-    renderer.image(displacement, rng)  # the first one warms caches
+    renderer.image(displacement, rng, tray=tray)  # the first one warms caches
     return {
         "board": board.name, "resolution": board.resolution, "rendering_fps": _rate(
-            lambda _: renderer.image(displacement, rng)), "mechanics_fps": mechanics_fps,
+            lambda _: renderer.image(displacement, rng, tray=tray)), "mechanics_fps": mechanics_fps,
         "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
     }  # fmt: skip
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
+from ruffini.sim.bodies.dome_unit import DomeUnit
+from ruffini.sim.bodies.platform import Platform
+from ruffini.sim.bodies.platform_unit import PlatformUnit
 from ruffini.sim.rig import Unit
 from ruffini.sim.settings import TwinSettings, load_twin
 from ruffini.sim.unit import PadError, Progress, TwinUnit
@@ -24,6 +27,11 @@ def build_unit(
         The board has no twin, or the factors make a body that cannot be.
     """
     twin = twin or load_twin(board)
+    if twin.shape.kind == "dome":
+        return DomeUnit.build(board, error or PadError(), twin)
     if twin.shape.kind != "plane":
         raise InputError(f"board {board.name!r} is a {twin.shape.kind}: only flat pads can be pressed yet")
-    return TwinUnit.build(board, error, twin=twin, progress=progress)
+    unit = TwinUnit.build(board, error, twin=twin, progress=progress)
+    if twin.platform is None:
+        return unit
+    return PlatformUnit(board, twin, unit.model, unit.compliance, platform=Platform.of(twin.platform))

@@ -53,3 +53,9 @@ class PlatformSettings(Relaxing):
         if self.sleeve_inner_um >= self.sleeve_outer_um:
             raise ValueError("sleeve_inner_um must be below sleeve_outer_um")
         return self
+
+
+class DomeSettings(Relaxing):
+    """[dome]: the shell of a rubber dome (`bodies.dome`); board.toml has its wall and moduli."""
+
+    cells: Annotated[int, Field(ge=8, le=48)] = 18  # elements along each way over the top

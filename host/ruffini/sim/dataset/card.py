@@ -11,6 +11,12 @@ import numpy as np
 from ruffini.sim.dataset.plan import PLAN_FILE, Plan
 from ruffini.sim.dataset.shard import FIELDS
 
+PRESSES = {
+    "plane": "a rigid ball or flat punch, half of them sheared.",
+    "dome": "a rigid flat circle, square or hexagon, a third of them on a turned sensor.",
+    "tube": "a rigid ball.",
+}
+
 
 def shard_name(shard: int) -> str:
     return f"shard-{shard:05d}.h5"
@@ -38,9 +44,9 @@ def card(plan: Plan, folder: Path) -> str:
         f"# {board.name}: {plan.n} simulated presses\n\n"
         f"**Simulated**, by the digital twin of board `{board.name}` ({board.board.product}) in ruffini "
         f"{plan.version}. No real sensor took part.\n\n"
-        "Each sample is one press of a rigid ball or flat punch, held: half of them are sheared. Places, sizes and "
-        "depths are drawn uniformly\n(`ruffini.sim.programs.random_touch`). Mechanics: linear elastic slab with "
-        "Coulomb friction; its limits are in the board's README.md.\n\n"
+        f"Each sample is one press, held: {PRESSES[plan.twin().shape.kind]} Places, sizes and depths are\n"
+        "drawn uniformly (`ruffini.sim.bodies.touches.random_touch`). Mechanics and their limits are in the board's "
+        "README.md.\n\n"
         f"Seed {plan.seed}; sample i follows from the plan ({PLAN_FILE}: both TOML files, seed, version) and i alone, "
         "whoever made it.\n"
         f"True pad over the board's numbers: modulus {plan.scale_modulus:g}, Poisson's ratio {plan.scale_poisson:g}, "

@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import RuffiniError
+from ruffini.sim.bodies.touches import random_touch
 from ruffini.sim.dataset.plan import Plan
 from ruffini.sim.optics.renderer import Renderer
-from ruffini.sim.programs import Touch, random_touch
+from ruffini.sim.programs import Touch
 from ruffini.sim.rig import Unit
 from ruffini.sim.story import Moment, play
 from ruffini.sim.units import build_unit
@@ -64,13 +65,14 @@ def _held(unit: Unit, touch: Touch) -> Moment:
 def _sample(shop: _Workshop, plan: Plan, index: int) -> dict[str, Any]:
     rng = np.random.default_rng([plan.seed, index])
     for attempt in range(MAX_ATTEMPTS):
-        touch = random_touch(shop.unit.board, rng)
+        touch = random_touch(shop.unit.board, shop.unit.twin, rng)
         try:
             moment = _held(shop.unit, touch)
         except RuffiniError:
             continue
         return {
-            "image": shop.renderer.image(moment.displacement, rng, tray=moment.tray), "index": index, "wrench": moment.wrench(),
+            "image": shop.renderer.image(moment.displacement, rng, tray=moment.tray), "index": index,
+            "wrench": moment.wrench(),
             "force": moment.nodal_force().astype(np.float32),
             "displacement": moment.nodal_displacement().astype(np.float32), "pose": moment.pose_row(),
             "contact": moment.nodal_state(),
