@@ -100,38 +100,55 @@ def _make_one(board: str, run: Run, out: Path) -> str:
     for rest in (partial, folder):  # of a run that was stopped
         shutil.rmtree(rest, ignore_errors=True)
     record_touches(unit, run.story(unit.board), partial, seed=run.seed, program=run.key, moments=moments)
-    _write_rig(partial, run, moments, settings.rig)
+    _write_rig(partial, run, moments, settings.rig, unit.board.camera.rate_mhz * 1e-3)
     _write_run(partial, run)
     partial.rename(folder)
     return ""
 
 
-def _write_rig(folder: Path, run: Run, moments: list[KeptMoment], rig: RigSettings) -> None:
-    rng, n = readings_rng(run), len(moments)
+def readings(run: Run, rig: RigSettings, wrench: Array, poses: Array, rate_hz: float) -> dict[str, Array]:
+    """What the bench read in a run whose truth is `wrench` (t, 6) and `poses` (t, 6)."""
+    rng, n = readings_rng(run), len(wrench)
     sigma = np.array([*(1e-6 * s for s in rig.force_noise_un), *(1e-9 * s for s in rig.torque_noise_nnm)])
     gain = 1 + rng.normal(size=6) * np.array([*rig.force_gain_1e4, *rig.torque_gain_1e4]) * 1e-4
-    force = np.array([m.wrench() for m in moments]) * gain + rng.normal(size=(n, 6)) * sigma
-    poses = np.array([m.pose_row() for m in moments])
-    shore = float(str(run.chosen.get("shore_a", "nan"))) + rng.normal() * rig.shore_noise_1e1 * 0.1
+    late = _late(wrench, rig.lag_ms * 1e-3 * rate_hz)
+    force = late * gain + rng.normal(size=(n, 6)) * sigma
+    arms = np.array([*(2 * [rig.crosstalk_1e4 * 1e-4]), 0, *(3 * [rig.moment_crosstalk_um * 1e-6])])
+    force += late[:, 2:3] * (rng.normal(size=6) * arms)
     touched = poses[np.isfinite(poses[:, 0])]
-    extra: dict[str, Array] = {}
+    place = touched[-1, :2] if len(touched) else np.full(2, np.nan)
+    shore = float(str(run.chosen.get("shore_a", "nan")))
+    return {
+        "force": force, "depth_m": poses[:, 2] + rng.normal() * rig.depth_noise_um * 1e-6,
+        "shore_a": np.array(shore + rng.normal() * rig.shore_noise_1e1 * 0.1),
+        "place_m": place + rng.normal(size=2) * rig.place_noise_um * 1e-6,
+    }  # fmt: skip
+
+
+def _write_rig(folder: Path, run: Run, moments: list[KeptMoment], rig: RigSettings, rate_hz: float) -> None:
+    wrench, poses = np.array([m.wrench() for m in moments]), np.array([m.pose_row() for m in moments])
+    arrays = readings(run, rig, wrench, poses, rate_hz)
+    arrays["gel_depth_m"] = np.array([m.gel_depth_m for m in moments])
+    arrays["area_m2"] = np.array([m.area_m2 for m in moments])
     if any(rig.displacement_noise_um):
         nodes = np.array([m.nodal_displacement() for m in moments])
-        extra["displacement_m"] = nodes + rng.normal(size=nodes.shape) * np.array(rig.displacement_noise_um) * 1e-6
+        noise = np.random.default_rng([run.seed, 3]).normal(size=nodes.shape)
+        arrays["displacement_m"] = nodes + noise * np.array(rig.displacement_noise_um) * 1e-6
     stream = io.BytesIO()
-    np.savez(
-        stream, force=force, depth_m=poses[:, 2] + rng.normal() * rig.depth_noise_um * 1e-6, shore_a=shore,
-        place_m=touched[-1, :2] + rng.normal(size=2) * rig.place_noise_um * 1e-6,
-        gel_depth_m=[m.gel_depth_m for m in moments], area_m2=[m.area_m2 for m in moments],
-        allow_pickle=False, **extra,
-    )  # fmt: skip
+    np.savez(stream, allow_pickle=False, **arrays)
     write_whole(folder / "rig.npz", stream.getvalue(), is_durable=False)
+
+
+def _late(rows: Array, frames: float) -> Array:
+    """Rows (t, k) as they were `frames` frames before."""
+    at = np.maximum(np.arange(len(rows)) - frames, 0)
+    return np.stack([np.interp(at, np.arange(len(rows)), column) for column in rows.T], axis=1)
 
 
 def _write_run(folder: Path, run: Run) -> None:
     tree = {
         "simulated": True, "key": run.key, "part": run.settings.part, "what": run.settings.what,
-        "seed": run.seed, "indenter": run.indenter.shape, "radius_m": run.indenter.radius_m, "chosen": run.chosen,
+        "seed": run.seed, "chosen": run.chosen,
     }  # fmt: skip
     write_whole(folder / "run.json", json.dumps(tree, indent=1).encode(), is_durable=False)
 

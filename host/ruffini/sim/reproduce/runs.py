@@ -1,4 +1,4 @@
-"""The runs of a reproduce.toml: each is one approach of one indenter, with its own seed."""
+"""The runs of a reproduce.toml: each is one approach of one indenter or one load by hand, with its own seed."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ruffini.boards import Board
+from ruffini.sim.bodies.connector import CONDITIONS, hand_load
 from ruffini.sim.indenters import Indenter, Material
 from ruffini.sim.pose import Pose
-from ruffini.sim.programs import Rest, Step, Touch
-from ruffini.sim.reproduce.settings import Lists, PressSet, ReproduceSettings
+from ruffini.sim.programs import Load, Rest, Step, Touch
+from ruffini.sim.reproduce.settings import HandSet, Lists, PressSet, ReproduceSettings
 
 UM = 1e-6
 N_REST = 2  # untouched frames after the board's rest frames
@@ -25,13 +26,14 @@ class Run:
     """One run of a set.
 
     key : its folder below the output; seed : everything random in it follows from it.
-    chosen : its value on each of the set's lists.
+    indenter : None of a load by hand.
+    chosen : its value on each of the set's lists; condition and take of a load by hand.
     """
 
     key: str
     seed: int
-    settings: PressSet
-    indenter: Indenter
+    settings: PressSet | HandSet
+    indenter: Indenter | None
     chosen: dict[str, object]
 
     @property
@@ -44,6 +46,7 @@ class Run:
         dx, dy = _pair(self.chosen.get("shift_um"))
         turn = float(str(self.chosen.get("turn_mrad", 0))) * 1e-3
         s = self.settings
+        assert isinstance(s, PressSet)
         n = max(1, round(s.depth_um / s.step_um))
         down = [Pose(x * UM, y * UM, s.depth_um * UM * (i + 1) / n) for i in range(n)]
         poses, last = list(down), down[-1]
@@ -56,9 +59,16 @@ class Run:
         return poses
 
     def story(self, board: Board) -> list[Step]:
-        """Untouched frames, then the touch; all of it is judged."""
+        """Untouched frames, then the touch or load; all of it is judged."""
+        rest = Rest(board.pipeline.n_rest_frames + N_REST)
+        if isinstance(self.settings, HandSet):
+            signs, n = CONDITIONS[int(str(self.chosen["condition"])) - 1], self.settings.frames
+            rng = np.random.default_rng([self.seed, 2])
+            ways = (signs, -signs) if signs[5] else (signs,)  # the last one is twisted both ways
+            return [rest, *(Load(hand_load(way, n, rng), [True] * n) for way in ways)]
+        assert self.indenter is not None
         poses = self.poses()
-        return [Rest(board.pipeline.n_rest_frames + N_REST), Touch(self.indenter, poses, [True] * len(poses))]
+        return [rest, Touch(self.indenter, poses, [True] * len(poses))]
 
 
 def _pair(value: object) -> tuple[float, float]:
@@ -94,9 +104,17 @@ def runs_of(settings: ReproduceSettings, *, quick: bool = False) -> list[Run]:
             if quick and not _is_quick(s, chosen):
                 continue
             key = f"{s.name}/{number:04d}"
-            seed = int.from_bytes(hashlib.sha256(f"{settings.seed}/{key}".encode()).digest()[:4]) >> 1
-            out.append(Run(key, seed, s, _indenter(s, chosen), chosen))
+            out.append(Run(key, _seed(settings, key), s, _indenter(s, chosen), chosen))
+    for h in settings.hand:
+        n_takes = min(h.quick_takes, h.takes) if quick else h.takes
+        for number, (take, condition) in enumerate(itertools.product(range(n_takes), range(len(CONDITIONS)))):
+            key = f"{h.name}/{number:04d}"
+            out.append(Run(key, _seed(settings, key), h, None, {"take": take + 1, "condition": condition + 1}))
     return out
+
+
+def _seed(settings: ReproduceSettings, key: str) -> int:
+    return int.from_bytes(hashlib.sha256(f"{settings.seed}/{key}".encode()).digest()[:4]) >> 1
 
 
 def _product(s: PressSet) -> list[dict[str, object]]:

@@ -53,6 +53,9 @@ class RigSettings(Section):
     force_gain_1e4: ThreeErrors = Field(default=[0, 0, 0])
     torque_noise_nnm: ThreeErrors = Field(default=[0, 0, 0])
     torque_gain_1e4: ThreeErrors = Field(default=[0, 0, 0])
+    crosstalk_1e4: Error = 0  # of normal into tangential force, in each axis
+    moment_crosstalk_um: Error = 0  # of normal force into the moments: an arm
+    lag_ms: Annotated[int, Field(ge=0, le=1000)] = 0  # of the force readings behind the pictures
     depth_noise_um: Error = 0  # of a run: where the stage took its zero
     shore_noise_1e1: Error = 0  # of a run: the hardness tester
     place_noise_um: Error = 0  # of a run: where a person says that it touched
@@ -116,6 +119,17 @@ class PressSet(Lists):
         return self
 
 
+class HandSet(Section):
+    """[[hand]]: each of the 17 loads by hand through a rigid connector (`bodies.connector`), once in every take."""
+
+    name: Name
+    part: Literal["fit", "judge", "show"]
+    what: Annotated[str, Field(min_length=1, max_length=200)]
+    takes: Annotated[int, Field(ge=1, le=1000)]
+    frames: Annotated[int, Field(ge=4, le=100_000)]  # of one push and release
+    quick_takes: Annotated[int, Field(ge=0, le=1000)] = 0
+
+
 class Published(Section):
     """[[published]]: what the paper prints of its method's errors; `ruffini bench papers` calls it by the same name."""
 
@@ -135,11 +149,14 @@ class ReproduceSettings(Section):
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
     rig: RigSettings = RigSettings()
     aging: AgingSettings = AgingSettings()
-    set_: Annotated[list[PressSet], Field(alias="set", min_length=1)]
+    set_: Annotated[list[PressSet], Field(alias="set")] = Field(default=[])
+    hand: list[HandSet] = Field(default=[])
 
     @model_validator(mode="after")
     def _names_differ(self) -> ReproduceSettings:
-        names = [s.name for s in self.set_]
+        names = [*(s.name for s in self.set_), *(h.name for h in self.hand)]
+        if not names:
+            raise ValueError("there is neither a [[set]] nor a [[hand]]")
         if len(set(names)) < len(names):
             raise ValueError("two sets have the same name")
         return self

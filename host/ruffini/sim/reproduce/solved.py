@@ -22,7 +22,7 @@ from ruffini.sim.cache import cache_folder
 from ruffini.sim.optics.conditions import TrayPose
 from ruffini.sim.programs import n_frames_of
 from ruffini.sim.reproduce.runs import Run
-from ruffini.sim.reproduce.settings import AgingSettings
+from ruffini.sim.reproduce.settings import AgingSettings, PressSet
 from ruffini.sim.rig import Unit
 from ruffini.sim.story import Moment, play
 from ruffini.sim.surface import hat_areas, hat_shares
@@ -148,7 +148,7 @@ def _code() -> bytes:
 
 
 def _friction(unit: Unit, run: Run) -> int:
-    own = run.settings.friction_1e3
+    own = run.settings.friction_1e3 if isinstance(run.settings, PressSet) else None
     return unit.twin.unit.friction_1e3 if own is None else own
 
 
