@@ -112,8 +112,11 @@ void FramePath::run_solve(bool with_support) {
 void FramePath::run_estimators() {
   if (!operator_) return;
   timed(Stage::kWrench, [&] { state_.wrench = sum_wrench(nodes_, state_.solve.force, board_.force_lsb_un); });
-  timed(Stage::kContacts,
-        [&] { state_.contacts = contacts_.find(state_.solve.mask, state_.solve.force, state_.displacement.node); });
+  timed(Stage::kContacts, [&] {
+    state_.contacts = contacts_.find(state_.solve.mask, state_.solve.force, state_.displacement.node);
+    slip_.track(state_.contacts, contacts_.component(), state_.solve.force, state_.displacement.node);
+    state_.slip.contact = slip_.contacts();
+  });
 }
 
 void FramePath::solve(std::span<const NodeDisplacement> displacement) {
@@ -148,6 +151,7 @@ void FramePath::judge() {
   }
   const bool is_wrong = (s.flags & (kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark |
                                     kFlagOverexposed)) != 0;
+  if (is_wrong) slip_.forget();
   const auto verdict = [&](bool is_measured, bool is_calibrated) {
     if (!is_measured) return Validity::kNotMeasured;
     if (is_wrong) return Validity::kInvalid;
@@ -163,6 +167,7 @@ void FramePath::zero(int n_frames) { rest_.restart(n_frames); }
 
 void FramePath::set_rest(std::span<const uint16_t> image) {
   rest_.load(image);
+  slip_.forget();
   learn_markers();
 }
 
@@ -180,7 +185,8 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       displacement_(board),
       contact_threshold_lsb_(whole_steps(board.contact.threshold_un, board.force_lsb_un)),
       mask_(nodes_.size(), contact_threshold_lsb_, board.contact.min_nodes),
-      contacts_(nodes_, board.force_lsb_un) {
+      contacts_(nodes_, board.force_lsb_un),
+      slip_(nodes_, board.force_lsb_un) {
   for (const std::string& stage : board.stages) {
     const auto at = std::find(known_stages().begin(), known_stages().end(), stage) - known_stages().begin();
     is_on_[static_cast<size_t>(at)] = true;
@@ -196,6 +202,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
   state_.solve.wide.resize(3 * n_nodes);
   state_.solve.force.resize(n_nodes);
   state_.solve.mask = mask_.find(state_.solve.force);
+  state_.slip.node = slip_.nodes();
 }
 
 // Which tables the calibration brings, and whether they fit this board.

@@ -100,6 +100,7 @@ class FramePath {
   int64_t contact_threshold_lsb_;
   ContactMask mask_;
   ContactFinder contacts_;
+  SlipTracker slip_;
   SaturationCounter untrusted_saturations_;  // of a depth that no force is made of
   FrameState state_;
 };

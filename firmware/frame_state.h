@@ -11,6 +11,7 @@
 #include "base/fixed.h"
 #include "board/settings.h"
 #include "estimators/contacts.h"
+#include "estimators/slip.h"
 #include "estimators/wrench.h"
 #include "image/difference.h"
 #include "image/displacement.h"
@@ -82,6 +83,10 @@ struct FrameState {
   } solve;
   Wrench wrench;
   ContactList contacts;
+  struct {
+    std::span<const NodeSlip> node;                      // observed nodes
+    std::array<ContactSlip, ContactList::kMax> contact;  // in the order of `contacts`
+  } slip;
 };
 
 }  // namespace ruffini

@@ -191,3 +191,25 @@ int ruffini_get_mask(const ruffini_pipeline* pipeline, uint8_t* out) {
   std::copy(mask.begin(), mask.end(), out);
   return 0;
 }
+
+int ruffini_get_slip(const ruffini_pipeline* pipeline, uint8_t* out) {
+  const auto nodes = pipeline->path->state().slip.node;
+  std::transform(nodes.begin(), nodes.end(), out, [](ruffini::NodeSlip s) { return static_cast<uint8_t>(s); });
+  return 0;
+}
+
+int ruffini_get_contacts(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n) {
+  const ruffini::FrameState& s = pipeline->path->state();
+  *n = s.contacts.n_listed;
+  for (size_t i = 0; i < static_cast<size_t>(*n); ++i) {
+    const ruffini::Contact& c = s.contacts.contacts[i];
+    const ruffini::ContactSlip& slip = s.slip.contact[i];
+    const int64_t row[] = {c.n_nodes,      c.area_um2,        c.center_x_um,
+                           c.center_y_um,  c.force_x_un,      c.force_y_un,
+                           c.force_z_un,   c.peak_depth_nm,   static_cast<int64_t>(slip.state),
+                           slip.ratio_1e3, slip.friction_1e3, slip.friction_sigma_1e3,
+                           slip.share_1e3, slip.margin_un};
+    out = std::copy(std::begin(row), std::end(row), out);
+  }
+  return 0;
+}

@@ -68,6 +68,10 @@ RUFFINI_API int ruffini_get_depth(const ruffini_pipeline* pipeline, int16_t* out
 RUFFINI_API int ruffini_get_displacement(const ruffini_pipeline* pipeline, int16_t* out); /* [node][3] 125 nm */
 RUFFINI_API int ruffini_get_force(const ruffini_pipeline* pipeline, int32_t* out);        /* [node][3] */
 RUFFINI_API int ruffini_get_mask(const ruffini_pipeline* pipeline, uint8_t* out);         /* [node] */
+RUFFINI_API int ruffini_get_slip(const ruffini_pipeline* pipeline, uint8_t* out); /* [node] 0 free 1 sticks 2 slips */
+/* The listed contacts, largest first, [8][14]: nodes, um^2, centre x y um, force x y z uN, lowest u_z nm, SlipState,
+ * 1e3 |F_t|/F_n, 1e3 friction (0: not measured), 1e3 its sigma, 1e3 slipping share, margin uN. *n of them. */
+RUFFINI_API int ruffini_get_contacts(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n);
 
 #ifdef __cplusplus
 }

@@ -7,20 +7,20 @@ namespace ruffini {
 ContactFinder::ContactFinder(const NodeGrid& grid, int64_t force_lsb_un)
     : grid_(grid),
       force_lsb_un_(force_lsb_un),
-      is_seen_(static_cast<size_t>(grid.size().count())),
+      component_(static_cast<size_t>(grid.size().count())),
       stack_(static_cast<size_t>(grid.size().count())) {}
 
-Contact ContactFinder::grow(int seed, std::span<const uint8_t> mask, std::span<const NodeForce> force,
+Contact ContactFinder::grow(int seed, uint16_t number, std::span<const uint8_t> mask, std::span<const NodeForce> force,
                             std::span<const NodeDisplacement> displacement) {
   const GridSize n = grid_.size();
-  Contact contact{.first_node = seed};
+  Contact contact{.first_node = seed, .component = number};
   int64_t pressure = 0;
   int64_t pressure_x = 0;
   int64_t pressure_y = 0;
   int64_t deepest = 0;
   size_t n_waiting = 0;
   stack_[n_waiting++] = seed;
-  is_seen_[static_cast<size_t>(seed)] = 1;
+  component_[static_cast<size_t>(seed)] = number;
   while (n_waiting > 0) {
     const int node = stack_[--n_waiting];
     const int x = node % n.n_x;
@@ -39,8 +39,8 @@ Contact ContactFinder::grow(int seed, std::span<const uint8_t> mask, std::span<c
     for (int v = std::max(y - 1, 0); v <= std::min(y + 1, n.n_y - 1); ++v) {
       for (int u = std::max(x - 1, 0); u <= std::min(x + 1, n.n_x - 1); ++u) {
         const auto at = static_cast<size_t>(v * n.n_x + u);
-        if (mask[at] == 0 || is_seen_[at] != 0) continue;
-        is_seen_[at] = 1;
+        if (mask[at] == 0 || component_[at] != 0) continue;
+        component_[at] = number;
         stack_[n_waiting++] = static_cast<int32_t>(at);
       }
     }
@@ -57,11 +57,10 @@ Contact ContactFinder::grow(int seed, std::span<const uint8_t> mask, std::span<c
 ContactList ContactFinder::find(std::span<const uint8_t> mask, std::span<const NodeForce> force,
                                 std::span<const NodeDisplacement> displacement) {
   ContactList list;
-  std::fill(is_seen_.begin(), is_seen_.end(), uint8_t{0});
+  std::fill(component_.begin(), component_.end(), uint16_t{0});
   for (int seed = 0; seed < grid_.size().count(); ++seed) {
-    if (mask[static_cast<size_t>(seed)] == 0 || is_seen_[static_cast<size_t>(seed)] != 0) continue;
-    const Contact contact = grow(seed, mask, force, displacement);
-    ++list.n_found;
+    if (mask[static_cast<size_t>(seed)] == 0 || component_[static_cast<size_t>(seed)] != 0) continue;
+    const Contact contact = grow(seed, static_cast<uint16_t>(++list.n_found), mask, force, displacement);
     const auto end = list.contacts.begin() + list.n_listed;
     const auto place =
         std::find_if(list.contacts.begin(), end, [&](const Contact& c) { return c.area_um2 < contact.area_um2; });

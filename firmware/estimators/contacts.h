@@ -25,6 +25,7 @@ struct Contact {
   int64_t force_z_un = 0;
   int64_t peak_depth_nm = 0;  // lowest u_z
   int first_node = 0;
+  uint16_t component = 0;  // its number in ContactFinder::component()
 };
 
 struct ContactList {
@@ -40,14 +41,16 @@ class ContactFinder {
 
   ContactList find(std::span<const uint8_t> mask, std::span<const NodeForce> force,
                    std::span<const NodeDisplacement> displacement);
+  // Of the last list: for each node the number of its contact, from 1 in the order of first nodes; 0: none.
+  [[nodiscard]] std::span<const uint16_t> component() const { return component_; }
 
  private:
-  Contact grow(int seed, std::span<const uint8_t> mask, std::span<const NodeForce> force,
+  Contact grow(int seed, uint16_t number, std::span<const uint8_t> mask, std::span<const NodeForce> force,
                std::span<const NodeDisplacement> displacement);
 
   NodeGrid grid_;
   int64_t force_lsb_un_;
-  std::vector<uint8_t> is_seen_;
+  std::vector<uint16_t> component_;
   std::vector<int32_t> stack_;
 };
 

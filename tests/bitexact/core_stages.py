@@ -126,3 +126,21 @@ class CoreStages:
             _pointer(out, np.int16),
         )
         return out, int(saturations)
+
+    def slip(
+        self, mask: npt.NDArray[np.uint8], force: I32, displacement: npt.NDArray[np.int16]
+    ) -> tuple[npt.NDArray[np.uint8], list[list[int]]]:
+        """Node plane, and for each listed contact: state, ratio, friction, sigma, share, margin."""
+        plane, rows = np.zeros(mask.shape, np.uint8), np.zeros((8, 6), np.int64)
+        n = self._lib.stages_slip(
+            self._handle,
+            _pointer(mask, np.uint8),
+            _pointer(force, np.int32),
+            _pointer(displacement, np.int16),
+            _pointer(plane, np.uint8),
+            _pointer(rows, np.int64),
+        )
+        return plane, [[int(v) for v in row] for row in rows[:n]]
+
+    def slip_forget(self) -> None:
+        self._lib.stages_slip_forget(self._handle)

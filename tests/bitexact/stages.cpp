@@ -9,6 +9,8 @@
 #include <vector>
 
 #include "board/parse.h"
+#include "estimators/contacts.h"
+#include "estimators/slip.h"
 #include "image/difference.h"
 #include "image/displacement.h"
 #include "image/dots.h"
@@ -29,7 +31,9 @@ struct Stages {
         dots(dot_parameters(board)),
         lattice(board),
         poisson(board),
-        displacement(board) {}
+        displacement(board),
+        contacts(NodeGrid{board}, board.force_lsb_un),
+        slip(NodeGrid{board}, board.force_lsb_un) {}
 
   BoardSettings board;
   Rest rest;
@@ -38,6 +42,8 @@ struct Stages {
   std::optional<Photometric> photometric;
   Poisson poisson;
   Displacement displacement;
+  ContactFinder contacts;
+  SlipTracker slip;
 };
 
 // Markers as rows of x, y, dx, dy, is_lost, is_absent.
@@ -196,5 +202,32 @@ int64_t stages_displacement(Stages* stages, const int32_t* markers, const int16_
   }
   return static_cast<int64_t>(saturations.count);
 }
+
+// `out` has a row a listed contact: state, ratio, friction, sigma, share, margin. Returns how many.
+int stages_slip(void* handle, const uint8_t* mask, const int32_t* force, const int16_t* displacement, uint8_t* plane,
+                int64_t* out) {
+  auto& stages = *static_cast<Stages*>(handle);
+  const auto n = static_cast<size_t>(NodeGrid{stages.board}.size().count());
+  std::vector<NodeForce> f(n);
+  std::vector<NodeDisplacement> u(n);
+  using Um = DisplacementUm;
+  for (size_t i = 0; i < n; ++i, force += 3, displacement += 3) {
+    f[i] = {force[0], force[1], force[2]};
+    u[i] = {Um::from_raw(displacement[0]), Um::from_raw(displacement[1]), Um::from_raw(displacement[2])};
+  }
+  const ContactList list = stages.contacts.find({mask, n}, f, u);
+  stages.slip.track(list, stages.contacts.component(), f, u);
+  std::transform(stages.slip.nodes().begin(), stages.slip.nodes().end(), plane,
+                 [](NodeSlip s) { return static_cast<uint8_t>(s); });
+  for (size_t i = 0; i < static_cast<size_t>(list.n_listed); ++i) {
+    const ContactSlip& s = stages.slip.contacts()[i];
+    const int64_t row[] = {static_cast<int64_t>(s.state), s.ratio_1e3, s.friction_1e3,
+                           s.friction_sigma_1e3,          s.share_1e3, s.margin_un};
+    out = std::copy(std::begin(row), std::end(row), out);
+  }
+  return list.n_listed;
+}
+
+void stages_slip_forget(void* handle) { static_cast<Stages*>(handle)->slip.forget(); }
 
 }  // extern "C"

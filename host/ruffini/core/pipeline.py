@@ -213,7 +213,7 @@ class Pipeline:
         return out
 
     def raw(self, name: str) -> npt.NDArray[Any]:
-        """Integers of a stage of the last frame: change, slope, depth, displacement, force or mask."""
+        """Integers of a stage of the last frame: change, slope, depth, displacement, force, mask or slip."""
         layout = self.layout
         nodes = (layout.node_n_y, layout.node_n_x)
         depth = (layout.depth_n_y, layout.depth_n_x)
@@ -224,6 +224,7 @@ class Pipeline:
             "displacement": ((*nodes, 3), np.int16),
             "force": ((*nodes, 3), np.int32),
             "mask": (nodes, np.uint8),
+            "slip": (nodes, np.uint8),
         }
         return self._get(name, *shapes[name])
 
