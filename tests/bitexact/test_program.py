@@ -12,7 +12,10 @@ from mirror.program import Program as Mirror
 
 from ruffini.calibrate.container import pack
 from ruffini.core import native_folder
+from ruffini.fem.compile import compile_matrix
+from ruffini.fem.hierarchy import Shape
 from ruffini.fem.program import Panel, Plan, Program, quantise
+from ruffini.fem.symmetry import node_sites
 
 I64 = npt.NDArray[np.int64]
 METADATA = {"format": "ruffini-calibration", "format_version": "1", "product": "ruffini"}
@@ -99,6 +102,24 @@ def test_integers_follow_the_plan() -> None:
     out = run_core(quantise(plan, "test"), 90, u)
     expected = u @ right.T @ left.T
     assert np.abs(out - expected).max() < 0.5 + 2e-4 * np.abs(expected).max()
+
+
+def test_a_compiled_hierarchy_runs_within_its_certificate() -> None:
+    rng = np.random.default_rng(8)
+    place = np.column_stack([rng.uniform(0, 20e-3, (400, 2)), np.zeros(400)])
+    sites = node_sites(place)
+    distance = np.sqrt(np.square(sites.place_m[:, None] - sites.place_m[None]).sum(axis=-1) + 1e-6)
+    matrix = (1 + sites.axis[:, None] * sites.axis) / distance
+    compiled = compile_matrix(matrix, sites, sites, "test", shapes=(Shape(24, 2, 0.5),))
+    assert compiled.form == "hierarchical leaf 24 levels 2"
+    u = np.concatenate([rng.integers(-8000, 8001, (4, 1200)), rng.integers(-3, 4, (2, 1200))]).astype(np.int16)
+    out = run_core(compiled.program, 1200, u)
+    assert np.array_equal(out[0], mirror_of(compiled.program).times(u[0]))
+    error = np.abs(out - u @ matrix.T)
+    for axis, worst in enumerate(compiled.certificate.worst_steps):
+        assert error[:, axis::3].max() <= worst
+    # Small inputs are as exact as large ones: the kept vectors float with them.
+    assert np.linalg.norm(error[4:]) < 2e-3 * np.linalg.norm(u[4:] @ matrix.T) + 0.5 * np.sqrt(2400)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
 
 from ruffini.fem.program import Program, shift_for
 
@@ -66,26 +67,23 @@ def certify(
 def effective_rows(program: Program, rows: slice, n_in: int) -> Array:
     """Rows of the matrix that the program's tables are, backwards from the outputs, (n, n_in)."""
     unfold = program.unfold[rows]
-    weights = [np.zeros((len(unfold), n)) for n in (len(program.fold), *program.stage[:, 0])]
-    _spread(weights[-1], unfold)
+    weights = [np.zeros((n, len(unfold))) for n in (len(program.fold), *program.stage[:, 0])]
+    weights[-1] += _signed(unfold, len(weights[-1])).T
     for line, segments, matrix in reversed(list(program.panels())):
         stage, first_row, n_rows, source = (int(v) for v in line[:4])
-        part = weights[stage + 1][:, first_row : first_row + n_rows] @ matrix
+        part = matrix.T @ weights[stage + 1][first_row : first_row + n_rows]
         at = 0
         for first, count in segments:
-            weights[source][:, first : first + count] += part[:, at : at + count]
+            weights[source][first : first + count] += part[at : at + count]
             at += count
-    out = np.zeros((len(unfold), n_in))
-    for column in program.fold.T:
-        used = np.flatnonzero(column)
-        np.add.at(out.T, np.abs(column[used]) - 1, (weights[0][:, used] * np.sign(column[used])).T)
-    return out
+    return np.asarray((_signed(program.fold, n_in).T @ weights[0]).T)
 
 
-def _spread(weights: Array, unfold: npt.NDArray[np.int32]) -> None:
-    for column in unfold.T:
-        used = np.flatnonzero(column)
-        weights[used, np.abs(column[used]) - 1] += np.sign(column[used])
+def _signed(table: npt.NDArray[np.int32], n: int) -> sp.csr_matrix:
+    """A fold's lines as a matrix, (lines, n)."""
+    line, place = np.nonzero(table)
+    named = table[line, place]
+    return sp.csr_matrix((np.sign(named).astype(float), (line, np.abs(named) - 1)), shape=(len(table), n))
 
 
 def _rounding(program: Program) -> Array:
@@ -108,11 +106,7 @@ def _rounding(program: Program) -> Array:
         size = np.abs(matrix)
         bounds[stage + 1][first_row : first_row + n_rows] += size @ bounds[source][columns]
         errors[stage + 1][first_row : first_row + n_rows] += size @ errors[source][columns]
-    out = np.full(len(program.unfold), 0.5)
-    for column in program.unfold.T:
-        used = np.flatnonzero(column)
-        out[used] += errors[-1][np.abs(column[used]) - 1]
-    return out
+    return np.asarray(0.5 + abs(_signed(program.unfold, len(errors[-1]))) @ errors[-1])
 
 
 def _half_step(bound: Array, fraction: int) -> float:

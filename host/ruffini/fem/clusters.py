@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -38,3 +40,57 @@ def cluster_order(place_m: Array) -> Index:
         else:
             parts += reversed(split)
     return np.concatenate(done)
+
+
+@dataclass(frozen=True)
+class Level:
+    """Clusters of one size over the rows and columns of a matrix, each a range once both are in tree order.
+
+    `row_start`, `column_start` (n + 1,); `low_m`, `high_m` (n, 3) boxes round both; `parent` (n,) in the next
+    coarser level, empty for the coarsest.
+    """
+
+    row_start: Index
+    column_start: Index
+    low_m: Array
+    high_m: Array
+    parent: Index
+
+    def __len__(self) -> int:
+        return len(self.low_m)
+
+    def is_near(self, separation: float) -> npt.NDArray[np.bool_]:
+        """Pairs (row cluster, column cluster) that lie closer than `separation` times the larger diagonal."""
+        gap = np.maximum(self.low_m[:, None] - self.high_m, self.low_m - self.high_m[:, None])
+        distance = np.sqrt(np.square(np.maximum(gap, 0)).sum(axis=-1))
+        diagonal = np.sqrt(np.square(self.high_m - self.low_m).sum(axis=-1))
+        return np.asarray(distance < separation * np.maximum(diagonal[:, None], diagonal))
+
+
+def cluster_tree(rows_m: Array, columns_m: Array, leaf: int) -> tuple[list[Level], Index, Index]:
+    """Quadtree over both sets of places: levels from coarse (everything) to fine (at most `leaf` columns or rows),
+
+    and the rows and columns in tree order.
+    """
+    places, n_rows = np.concatenate([rows_m, columns_m]), len(rows_m)
+    parts, parent = [np.arange(len(places))], np.zeros(0, np.int64)
+    members, parents = [parts], [parent]
+    while True:
+        largest = max(max(np.count_nonzero(p < n_rows), np.count_nonzero(p >= n_rows)) for p in parts)
+        quarters = [[q for half in halves(places, p) for q in halves(places, half)] for p in parts]
+        if largest <= leaf or sum(len(q) for q in quarters) == len(parts):
+            break
+        parent = np.repeat(np.arange(len(parts)), [len(q) for q in quarters])
+        parts = [part for q in quarters for part in q]
+        members.append(parts)
+        parents.append(parent)
+    levels = [_level(places, n_rows, parts, parent) for parts, parent in zip(members, parents, strict=True)]
+    order = np.concatenate([np.sort(p) for p in members[-1]])
+    return levels, order[order < n_rows], order[order >= n_rows] - n_rows
+
+
+def _level(places: Array, n_rows: int, parts: list[Index], parent: Index) -> Level:
+    sizes = np.array([[np.count_nonzero(p < n_rows), np.count_nonzero(p >= n_rows)] for p in parts])
+    starts = np.concatenate([[[0, 0]], np.cumsum(sizes, axis=0)])
+    low, high = (np.array([f(places[p], axis=0) for p in parts]) for f in (np.min, np.max))
+    return Level(starts[:, 0], starts[:, 1], low, high, parent)

@@ -1,11 +1,12 @@
 """float64 matrix -> the board's program of integer products, with its certificate.
 
-Candidates are dense and hierarchical programs over the reflection classes of the matrix; the cost model
-picks the cheapest. See README.md for what each route gives.
+Candidates are a dense program and hierarchical ones, each over the reflection classes of the matrix
+(symmetry.py); the cost model picks the cheapest that meets the error. README.md says what each route gives.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,19 +15,52 @@ import numpy.typing as npt
 from ruffini.errors import InputError
 from ruffini.fem.certificate import DISPLACEMENT_LSB_NM, Certificate, certify
 from ruffini.fem.clusters import cluster_order
+from ruffini.fem.hierarchy import Shape, Sorted, hierarchical_plan, sort_class
 from ruffini.fem.program import Panel, Plan, Program, quantise
 from ruffini.fem.symmetry import ReflectionClass, Sites, reflection_classes
 
 Array = npt.NDArray[np.float64]
+Int32 = npt.NDArray[np.int32]
+Progress = Callable[[float], None]
+
+# Cost of a panel beside its entries, as entries: its gather, its calls, its part of a cache line.
+PANEL_COST, COLUMN_COST = 1500, 4
+SHAPES = tuple(
+    Shape(leaf, n_levels, separation) for leaf in (48, 96, 192) for n_levels in (1, 2, 3) for separation in (0.5,)
+)
+SMALLEST_HIERARCHY = 500_000  # entries of all classes: below, panels cost more than they save
+WORTH = 0.9  # of the cost so far: a candidate that saves less is not worth its stages
+MAX_TRIES = 6  # at the threshold that meets the error
+FIRST_THRESHOLD = 0.7  # of the error allowed: rounding takes the rest
 
 
 @dataclass(frozen=True)
 class Compiled:
-    """A program, what it costs against float64, and how it was made (`dense`, `dense/4`, ...)."""
+    """A program, what it costs against float64, and how it was made.
+
+    `form`: `dense`, `dense/4` (in four reflection classes), `hierarchical/4 leaf 96 levels 2`. `n_entries`: what
+    a run reads, padding included.
+    """
 
     program: Program
     certificate: Certificate
     form: str
+
+    @property
+    def n_entries(self) -> int:
+        return len(self.program.entry)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be compiled, and how well."""
+
+    matrix: Array
+    rows: Sites
+    columns: Sites
+    what: str
+    max_error: float
+    samples: Array | None
 
 
 def force_steps(force_lsb_un: int) -> float:
@@ -43,8 +77,11 @@ def compile_matrix(
     max_error: float = 1e-3,
     max_bytes: int | None = None,
     samples: Array | None = None,
+    reflect: bool = True,
+    shapes: tuple[Shape, ...] = SHAPES,
+    progress: Progress = lambda _: None,
 ) -> Compiled:
-    """Compile a matrix (n_rows, n_cols), in output steps per input step.
+    """Compile any matrix (n_rows, n_cols), in output steps per input step.
 
     Parameters
     ----------
@@ -54,6 +91,10 @@ def compile_matrix(
         Room that the board has for this program.
     samples : (n_cols, n) float64 or None
         Inputs as they really come, to judge the error on.
+    reflect : bool
+        Use reflections. Not for a matrix of which the board multiplies small parts only.
+    shapes : tuple of Shape
+        Hierarchies to consider beside the dense program.
 
     Raises
     ------
@@ -65,48 +106,114 @@ def compile_matrix(
         raise InputError(f"{what} is not a finite, non-zero matrix: nothing to compile")
     if matrix.shape != (len(rows), len(columns)):
         raise InputError(f"{what} is {matrix.shape}, its sites are {(len(rows), len(columns))}")
-    classes = reflection_classes(matrix, rows, columns)
-    plan = dense_plan(classes, rows, columns)
-    program = quantise(plan, what)
-    proof = certify(program, matrix, rows.axis, samples)
-    form = "dense" if len(classes) == 1 else f"dense/{len(classes)}"
-    error = max(proof.total, proof.samples)
+    job = Job(matrix, rows, columns, what, max_error, samples)
+    classes = reflection_classes(matrix, rows, columns, use=reflect)
+    suffix = f"/{len(classes)}" if len(classes) > 1 else ""
+    compiled = None
+    chosen = _cheapest_shape(job, classes, shapes, lambda done: progress(0.6 * done))
+    if chosen is not None:
+        shape, sorted_classes = chosen
+        compiled = _hierarchical(job, sorted_classes, f"hierarchical{suffix} leaf {shape.leaf} levels {shape.n_levels}")
+    progress(0.8)
+    if compiled is None:
+        plan = dense_plan(classes, rows, columns)
+        program = quantise(plan, what)
+        compiled = Compiled(program, certify(program, matrix, rows.axis, samples), f"dense{suffix}")
+    error = max(compiled.certificate.total, compiled.certificate.samples)
     if error > max_error:
-        raise InputError(f"rounding {what} to 15 bits costs {error:.1e} (relative L2), more than {max_error:.1e}")
-    if max_bytes is not None and program.n_bytes > max_bytes:
         raise InputError(
-            f"{what} takes {program.n_bytes / 1e6:.1f} MB as {form}, more than the {max_bytes / 1e6:.1f} MB that the "
-            "board has for it: use fewer nodes or raise [memory] calibration_kb"
+            f"rounding {what} to 15 bits costs {error:.1e} (relative L2), more than {max_error:.1e}: allow more error"
         )
-    return Compiled(program, proof, form)
+    if max_bytes is not None and compiled.program.n_bytes > max_bytes:
+        raise InputError(
+            f"{what} takes {compiled.program.n_bytes / 1e6:.1f} MB as {compiled.form}, more than the "
+            f"{max_bytes / 1e6:.1f} MB that the board has for it: use fewer nodes or raise [memory] in board.toml"
+        )
+    progress(1.0)
+    return compiled
+
+
+def cost(plan: Plan) -> float:
+    """Entries read, and what each panel and each gathered column takes, in entries."""
+    columns = sum(panel.matrix.shape[1] for panel in plan.panels)
+    return float(plan.n_entries + PANEL_COST * len(plan.panels) + COLUMN_COST * columns)
+
+
+def _cheapest_shape(
+    job: Job, classes: list[ReflectionClass], shapes: tuple[Shape, ...], progress: Progress
+) -> tuple[Shape, list[Sorted]] | None:
+    """The hierarchy that costs least at the first threshold; None where dense costs no more."""
+    n_entries = sum(c.matrix.size for c in classes)
+    if n_entries < SMALLEST_HIERARCHY:
+        return None
+    best, best_cost = None, WORTH * n_entries
+    for i, shape in enumerate(shapes):
+        sorted_classes = [sort_class(c, job.rows, job.columns, shape) for c in classes]
+        near = sum(c.near_share * c.matrix.size for c in sorted_classes)
+        if near < best_cost:
+            plan = hierarchical_plan(sorted_classes, _threshold(job, sorted_classes, FIRST_THRESHOLD), _no_unfold(job))
+            if plan is not None and cost(plan) < best_cost:
+                best, best_cost = (shape, sorted_classes), WORTH * cost(plan)
+        progress((i + 1) / len(shapes))
+    return best
+
+
+def _threshold(job: Job, classes: list[Sorted], share: float) -> float:
+    """Singular values of a cluster below this are cut: what is cut adds up to `share` of the error allowed."""
+    n_clusters = sum(len(level) for c in classes for level in c.levels)
+    size = np.sqrt(sum(float(np.square(c.matrix).sum()) for c in classes))
+    return float(share * job.max_error * size / np.sqrt(n_clusters))
+
+
+def _hierarchical(job: Job, classes: list[Sorted], form: str) -> Compiled | None:
+    """At the largest threshold that meets the error; None where none of a few does."""
+    share = FIRST_THRESHOLD
+    unfold = _unfold(len(job.rows), [c.rows for c in classes])
+    for _ in range(MAX_TRIES):
+        plan = hierarchical_plan(classes, _threshold(job, classes, share), unfold)
+        if plan is None:
+            return None
+        program = quantise(plan, job.what)
+        proof = certify(program, job.matrix, job.rows.axis, job.samples)
+        error = max(proof.total, proof.samples)
+        if error <= job.max_error:
+            return Compiled(program, proof, form)
+        share *= min(0.8 * job.max_error / error, 0.7)
+    return None
+
+
+def _no_unfold(job: Job) -> Int32:
+    """For a plan that is only costed."""
+    return np.zeros((len(job.rows), 1), np.int32)
 
 
 def dense_plan(classes: list[ReflectionClass], rows: Sites, columns: Sites) -> Plan:
     """One stage with one panel for each class; columns in the order of their places, so that blocks are local."""
-    fold, panels, n_slots, n_values = [], [], 0, 0
-    unfold: list[list[int]] = [[] for _ in range(len(rows))]
+    fold, panels, outputs, n_slots, n_values = [], [], [], 0, 0
     for block in classes:
         row_order = cluster_order(rows.place_m[np.abs(block.rows[:, 0]) - 1])
         column_order = cluster_order(columns.place_m[np.abs(block.columns[:, 0]) - 1])
         fold.append(block.columns[column_order])
+        outputs.append(block.rows[row_order])
         panels.append(
             Panel(0, n_values, 0, ((n_slots, len(column_order)),), block.matrix[np.ix_(row_order, column_order)])
         )
-        add_outputs(unfold, block.rows[row_order], n_values)
         n_slots += len(column_order)
         n_values += len(row_order)
-    return Plan(np.concatenate(fold).astype(np.int32), rectangle(unfold), (n_values,), panels)
+    return Plan(np.concatenate(fold).astype(np.int32), _unfold(len(rows), outputs), (n_values,), panels)
 
 
-def add_outputs(unfold: list[list[int]], rows: npt.NDArray[np.int64], first: int) -> None:
-    """Note for each output that a class's row spreads to: value `first` + row, with its sign."""
-    for value, members in enumerate(rows, start=first + 1):
+def _unfold(n_out: int, outputs: list[npt.NDArray[np.int64]]) -> Int32:
+    """For each output the values of the classes' rows that make it, zero padded to one length."""
+    values: list[list[int]] = [[] for _ in range(n_out)]
+    for value, members in enumerate(_lines(outputs), start=1):
         for member in members:
             if member:
-                unfold[abs(member) - 1].append(value if member > 0 else -value)
+                values[abs(member) - 1].append(value if member > 0 else -value)
+    width = max(len(v) for v in values)
+    return np.array([v + [0] * (width - len(v)) for v in values], np.int32)
 
 
-def rectangle(unfold: list[list[int]]) -> npt.NDArray[np.int32]:
-    """Zero padded to one length."""
-    width = max(len(members) for members in unfold)
-    return np.array([members + [0] * (width - len(members)) for members in unfold], np.int32)
+def _lines(tables: list[npt.NDArray[np.int64]]) -> Iterator[list[int]]:
+    for table in tables:
+        yield from table.tolist()

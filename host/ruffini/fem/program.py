@@ -23,7 +23,7 @@ ROWS = 8  # rows that lie interleaved
 ENTRY_LIMIT = 16383  # 15 bits with sign: four products with int16 fit one int32 lane
 INPUT_LIMIT = 32768
 SUM_BITS = 62  # of an accumulator
-KEPT_BITS = 28  # of a vector before it is kept in 16 bits: what cancels leaves that much room
+KEPT_BITS = 34  # of a vector before it is kept in 16 bits: inputs of three steps still lose nothing
 MAX_SHIFT = 40
 MAX_VALUES = 65_536  # of one vector
 

@@ -53,11 +53,11 @@ def node_sites(place_m: Array) -> Sites:
     return Sites(np.repeat(place_m, 3, axis=0), np.tile(np.arange(3), len(place_m)))
 
 
-def reflection_classes(matrix: Array, rows: Sites, columns: Sites) -> list[ReflectionClass]:
-    """One class with the matrix itself where no reflection leaves it alone, otherwise two or four."""
+def reflection_classes(matrix: Array, rows: Sites, columns: Sites, *, use: bool = True) -> list[ReflectionClass]:
+    """One class with the matrix itself where no reflection leaves it alone (or `use` is off), otherwise two or four."""
     middle = (columns.place_m.min(axis=0) + columns.place_m.max(axis=0)) / 2
     images: list[tuple[int, Index, Index]] = []  # axis, image of each row, image of each column
-    for axis in (0, 1):
+    for axis in (0, 1) if use else ():
         row_image, column_image = _image(rows, axis, middle), _image(columns, axis, middle)
         if row_image is None or column_image is None or len(matrix) < 2:
             continue
