@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
-from ruffini.sim.bodies.dome import DomeModel, DomeState
+from ruffini.sim.bodies.dome import DomeModel
 from ruffini.sim.bodies.settings import DomeSettings
+from ruffini.sim.bodies.sheet import SheetState
 from ruffini.sim.bodies.tool import Grip, ToolContact
 from ruffini.sim.indenters import Indenter
 from ruffini.sim.optics.conditions import TrayPose
@@ -100,12 +101,13 @@ class DomeRig:
     def __init__(self, unit: DomeUnit) -> None:
         self.unit = unit
         relaxation = (unit.twin.dome or DomeSettings()).relaxation()
-        self.state = DomeState(unit.model, unit.twin.unit.friction_1e3 * 1e-3, relaxation)
-        model, shown = unit.model, np.clip(unit.shown_mm() * 1e-3, -np.pi / 2 * unit.model.radius_m, None)
-        patch = model.shell.patch
-        self._to_shown = patch.on_grid(shown, np.minimum(shown, patch.b.edges[-1]))
+        self.sheet = unit.model.sheet()
+        self.state = SheetState(self.sheet, unit.twin.unit.friction_1e3 * 1e-3, relaxation)
+        patch = self.sheet.shell.patch
+        shown = np.clip(unit.shown_mm() * 1e-3, patch.a.edges[0], patch.a.edges[-1])
+        self._to_shown = patch.on_grid(shown, shown)
         self._tool: ToolContact | None = None
-        self._rest_points = np.asarray(model.points @ model.shell.rest)
+        self._rest_points = self.sheet.rest_points()
         self._to_board, self._at_board = self._board_nodes()
 
     def _board_nodes(self) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -122,7 +124,7 @@ class DomeRig:
 
     @property
     def displacement(self) -> Array:
-        return np.asarray(self._to_shown @ (self.state.place - self.unit.model.shell.rest))
+        return np.asarray(self._to_shown @ (self.state.place - self.sheet.shell.rest))
 
     @property
     def tray(self) -> TrayPose | None:
@@ -191,11 +193,11 @@ class DomeRig:
 
     def nodal_displacement(self) -> Array:
         """Zero at nodes beside the dome."""
-        grid, model = self.unit.board.grid, self.unit.model
+        grid, shell = self.unit.board.grid, self.sheet.shell
         out = np.zeros((grid.n_y * grid.n_x, 3))
         places = self._to_board[self._at_board]
-        matrix = model.shell.patch.at_places(places[:, 0], places[:, 1])
-        out[self._at_board] = matrix @ (self.state.place - model.shell.rest)
+        matrix = shell.patch.at_places(places[:, 0], places[:, 1])
+        out[self._at_board] = matrix @ (self.state.place - shell.rest)
         return out.reshape(grid.n_y, grid.n_x, 3)
 
     def nodal_state(self) -> npt.NDArray[np.uint8]:
