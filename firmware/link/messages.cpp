@@ -20,6 +20,9 @@ ruffini_Stamp to_proto(const FrameStamp& stamp, uint32_t flags) {
 
 ruffini_Validity to_proto(Validity v) { return static_cast<ruffini_Validity>(v); }
 
+// Stick and slip are read off shear and pressure: without both in newtons they are not measured.
+bool is_force(const FrameState& s) { return s.force_xy == Validity::kValid && s.force_z == Validity::kValid; }
+
 }  // namespace
 
 size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uint32_t sequence,
@@ -43,9 +46,10 @@ MessageEncoder::MessageEncoder(const FramePath& path, uint8_t sensor) : sensor_(
   const size_t n_values = std::max({3 * n_nodes, n_depth, 2 * path.markers().size()});
   const auto n_image = static_cast<size_t>(path.board().camera.width_px * path.board().camera.height_px) * 3;
   values_.resize(n_values);
-  dense_.resize(std::max(dense_bound(n_values), n_image));
-  dense_second_.resize(dense_bound(3 * n_nodes));
-  payload_.resize(dense_.size() + dense_second_.size() + kMessageOverhead);
+  dense_[0].resize(std::max(dense_bound(n_values), n_image));
+  dense_[1].resize(dense_bound(3 * n_nodes));
+  dense_[2].resize(dense_bound(n_nodes));
+  payload_.resize(dense_[0].size() + dense_[1].size() + dense_[2].size() + kMessageOverhead);
   frames_.resize(frames_bound(payload_.size()));
 }
 
@@ -55,17 +59,16 @@ size_t MessageEncoder::serialise(const pb_msgdesc_t* fields, const void* message
 }
 
 // Packs values_ (size.count() x n_components) and points `out` at the bytes.
-void MessageEncoder::pack(ruffini_Dense& out, GridSize size, size_t n_components, std::vector<uint8_t>& bytes) {
+void MessageEncoder::pack(ruffini_Dense& out, GridSize size, size_t n_components, size_t part) {
   const size_t n_values = static_cast<size_t>(size.count()) * n_components;
-  const DenseBytes packed = encode_dense({values_.data(), n_values}, n_components, bytes);
-  std::span<const uint8_t>& span = &bytes == &dense_ ? span_ : span_second_;
-  span = {bytes.data(), packed.n_bytes};
+  const DenseBytes packed = encode_dense({values_.data(), n_values}, n_components, dense_[part]);
+  span_[part] = {dense_[part].data(), packed.n_bytes};
   out.codec = packed.codec == DenseCodec::kSparse ? ruffini_Dense_Codec_CODEC_SPARSE : ruffini_Dense_Codec_CODEC_PACKED;
   out.n_x = static_cast<uint32_t>(size.n_x);
   out.n_y = static_cast<uint32_t>(size.n_y);
   out.n_components = static_cast<uint32_t>(n_components);
   out.data.funcs.encode = write_span;
-  out.data.arg = &span;
+  out.data.arg = &span_[part];
 }
 
 size_t MessageEncoder::wrench(const FramePath& path, const FrameStamp& stamp) {
@@ -103,14 +106,20 @@ size_t MessageEncoder::field(const FramePath& path, const FrameStamp& stamp) {
     values_[3 * i + 2] = s.solve.force[i].z;
   }
   m.has_force = true;
-  pack(m.force, path.nodes().size(), 3, dense_);
+  pack(m.force, path.nodes().size(), 3, 0);
   for (size_t i = 0; i < s.displacement.node.size(); ++i) {
     values_[3 * i] = s.displacement.node[i].x.raw();
     values_[3 * i + 1] = s.displacement.node[i].y.raw();
     values_[3 * i + 2] = s.displacement.node[i].z.raw();
   }
   m.has_displacement = true;
-  pack(m.displacement, path.nodes().size(), 3, dense_second_);
+  pack(m.displacement, path.nodes().size(), 3, 1);
+  if (is_force(s)) {
+    std::transform(s.slip.node.begin(), s.slip.node.end(), values_.begin(),
+                   [](NodeSlip slip) { return static_cast<int32_t>(slip); });
+    m.has_slip = true;
+    pack(m.slip, path.nodes().size(), 1, 2);
+  }
   return serialise(ruffini_Field_fields, &m);
 }
 
@@ -125,7 +134,7 @@ size_t MessageEncoder::depth(const FramePath& path, const FrameStamp& stamp) {
   std::transform(s.poisson.depth.begin(), s.poisson.depth.end(), values_.begin(),
                  [](DisplacementUm d) { return int32_t{d.raw()}; });
   m.has_depth = true;
-  pack(m.depth, path.depth_grid(), 1, dense_);
+  pack(m.depth, path.depth_grid(), 1, 0);
   return serialise(ruffini_Depth_fields, &m);
 }
 
@@ -138,6 +147,7 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
   m.contacts_count = static_cast<pb_size_t>(s.contacts.n_listed);
   for (size_t i = 0; i < m.contacts_count; ++i) {
     const Contact& c = s.contacts.contacts[i];
+    const ContactSlip slip = is_force(s) ? s.slip.contact[i] : ContactSlip{};
     m.contacts[i] = {.id = static_cast<uint32_t>(i),
                      .area_um2_k = static_cast<uint32_t>(c.area_um2 / 1'000),
                      .center_x_um = static_cast<int32_t>(c.center_x_um),
@@ -146,7 +156,13 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
                      .force_y_un = c.force_y_un,
                      .force_z_un = c.force_z_un,
                      .peak_depth_nm = static_cast<int32_t>(c.peak_depth_nm),
-                     .validity = to_proto(s.force_z)};
+                     .validity = to_proto(s.force_z),
+                     .slip_state = static_cast<ruffini_SlipState>(slip.state),
+                     .shear_ratio_1e3 = static_cast<uint32_t>(slip.ratio_1e3),
+                     .friction_1e3 = static_cast<uint32_t>(slip.friction_1e3),
+                     .friction_sigma_1e3 = static_cast<uint32_t>(slip.friction_sigma_1e3),
+                     .slip_share_1e3 = static_cast<uint32_t>(slip.share_1e3),
+                     .slip_margin_un = slip.margin_un};
   }
   return serialise(ruffini_Contacts_fields, &m);
 }
@@ -167,7 +183,7 @@ size_t MessageEncoder::markers(const FramePath& path, const FrameStamp& stamp) {
     if (markers[i].is_lost) m.lost.bytes[i / 8] = static_cast<uint8_t>(m.lost.bytes[i / 8] | 1U << (i % 8));
   }
   m.has_displacement = true;
-  pack(m.displacement, lattice, 2, dense_);
+  pack(m.displacement, lattice, 2, 0);
   return serialise(ruffini_Markers_fields, &m);
 }
 
@@ -183,14 +199,14 @@ size_t MessageEncoder::image(const FrameView& frame, const FramePath& path, cons
   m.width_px = static_cast<uint32_t>(frame.width / step);
   m.height_px = static_cast<uint32_t>(frame.height / step);
   m.step_px = static_cast<uint32_t>(step);
-  auto out = dense_.begin();
+  auto out = dense_[0].begin();
   for (int y = 0; y < frame.height / step; ++y) {
     for (int x = 0; x < frame.width / step; ++x)
       out = std::copy_n(frame.row(y * step) + ptrdiff_t{3} * x * step, 3, out);
   }
-  span_ = {dense_.data(), n_bytes()};
+  span_[0] = {dense_[0].data(), n_bytes()};
   m.data.funcs.encode = write_span;
-  m.data.arg = &span_;
+  m.data.arg = &span_[0];
   return serialise(ruffini_Image_fields, &m);
 }
 

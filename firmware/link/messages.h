@@ -3,6 +3,7 @@
 // Thread-bound to the frame thread. No allocation after the constructor.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <span>
@@ -41,17 +42,17 @@ class MessageEncoder {
   size_t markers(const FramePath& path, const FrameStamp& stamp);
   size_t image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp);
   size_t serialise(const pb_msgdesc_t* fields, const void* message);
-  void pack(ruffini_Dense& out, GridSize size, size_t n_components, std::vector<uint8_t>& bytes);
+  // `part`: which of the message's dense parts.
+  void pack(ruffini_Dense& out, GridSize size, size_t n_components, size_t part);
 
   uint8_t sensor_;
   uint32_t sequence_ = 0;
   std::vector<int32_t> values_;
-  std::vector<uint8_t> dense_;  // packed bytes of the message's first dense part
-  std::vector<uint8_t> dense_second_;
-  std::span<const uint8_t> span_;  // what the nanopb callbacks write
-  std::span<const uint8_t> span_second_;
-  std::vector<uint8_t> payload_;  // serialised message
-  std::vector<uint8_t> frames_;   // its frames
+  static constexpr size_t kMaxParts = 3;                  // dense parts of one message
+  std::array<std::vector<uint8_t>, kMaxParts> dense_;     // their packed bytes
+  std::array<std::span<const uint8_t>, kMaxParts> span_;  // what the nanopb callbacks write
+  std::vector<uint8_t> payload_;                          // serialised message
+  std::vector<uint8_t> frames_;                           // its frames
 };
 
 // Splits a serialised message into frames; returns the bytes written to `out` (frames_bound(message.size())),

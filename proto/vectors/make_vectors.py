@@ -72,6 +72,8 @@ def good_frames() -> list[tuple[str, bytes, str]]:
     add("subscribe", 11, bytes.fromhex("0807120c0a04080410010a0408051004"), flags=1, sensor=255, sequence=3)
     add("zero command", 11, bytes.fromhex("08081a00"), flags=1, sensor=255, sequence=4)
     add("wrench, simulated replay", 4, bytes.fromhex("0a0408e80710011013180f"), flags=6, sequence=5)
+    # Contacts{{slip_state=INCIPIENT, ratio 350, friction 500 +- 100, share 620, margin 25000}}, n_found=1
+    add("contact that begins to slip", 7, bytes.fromhex("1211500258de0260f403686470ec0478d086031801"), sequence=6)
     add("reply ok", 12, bytes.fromhex("0807"), sensor=255, sequence=6)
     add("payload of one zero", 9, b"\0")
     add("payload of zeros", 9, bytes(40))

@@ -12,6 +12,7 @@ from ruffini.wire.dense import decode_dense
 
 Array = npt.NDArray[np.float64]
 NOT_MEASURED, VALID, UNCALIBRATED, INVALID = range(4)
+SLIP_STATES = {1: "sticks", 2: "incipient", 3: "slides"}
 
 
 def _dense(message: Any) -> npt.NDArray[np.int32]:
@@ -52,6 +53,7 @@ class Field:
     force_lsb_n: float
     displacement: Array | None
     validity: tuple[int, ...]
+    slip: npt.NDArray[np.int32] | None = None  # (n_y, n_x) NodeSlip: 0 nothing presses, 1 sticks, 2 slips
 
     @classmethod
     def from_message(cls, m: Any) -> Field:
@@ -60,8 +62,64 @@ class Field:
         displacement = _dense(m.displacement) * (m.displacement_lsb_nm * 1e-9) if m.HasField("displacement") else None
         return cls(
             m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, steps * lsb, steps, lsb, displacement,
-            tuple(m.validity),
+            tuple(m.validity), _dense(m.slip)[..., 0] if "slip" in m.DESCRIPTOR.fields_by_name and m.HasField("slip")
+            else None,
         )  # fmt: skip
+
+    def slip_margin(self, friction: float) -> Array:
+        """Shear that each node still takes, friction |f_z| - |f_t|, (n_y, n_x) newtons; 0 where nothing presses."""
+        pressure = np.clip(-self.force[..., 2], 0, None)
+        margin = friction * pressure - np.hypot(self.force[..., 0], self.force[..., 1])
+        return np.where(pressure > 0, margin, 0.0)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One contact: newtons, metres, square metres; None where it is not measured.
+
+    `slip_state` is "sticks", "incipient" or "slides"; `slip_share` of its area slips; `slip_margin_n` is the shear
+    that it still takes.
+    """
+
+    area: float
+    center: tuple[float, float]
+    force: tuple[float, float, float]
+    peak_depth: float
+    validity: int
+    slip_state: str | None
+    shear_ratio: float | None
+    slip_share: float | None
+    friction: float | None
+    friction_sigma: float | None
+    slip_margin_n: float | None
+
+    @classmethod
+    def from_message(cls, m: Any) -> Contact:
+        state = SLIP_STATES.get(getattr(m, "slip_state", 0))
+        told = state is not None
+        known = told and m.friction_1e3 > 0
+        return cls(
+            m.area_um2_k * 1e-9, (m.center_x_um * 1e-6, m.center_y_um * 1e-6),
+            (m.force_x_un * 1e-6, m.force_y_un * 1e-6, m.force_z_un * 1e-6), m.peak_depth_nm * 1e-9, m.validity,
+            state, m.shear_ratio_1e3 * 1e-3 if told else None, m.slip_share_1e3 * 1e-3 if told else None,
+            m.friction_1e3 * 1e-3 if known else None, m.friction_sigma_1e3 * 1e-3 if known else None,
+            m.slip_margin_un * 1e-6 if known else None,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """The separate contacts, largest first."""
+
+    capture_s: float
+    frame: int
+    flags: int
+    contacts: tuple[Contact, ...]
+
+    @classmethod
+    def from_message(cls, m: Any) -> Contacts:
+        contacts = tuple(Contact.from_message(c) for c in m.contacts)
+        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, contacts)
 
 
 @dataclass(frozen=True)
@@ -96,4 +154,4 @@ class Image:
         return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, pixels, m.step_px)
 
 
-RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "IMAGE": Image}
+RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "CONTACTS": Contacts, "IMAGE": Image}

@@ -200,6 +200,60 @@ TEST_F(MessagesTest, ContactsAreTheStatesOwn) {
   EXPECT_EQ(contacts.contacts[0].force_z_un, found.contacts[0].force_z_un);
   EXPECT_EQ(contacts.contacts[0].center_x_um, found.contacts[0].center_x_um);
   EXPECT_EQ(contacts.contacts[0].area_um2_k, found.contacts[0].area_um2 / 1'000);
+  EXPECT_EQ(contacts.contacts[0].slip_state, ruffini_SlipState_SLIP_STATE_NOT_MEASURED) << "one frame tells nothing";
+}
+
+TEST_F(MessagesTest, SlipIsTheStatesOwn) {
+  // A press of 7 x 7 nodes whose rim stays behind, forces straight from the diagonal operator.
+  BoardSettings linear = board_;
+  std::erase(linear.stages, "support");
+  auto path =
+      FramePath::configure(linear, CalibrationFile::load(test::diagonal_calibration(board_)).value(), still_clock)
+          .value();
+  path->set_rest(path_->rest_image());
+  path->process(view(picture_));
+  path_.swap(path);
+  for (const int core_um : {0, 40}) {
+    std::vector<NodeDisplacement> u(17 * 13);
+    for (int y = 3; y < 10; ++y) {
+      for (int x = 5; x < 12; ++x) {
+        const bool is_core = y > 4 && y < 8 && x > 6 && x < 10;
+        const int ux = is_core ? core_um : core_um / 2;
+        u[static_cast<size_t>(17 * y + x)] = {
+            DisplacementUm::from_raw(static_cast<int16_t>(8 * ux)), {}, DisplacementUm::from_raw(-800)};
+      }
+    }
+    path_->solve(u);
+  }
+  const ContactSlip& slip = path_->state().slip.contact[0];
+  ASSERT_EQ(slip.state, SlipState::kIncipient);
+  ruffini_Contacts contacts = ruffini_Contacts_init_zero;
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_CONTACTS), ruffini_Contacts_fields, contacts);
+  const ruffini_Contact& sent = contacts.contacts[0];
+  EXPECT_EQ(static_cast<int>(sent.slip_state), static_cast<int>(slip.state));
+  EXPECT_EQ(sent.shear_ratio_1e3, static_cast<uint32_t>(slip.ratio_1e3));
+  EXPECT_EQ(sent.friction_1e3, static_cast<uint32_t>(slip.friction_1e3));
+  EXPECT_EQ(sent.friction_sigma_1e3, static_cast<uint32_t>(slip.friction_sigma_1e3));
+  EXPECT_EQ(sent.slip_share_1e3, static_cast<uint32_t>(slip.share_1e3));
+  EXPECT_EQ(sent.slip_margin_un, slip.margin_un);
+  ruffini_Field field = ruffini_Field_init_zero;
+  Bytes data;
+  field.slip.data = {.funcs = {.decode = read_bytes}, .arg = &data};
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_FIELD), ruffini_Field_fields, field);
+  const std::vector<int32_t> nodes = values_of(field.slip, data);
+  const auto expected = path_->state().slip.node;
+  ASSERT_EQ(nodes.size(), expected.size());
+  for (size_t i = 0; i < nodes.size(); ++i) ASSERT_EQ(nodes[i], static_cast<int32_t>(expected[i]));
+  EXPECT_NE(*std::max_element(nodes.begin(), nodes.end()), 0);
+}
+
+TEST_F(MessagesTest, SlipOfForcesThatAreNotValidIsNotSent) {
+  auto bare = FramePath::configure(board_, nullptr, still_clock).value();
+  bare->process(view(picture_));
+  path_.swap(bare);
+  ruffini_Field field = ruffini_Field_init_zero;
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_FIELD), ruffini_Field_fields, field);
+  EXPECT_FALSE(field.has_slip);
 }
 
 TEST_F(MessagesTest, AnImageTravelsAsItIs) {
