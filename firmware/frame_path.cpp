@@ -240,7 +240,7 @@ Status FramePath::load_tables() {
     operator_ = std::move(op).value();
   }
   if (has(Stage::kSupport) && operator_ && c.has_kind("support")) {
-    auto support = SupportSolver::load(c, nodes_.size().count(), contact_threshold_lsb_);
+    auto support = SupportSolver::load(c, nodes_.size(), nodes_.places(), contact_threshold_lsb_);
     if (!support) return support.error();
     support_.emplace(std::move(support).value());
   }

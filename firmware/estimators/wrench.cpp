@@ -22,6 +22,17 @@ int64_t NodeGrid::node_area_um2() const {
   return floor_div(size_x_um_ * size_y_um_, int64_t{n_.n_x - 1} * (n_.n_y - 1));
 }
 
+std::vector<NodePlace> NodeGrid::places() const {
+  std::vector<NodePlace> out;
+  for (int row = 0; row < size().n_y; ++row) {
+    for (int column = 0; column < size().n_x; ++column) {
+      out.push_back(
+          {static_cast<int32_t>(to_um_x(twice_steps_x(column))), static_cast<int32_t>(to_um_y(twice_steps_y(row)))});
+    }
+  }
+  return out;
+}
+
 Wrench sum_wrench(const NodeGrid& grid, std::span<const NodeForce> force, int64_t force_lsb_un) {
   int64_t fx = 0;
   int64_t fy = 0;

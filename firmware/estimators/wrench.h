@@ -9,9 +9,11 @@
 
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "board/settings.h"
 #include "solve/contact_mask.h"
+#include "solve/shear_modes.h"
 
 namespace ruffini {
 
@@ -38,6 +40,8 @@ class NodeGrid {
   [[nodiscard]] int64_t to_um_x(int64_t sum) const { return scale(sum, size_x_um_, n_.n_x - 1); }
   [[nodiscard]] int64_t to_um_y(int64_t sum) const { return scale(sum, size_y_um_, n_.n_y - 1); }
   [[nodiscard]] int64_t node_area_um2() const;
+  // Where the nodes are, in their order; allocates.
+  [[nodiscard]] std::vector<NodePlace> places() const;
 
  private:
   static int64_t scale(int64_t sum, int64_t size_um, int64_t steps);

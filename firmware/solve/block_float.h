@@ -1,4 +1,5 @@
-// Vectors of wide integers as 16 bits with one common power of two: v = v16 2^shift, rounded half up.
+// Block floating point: wide integers as 16 bits with one common power of two, v = v16 2^shift, rounded half up;
+// quotients as a mantissa and an exponent.
 #pragma once
 
 #include <algorithm>
@@ -17,6 +18,26 @@ namespace ruffini::block_float {
   return std::max(bit_width(largest + (largest >> 14)) - 15, 0);
 }
 
+inline constexpr int64_t kLimit = (int64_t{1} << 31) - 1;
+inline constexpr int64_t kWideLimit = int64_t{1} << 62;
+
+inline int64_t limited(int64_t x, SaturationCounter& saturations, int64_t limit = kLimit) {
+  if (x < -limit || x > limit) {
+    ++saturations.count;
+    return x < 0 ? -limit : limit;
+  }
+  return x;
+}
+
+// Rounding shift in either direction, at most +-2^62; zero where everything is shifted out.
+inline int64_t shifted(int64_t x, int right) {
+  if (right > 0) return right > 62 ? 0 : round_shift(x, right);
+  if (x == 0) return 0;
+  const int64_t room = right < -62 ? 0 : kWideLimit >> -right;
+  if (x > room || x < -room) return x < 0 ? -kWideLimit : kWideLimit;
+  return x * (int64_t{1} << -right);
+}
+
 [[nodiscard]] inline int common_shift(std::span<const int64_t> values) {
   int64_t largest = 0;
   for (const int64_t v : values) largest = std::max(largest, v < 0 ? -v : v);
@@ -24,5 +45,27 @@ namespace ruffini::block_float {
 }
 
 [[nodiscard]] constexpr int64_t to_16(int64_t v, int shift) { return shift == 0 ? v : round_shift(v, shift); }
+
+// mantissa 2^exponent, the mantissa below 2^24.
+struct Quotient {
+  int64_t mantissa = 0;
+  int exponent = 0;
+};
+
+// numerator 2^exponent / denominator, both positive.
+inline Quotient quotient(int64_t numerator, int64_t denominator, int exponent) {
+  const int up = 62 - bit_width(numerator);
+  const int down = std::max(bit_width(denominator) - 38, 0);
+  // numerator 2^up has 62 bits, denominator 2^-down at most 38: the quotient has at least 24.
+  int64_t mantissa = (numerator << up) / (denominator >> down);
+  const int extra = std::max(bit_width(mantissa) - 24, 0);
+  mantissa >>= extra;
+  return {mantissa, exponent - up - down + extra};
+}
+
+// value quotient 2^exponent, rounded; |value| < 2^38
+inline int64_t scaled(int64_t value, const Quotient& quotient, int exponent) {
+  return shifted(value * quotient.mantissa, -(quotient.exponent + exponent));
+}
 
 }  // namespace ruffini::block_float

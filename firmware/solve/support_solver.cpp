@@ -7,44 +7,29 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kLimit = (int64_t{1} << 31) - 1;
+using namespace block_float;
+
 constexpr int64_t kImageLimit = int64_t{1} << 33;  // of H p16: its energy over 2^14 unknowns stays below 2^62
-constexpr int64_t kWideLimit = int64_t{1} << 62;
 constexpr int kImageFraction = 8;
 constexpr int kForceFraction = 30;
+constexpr int64_t kMaxNoise = int64_t{1} << 24;
 
-int64_t limited(int64_t x, SaturationCounter& saturations, int64_t limit = kLimit) {
-  if (x < -limit || x > limit) {
-    ++saturations.count;
-    return x < 0 ? -limit : limit;
-  }
-  return x;
-}
-
-using block_float::bit_width;
-using block_float::common_shift;
-using block_float::to_16;
-
-// Rounding shift in either direction, at most +-2^62; zero where everything is shifted out.
-int64_t shifted(int64_t x, int right) {
-  if (right > 0) return right > 62 ? 0 : round_shift(x, right);
-  if (x == 0) return 0;
-  const int64_t room = right < -62 ? 0 : kWideLimit >> -right;
-  if (x > room || x < -room) return x < 0 ? -kWideLimit : kWideLimit;
-  return x * (int64_t{1} << -right);
-}
+bool is_shear(uint32_t unknown) { return unknown % 3 != 2; }
 
 }  // namespace
 
-Result<SupportSolver> SupportSolver::load(const Calibration& calibration, int n_nodes, int64_t threshold_lsb) {
-  const int n = 3 * n_nodes;
+Result<SupportSolver> SupportSolver::load(const Calibration& calibration, GridSize nodes,
+                                          std::span<const NodePlace> places, int64_t threshold_lsb) {
+  const int n = 3 * nodes.count();
   auto normal = BlockProgram::load(calibration, "support.normal", n, n);
   if (!normal) return normal.error();
   auto project = BlockProgram::load(calibration, "support.project", n, n);
   if (!project) return project.error();
   auto scale = calibration.tensor("support.scale", Tensor::Type::kI32, {n});
   if (!scale) return scale.error();
-  SupportSolver out;
+  auto noise = calibration.integer("support.shear_noise", 0, kMaxNoise);
+  if (!noise) return noise.error();
+  SupportSolver out(ShearModes(nodes, places, noise.value()));
   out.normal_ = std::move(normal).value();
   out.project_ = std::move(project).value();
   out.scale_ = scale.value()->as<int32_t>();
@@ -56,29 +41,8 @@ Result<SupportSolver> SupportSolver::load(const Calibration& calibration, int n_
   out.index_.reserve(size);
   out.p16_.resize(size);
   out.wide_.resize(size);
-  for (auto* values : {&out.weight_, &out.b_, &out.y_, &out.r_, &out.v_, &out.p_, &out.image_}) values->reserve(size);
-  return out;
-}
-
-SupportSolver::Scale SupportSolver::ratio(int64_t numerator, int64_t denominator, int exponent) {
-  const int up = 62 - bit_width(numerator);
-  const int down = std::max(bit_width(denominator) - 38, 0);
-  // numerator 2^up has 62 bits, denominator 2^-down at most 38: the quotient has at least 24.
-  int64_t mantissa = (numerator << up) / (denominator >> down);
-  const int extra = std::max(bit_width(mantissa) - 24, 0);
-  mantissa >>= extra;
-  return {mantissa, exponent - up - down + extra};
-}
-
-int64_t SupportSolver::scaled(int64_t value, const Scale& scale, int exponent) {
-  return shifted(value * scale.mantissa, -(scale.exponent + exponent));
-}
-
-SupportSolver::Energy SupportSolver::energy() const {
-  Energy out{0, common_shift(v_)};
-  for (const int64_t v : v_) {
-    const int64_t v16 = to_16(v, out.shift);
-    out.sum += v16 * v16;
+  for (auto* values : {&out.weight_, &out.b_, &out.y_, &out.r_, &out.v_, &out.z_, &out.p_, &out.image_}) {
+    values->reserve(size);
   }
   return out;
 }
@@ -116,6 +80,7 @@ void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce>
   b_.resize(index_.size());
   r_.resize(index_.size());
   v_.resize(index_.size());
+  z_.resize(index_.size());
   p_.resize(index_.size());
   project_.run(u, wide_);
   for (size_t i = 0; i < index_.size(); ++i) {
@@ -139,12 +104,20 @@ void SupportSolver::weaken_pull() {
   }
 }
 
-// v = w r
-void SupportSolver::precondition() {
-  for (size_t i = 0; i < index_.size(); ++i) v_[i] = round_shift(weight_[i] * r_[i], ContactMask::kFraction);
+// z = M r with M = w^2, a quarter of that for shear, and the shear modes; returns r . z.
+SupportSolver::Energy SupportSolver::precondition() {
+  for (size_t i = 0; i < index_.size(); ++i) {
+    const int shift = ContactMask::kFraction + (is_shear(index_[i]) ? 1 : 0);
+    v_[i] = round_shift(weight_[i] * r_[i], shift);
+    z_[i] = round_shift(weight_[i] * v_[i], shift);
+  }
+  Energy out{0, common_shift(v_)};
+  for (const int64_t v : v_) out.sum += to_16(v, out.shift) * to_16(v, out.shift);
+  out.sum += modes_.precondition(r_, z_, out.shift);
+  return out;
 }
 
-// r = b - H y; p = w v; kSteps conjugate-gradient steps.
+// r = b - H y; p = z; kSteps conjugate-gradient steps.
 void SupportSolver::round(SaturationCounter& saturations) {
   const int shift = spread(y_);
   multiply(saturations);
@@ -152,9 +125,8 @@ void SupportSolver::round(SaturationCounter& saturations) {
     y_[i] = int64_t{p16_[index_[i]]} << shift;  // what was multiplied, exactly
     r_[i] = limited(b_[i] - shifted(image_[i], kImageFraction - shift), saturations);
   }
-  precondition();
-  for (size_t i = 0; i < index_.size(); ++i) p_[i] = round_shift(weight_[i] * v_[i], ContactMask::kFraction);
-  Energy current = energy();
+  Energy current = precondition();
+  for (size_t i = 0; i < index_.size(); ++i) p_[i] = limited(z_[i], saturations);
   for (int i = 0; i < kSteps && current.sum > 0; ++i) {
     if (!step(current, saturations)) break;
   }
@@ -166,18 +138,16 @@ bool SupportSolver::step(Energy& current, SaturationCounter& saturations) {
   int64_t curvature = 0;  // p16 . H p16, with kImageFraction bits
   for (size_t i = 0; i < index_.size(); ++i) curvature += p16_[index_[i]] * image_[i];
   if (curvature <= 0) return false;
-  const Scale step = ratio(current.sum, curvature, 2 * (current.shift - shift) + kImageFraction);
+  const Quotient step = quotient(current.sum, curvature, 2 * (current.shift - shift) + kImageFraction);
   for (size_t i = 0; i < index_.size(); ++i) {
     y_[i] = limited(y_[i] + scaled(p16_[index_[i]], step, shift), saturations);
     r_[i] = limited(r_[i] - scaled(image_[i], step, shift - kImageFraction), saturations);
   }
-  precondition();
-  const Energy next = energy();
+  const Energy next = precondition();
   if (next.sum == 0) return false;
-  const Scale beta = ratio(next.sum, current.sum, 2 * (next.shift - current.shift));
+  const Quotient beta = quotient(next.sum, current.sum, 2 * (next.shift - current.shift));
   for (size_t i = 0; i < index_.size(); ++i) {
-    const int64_t z = round_shift(weight_[i] * v_[i], ContactMask::kFraction);
-    p_[i] = limited(z + scaled(p_[i], beta, 0), saturations);
+    p_[i] = limited(z_[i] + scaled(p_[i], beta, 0), saturations);
   }
   current = next;
   return true;
@@ -188,8 +158,11 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const uint8_t> mas
   gather(mask);
   std::fill(p16_.begin(), p16_.end(), int16_t{0});
   start(u, force, saturations);
+  modes_.assign(mask, index_);
   for (int i = 0; i < kRounds; ++i) {
     if (i > 0) weaken_pull();
+    modes_.learn(y_, weight_);
+    if (i == 0) modes_.shrink(y_, weight_);
     round(saturations);
   }
   std::fill(force.begin(), force.end(), NodeForce{});

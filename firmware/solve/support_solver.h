@@ -3,11 +3,12 @@
 // Solves H_SS y = b_S, F = d y (host/ruffini/fem/support.py has the derivation), from the linear
 // estimate, in kRounds rounds of kSteps conjugate-gradient steps. Each unknown has a weight w: the
 // contact mask at first, and in each later round times clamp(-f_z / T, 0, 1), T the contact threshold, so
-// that nodes which would pull lose their force and their freedom. In block-floating integers:
+// that nodes which would pull lose their force and their freedom. Shear has half the freedom of pressure,
+// but for the modes that contacts mostly carry (shear_modes.h), renewed every round. In block-floating integers:
 //
 //   w          Q7
 //   y, r       Q14, clamped to +-2^31, counted
-//   v = w r    r is preconditioned by w^2: v v is its energy, z = w v its direction
+//   z = M r    M = w^2 (a quarter of it for shear) + modes; r . z = v . v + the modes' part, v = w r (w r / 2)
 //   p16        p rounded to 16 bits with one common shift (as v16 for the energies)
 //   H p16      `support.normal`, 8 more fraction bits, clamped to +-2^33, counted;  b = `support.project` u
 //   step, beta mantissa of 24 bits and a power of two
@@ -19,11 +20,13 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "base/fixed.h"
 #include "solve/block_program.h"
 #include "solve/contact_mask.h"
+#include "solve/shear_modes.h"
 
 namespace ruffini {
 
@@ -33,7 +36,8 @@ class SupportSolver {
   static constexpr int kSteps = 2;
 
   // threshold_lsb: the contact threshold T in force steps, above zero.
-  [[nodiscard]] static Result<SupportSolver> load(const Calibration& calibration, int n_nodes, int64_t threshold_lsb);
+  [[nodiscard]] static Result<SupportSolver> load(const Calibration& calibration, GridSize nodes,
+                                                  std::span<const NodePlace> places, int64_t threshold_lsb);
 
   // `u`: displacement, xyz interleaved. `mask`: ContactMask's. `force`: linear estimate in,
   // second pass out (zero outside the mask).
@@ -41,25 +45,19 @@ class SupportSolver {
            SaturationCounter& saturations);
 
  private:
-  // Mantissa below 2^24 and exponent of a positive ratio.
-  struct Scale {
-    int64_t mantissa = 0;
-    int exponent = 0;
-  };
   struct Energy {
     int64_t sum = 0;  // of squares of v16
     int shift = 0;    // v16 = v >> shift
   };
 
-  static Scale ratio(int64_t numerator, int64_t denominator, int exponent);
-  static int64_t scaled(int64_t value, const Scale& scale, int exponent);
-  [[nodiscard]] Energy energy() const;
+  explicit SupportSolver(ShearModes modes) : modes_(std::move(modes)) {}
+
   void gather(std::span<const uint8_t> mask);
   void start(std::span<const int16_t> u, std::span<const NodeForce> force, SaturationCounter& saturations);
   void weaken_pull();
   void round(SaturationCounter& saturations);
   bool step(Energy& current, SaturationCounter& saturations);
-  void precondition();
+  Energy precondition();
   // Spread `values` (one per unknown of the support) to p16_; returns the shift.
   int spread(std::span<const int64_t> values);
   void multiply(SaturationCounter& saturations);
@@ -68,6 +66,7 @@ class SupportSolver {
   BlockProgram project_;
   std::span<const int32_t> scale_;
   int64_t threshold_lsb_ = 1;
+  ShearModes modes_;
   std::vector<uint32_t> index_;  // unknowns of the support
   std::vector<int16_t> p16_;     // all unknowns
   std::vector<int64_t> wide_;    // all unknowns of a product
@@ -76,6 +75,7 @@ class SupportSolver {
   std::vector<int64_t> y_;
   std::vector<int64_t> r_;
   std::vector<int64_t> v_;
+  std::vector<int64_t> z_;
   std::vector<int64_t> p_;
   std::vector<int64_t> image_;  // H p16
 };

@@ -219,7 +219,8 @@ class _Predictor:
         threshold_n = board.contact.threshold_un * 1e-6
         rows, columns = board.observed
         shape = (rows.stop - rows.start, columns.stop - columns.start, 3)
-        linear = u @ force_operator(slab, "optimal", noise=noise, window_m=board_window_m(board)).T
+        operator = force_operator(slab, "optimal", noise=noise, window_m=board_window_m(board))
+        linear = u @ operator.T
         masks = [
             contact_mask(f.reshape(shape)[..., 2], threshold_n=threshold_n, min_nodes=board.contact.min_nodes).ravel()
             for f in linear
@@ -229,7 +230,7 @@ class _Predictor:
         for i, poisson in enumerate(self.poisson):
             for j, thickness in enumerate(self.thickness):
                 system = support_system(
-                    condense(replace(slab, poisson=poisson, thickness_m=thickness)), noise, observed
+                    condense(replace(slab, poisson=poisson, thickness_m=thickness)), noise, observed, operator
                 )
                 self.at_grid[i, j] = _wrenches(system, u, linear, masks, arms, threshold_n)
                 progress((3 * i + j + 1) / 9)

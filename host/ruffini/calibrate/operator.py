@@ -26,6 +26,7 @@ Progress = Callable[[float], None]
 
 # "support" is the optimal operator with the second pass on the contact's support.
 OPERATOR_METHODS = (*METHODS, "support")
+MAX_SHEAR_NOISE = 2**24  # more is no shear at all outside the modes
 NORMAL_SCALE = 256  # fraction of `support.normal`'s output
 FRACTION_Q14 = 1 << 14
 SCALE_Q16 = 1 << 16
@@ -143,7 +144,7 @@ def make_operator(
     _add(tensors, metadata, "operator", compiled)
     system, errors = None, None
     if has_support:
-        system = support_system(condense(slab), noise, observed_unknowns(board))
+        system = support_system(condense(slab), noise, observed_unknowns(board), matrix)
         progress(0.6)
         _add_support(tensors, metadata, system, lsb, sites)
     if system is not None and n_touches > 0:
@@ -189,3 +190,4 @@ def _add_support(
     if not (scale >= 1).all() or not (scale < 2**31).all():
         raise InputError("the support's scale does not fit 32 bits: change [field] force_lsb_un")
     tensors["support.scale"] = scale.astype(np.int32)
+    metadata["support.shear_noise"] = str(min(round(system.shear_noise * FRACTION_Q14), MAX_SHEAR_NOISE))

@@ -13,8 +13,13 @@ Each node has a weight w in 0..1: how surely the linear estimate sees it touched
 conjugate-gradient steps from the present y, preconditioned by w^2 (a prior of standard deviation w);
 before each later round w and y are multiplied by clamp(-f_z / T, 0, 1), T the contact threshold, so
 that nodes which would pull lose their force and their freedom. Three rounds settle what matters, and
-stopping early is the regularisation. All of it is continuous in u. Not in the paper. The board runs
-it in integers (firmware/solve/support_solver.h).
+stopping early is the regularisation.
+
+Shear is mostly noise but for a few patterns that every contact carries: pushed, twisted, spread, each
+as large as the pressure, as the weight, or growing outwards. What the linear estimate has outside these
+modes is shrunk by how much of it is noise (W. James and C. Stein, 1961), and the modes get a prior of
+their own beside a smaller one of the single nodes' shear. All of it is continuous in u but for the number
+of contacts. Not in the paper. The board runs it in integers (firmware/solve/support_solver.h, shear_modes.h).
 """
 
 from __future__ import annotations
@@ -32,6 +37,11 @@ from ruffini.reflection import dense_from_blocks, spd_inverse
 Array = npt.NDArray[np.float64]
 
 ROUNDS, STEPS = 3, 2
+MAX_CONTACTS = 8  # that have shear modes
+SHEAR_WEIGHT = 0.5  # standard deviation of a node's shear against that of its pressure
+MODE_GAIN = 2.0  # variance of a mode
+NOISE_SHARE = 1.5  # expected noise that is taken off, over its mean: shrinks a little too much rather than too little
+LEAST_SHARE = 1 / 32  # of a mode's square that must remain when it is made orthogonal
 
 
 @dataclass(frozen=True)
@@ -39,15 +49,24 @@ class SupportSystem:
     """`normal` H (m, m) without unit, `project` D C^T R^-1 (m, m) newton^-1 times newton per metre,
 
     `scale_n` d (m,): force F = d y, newtons. m = 3 x observed nodes, xyz interleaved.
+    `place_m` (m / 3, 2): where the nodes are. `shape`: rows and columns of nodes. `shear_noise`: standard
+    deviation, in y, of the shear that the linear operator makes of white noise; 0 keeps all of its shear.
     """
 
     normal: Array
     project: Array
     scale_n: Array
+    place_m: Array
+    shape: tuple[int, int]
+    shear_noise: float
 
 
-def support_system(condensed: CondensedSlab, noise: Noise, observed: npt.NDArray[np.bool_]) -> SupportSystem:
+def support_system(
+    condensed: CondensedSlab, noise: Noise, observed: npt.NDArray[np.bool_], linear: Array
+) -> SupportSystem:
     """Normal equations over the observed unknowns (3 n,) bool; hidden nodes carry no force.
+
+    `linear` (m, m) N/m is the operator whose estimate the second pass starts from.
 
     In the four parity classes where the whole pad is observed, densely otherwise.
     """
@@ -65,7 +84,12 @@ def support_system(condensed: CondensedSlab, noise: Noise, observed: npt.NDArray
     normal = project @ compliance
     normal = (normal + normal.T) / 2
     scale = 1.0 / np.sqrt(np.diag(normal))
-    return SupportSystem(normal * np.outer(scale, scale), project * scale[:, None], scale)
+    rows, columns = np.divmod(np.flatnonzero(observed[::3]), slab.n_x)
+    place = np.stack([columns * slab.step_m[0], rows * slab.step_m[1]], axis=-1)
+    shape = (len(np.unique(rows)), len(np.unique(columns)))
+    deviation = np.sqrt(np.square(linear) @ (1.0 / information)) / scale
+    shear_noise = float(np.median(deviation.reshape(-1, 3)[:, :2]))
+    return SupportSystem(normal * np.outer(scale, scale), project * scale[:, None], scale, place, shape, shear_noise)
 
 
 def solve_on_support(
@@ -87,35 +111,89 @@ def solve_on_support(
     (m,) float64
         Nodal force, newtons, zero outside the mask.
     """
-    index = np.flatnonzero(np.repeat(mask > 0, 3))
-    force = np.zeros_like(start_n)
-    weight = np.repeat(mask, 3)[index]
-    scale, b = system.scale_n[index], system.project[index] @ displacement_m
+    nodes = np.flatnonzero(mask > 0)
+    index = (3 * nodes[:, None] + np.arange(3)).ravel()
+    contacts = _contacts(mask.reshape(system.shape), nodes)
+    scale, b = system.scale_n[index].reshape(-1, 3), (system.project[index] @ displacement_m).reshape(-1, 3)
     h = system.normal[np.ix_(index, index)]
-    y = weight * start_n[index] / scale
+    weight = mask[nodes, None]
+    y = weight * start_n[index].reshape(-1, 3) / scale
     for i in range(ROUNDS):
         if i:
-            keep = np.repeat(np.clip(-(y * scale)[2::3] / threshold_n, 0, 1), 3)
+            keep = np.clip(-(y * scale)[:, 2:] / threshold_n, 0, 1)
             weight, y = weight * keep, y * keep
-        y = _conjugate_gradients(h, b, y, weight)
-    force[index] = y * scale
+        modes = [(c, shear_modes(y[c], weight[c, 0], system.place_m[nodes[c]])) for c in contacts]
+        if i == 0:
+            for c, basis in modes:
+                y[c, :2] = _shrunk(y[c, :2], basis, weight[c, 0], system.shear_noise)
+        y = _conjugate_gradients(h, b, y, weight, modes)
+    force = np.zeros_like(start_n)
+    force[index] = (y * scale).ravel()
     return force
 
 
-def _conjugate_gradients(h: Array, b: Array, y: Array, weight: Array) -> Array:
-    """STEPS steps for H y = b from y, preconditioned by weight squared."""
-    residual = b - h @ y
-    direction = weight**2 * residual
-    energy = np.sum((weight * residual) ** 2)
+def _contacts(mask: Array, nodes: npt.NDArray[np.intp]) -> list[npt.NDArray[np.intp]]:
+    """Positions in `nodes` of each of the first contacts."""
+    label, n = scipy.ndimage.label(mask > 0, structure=np.ones((3, 3)))
+    return [np.flatnonzero(label.ravel()[nodes] == k) for k in range(1, min(n, MAX_CONTACTS) + 1)]
+
+
+def shear_modes(y: Array, weight: Array, place_m: Array) -> Array:
+    """Orthonormal shear patterns of one contact, (k, nodes, 2), k at most 12: see firmware/solve/shear_modes.h."""
+    pressure = np.clip(-y[:, 2], 0, None)
+    if not pressure.any():
+        return np.zeros((0, len(y), 2))
+    from_center = place_m - pressure @ place_m / pressure.sum()
+    x, y_ = from_center.T
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    basis: list[Array] = []
+    for amplitude in (pressure, weight, pressure * (x**2 + y_**2)):
+        for along in ((one, zero), (zero, one), (-y_, x), (x, y_)):
+            vector = amplitude[:, None] * np.stack(along, axis=-1)
+            before = np.sum(vector**2)
+            for b in basis:
+                vector = vector - np.sum(b * vector) * b
+            left = np.sum(vector**2)
+            if left > 0 and left >= LEAST_SHARE * before:
+                basis.append(vector / np.sqrt(left))
+    return np.array(basis)
+
+
+def _shrunk(shear: Array, basis: Array, weight: Array, noise: float) -> Array:
+    """`shear` (nodes, 2) with what no mode explains multiplied by 1 - E_noise / E_left."""
+    left = shear - np.einsum("k,knc->nc", np.einsum("knc,nc->k", basis, shear), basis)
+    energy = np.sum(left**2)
+    lost = min(NOISE_SHARE * 2 * np.sum(weight**2) * noise**2 / energy, 1.0) if energy > 0 else 0.0
+    return np.asarray(shear - lost * left)
+
+
+def _conjugate_gradients(
+    h: Array, b: Array, y: Array, weight: Array, modes: list[tuple[npt.NDArray[np.intp], Array]]
+) -> Array:
+    """STEPS steps for H y = b from y (nodes, 3), preconditioned by weight squared and the shear modes."""
+
+    def image_of(v: Array) -> Array:
+        return np.asarray((h @ v.ravel()).reshape(v.shape))
+
+    def precondition(r: Array) -> Array:
+        z = (weight * np.array([SHEAR_WEIGHT, SHEAR_WEIGHT, 1.0])) ** 2 * r
+        for c, basis in modes:
+            z[c, :2] += MODE_GAIN * np.einsum("k,knc->nc", np.einsum("knc,nc->k", basis, r[c, :2]), basis)
+        return np.asarray(z)
+
+    residual = b - image_of(y)
+    direction = precondition(residual)
+    energy = np.sum(residual * direction)
     for _ in range(STEPS):
-        image = h @ direction
-        curvature = direction @ image
+        image = image_of(direction)
+        curvature = np.sum(direction * image)
         if curvature <= 0 or energy <= 0:
             break
         y = y + energy / curvature * direction
         residual = residual - energy / curvature * image
-        previous, energy = energy, np.sum((weight * residual) ** 2)
-        direction = weight**2 * residual + (energy / previous) * direction
+        z = precondition(residual)
+        previous, energy = energy, np.sum(residual * z)
+        direction = z + (energy / previous) * direction
     return y
 
 

@@ -17,7 +17,9 @@ from mirror.markers import Lattice
 from mirror.photometric import cell_slope, marker_mask, pixel_slope, upsample
 from mirror.poisson import poisson
 from mirror.program import Program
-from mirror.solve import SupportTables, contact_mask, linear_force, support_force
+from mirror.shear_modes import node_places
+from mirror.solve import contact_mask, linear_force
+from mirror.support import SupportTables, support_force
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 
@@ -49,7 +51,9 @@ class FramePath:
             Program(tensors, metadata, "support.normal"),
             Program(tensors, metadata, "support.project"),
             tensors["support.scale"].astype(np.int32),
+            int(metadata["support.shear_noise"]),
         )
+        self._places = node_places(board)
         camera = board["camera"]
         self._unmix = upsample(tensors["photometric.unmix"].astype(np.int16), camera["height_px"], camera["width_px"])
         self._slope = tensors["photometric.slope"].astype(np.int16)
@@ -81,4 +85,4 @@ class FramePath:
         shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
         threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
         mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"])
-        return support_force(self._support, u, mask, force, threshold, self.saturations), mask
+        return support_force(self._support, self._places, u, mask, force, threshold, self.saturations), mask

@@ -65,6 +65,7 @@ class Loaded {
             .meta("kinds", "support")
             .meta("support.normal.out_shift", "5")   // 8192 / 2^5 = 256: 8 fraction bits
             .meta("support.project.out_shift", "7")  // 8192 / 2^7 = 64
+            .meta("support.shear_noise", "0")
             .tensor("support.scale", "I32", {kUnknowns}, std::vector<int32_t>(kUnknowns, 4 << 16))
             .dense_program("support.normal", kUnknowns, kUnknowns)
             .dense_program("support.project", kUnknowns, kUnknowns)
@@ -78,7 +79,8 @@ class Loaded {
     auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
     EXPECT_TRUE(parsed.has_value()) << (parsed ? "" : parsed.error().message);
     calibration_ = std::move(parsed).value();
-    auto loaded = SupportSolver::load(calibration_, kNodes, kThreshold);
+    const std::vector<NodePlace> places = {{-1500, 0}, {-500, 0}, {500, 0}, {1500, 0}};
+    auto loaded = SupportSolver::load(calibration_, {kNodes, 1}, places, kThreshold);
     EXPECT_TRUE(loaded.has_value()) << (loaded ? "" : loaded.error().message);
     solver_.emplace(std::move(loaded).value());
   }

@@ -47,6 +47,7 @@ inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board) {
       .meta("operator.out_shift", "9")  // 10240 / 2^9 = 20
       .meta("support.normal.out_shift", "5")
       .meta("support.project.out_shift", "7")
+      .meta("support.shear_noise", "0")
       .tensor("support.scale", "I32", {n}, std::vector<int32_t>(static_cast<size_t>(n), 4 << 16))
       .dense_program("operator", n, n)
       .dense_program("support.normal", n, n)

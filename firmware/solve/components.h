@@ -1,0 +1,31 @@
+// The separate contacts of a mask: 8-connected components, numbered from 1 in scan order of their first node.
+//
+// Frame thread; no allocation after the constructor.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/image_view.h"
+
+namespace ruffini {
+
+class Components {
+ public:
+  explicit Components(GridSize nodes);
+
+  // One number a node, 0 where the mask is 0; valid until the next call.
+  std::span<const uint16_t> find(std::span<const uint8_t> mask);
+  [[nodiscard]] int count() const { return count_; }
+
+ private:
+  void grow(size_t seed, std::span<const uint8_t> mask);
+
+  GridSize nodes_;
+  int count_ = 0;
+  std::vector<uint16_t> label_;
+  std::vector<uint32_t> stack_;
+};
+
+}  // namespace ruffini
