@@ -47,6 +47,29 @@ def ifem(
     emit(result, json_, text)
 
 
+@app.command("slip")
+def slip(
+    board: BoardOption,
+    quick: Annotated[bool, typer.Option("--quick", help="Four contacts, two seeds, one noise.")] = False,
+    out: Annotated[Path | None, typer.Option("--out", help="Picture (PNG) of one contact until it slides.")] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """Stick and slip: foreseen how long before a contact slides, false alarms, friction."""
+    from ruffini.bench import slip as benchmark
+    from ruffini.boards import find_board
+
+    found = find_board(board)
+    with progress_bar("slip") as progress:
+        result = benchmark.run(found, quick=quick, progress=progress)
+    text = benchmark.tables(result)
+    if out is not None:
+        from ruffini.bench.slip_picture import shear_until_it_slides
+
+        result["picture"] = str(shear_until_it_slides(out, found))
+        text += f"\n{out}"
+    emit(result, json_, text)
+
+
 @app.command("presses")
 def presses(
     folder: Annotated[Path, typer.Argument(help="Recorded ball presses: reference.png, presses.csv, images.")],
@@ -74,9 +97,17 @@ def papers(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The quick subset of each bench.")] = False,
     workers: Annotated[int, typer.Option(min=1, help="Processes of this machine, for the recordings.")] = 1,
+    recordings: Annotated[
+        Path | None, typer.Option("--recordings", help="Folder of ruffini sim reproduce, with --board.")
+    ] = None,
+    freeze: Annotated[
+        bool, typer.Option("--freeze", help="Write the figures and the settings' digest to the board's frozen.toml.")
+    ] = False,
     json_: JsonFlag = False,
 ) -> None:
     """The papers' own methods on the twin, beside what the papers print. Recordings are kept and gone on with."""
+    if recordings is not None and board is None:
+        raise InputError("--recordings are of one board: say which with --board")
     from ruffini.bench import papers as benchmark
     from ruffini.boards import board_names, boards_folder, find_board
 
@@ -84,5 +115,8 @@ def papers(
     results = []
     for one in map(find_board, [board] if board else with_paper):
         with progress_bar(one.name) as progress:
-            results.append(benchmark.run(one, quick=quick, n_workers=workers, progress=progress))
+            result = benchmark.run(one, quick=quick, folder=recordings, n_workers=workers, progress=progress)
+        if freeze:
+            result["frozen"] = bool(benchmark.freeze(one, result))
+        results.append(result)
     emit({"simulated": True, "boards": results}, json_, "\n\n".join(benchmark.table(r) for r in results))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -84,6 +84,28 @@ class Frame:
     def wrench(self) -> npt.NDArray[np.float64]:
         """(6,) force in N and moment in N m about the undeformed pad centre."""
         return np.asarray(self.wrench_un * np.array([1e-6] * 3 + [1e-12] * 3))
+
+
+class ContactRow(NamedTuple):
+    """One contact of the last frame: integers as in proto/ruffini.proto; `slip_state` its SlipState."""
+
+    n_nodes: int
+    area_um2: int
+    center_x_um: int
+    center_y_um: int
+    force_x_un: int
+    force_y_un: int
+    force_z_un: int
+    peak_depth_nm: int
+    slip_state: int
+    shear_ratio_1e3: int
+    friction_1e3: int
+    friction_sigma_1e3: int
+    slip_share_1e3: int
+    slip_margin_un: int
+
+
+MAX_CONTACTS = 8
 
 
 @cache
@@ -227,6 +249,12 @@ class Pipeline:
             "slip": (nodes, np.uint8),
         }
         return self._get(name, *shapes[name])
+
+    def contacts(self) -> list[ContactRow]:
+        """The listed contacts of the last frame, largest first."""
+        rows, n = np.zeros((MAX_CONTACTS, len(ContactRow._fields)), np.int64), ctypes.c_int32()
+        self._lib.ruffini_get_contacts(self._pointer, rows.ctypes.data_as(ctypes.c_void_p), ctypes.byref(n))
+        return [ContactRow(*row) for row in rows[: n.value].tolist()]
 
     def markers(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.uint8]]:
         """Rest positions and displacements in pixels, (n_y, n_x, 2) each, and 0 seen, 1 lost, 2 absent."""
