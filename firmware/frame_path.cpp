@@ -7,6 +7,9 @@
 namespace ruffini {
 namespace {
 
+// All of them, or none: then uncertainty is not measured.
+constexpr std::array kErrorTensors = {"support.error_reported", "support.error_quiet", "support.error_local",
+                                      "support.error_wrench"};
 constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board's pad
 
 int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
@@ -17,6 +20,7 @@ int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / 
 const FrameState& FramePath::process(const FrameView& frame) {
   state_.flags = 0;
   state_.stage_ns.fill(0);
+  state_.uncertainty.is_stated = false;
   const uint64_t saturations_before = state_.saturations.count;
   if (!rest_.is_ready()) {
     learn(frame);
@@ -28,6 +32,7 @@ const FrameState& FramePath::process(const FrameView& frame) {
     timed(Stage::kDisplacement, [&] { run_displacement(); });
     run_solve(depth_is_trusted());
     run_estimators();
+    run_uncertainty();
   }
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
@@ -88,7 +93,17 @@ void FramePath::run_displacement() {
       state_.displacement.node, state_.saturations);
 }
 
+// Of the second pass only: the error model knows no other estimate. Its time counts as that pass's.
+void FramePath::run_uncertainty() {
+  if (!state_.uncertainty.is_stated) return;
+  const uint64_t start = clock_();
+  node_error_->run(state_.solve.force, state_.uncertainty.node);
+  state_.uncertainty.wrench = wrench_error_->run(state_.wrench, state_.contacts);
+  state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
+}
+
 void FramePath::run_solve(bool with_support) {
+  state_.uncertainty.is_stated = support_ && with_support && node_error_;
   if (!operator_) return;
   timed(Stage::kOperator, [&] {
     std::vector<int16_t>& u = state_.solve.u;
@@ -124,6 +139,7 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
   run_solve(true);
   run_estimators();
+  run_uncertainty();
 }
 
 // Flags and validity of everything that this frame says.
@@ -161,6 +177,7 @@ void FramePath::judge() {
   s.depth_validity = verdict(has_depth, !is_foreign_optics_);
   s.force_xy = verdict(operator_.has_value(), true);
   s.force_z = verdict(operator_ && depth_is_trusted(), true);
+  s.uncertainty.validity = verdict(s.uncertainty.is_stated, true);
 }
 
 void FramePath::zero(int n_frames) { rest_.restart(n_frames); }
@@ -201,6 +218,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
   state_.solve.u.resize(3 * n_nodes);
   state_.solve.wide.resize(3 * n_nodes);
   state_.solve.force.resize(n_nodes);
+  state_.uncertainty.node.resize(n_nodes);
   state_.solve.mask = mask_.find(state_.solve.force);
   state_.slip.node = slip_.nodes();
 }
@@ -243,6 +261,15 @@ Status FramePath::load_tables() {
     auto support = SupportSolver::load(c, nodes_.size(), nodes_.places(), contact_threshold_lsb_);
     if (!support) return support.error();
     support_.emplace(std::move(support).value());
+    const auto is_there = [&](const char* name) { return c.tensor(name) != nullptr; };
+    if (std::any_of(kErrorTensors.begin(), kErrorTensors.end(), is_there)) {
+      auto node_error = NodeSigmaModel::load(c, nodes_.size(), contact_threshold_lsb_);
+      if (!node_error) return node_error.error();
+      auto wrench_error = WrenchErrorModel::load(c, board_.pad);
+      if (!wrench_error) return wrench_error.error();
+      node_error_ = node_error.value();
+      wrench_error_ = wrench_error.value();
+    }
   }
   if (c.has_kind("rest")) {
     auto image = c.tensor("rest.image", Tensor::Type::kU16, {board_.camera.height_px, board_.camera.width_px, 3});

@@ -76,6 +76,7 @@ class FramePath {
   void run_displacement();
   void run_solve(bool with_support);
   void run_estimators();
+  void run_uncertainty();
   void judge();
   template <typename Work>
   void timed(Stage stage, Work work);
@@ -96,6 +97,8 @@ class FramePath {
   Displacement displacement_;
   std::optional<BlockProgram> operator_;
   std::optional<SupportSolver> support_;
+  std::optional<NodeSigmaModel> node_error_;
+  std::optional<WrenchErrorModel> wrench_error_;
   uint32_t calibration_id_ = 0;
   int64_t contact_threshold_lsb_;
   ContactMask mask_;

@@ -13,11 +13,13 @@
 #include "estimators/contacts.h"
 #include "estimators/slip.h"
 #include "estimators/wrench.h"
+#include "estimators/wrench_covariance.h"
 #include "image/difference.h"
 #include "image/displacement.h"
 #include "image/markers.h"
 #include "image/photometric.h"
 #include "solve/contact_mask.h"
+#include "solve/node_sigma.h"
 
 namespace ruffini {
 
@@ -81,6 +83,12 @@ struct FrameState {
     std::vector<NodeForce> force;   // observed nodes; the second pass overwrites it
     std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
   } solve;
+  struct {
+    std::vector<NodeSigma> node;  // observed nodes
+    WrenchCovariance wrench;
+    bool is_stated = false;  // in this frame: there is an error model, and the second pass ran
+    Validity validity = Validity::kNotMeasured;
+  } uncertainty;
   Wrench wrench;
   ContactList contacts;
   struct {

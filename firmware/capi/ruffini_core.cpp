@@ -186,6 +186,18 @@ int ruffini_get_force(const ruffini_pipeline* pipeline, int32_t* out) {
   return 0;
 }
 
+int ruffini_get_sigma(const ruffini_pipeline* pipeline, int32_t* sigma, int64_t* covariance) {
+  const auto& uncertainty = pipeline->path->state().uncertainty;
+  if (!uncertainty.is_stated) return fail("no uncertainty is stated: the calibration has no error model");
+  for (const ruffini::NodeSigma& s : uncertainty.node) {
+    *sigma++ = s.x;
+    *sigma++ = s.y;
+    *sigma++ = s.z;
+  }
+  std::copy(uncertainty.wrench.upper.begin(), uncertainty.wrench.upper.end(), covariance);
+  return 0;
+}
+
 int ruffini_get_mask(const ruffini_pipeline* pipeline, uint8_t* out) {
   const auto mask = pipeline->path->state().solve.mask;
   std::copy(mask.begin(), mask.end(), out);

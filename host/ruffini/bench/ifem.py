@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter, label
+from scipy.ndimage import gaussian_filter
 
 from ruffini.bench import coverage
 from ruffini.bench.states import JUDGED, LIGHT_N, TUNED, State, make_states
@@ -21,12 +21,10 @@ from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.error_model import N_TOUCHES, node_places
 from ruffini.calibrate.operator import board_slab, make_operator
-from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
-from ruffini.errors import InputError
+from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline, full_covariance
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import Noise, ridge_operator
 from ruffini.fem.sparse import SparseEstimator
-from ruffini.fem.uncertainty import ContactLoad, node_sigma, wrench_covariance
 from ruffini.reflection import dense_from_blocks
 from ruffini.sim.settings import Strain
 from ruffini.sim.unit import PadError
@@ -124,9 +122,6 @@ class Methods:
         linear = make_operator(board, method="optimal", noise=noise)
         progress(0.3)
         default = make_operator(board, method="support", noise=noise, n_touches=N_TOUCHES)
-        if default.errors is None:
-            raise InputError("the default method brought no error model")
-        self._errors = default.errors
         progress(0.6)
         file = container.pack(default.tensors, {**container.base_metadata(board), **default.metadata})
         self._pipeline = Pipeline(board, file.data)
@@ -179,18 +174,11 @@ class Methods:
         return self._sparse.force(u.reshape(-1, 1), weight).reshape(self.shape)
 
     def stated(self, u: Array) -> coverage.Stated:
-        """What the default method says of a displacement: the board's force, and how sure it is of it."""
+        """What the board says of a displacement: force, and how sure it is of it."""
         force = self._as_the_board(u)
-        lsb_n = self.board.field.force_lsb_un * 1e-6
-        sigma = node_sigma(self._errors.node, force / lsb_n, self.board.contact.threshold_un * 1e-6 / lsb_n) * lsb_n
-        parts, n_parts = label(self._pipeline.raw("mask"), np.ones((3, 3)))
-        loads = []
-        for part in range(1, n_parts + 1):
-            center = self.places.center_of_pressure(np.where(parts == part, force[..., 2], 0))
-            if center is not None:
-                loads.append(ContactLoad(center, force[parts == part].sum(axis=0)))
-        wrench = self.places.wrench(force, np.zeros(2))
-        return coverage.Stated(force, sigma, wrench_covariance(self._errors.wrench, wrench, loads))
+        sigma, upper = self._pipeline.sigma()
+        sigma_n: Array = sigma * np.float64(self.board.field.force_lsb_un * 1e-6)
+        return coverage.Stated(force, sigma_n, full_covariance(upper))
 
     def _as_the_board(self, u: Array) -> Array:
         steps = np.clip(np.round(u / DISPLACEMENT_LSB_M), -32767, 32767).astype(np.int16)

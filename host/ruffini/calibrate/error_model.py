@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, label
 from threadpoolctl import threadpool_limits
 
+from ruffini.errors import InputError
 from ruffini.fem.operators import Noise
 from ruffini.fem.slab import Slab
 from ruffini.fem.touches import MaterialSpread, Touch, TouchMaker
@@ -26,6 +27,14 @@ Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 # Displacement (n_y, n_x, 3) m of the observed nodes -> force (n_y, n_x, 3) N and contact mask (n_y, n_x).
 Estimate = Callable[[Array], tuple[Array, Array]]
+
+Tensors = dict[str, npt.NDArray[np.generic]]
+
+# Scales and limits of firmware/solve/node_sigma.h and firmware/estimators/wrench_covariance.h.
+VARIANCE_Q8, VARIANCE_RANGE = 1 << 8, (1 << 8, (1 << 31) - 1)
+LOCAL_Q16, LARGEST_LOCAL = 1 << 16, 1 << 18
+FACTOR_Q20 = 1 << 20
+WRENCH_RANGES = ((100, 1 << 20), (100, 1 << 24), (0, 1 << 20), (0, 1 << 20))  # uN, uN mm, nm, Q20
 
 N_TOUCHES = 120
 SEED = 20_000
@@ -97,6 +106,37 @@ def fit_error_model(
                 wrenches.append(WrenchSample(places.wrench(force, center), places.wrench(force - truth, center)))
             progress(0.6 + 0.3 * (i + 1) / len(touches))
         return ErrorModel(fit_node_error(nodes, threshold_n / force_step_n), fit_wrench_error(wrenches))
+
+
+def error_tensors(model: ErrorModel) -> Tensors:
+    """The model as the board's integers, `support.error_*` of proto/CALIBRATION.md.
+
+    Raises
+    ------
+    InputError
+        A number is beyond what the board takes.
+    """
+    wrench = model.wrench
+    rows = {
+        "support.error_reported": (model.node.reported * VARIANCE_Q8, VARIANCE_RANGE),
+        "support.error_quiet": (model.node.quiet * VARIANCE_Q8, VARIANCE_RANGE),
+        "support.error_local": (model.node.local * LOCAL_Q16, (0, LARGEST_LOCAL)),
+    }
+    parts = (wrench.force_n * 1e6, wrench.moment_nm * 1e9, wrench.lever_m * 1e9, wrench.factor * FACTOR_Q20)
+    tensors: Tensors = {name: _whole(name, values, *limits) for name, (values, limits) in rows.items()}
+    lines = [_whole("support.error_wrench", p, *limits) for p, limits in zip(parts, WRENCH_RANGES, strict=True)]
+    return {**tensors, "support.error_wrench": np.stack(lines)}
+
+
+def _whole(name: str, values: Array, low: int, high: int) -> npt.NDArray[np.int32]:
+    """Rounded; raised to what the board takes at least, refused above what it takes at most."""
+    rounded = np.maximum(np.round(values), low)
+    if not (rounded <= high).all():
+        raise InputError(
+            f"{name} reaches {rounded.max():.3g}, the board takes at most {high}: is [contact] threshold_un or "
+            "[field] force_lsb_un far from this pad's forces?"
+        )
+    return rounded.astype(np.int32)
 
 
 def node_places(slab: Slab, observed: tuple[slice, slice]) -> NodePlaces:

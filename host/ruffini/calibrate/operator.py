@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.error_model import ErrorModel, Estimate, fit_error_model
+from ruffini.calibrate.error_model import ErrorModel, Estimate, error_tensors, fit_error_model
 from ruffini.errors import InputError
 from ruffini.fem.certificate import DISPLACEMENT_LSB_NM
 from ruffini.fem.compile import Compiled, compile_matrix, force_steps
@@ -153,6 +153,7 @@ def make_operator(
             threshold_n=board.contact.threshold_un * 1e-6, n_touches=n_touches,
             progress=lambda done: progress(0.6 + 0.4 * done),
         )  # fmt: skip
+        tensors |= error_tensors(errors)
     progress(1.0)
     return OperatorKind(tensors, metadata, matrix, system, errors)
 

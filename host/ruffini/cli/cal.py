@@ -48,6 +48,10 @@ def operator(
     material: Annotated[
         Path | None, typer.Option(help="File of `cal material`: E, Poisson's ratio, thickness as measured.")
     ] = None,
+    touches: Annotated[
+        int,
+        typer.Option(min=0, help="Simulated touches that the error model is fitted on (support); 0: none is stated."),
+    ] = 120,
     json_: JsonFlag = False,
 ) -> None:
     """Solve the inverse FEM of a board and compile it to the board's integers."""
@@ -62,7 +66,7 @@ def operator(
     noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_um * 1e-6, tilt_m=tilt_um * 1e-6)
     with progress_bar("inverse FEM") as progress:
         kind = make_operator(
-            found, method=method, noise=noise, ridge_weight=ridge_weight,
+            found, method=method, noise=noise, ridge_weight=ridge_weight, n_touches=touches,
             material=None if material is None else read_material(material, found), progress=progress,
         )  # fmt: skip
     file = container.pack(kind.tensors, {**container.base_metadata(found), **kind.metadata})
@@ -71,7 +75,8 @@ def operator(
     result = {"file": str(out), "board": found.name, "method": method, "grid": [int(kind.metadata["operator.n_x"]),
               int(kind.metadata["operator.n_y"])], "rounding_error": error, "bytes": len(file.data),
               "worst_error_un": [int(v) for v in kind.metadata["operator.worst_error_un"].split(",")],
-              "material": kind.metadata["operator.material"]}  # fmt: skip
+              "material": kind.metadata["operator.material"],
+              "wrench_error": None if kind.errors is None else kind.errors.wrench.report()}  # fmt: skip
     emit(
         result,
         json_,

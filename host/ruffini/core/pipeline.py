@@ -16,6 +16,7 @@ from ruffini.native import native_folder
 
 DISPLACEMENT_LSB_M = 125e-9
 NO_REFERENCE = 1
+COVARIANCE_SIZE = 21  # upper triangle of 6 x 6
 STAGES = (
     "difference", "markers", "photometric", "poisson", "displacement",
     "operator", "support", "wrench", "contacts",
@@ -106,6 +107,14 @@ class ContactRow(NamedTuple):
 
 
 MAX_CONTACTS = 8
+
+
+def full_covariance(upper: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+    """Upper triangle by rows (21,), (uN, uN mm)^2 -> symmetric (6, 6), N and N m."""
+    out = np.zeros((6, 6))
+    out[np.triu_indices(6)] = upper
+    scale = np.array([1e-6] * 3 + [1e-9] * 3)
+    return np.asarray((out + np.triu(out, 1).T) * np.outer(scale, scale))
 
 
 @cache
@@ -228,6 +237,23 @@ class Pipeline:
             )
         )
         return force
+
+    def sigma(self) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+        """How sure the last frame is: steps (n_y, n_x, 3), and covariance (21,) of the wrench in (uN, uN mm)^2.
+
+        Raises
+        ------
+        InputError
+            The frame states none: no error model in the calibration, or no second pass.
+        """
+        sigma = np.zeros((self.layout.node_n_y, self.layout.node_n_x, 3), np.int32)
+        covariance = np.zeros(COVARIANCE_SIZE, np.int64)
+        self._check(
+            self._lib.ruffini_get_sigma(
+                self._pointer, sigma.ctypes.data_as(ctypes.c_void_p), covariance.ctypes.data_as(ctypes.c_void_p)
+            )
+        )
+        return sigma, covariance
 
     def _get(self, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> npt.NDArray[Any]:
         out = np.zeros(shape, dtype)

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
+from ruffini.calibrate.error_model import N_TOUCHES
 from ruffini.calibrate.operator import make_operator
 from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
 from ruffini.calibrate.presses import Pinhole, load_presses
@@ -168,7 +169,7 @@ def run_twin(board_name: str, out: Path, *, as_json: bool) -> None:
     with _step("calibrate: colour -> slope"), progress_bar("photometric") as progress:
         fit = fit_photometric(collect_samples(load_presses(out / "balls"), _pinhole(board)), progress=progress)
     with _step("calibrate: inverse FEM"), progress_bar("inverse FEM") as progress:
-        kind = make_operator(board, method="support", noise=NOISE, progress=progress)
+        kind = make_operator(board, method="support", noise=NOISE, n_touches=N_TOUCHES, progress=progress)
     metadata = {**container.base_metadata(board), **kind.metadata, "residuals": json.dumps(fit.report())}
     file = container.pack({**kind.tensors, **tabulate(fit.model)}, metadata)
     container.write(out / "calibration.safetensors", file)

@@ -66,6 +66,10 @@ class WrenchError:
     lever_m: Array
     factor: Array
 
+    def report(self) -> dict[str, list[float]]:
+        """As JSON holds it."""
+        return {name: [float(v) for v in values] for name, values in vars(self).items()}
+
 
 @dataclass(frozen=True)
 class ContactLoad:

@@ -9,29 +9,29 @@ from mirror.board import Board, observed_nodes
 from mirror.fixed import I64
 
 
-def _steps(board: Board, axis: str) -> tuple[I64, int, int]:
+def grid_steps(board: Board, axis: str) -> tuple[I64, int, int]:
     """Twice the steps of each observed line from the pad's centre; pad size and steps over it."""
     steps = board["grid"][f"n_{axis}"] - 1
     lines = np.array(observed_nodes(board, axis), dtype=np.int64)
     return 2 * lines - steps, board["pad"][f"size_{axis}_um"], steps
 
 
-def _to_um(total: int, size: int, steps: int) -> int:
+def to_um(total: int, size: int, steps: int) -> int:
     return int((total * size + steps) // (2 * steps))
 
 
 def wrench(board: Board, force: I64) -> list[int]:
     """Force (uN) and moment about the pad's centre (uN um) of (n_nodes, 3) forces."""
-    x, size_x, steps_x = _steps(board, "x")
-    y, size_y, steps_y = _steps(board, "y")
+    x, size_x, steps_x = grid_steps(board, "x")
+    y, size_y, steps_y = grid_steps(board, "y")
     lsb = board["field"]["force_lsb_un"]
     f = force.reshape(len(y), len(x), 3)
 
     def arm_x(component: int) -> int:
-        return _to_um(int((f[..., component] * x[None, :]).sum()) * lsb, size_x, steps_x)
+        return to_um(int((f[..., component] * x[None, :]).sum()) * lsb, size_x, steps_x)
 
     def arm_y(component: int) -> int:
-        return _to_um(int((f[..., component] * y[:, None]).sum()) * lsb, size_y, steps_y)
+        return to_um(int((f[..., component] * y[:, None]).sum()) * lsb, size_y, steps_y)
 
     total = [int(t) * lsb for t in force.sum(axis=0)]
     return [*total, arm_y(2), -arm_x(2), arm_x(1) - arm_y(0)]

@@ -1,0 +1,115 @@
+#include "estimators/wrench_covariance.h"
+
+#include <algorithm>
+
+#include "base/fixed.h"
+
+namespace ruffini {
+namespace {
+
+constexpr int kFactorFraction = 20;
+constexpr int64_t kUmPerMm = 1'000;
+constexpr int64_t kMostUnlisted = 16;  // counted one by one up to here
+constexpr int64_t kMaxReading = int64_t{1} << 40;
+constexpr int64_t kMaxPlace_um = int64_t{1} << 17;
+
+// Limits of the parameters: sigma of force and moment, lever, factor.
+constexpr std::array<int32_t, 4> kLowest = {100, 100, 0, 0};
+constexpr std::array<int32_t, 4> kHighest = {1 << 20, 1 << 24, 1 << 20, 1 << 20};
+
+// Half up.
+int64_t rounded(int64_t numerator, int64_t denominator) {
+  return floor_div(2 * numerator + denominator, 2 * denominator);
+}
+
+int64_t limited(int64_t x, int64_t limit = WrenchErrorModel::kMaxSigma) { return std::clamp(x, -limit, limit); }
+
+}  // namespace
+
+Result<WrenchErrorModel> WrenchErrorModel::load(const Calibration& calibration, const PadSettings& pad) {
+  auto tensor = calibration.tensor("support.error_wrench", Tensor::Type::kI32, {kParameters / 2, 2});
+  if (!tensor) return tensor.error();
+  const std::span<const int32_t> values = tensor.value()->as<int32_t>();
+  WrenchErrorModel out;
+  const std::array<std::array<int64_t, 2>*, 4> parts = {&out.force_un_, &out.moment_un_mm_, &out.lever_nm_,
+                                                        &out.factor_q20_};
+  for (size_t i = 0; i < kParameters; ++i) {
+    const size_t row = i / 2;
+    if (values[i] < kLowest[row] || values[i] > kHighest[row]) {
+      return Error{
+          ErrorKind::kBadInput,
+          "calibration file: support.error_wrench states no error or one out of range: make the operator again"};
+    }
+    (*parts[row])[i % 2] = values[i];
+  }
+  out.half_x_um_ = limited(pad.size_x_um / 2, kMaxPlace_um);
+  out.half_y_um_ = limited(pad.size_y_um / 2, kMaxPlace_um);
+  return out;
+}
+
+void WrenchErrorModel::add(WrenchCovariance& sum, const Vector& v, int64_t times) {
+  size_t k = 0;
+  for (size_t i = 0; i < v.size(); ++i) {
+    for (size_t j = i; j < v.size(); ++j, ++k) sum.upper[k] += times * (v[i] * v[j]);
+  }
+}
+
+// Errors of a force at (x, y): its wrench about the origin is (F, X x F).
+void WrenchErrorModel::add_contact(WrenchCovariance& sum, int64_t x_um, int64_t y_um, int64_t force_z_un) const {
+  const int64_t x = limited(x_um, kMaxPlace_um);
+  const int64_t y = limited(y_um, kMaxPlace_um);
+  const auto [shear, normal] = force_un_;
+  add(sum, {shear, 0, 0, 0, 0, rounded(-y * shear, kUmPerMm)});
+  add(sum, {0, shear, 0, 0, 0, rounded(x * shear, kUmPerMm)});
+  add(sum, {0, 0, normal, rounded(y * normal, kUmPerMm), rounded(-x * normal, kUmPerMm), 0});
+  const int64_t pressing = limited(force_z_un, kMaxReading);
+  for (size_t axis = 3; axis < 6; ++axis) {
+    const size_t part = axis == 5 ? 1 : 0;
+    Vector constant{};
+    Vector proportional{};
+    constant[axis] = moment_un_mm_[part];
+    proportional[axis] = limited(rounded(lever_nm_[part] * pressing, kUmPerMm * kUmPerMm));
+    add(sum, constant);
+    add(sum, proportional);
+  }
+}
+
+// Half the pad is their arm, in both directions.
+void WrenchErrorModel::add_unlisted(WrenchCovariance& sum, int64_t n_contacts) const {
+  const int64_t n = std::min(n_contacts, kMostUnlisted);
+  const auto [shear, normal] = force_un_;
+  const int64_t x_mm = half_x_um_ / kUmPerMm + 1;
+  const int64_t y_mm = half_y_um_ / kUmPerMm + 1;
+  const Vector each = {shear,
+                       shear,
+                       normal,
+                       std::max(normal * y_mm, moment_un_mm_[0]),
+                       std::max(normal * x_mm, moment_un_mm_[0]),
+                       std::max(shear * (x_mm + y_mm), moment_un_mm_[1])};
+  for (size_t i = 0; i < each.size(); ++i) {
+    Vector alone{};
+    alone[i] = limited(each[i]);
+    add(sum, alone, n);
+  }
+}
+
+WrenchCovariance WrenchErrorModel::run(const Wrench& w, const ContactList& contacts) const {
+  WrenchCovariance sum;
+  const auto part = [](int64_t factor, int64_t reading) {
+    return limited(round_shift(factor * limited(reading, kMaxReading), kFactorFraction));
+  };
+  const auto mm = [](int64_t torque_un_um) { return rounded(torque_un_um, kUmPerMm); };
+  const auto [shear, pressure] = factor_q20_;
+  add(sum, {part(shear, w.force_x_un), part(shear, w.force_y_un), 0, 0, 0, part(shear, mm(w.torque_z_un_um))});
+  add(sum, {0, 0, part(pressure, w.force_z_un), part(pressure, mm(w.torque_x_un_um)),
+            part(pressure, mm(w.torque_y_un_um)), 0});
+  for (int i = 0; i < contacts.n_listed; ++i) {
+    const Contact& contact = contacts.contacts[static_cast<size_t>(i)];
+    add_contact(sum, contact.center_x_um, contact.center_y_um, contact.force_z_un);
+  }
+  if (contacts.n_found == 0) add_contact(sum, 0, 0, 0);
+  if (contacts.n_found > contacts.n_listed) add_unlisted(sum, contacts.n_found - contacts.n_listed);
+  return sum;
+}
+
+}  // namespace ruffini

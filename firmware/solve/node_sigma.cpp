@@ -1,0 +1,125 @@
+#include "solve/node_sigma.h"
+
+#include <algorithm>
+#include <bit>
+
+#include "base/fixed.h"
+
+namespace ruffini {
+namespace {
+
+constexpr int kTableFraction = 8;
+constexpr int kFactorFraction = 16;
+constexpr int kDifferenceFraction = 3;  // eighths of a step
+constexpr int32_t kSmallestVariance = 1 << kTableFraction;
+
+int bit_width(int64_t x) { return static_cast<int>(std::bit_width(static_cast<uint64_t>(x))); }
+
+int64_t magnitude(int64_t x) { return x < 0 ? -x : x; }
+
+}  // namespace
+
+int64_t floor_sqrt(int64_t x) {
+  int64_t root = 0;
+  int64_t rest = x;
+  // Digit by digit: at each bit, (root + bit)^2 <= x is asked of the rest.
+  for (int shift = x == 0 ? -1 : (bit_width(x) - 1) / 2; shift >= 0; --shift) {
+    const int64_t tried = ((root << 1) + (int64_t{1} << shift)) << shift;
+    if (tried > rest) continue;
+    rest -= tried;
+    root += int64_t{1} << shift;
+  }
+  return root;
+}
+
+// A node's forces, limited, and what lies around it.
+struct NodeSigmaModel::Neighbours {
+  std::array<int64_t, 3> force{};
+  std::array<int64_t, 3> sum{};   // of the eight
+  std::array<int64_t, 3> step{};  // largest difference from one of the eight
+  int64_t pressure = 0;           // largest |f_z| of the eight
+  int64_t weight = 0;             // Q7
+  bool is_silent = true;          // no force here or around
+};
+
+Result<NodeSigmaModel> NodeSigmaModel::load(const Calibration& calibration, GridSize nodes, int64_t threshold_lsb) {
+  NodeSigmaModel out;
+  out.nodes_ = nodes;
+  out.threshold_lsb_ = threshold_lsb;
+  auto reported = calibration.tensor("support.error_reported", Tensor::Type::kI32, {2, kReportedLevels});
+  if (!reported) return reported.error();
+  auto quiet = calibration.tensor("support.error_quiet", Tensor::Type::kI32, {2, kQuietLevels});
+  if (!quiet) return quiet.error();
+  auto local = calibration.tensor("support.error_local", Tensor::Type::kI32, {2, kLocalTerms});
+  if (!local) return local.error();
+  for (size_t i = 0; i < 2; ++i) {
+    out.axis_[i] = {reported.value()->as<int32_t>().subspan(i * kReportedLevels, kReportedLevels),
+                    quiet.value()->as<int32_t>().subspan(i * kQuietLevels, kQuietLevels),
+                    local.value()->as<int32_t>().subspan(i * kLocalTerms, kLocalTerms)};
+    const auto is_too_small = [](int32_t v) { return v < kSmallestVariance; };
+    const auto is_outside = [](int32_t v) { return v < 0 || v > kMaxFactor; };
+    if (std::any_of(out.axis_[i].reported.begin(), out.axis_[i].reported.end(), is_too_small) ||
+        std::any_of(out.axis_[i].quiet.begin(), out.axis_[i].quiet.end(), is_too_small) ||
+        std::any_of(out.axis_[i].local.begin(), out.axis_[i].local.end(), is_outside)) {
+      return Error{ErrorKind::kBadInput,
+                   "calibration file: support.error_* states no error or one out of range: make the operator again"};
+    }
+  }
+  return out;
+}
+
+int32_t NodeSigmaModel::sigma_of(const Axis& axis, const Neighbours& around, size_t component) const {
+  const int64_t f = around.force[component];
+  const int level = bit_width(magnitude(around.force[2]));
+  const int beside = (bit_width(around.pressure) + 1) / 2;
+  const int64_t table = level > 0 ? axis.reported[static_cast<size_t>(std::min(level, kReportedLevels) - 1)]
+                                  : axis.quiet[static_cast<size_t>(std::min(beside, kQuietLevels - 1))];
+  const int64_t difference = 8 * f - around.sum[component];
+  const auto weighted = [&](int64_t square) { return round_shift(around.weight * square, ContactMask::kFraction); };
+  const int64_t sum = axis.local[0] * (f * f) +
+                      axis.local[1] * weighted((difference * difference) >> (2 * kDifferenceFraction)) +
+                      axis.local[2] * weighted(around.step[component] * around.step[component]);
+  const int64_t variance = table + (sum >> (kFactorFraction - kTableFraction));
+  // The root of 8 fraction bits has 4.
+  return static_cast<int32_t>(std::max<int64_t>(round_shift(floor_sqrt(variance), kTableFraction / 2), 1));
+}
+
+void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<NodeSigma> sigma) const {
+  const auto limited = [](const NodeForce& f) {
+    const auto at_most = [](int64_t v) { return std::clamp(v, -kMaxForce, kMaxForce); };
+    return std::array<int64_t, 3>{at_most(f.x), at_most(f.y), at_most(f.z)};
+  };
+  const Neighbours nothing;
+  const NodeSigma silent{sigma_of(axis_[0], nothing, 0), sigma_of(axis_[0], nothing, 1),
+                         sigma_of(axis_[1], nothing, 2)};
+  size_t i = 0;
+  for (int y = 0; y < nodes_.n_y; ++y) {
+    for (int x = 0; x < nodes_.n_x; ++x, ++i) {
+      Neighbours around;
+      around.force = limited(force[i]);
+      around.is_silent = around.force == std::array<int64_t, 3>{};
+      for (int v = y - 1; v <= y + 1; ++v) {
+        for (int u = x - 1; u <= x + 1; ++u) {
+          if (v == y && u == x) continue;
+          const bool is_on_grid = v >= 0 && v < nodes_.n_y && u >= 0 && u < nodes_.n_x;
+          const auto beside =
+              is_on_grid ? limited(force[static_cast<size_t>(v * nodes_.n_x + u)]) : std::array<int64_t, 3>{};
+          for (size_t c = 0; c < 3; ++c) {
+            around.sum[c] += beside[c];
+            around.step[c] = std::max(around.step[c], magnitude(around.force[c] - beside[c]));
+            around.is_silent &= beside[c] == 0;
+          }
+          around.pressure = std::max(around.pressure, magnitude(beside[2]));
+        }
+      }
+      if (around.is_silent) {
+        sigma[i] = silent;
+        continue;
+      }
+      around.weight = std::clamp<int64_t>(-around.force[2], 0, threshold_lsb_) * ContactMask::kFull / threshold_lsb_;
+      sigma[i] = {sigma_of(axis_[0], around, 0), sigma_of(axis_[0], around, 1), sigma_of(axis_[1], around, 2)};
+    }
+  }
+}
+
+}  // namespace ruffini

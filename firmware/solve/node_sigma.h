@@ -1,0 +1,69 @@
+// Standard deviation of each nodal force of the second pass, read off the field itself
+// (host/ruffini/fem/uncertainty.py has the model and its reasons; proto/CALIBRATION.md the tables).
+//
+//   variance_c = table_c[level] + reading_c f_c^2 + w (contrast_c d_c^2 + step_c m_c^2)
+//
+//   level      bit width of |f_z|; of a node without f_z, from the largest |f_z| of its eight neighbours
+//   d          f_c less the mean of the eight neighbours, in 1/8 steps; beyond the grid there is no force
+//   m          largest difference from one of them
+//   w          clamp(-f_z, 0, T) / T, Q7, T the contact threshold, as in support_solver.h
+//   tables     steps^2, 8 fraction bits; factors Q16, at most kMaxFactor
+//   sigma      square root, rounded half up to whole steps, at least 1
+//
+// Forces are taken up to kMaxForce steps, so each term stays below 2^60. x and y share their numbers.
+// Work is bounded by 27 loads and three square roots a node. Frame thread; no allocation. Not in the paper.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include "base/result.h"
+#include "solve/contact_mask.h"
+#include "store/calibration.h"
+
+namespace ruffini {
+
+// Of fx, fy, fz of one node, in force steps.
+struct NodeSigma {
+  int32_t x = 0;
+  int32_t y = 0;
+  int32_t z = 0;
+};
+
+class NodeSigmaModel {
+ public:
+  static constexpr int kReportedLevels = 12;
+  static constexpr int kQuietLevels = 7;
+  static constexpr int kLocalTerms = 3;  // reading, contrast, step
+  static constexpr int64_t kMaxForce = (int64_t{1} << 20) - 1;
+  static constexpr int32_t kMaxFactor = 1 << 18;  // 4
+
+  // Tensors support.error_reported, _quiet and _local. threshold_lsb: T in steps, above zero.
+  [[nodiscard]] static Result<NodeSigmaModel> load(const Calibration& calibration, GridSize nodes,
+                                                   int64_t threshold_lsb);
+
+  // One value a node.
+  void run(std::span<const NodeForce> force, std::span<NodeSigma> sigma) const;
+
+ private:
+  // Shear (x and y) and normal.
+  struct Axis {
+    std::span<const int32_t> reported;
+    std::span<const int32_t> quiet;
+    std::span<const int32_t> local;
+  };
+  struct Neighbours;
+
+  [[nodiscard]] int32_t sigma_of(const Axis& axis, const Neighbours& around, size_t component) const;
+
+  GridSize nodes_;
+  int64_t threshold_lsb_ = 1;
+  std::array<Axis, 2> axis_;
+};
+
+// Largest integer whose square is at most x. Precondition: x >= 0.
+[[nodiscard]] int64_t floor_sqrt(int64_t x);
+
+}  // namespace ruffini

@@ -1,0 +1,184 @@
+"""What the board states of its own uncertainty against the mirror, with fitted tables and with the largest it takes."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from mirror.board import Board, read_board
+from mirror.estimators import wrench
+from mirror.uncertainty import (
+    LISTED,
+    QUIET,
+    REPORTED,
+    ErrorTables,
+    node_sigma,
+    touches_of,
+    wrench_covariance,
+)
+from scipy.ndimage import gaussian_filter
+from test_frame_path import board_with_all_stages, photometric_tables
+
+from ruffini.boards import parse_board
+from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
+from ruffini.calibrate.error_model import ErrorModel, error_tensors
+from ruffini.calibrate.operator import make_operator
+from ruffini.core import Pipeline
+from ruffini.core.pipeline import full_covariance
+from ruffini.errors import InputError
+from ruffini.fem.operators import Noise
+from ruffini.fem.uncertainty import ContactLoad, NodeError, WrenchError
+from ruffini.fem.uncertainty import node_sigma as node_sigma_float
+from ruffini.fem.uncertainty import wrench_covariance as wrench_covariance_float
+
+Tensors = dict[str, npt.NDArray[np.generic]]
+TEXT = board_with_all_stages(2).replace("n_x = 9\nn_y = 7", "n_x = 41\nn_y = 31")
+NAMES = ("reported", "quiet", "local", "wrench")
+
+
+@pytest.fixture(scope="module")
+def base() -> tuple[Tensors, dict[str, str]]:
+    typed = parse_board(TEXT.encode(), "small")
+    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    tables = photometric_tables(np.random.default_rng(3))
+    return {**kind.tensors, **tables}, {**base_metadata(typed), **kind.metadata}
+
+
+def drawn(rng: np.random.Generator, *, largest: bool) -> Tensors:
+    """Any tables that the loader takes; or the largest."""
+    low = np.array([[100], [100], [0], [0]])
+    high = np.array([[1 << 20], [1 << 24], [1 << 20], [1 << 20]])
+    tables = {
+        "reported": rng.integers(256, 1 << 31, (2, REPORTED)),
+        "quiet": rng.integers(256, 1 << 31, (2, QUIET)),
+        "local": rng.integers(0, (1 << 18) + 1, (2, 3)),
+        "wrench": rng.integers(low, high + 1, (4, 2)),
+    }
+    if largest:
+        tables = {"reported": np.full((2, REPORTED), (1 << 31) - 1), "quiet": np.full((2, QUIET), (1 << 31) - 1),
+                  "local": np.full((2, 3), 1 << 18), "wrench": np.repeat(high, 2, axis=1)}  # fmt: skip
+    return {f"support.error_{name}": tables[name].astype(np.int32) for name in NAMES}
+
+
+def expected(board: Board, tables: Tensors, mask: npt.NDArray[np.uint8], force: npt.NDArray[np.int32]) -> tuple:
+    errors = ErrorTables(*(tables[f"support.error_{name}"].astype(np.int32) for name in NAMES))
+    steps = force.astype(np.int64).reshape(-1, 3)
+    touches = touches_of(board, mask.astype(np.int64), steps)
+    threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
+    sigma = node_sigma(errors, steps, mask.shape, threshold)
+    return sigma, wrench_covariance(errors, board, wrench(board, steps), touches[:LISTED], len(touches)), len(touches)
+
+
+def displacements(rng: np.random.Generator, shape: tuple[int, int]) -> npt.NDArray[np.int16]:
+    """Nothing, one dent, rough fields of more contacts than are listed, and noise up to the largest number."""
+    y, x = np.mgrid[: shape[0], : shape[1]]
+
+    def dent(row: float, column: float, radius: float, depth: float) -> npt.NDArray[np.float64]:
+        return -depth * np.exp(-((y - row) ** 2 + (x - column) ** 2) / radius**2)
+
+    out = [np.zeros((*shape, 3))]
+    for depth in (2000.0, 8000.0, 16000.0):
+        u = rng.normal(size=(*shape, 3)) * 20
+        u[..., 2] += dent(shape[0] * 0.4, shape[1] * 0.6, 3.0, depth)
+        out.append(u)
+    for _ in range(3):
+        rough = gaussian_filter(rng.normal(size=(*shape, 3)), (1, 1, 0))
+        out.append(1280 * rough / rough.std())
+    out += [rng.uniform(-32767, 32767, (*shape, 3)), 32767 * rng.choice([-1, 1], (*shape, 3))]
+    return np.round(np.clip(out, -32767, 32767)).astype(np.int16)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_as_the_mirror_on_any_tables_and_positive_semi_definite(
+    base: tuple[Tensors, dict[str, str]], seed: int
+) -> None:
+    typed, board = parse_board(TEXT.encode(), "small"), read_board(TEXT)
+    rng = np.random.default_rng(seed)
+    tables = drawn(rng, largest=seed == 0)
+    file = pack({**base[0], **tables}, base[1])
+    counts = []
+    with Pipeline(typed, file.data) as core:
+        shape = (core.layout.node_n_y, core.layout.node_n_x)
+        for u in displacements(rng, shape):
+            force = core.solve(u.reshape(1, -1, 3))[0]
+            sigma, covariance = core.sigma()
+            want_sigma, want_covariance, n_found = expected(board, tables, core.raw("mask"), force)
+            assert np.array_equal(sigma.reshape(-1, 3), want_sigma)
+            assert np.array_equal(covariance, want_covariance)
+            assert sigma.min() >= 1
+            full = full_covariance(covariance)
+            scale = np.sqrt(np.outer(np.diag(full), np.diag(full)))
+            assert np.linalg.eigvalsh(full / scale).min() > -1e-12
+            counts.append(n_found)
+    assert 0 in counts
+    assert 1 in counts
+    assert max(counts) > LISTED
+
+
+def test_integers_follow_the_float_model(base: tuple[Tensors, dict[str, str]]) -> None:
+    typed, board = parse_board(TEXT.encode(), "small"), read_board(TEXT)
+    rng = np.random.default_rng(9)
+    node = NodeError(rng.uniform(20, 5e4, (2, REPORTED)), rng.uniform(20, 5e4, (2, QUIET)), rng.uniform(0, 0.3, (2, 3)))
+    wrench_error = WrenchError(
+        np.array([2e-3, 7e-3]), np.array([8e-6, 2e-6]), np.array([20e-6, 4e-6]), np.array([0.02, 0.03])
+    )
+    tables = error_tensors(ErrorModel(node, wrench_error))
+    threshold = board["contact"]["threshold_un"] / board["field"]["force_lsb_un"]
+    with Pipeline(typed, pack({**base[0], **tables}, base[1]).data) as core:
+        for u in displacements(rng, (core.layout.node_n_y, core.layout.node_n_x))[:4]:
+            force = core.solve(u.reshape(1, -1, 3))[0]
+            sigma, upper = core.sigma()
+            steps = force.reshape(sigma.shape)
+            apart = np.abs(sigma / node_sigma_float(node, steps, threshold) - 1)
+            assert np.quantile(apart, 0.98) < 0.04  # the weight has 7 bits, which small pressures feel
+            assert apart.max() < 0.3
+            touches = touches_of(board, core.raw("mask").astype(np.int64), force.astype(np.int64))
+            if len(touches) > LISTED:
+                continue
+            loads = [
+                ContactLoad(1e-6 * np.array([t.x_um, t.y_um]), 1e-6 * np.array([0, 0, t.force_z_un])) for t in touches
+            ]
+            si = np.array(wrench(board, force.astype(np.int64))) * [*3 * [1e-6], *3 * [1e-12]]
+            expected_covariance = wrench_covariance_float(wrench_error, si, loads)
+            scale = np.sqrt(np.outer(np.diag(expected_covariance), np.diag(expected_covariance)))
+            np.testing.assert_allclose(full_covariance(upper) / scale, expected_covariance / scale, atol=1e-3)
+
+
+def test_without_an_error_model_nothing_is_stated(base: tuple[Tensors, dict[str, str]]) -> None:
+    typed = parse_board(TEXT.encode(), "small")
+    with Pipeline(typed, pack(*base).data) as core:
+        core.solve(np.zeros((1, core.layout.node_n_x * core.layout.node_n_y, 3), np.int16))
+        with pytest.raises(InputError, match="no error model"):
+            core.sigma()
+
+
+BAD = (
+    ("reported", (1, 3), 255), ("reported", (0, 0), -1), ("quiet", (0, 6), 0), ("local", (1, 2), (1 << 18) + 1),
+    ("local", (0, 0), -1), ("wrench", (0, 1), 99), ("wrench", (0, 0), (1 << 20) + 1), ("wrench", (1, 1), 0),
+    ("wrench", (2, 0), -1), ("wrench", (3, 1), (1 << 20) + 1),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "at", "value"), BAD)
+def test_tables_out_of_range_are_refused(
+    base: tuple[Tensors, dict[str, str]], name: str, at: tuple[int, int], value: int
+) -> None:
+    tables = drawn(np.random.default_rng(1), largest=False)
+    tables[f"support.error_{name}"][at] = value
+    with pytest.raises(InputError, match="states no error or one out of range"):
+        open_with(base, tables)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_tables_of_another_size_or_missing_are_refused(base: tuple[Tensors, dict[str, str]], name: str) -> None:
+    tables = drawn(np.random.default_rng(1), largest=False)
+    full = f"support.error_{name}"
+    with pytest.raises(InputError, match=full):
+        open_with(base, {**tables, full: tables[full][:, :-1].copy()})
+    with pytest.raises(InputError, match=full):
+        open_with(base, {k: v for k, v in tables.items() if k != full})
+
+
+def open_with(base: tuple[Tensors, dict[str, str]], tables: Tensors) -> None:
+    file: CalibrationFile = pack({**base[0], **tables}, base[1])
+    Pipeline(parse_board(TEXT.encode(), "small"), file.data).close()

@@ -1,0 +1,127 @@
+#include "solve/node_sigma.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+
+#include "support/calibration_bytes.h"
+
+namespace ruffini {
+namespace {
+
+constexpr GridSize kNodes{5, 4};
+constexpr int64_t kThreshold = 300;
+
+// Tables in units of the model: steps^2 and plain factors.
+struct Tables {
+  std::vector<int32_t> reported = std::vector<int32_t>(24, 1 << 8);
+  std::vector<int32_t> quiet = std::vector<int32_t>(14, 1 << 8);
+  std::vector<int32_t> local = std::vector<int32_t>(6, 0);
+};
+
+class Loaded {
+ public:
+  explicit Loaded(const Tables& tables) {
+    const std::vector<uint8_t> bytes = test::CalibrationBytes()
+                                           .meta("kinds", "support")
+                                           .tensor("support.error_local", "I32", {2, 3}, tables.local)
+                                           .tensor("support.error_quiet", "I32", {2, 7}, tables.quiet)
+                                           .tensor("support.error_reported", "I32", {2, 12}, tables.reported)
+                                           .bytes();
+    storage_.resize((bytes.size() + 7) / 8);
+    std::memcpy(storage_.data(), bytes.data(), bytes.size());
+    auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
+    EXPECT_TRUE(parsed.has_value());
+    calibration_ = std::move(parsed).value();
+  }
+  [[nodiscard]] Result<NodeSigmaModel> model() const { return NodeSigmaModel::load(calibration_, kNodes, kThreshold); }
+
+ private:
+  std::vector<uint64_t> storage_;
+  Calibration calibration_;
+};
+
+std::vector<NodeSigma> sigma_of(const Tables& tables, const std::vector<NodeForce>& force) {
+  const Loaded loaded(tables);
+  std::vector<NodeSigma> out(force.size());
+  loaded.model().value().run(force, out);
+  return out;
+}
+
+std::vector<NodeForce> one_pressed(NodeForce middle) {
+  std::vector<NodeForce> force(20);
+  force[7] = middle;  // row 1, column 2
+  return force;
+}
+
+TEST(FloorSqrt, IsExactAroundSquares) {
+  EXPECT_EQ(floor_sqrt(0), 0);
+  for (const int64_t root : {int64_t{1}, int64_t{2}, int64_t{3}, int64_t{1'000'003}, int64_t{1} << 30}) {
+    EXPECT_EQ(floor_sqrt(root * root), root);
+    EXPECT_EQ(floor_sqrt(root * root - 1), root - 1);
+    EXPECT_EQ(floor_sqrt(root * root + 2 * root), root);
+  }
+}
+
+TEST(NodeSigma, IsNeverZero) {
+  for (const NodeSigma& s : sigma_of({}, std::vector<NodeForce>(20))) EXPECT_EQ(s.x + s.y + s.z, 3);
+}
+
+TEST(NodeSigma, TakesTheLevelOfThePressureAndOfWhatIsBesideAQuietNode) {
+  Tables tables;
+  tables.reported[7] = 100 << 8;       // shear, bit width 8
+  tables.reported[12 + 7] = 400 << 8;  // normal
+  tables.quiet[4] = 9 << 8;            // shear beside a pressure of bit width 7 or 8
+  const auto sigma = sigma_of(tables, one_pressed({0, 0, -150}));
+  EXPECT_EQ(sigma[7].x, 10);
+  EXPECT_EQ(sigma[7].y, 10);
+  EXPECT_EQ(sigma[7].z, 20);
+  for (const size_t beside : {1U, 2U, 3U, 6U, 8U, 11U, 12U, 13U}) EXPECT_EQ(sigma[beside].x, 3) << beside;
+  EXPECT_EQ(sigma[0].x, 1);
+  EXPECT_EQ(sigma[16].x, 1);
+}
+
+TEST(NodeSigma, AddsReadingContrastAndStepInSquares) {
+  Tables tables;
+  tables.local = {1 << 14, 0, 0, 0, 0, 0};  // a quarter of the square: half the reading
+  EXPECT_EQ(sigma_of(tables, one_pressed({800, -600, -600}))[7].x, 400);
+  EXPECT_EQ(sigma_of(tables, one_pressed({800, -600, -600}))[7].y, 300);
+  tables.local = {0, 1 << 16, 0, 0, 0, 0};  // alone among zeros, the whole force is contrast
+  EXPECT_EQ(sigma_of(tables, one_pressed({800, 0, -600}))[7].x, 800);
+  EXPECT_EQ(sigma_of(tables, one_pressed({800, 0, -150}))[7].x, 566);  // half the weight: 800 / sqrt(2)
+  EXPECT_EQ(sigma_of(tables, one_pressed({800, 0, 600}))[7].x, 1);     // a node that pulls has none
+  tables.local = {0, 0, 0, 0, 0, 1 << 16};
+  std::vector<NodeForce> force = one_pressed({0, 0, -600});
+  for (NodeForce& f : force) f.z -= 400;
+  EXPECT_EQ(sigma_of(tables, force)[7].z, 600);
+}
+
+TEST(NodeSigma, LargestForcesAndTablesDoNotOverflow) {
+  Tables tables;
+  tables.reported.assign(24, INT32_MAX);
+  tables.local.assign(6, NodeSigmaModel::kMaxFactor);
+  std::vector<NodeForce> force(20);
+  for (size_t i = 0; i < force.size(); ++i) {
+    const int32_t f = i % 2 == 0 ? INT32_MIN : INT32_MAX;
+    force[i] = {f, f, INT32_MIN};
+  }
+  // (4 (1 + contrast^2 + step^2))^(1/2) of 2^20 steps, neither term above 2 of them: below 2 * 3 * 2^20.
+  for (const NodeSigma& s : sigma_of(tables, force)) {
+    EXPECT_GT(s.x, 2 << 20);
+    EXPECT_LT(s.x, 6 << 20);
+  }
+}
+
+TEST(NodeSigma, RefusesTablesThatStateNoError) {
+  Tables tables;
+  tables.quiet[3] = 255;
+  EXPECT_FALSE(Loaded(tables).model());
+  tables = {};
+  tables.local[1] = NodeSigmaModel::kMaxFactor + 1;
+  EXPECT_FALSE(Loaded(tables).model());
+  tables.local[1] = NodeSigmaModel::kMaxFactor;
+  EXPECT_TRUE(Loaded(tables).model());
+}
+
+}  // namespace
+}  // namespace ruffini
