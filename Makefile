@@ -80,6 +80,7 @@ fuzz: setup  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the sess
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
 	@$(PYTHON) tests/bench/run.py --build $(BUILD)
+	@$(PYTHON) tests/bench/scaling.py --build $(BUILD)
 	@$(PYTHON) tests/bench/accuracy.py
 	@$(PYTHON) tests/bench/twin.py
 

@@ -227,6 +227,10 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
 Status FramePath::load_tables() {
   if (!calibration_) return Unit{};
   const Calibration& c = calibration_->get();
+  if (std::ssize(calibration_->bytes()) > board_.calibration_kb * 1024) {
+    return Error{ErrorKind::kBadInput, "calibration file: larger than the " + std::to_string(board_.calibration_kb) +
+                                           " kB of [memory] calibration_kb: make one with fewer nodes"};
+  }
   if (has(Stage::kPhotometric) && c.has_kind("photometric")) {
     constexpr int n = Photometric::kSlopeSize;
     auto slope = c.tensor("photometric.slope", Tensor::Type::kI16, {n, n, 2});

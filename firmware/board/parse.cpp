@@ -182,6 +182,10 @@ void read_rest(Reader& in, BoardSettings& board) {
   board.contact.min_nodes = in.integer("min_nodes", 1, 10'000);
   in.section("field");
   board.force_lsb_un = in.integer("force_lsb_un", 1, 1'000);
+  if (in.has_section("memory")) {
+    in.section("memory");
+    board.calibration_kb = in.integer("calibration_kb", 64, kMaxCalibrationKb);
+  }
   in.section("pipeline");
   board.n_rest_frames = static_cast<int>(in.integer("n_rest_frames", 1, 256));
   board.stages = in.texts("stages", known_stages().size());

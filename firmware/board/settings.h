@@ -13,7 +13,8 @@ namespace ruffini {
 // Limits of what HELLO carries.
 inline constexpr size_t kMaxBoardBytes = 8'000;  // of the file
 inline constexpr size_t kMaxNotMeasured = 8;
-inline constexpr size_t kMaxListedLength = 23;  // of a stage, of a quantity
+inline constexpr int64_t kMaxCalibrationKb = 131'072;  // of a calibration file: what one upload may carry
+inline constexpr size_t kMaxListedLength = 23;         // of a stage, of a quantity
 
 enum class Polarity { kDark, kLight };
 enum class Gauge { kMargin, kMean };
@@ -80,6 +81,7 @@ struct BoardSettings {
   DepthSettings depth;
   ContactSettings contact;
   int64_t force_lsb_un = 0;
+  int64_t calibration_kb = kMaxCalibrationKb;  // room for the calibration file
   int n_rest_frames = 0;
   std::vector<std::string> stages;
   std::string toml;  // the text that these settings came from

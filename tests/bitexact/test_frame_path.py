@@ -14,6 +14,7 @@ from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, pack
 from ruffini.calibrate.operator import make_operator
 from ruffini.core import Pipeline
+from ruffini.errors import InputError
 from ruffini.fem.operators import Noise
 
 ALL_STAGES = (
@@ -101,6 +102,19 @@ def test_solve_on_random_displacements() -> None:
             for one_u, force in zip(u, forces, strict=True):
                 expected, _ = mirror.solve(one_u.astype(np.int64))
                 assert np.array_equal(force, expected)
+
+
+def test_a_calibration_beyond_the_boards_memory_is_neither_made_nor_taken() -> None:
+    text = board_with_all_stages(2)
+    typed, small = (parse_board(t.encode(), "small") for t in (text, text + "[memory]\ncalibration_kb = 64\n"))
+    noise = Noise((5e-6, 5e-6, 2e-5))
+    kind = make_operator(typed, method="support", noise=noise)
+    with pytest.raises(InputError, match="the board has for it"):
+        make_operator(small, method="support", noise=noise)
+    file = pack(kind.tensors, {**base_metadata(typed), **kind.metadata})
+    assert len(file.data) > 64 * 1024
+    with pytest.raises(InputError, match="64 kB"), Pipeline(small, file.data):
+        pass
 
 
 @pytest.mark.parametrize("seed", range(4))

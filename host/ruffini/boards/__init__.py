@@ -25,6 +25,7 @@ PRINTABLE = r"^[ -~]+$"  # escapes can spell what the file itself may not hold
 Text = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
 Listed = Annotated[str, Field(min_length=1, max_length=23, pattern=PRINTABLE)]
 MAX_BYTES = 8_000  # of the file: HELLO carries it
+MAX_CALIBRATION_KB = 131_072  # the most that one upload may carry
 
 
 class Section(BaseModel):
@@ -117,6 +118,12 @@ class FieldSettings(Section):
     force_lsb_un: Annotated[int, Field(ge=1, le=1_000)]
 
 
+class Memory(Section):
+    """[memory]."""
+
+    calibration_kb: Annotated[int, Field(ge=64, le=MAX_CALIBRATION_KB)]
+
+
 class Pipeline(Section):
     """[pipeline]."""
 
@@ -143,6 +150,7 @@ class Board(Section):
     depth: Depth
     contact: Contact
     field: FieldSettings
+    memory: Memory | None = None
     pipeline: Pipeline
 
     _text: str = ""
@@ -164,6 +172,11 @@ class Board(Section):
     @property
     def resolution(self) -> str:
         return f"{self.camera.width_px}x{self.camera.height_px}"
+
+    @property
+    def calibration_bytes(self) -> int:
+        """Room for the calibration file."""
+        return 1024 * (self.memory.calibration_kb if self.memory else MAX_CALIBRATION_KB)
 
     @property
     def observed(self) -> tuple[slice, slice]:

@@ -127,7 +127,9 @@ def make_operator(
     lsb = board.field.force_lsb_un
     in_steps = matrix * force_steps(lsb)
     sites = observed_sites(board)
-    compiled = compile_matrix(in_steps, sites, sites, "the operator")
+    room = board.calibration_bytes
+    compiled = compile_matrix(in_steps, sites, sites, "the operator", max_bytes=room)
+    room -= compiled.program.n_bytes
     proof = compiled.certificate
     rows, columns = board.observed
     metadata = {
@@ -146,7 +148,7 @@ def make_operator(
     if has_support:
         system = support_system(condense(slab), noise, observed_unknowns(board), matrix)
         progress(0.6)
-        _add_support(tensors, metadata, system, lsb, sites)
+        _add_support(tensors, metadata, system, lsb, sites, room)
     if system is not None and n_touches > 0:
         errors = fit_error_model(
             slab, board.observed, second_pass(board, matrix, system), noise, force_step_n=lsb * 1e-6,
@@ -180,11 +182,12 @@ def _add(tensors: Tensors, metadata: dict[str, str], name: str, compiled: Compil
 
 
 def _add_support(
-    tensors: Tensors, metadata: dict[str, str], system: SupportSystem, force_lsb_un: int, sites: Sites
+    tensors: Tensors, metadata: dict[str, str], system: SupportSystem, force_lsb_un: int, sites: Sites, room: int
 ) -> None:
-    normal = compile_matrix(system.normal * NORMAL_SCALE, sites, sites, "the normal equations")
+    normal = compile_matrix(system.normal * NORMAL_SCALE, sites, sites, "the normal equations", max_bytes=room)
+    room -= normal.program.n_bytes
     step_m = DISPLACEMENT_LSB_NM * 1e-9
-    project = compile_matrix(system.project * (step_m * FRACTION_Q14), sites, sites, "the projection")
+    project = compile_matrix(system.project * (step_m * FRACTION_Q14), sites, sites, "the projection", max_bytes=room)
     _add(tensors, metadata, "support.normal", normal)
     _add(tensors, metadata, "support.project", project)
     scale = np.round(system.scale_n / (force_lsb_un * 1e-6) * SCALE_Q16)

@@ -68,25 +68,32 @@ class Level:
 
 
 def cluster_tree(rows_m: Array, columns_m: Array, leaf: int) -> tuple[list[Level], Index, Index]:
-    """Quadtree over both sets of places: levels from coarse (everything) to fine (at most `leaf` columns or rows),
+    """Quadtree over both sets of places: levels from coarse (everything) to fine (half of to all of `leaf` rows or
 
-    and the rows and columns in tree order.
+    columns), and the rows and columns in tree order.
     """
     places, n_rows = np.concatenate([rows_m, columns_m]), len(rows_m)
+    n_halvings = max(int(np.ceil(np.log2(max(n_rows, len(columns_m)) / leaf))), 0)
     parts, parent = [np.arange(len(places))], np.zeros(0, np.int64)
     members, parents = [parts], [parent]
-    while True:
-        largest = max(max(np.count_nonzero(p < n_rows), np.count_nonzero(p >= n_rows)) for p in parts)
-        quarters = [[q for half in halves(places, p) for q in halves(places, half)] for p in parts]
-        if largest <= leaf or sum(len(q) for q in quarters) == len(parts):
-            break
-        parent = np.repeat(np.arange(len(parts)), [len(q) for q in quarters])
-        parts = [part for q in quarters for part in q]
+    while n_halvings > 0:
+        parts, parent = _split(places, parts)
+        n_halvings -= 1
+        if n_halvings % 2 == 1:  # an odd number of halvings begins with one half
+            parts, again = _split(places, parts)
+            parent = parent[again]
+            n_halvings -= 1
         members.append(parts)
         parents.append(parent)
     levels = [_level(places, n_rows, parts, parent) for parts, parent in zip(members, parents, strict=True)]
     order = np.concatenate([np.sort(p) for p in members[-1]])
     return levels, order[order < n_rows], order[order >= n_rows] - n_rows
+
+
+def _split(places: Array, parts: list[Index]) -> tuple[list[Index], Index]:
+    """Every part in halves, and which part each comes from."""
+    split = [halves(places, part) for part in parts]
+    return [half for s in split for half in s], np.repeat(np.arange(len(parts)), [len(s) for s in split])
 
 
 def _level(places: Array, n_rows: int, parts: list[Index], parent: Index) -> Level:

@@ -24,12 +24,10 @@ Int32 = npt.NDArray[np.int32]
 Progress = Callable[[float], None]
 
 # Cost of a panel beside its entries, as entries: its gather, its calls, its part of a cache line.
-PANEL_COST, COLUMN_COST = 1500, 4
-SHAPES = tuple(
-    Shape(leaf, n_levels, separation) for leaf in (48, 96, 192) for n_levels in (1, 2, 3) for separation in (0.5,)
-)
+PANEL_COST, COLUMN_COST = 1000, 4
+SHAPES = tuple(Shape(leaf, n_levels, 0.5) for leaf in (64, 32, 128) for n_levels in (4, 3, 2, 1))  # best first
 SMALLEST_HIERARCHY = 500_000  # entries of all classes: below, panels cost more than they save
-WORTH = 0.9  # of the cost so far: a candidate that saves less is not worth its stages
+WORTH = 0.95  # of the cost so far: a candidate that saves less is not worth its stages
 MAX_TRIES = 6  # at the threshold that meets the error
 FIRST_THRESHOLD = 0.7  # of the error allowed: rounding takes the rest
 
@@ -113,7 +111,7 @@ def compile_matrix(
     chosen = _cheapest_shape(job, classes, shapes, lambda done: progress(0.6 * done))
     if chosen is not None:
         shape, sorted_classes = chosen
-        compiled = _hierarchical(job, sorted_classes, f"hierarchical{suffix} leaf {shape.leaf} levels {shape.n_levels}")
+        compiled = _hierarchical(job, sorted_classes, f"hierarchical{suffix} leaf {shape.leaf}")
     progress(0.8)
     if compiled is None:
         plan = dense_plan(classes, rows, columns)
@@ -127,7 +125,7 @@ def compile_matrix(
     if max_bytes is not None and compiled.program.n_bytes > max_bytes:
         raise InputError(
             f"{what} takes {compiled.program.n_bytes / 1e6:.1f} MB as {compiled.form}, more than the "
-            f"{max_bytes / 1e6:.1f} MB that the board has for it: use fewer nodes or raise [memory] in board.toml"
+            f"{max_bytes / 1e6:.1f} MB that the board has for it ([memory] calibration_kb in board.toml): fewer nodes"
         )
     progress(1.0)
     return compiled
@@ -146,15 +144,21 @@ def _cheapest_shape(
     n_entries = sum(c.matrix.size for c in classes)
     if n_entries < SMALLEST_HIERARCHY:
         return None
-    best, best_cost = None, WORTH * n_entries
+    best, best_cost, last_leaf, is_worse = None, WORTH * n_entries, 0, False
     for i, shape in enumerate(shapes):
+        progress((i + 1) / len(shapes))
+        if shape.leaf == last_leaf and is_worse:
+            continue  # fewer levels of the same clusters cost still more
         sorted_classes = [sort_class(c, job.rows, job.columns, shape) for c in classes]
         near = sum(c.near_share * c.matrix.size for c in sorted_classes)
-        if near < best_cost:
-            plan = hierarchical_plan(sorted_classes, _threshold(job, sorted_classes, FIRST_THRESHOLD), _no_unfold(job))
-            if plan is not None and cost(plan) < best_cost:
-                best, best_cost = (shape, sorted_classes), WORTH * cost(plan)
-        progress((i + 1) / len(shapes))
+        if min(len(c.levels) for c in sorted_classes) < shape.n_levels or near > best_cost:
+            continue
+        plan = hierarchical_plan(sorted_classes, _threshold(job, sorted_classes, FIRST_THRESHOLD), _no_unfold(job))
+        if plan is None:
+            continue
+        last_leaf, is_worse = shape.leaf, cost(plan) >= best_cost
+        if not is_worse:
+            best, best_cost = (shape, sorted_classes), WORTH * cost(plan)
     return best
 
 
@@ -177,7 +181,7 @@ def _hierarchical(job: Job, classes: list[Sorted], form: str) -> Compiled | None
         proof = certify(program, job.matrix, job.rows.axis, job.samples)
         error = max(proof.total, proof.samples)
         if error <= job.max_error:
-            return Compiled(program, proof, form)
+            return Compiled(program, proof, f"{form} levels {len(plan.sizes) // 2}")
         share *= min(0.8 * job.max_error / error, 0.7)
     return None
 

@@ -90,6 +90,7 @@ GOOD: dict[str, Change] = {
     ),
     "8000-bytes": lambda t: t + "#" * (8_000 - len(t)),
     "lists-at-their-limits": put("board.not_measured", str(["x" * 23] * 8).replace("'", '"')),
+    "memory": lambda t: t + "[memory]\ncalibration_kb = 64\n",
     "limits": all_of(
         put("pad.poisson_1e4", "4999"), put("grid.n_layers", "32"), put("contact.threshold_un", "100000000")
     ),
@@ -163,6 +164,9 @@ BAD: dict[str, tuple[Change, str]] = {
     "markers-missing": (drop_section("markers"), "markers"),
     "markers-beyond-pad": (put("markers.first_x_um", "15000"), "markers"),
     "markers-overlap": (put("markers.diameter_um", "5000"), "diameter_um"),
+    "memory-too-small": (lambda t: t + "[memory]\ncalibration_kb = 63\n", "calibration_kb"),
+    "memory-too-large": (lambda t: t + "[memory]\ncalibration_kb = 131073\n", "calibration_kb"),
+    "memory-empty": (lambda t: t + "[memory]\n", "calibration_kb"),
     "polarity-unknown": (put("markers.polarity", '"grey"'), "polarity"),
     "gauge-unknown": (put("depth.gauge", '"guess"'), "gauge"),
     "step-float": (put("depth.step_px", "2.0"), "step_px"),
