@@ -70,6 +70,7 @@ class TwinSettings(Section):
     wear: optics.WearSettings | None = None
     platform: bodies.PlatformSettings | None = None
     dome: bodies.DomeSettings | None = None
+    skin: bodies.SkinSettings | None = None
 
     def with_pad(self, *, strain: Strain | None = None, is_relaxing: bool | None = None) -> TwinSettings:
         """The same with another strain or relaxation of the pad; None leaves what there is.
@@ -95,6 +96,8 @@ class TwinSettings(Section):
             raise ValueError("[platform] carries a plane pad")
         if self.dome is not None and self.shape.kind != "dome":
             raise ValueError('[dome] belongs to [shape] kind = "dome"')
+        if self.skin is not None and self.shape.kind != "tube":
+            raise ValueError('[skin] belongs to [shape] kind = "tube"')
         return self
 
 

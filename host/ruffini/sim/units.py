@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from ruffini.boards import Board
-from ruffini.errors import InputError
 from ruffini.sim.bodies.dome_unit import DomeUnit
 from ruffini.sim.bodies.platform import Platform
 from ruffini.sim.bodies.platform_unit import PlatformUnit
+from ruffini.sim.bodies.skin_unit import SkinUnit
 from ruffini.sim.rig import Unit
 from ruffini.sim.settings import TwinSettings, load_twin
 from ruffini.sim.unit import PadError, Progress, TwinUnit
@@ -29,8 +29,8 @@ def build_unit(
     twin = twin or load_twin(board)
     if twin.shape.kind == "dome":
         return DomeUnit.build(board, error or PadError(), twin)
-    if twin.shape.kind != "plane":
-        raise InputError(f"board {board.name!r} is a {twin.shape.kind}: only flat pads can be pressed yet")
+    if twin.shape.kind == "tube":
+        return SkinUnit.build(board, error or PadError(), twin)
     unit = TwinUnit.build(board, error, twin=twin, progress=progress)
     if twin.platform is None:
         return unit

@@ -119,13 +119,6 @@ def test_bad_input_is_one_sentence_and_exit_code_2(board, environment, tmp_path,
     assert not done.stdout
 
 
-@pytest.mark.parametrize("name", ["eltac"])
-def test_bodies_without_mechanics_are_refused(environment, tmp_path, name):
-    done = ruffini(environment, "sim", "press", "--board", name, "--out", tmp_path / "out")
-    assert done.returncode == 2
-    assert "only flat pads can be pressed yet" in done.stderr
-
-
 def test_board_without_optics_is_refused(environment, tmp_path):
     done = ruffini(environment, "sim", "dataset", "--board", "gelsight-mini", "--n", 1, "--out", tmp_path / "out")
     assert done.returncode == 2

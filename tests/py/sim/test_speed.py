@@ -25,6 +25,6 @@ def test_flat_pads_are_pressed_and_rendered(coarse_board):
     assert result["memory_mb"] > 20
 
 
-@pytest.mark.parametrize("name", ["stereo-fingertip"])
+@pytest.mark.parametrize("name", ["stereo-fingertip", "eltac"])
 def test_other_bodies_are_pressed_too(name):
     assert measure(find_board(name))["mechanics_fps"] > 0.1

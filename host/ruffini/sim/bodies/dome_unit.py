@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.sim.bodies.dome import DomeModel
+from ruffini.sim.bodies.nodes import BoardNodes
 from ruffini.sim.bodies.settings import DomeSettings
 from ruffini.sim.bodies.sheet import SheetState
 from ruffini.sim.bodies.tool import Grip, ToolContact
@@ -108,6 +109,7 @@ class DomeRig:
         self._to_shown = patch.on_grid(shown, shown)
         self._tool: ToolContact | None = None
         self._rest_points = self.sheet.rest_points()
+        self._nodes = BoardNodes(unit.board, self._rest_points[:, :2])
         self._to_board, self._at_board = self._board_nodes()
 
     def _board_nodes(self) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -177,19 +179,8 @@ class DomeRig:
         return self.state.wrench()
 
     def nodal_force(self) -> Array:
-        """Each point's force shared out to the four nodes about its place at rest, seen from above."""
-        pad, grid = self.unit.board.pad, self.unit.board.grid
-        out = np.zeros((grid.n_y, grid.n_x, 3))
-        loaded = np.flatnonzero(self.state.force.any(axis=1))
-        sizes = np.array([[pad.size_x_um, grid.n_x], [pad.size_y_um, grid.n_y]])
-        at = (self._rest_points[loaded, :2] / (sizes[:, 0] * 1e-6) + 0.5) * (sizes[:, 1] - 1)
-        low = np.clip(np.floor(at).astype(int), 0, sizes[:, 1] - 2)
-        part = at - low
-        for dx in (0, 1):
-            for dy in (0, 1):
-                share = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1])
-                np.add.at(out, (low[:, 1] + dy, low[:, 0] + dx), share[:, None] * self.state.force[loaded])
-        return out
+        """Each sample's force shared out to the four nodes about its place at rest, seen from above."""
+        return self._nodes.shared_out(self.state.force)
 
     def nodal_displacement(self) -> Array:
         """Zero at nodes beside the dome."""
@@ -201,13 +192,4 @@ class DomeRig:
         return out.reshape(grid.n_y, grid.n_x, 3)
 
     def nodal_state(self) -> npt.NDArray[np.uint8]:
-        """Of the nearest node to each touched point: slips if any of its points does."""
-        pad, grid = self.unit.board.pad, self.unit.board.grid
-        out = np.zeros((grid.n_y, grid.n_x), np.uint8)
-        touched = np.flatnonzero(self.state.force.any(axis=1))
-        column, row = (
-            np.rint((self._rest_points[touched, axis] / (size * 1e-6) + 0.5) * (n - 1)).astype(int)
-            for axis, (size, n) in enumerate(((pad.size_x_um, grid.n_x), (pad.size_y_um, grid.n_y)))
-        )
-        np.maximum.at(out, (row, column), np.where(self.state.slips[touched], 2, 1).astype(np.uint8))
-        return out
+        return self._nodes.states(self.state.force, self.state.slips)

@@ -59,3 +59,23 @@ class DomeSettings(Relaxing):
     """[dome]: the shell of a rubber dome (`bodies.dome`); board.toml has its wall and moduli."""
 
     cells: Annotated[int, Field(ge=8, le=48)] = 18  # elements along each way over the top
+
+
+class SkinSettings(Relaxing):
+    """[skin]: panels on rubber pyramids round a tube (`bodies.skin`); board.toml has the rubber's modulus.
+
+    The pyramids stand under the openings of the lattice as this unit has it, as wide as those.
+    """
+
+    n_panels: Annotated[int, Field(ge=2, le=16)]
+    seam_um: LengthUm  # between two panels
+    panel_um: LengthUm  # thickness
+    panel_modulus_pa: Modulus
+    panel_poisson_1e4: Annotated[int, Field(ge=0, le=4999)]
+    pyramid_um: LengthUm  # height
+    squeezed_um: Annotated[int, Field(ge=0, le=5000)]  # of it, at rest
+    mask_gap_um: LengthUm  # way of the panel until the black mask meets the tube
+    mask_um: LengthUm  # thickness
+    cover_um: LengthUm  # of the black layer outside
+    cells_x: Annotated[int, Field(ge=4, le=40)] = 12  # elements of a panel round the tube
+    cells_y: Annotated[int, Field(ge=4, le=60)] = 24

@@ -155,6 +155,8 @@ class SheetState:
         memory.begin(duration_s)
         if self._foundation is not None:
             self._foundation.begin(duration_s)
+        if tool is not None:
+            tool.begin(duration_s)
         place, free, load = self.place.copy(), model.is_free, np.zeros_like(self.force)
         with BLAS.limit(limits=1):
             for i in range(MAX_ROUNDS):

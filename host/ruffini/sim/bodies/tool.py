@@ -9,11 +9,13 @@ import numpy.typing as npt
 
 from ruffini.errors import InputError
 from ruffini.sim.indenters import Indenter
+from ruffini.sim.prony import Memory, Prony
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 SLOPE_STEP = 0.02  # of the tool's radius: edges are as round as that, so that the push turns steadily about them
+MOST_SQUEEZED = 0.85  # of a skin
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,26 @@ class Grip:
 
 
 class ToolContact:
-    """One tool on one surface. Stiffnesses per area, Pa/m, of the skin against pressure and against shear."""
+    """One tool on one surface. Stiffnesses per area, Pa/m, of the skin against pressure and against shear.
 
-    def __init__(self, indenter: Indenter, normal_pa_m: float, shear_pa_m: float, n_points: int) -> None:
+    skin_m : thickness of the skin: with overlap o the pressure is k o / (1 - o / skin_m), in a straight line from
+    MOST_SQUEEZED on. Infinite: it never gets stiffer. relaxation : of that pressure.
+    """
+
+    def __init__(
+        self,
+        indenter: Indenter,
+        normal_pa_m: float,
+        shear_pa_m: float,
+        n_points: int,
+        skin_m: float = np.inf,
+        relaxation: Prony | None = None,
+    ) -> None:
         if indenter.material is not None:
             raise InputError("only rigid tools can be pressed on this body: leave the hardness out")
         self.indenter, self._normal_pa_m, self._shear_pa_m = indenter, normal_pa_m, shear_pa_m
+        self._skin_m, self._memory = skin_m, Memory(relaxation or Prony())
+        self._elastic: Array = np.zeros(n_points)
         self.grip: Grip | None = None
         self._anchor: Array = np.full((n_points, 3), np.nan)  # in the tool's axes; NaN: has not touched yet
         self._now: tuple[Bools, Array, Bools] | None = None
@@ -74,6 +90,17 @@ class ToolContact:
         length = np.linalg.norm(normal, axis=1)
         return (point[:, 2] - height(x, y)) / length, normal / length[:, None]
 
+    def _pressure(self, overlap: Array) -> tuple[Array, Array]:
+        """Pressure, Pa, and its slope, Pa/m."""
+        k, squeezed = self._normal_pa_m, np.minimum(overlap / self._skin_m, MOST_SQUEEZED)
+        slope = k / (1 - squeezed) ** 2
+        inside = np.minimum(overlap, MOST_SQUEEZED * self._skin_m)
+        return k * inside / (1 - squeezed) + slope * (overlap - inside), slope
+
+    def begin(self, duration_s: float) -> None:
+        """A step of this duration."""
+        self._memory.begin(duration_s)
+
     def press(self, place: Array, friction: float) -> tuple[Array, Array]:
         """Traction (n, 3) on points of the surface at `place`, and minus its derivative, (n, 3, 3); Pa, Pa/m."""
         assert self.grip is not None
@@ -82,25 +109,29 @@ class ToolContact:
         point = (place - self.grip.tip) @ rotation
         near = np.flatnonzero(point[:, 2] > 0)
         overlap, normal = self._distance(point[near])
-        touched = near[overlap > 0]
-        overlap, normal = overlap[overlap > 0], normal[overlap > 0]
-        pressure = self._normal_pa_m * overlap
+        elastic, steep = self._pressure(np.maximum(overlap, 0.0))
+        self._elastic = np.zeros(len(place))
+        self._elastic[near] = elastic
+        held = np.broadcast_to(self._memory.held, len(place))[near]
+        pressure = self._memory.factor * elastic + held
+        is_touched = (overlap > 0) & (pressure > 0)  # what was squeezed is slow to come back
+        touched, normal, pressure = near[is_touched], normal[is_touched], pressure[is_touched]
+        steep = self._memory.factor * steep[is_touched]
         local = pressure[:, None] * normal
         nn = normal[:, :, None] * normal[:, None, :]
-        law = self._normal_pa_m * nn
+        law = steep[:, None, None] * nn
         way = np.nan_to_num(point[touched] - self._anchor[touched])
         way -= (way * normal).sum(axis=1, keepdims=True) * normal
         shear, limit = self._shear_pa_m * np.linalg.norm(way, axis=1), friction * pressure
         slips = np.asarray(shear > limit)
         along = way / np.maximum(np.linalg.norm(way, axis=1), 1e-300)[:, None]
-        held = np.where(slips, limit, shear)
-        local -= held[:, None] * along
+        local -= np.where(slips, limit, shear)[:, None] * along
         across = np.eye(3) - nn
         has = np.asarray(np.isfinite(self._anchor[touched, 0]))
         stick = self._shear_pa_m * across
         softer = (limit / np.maximum(np.linalg.norm(way, axis=1), 1e-300))[:, None, None]
         slip = softer * (across - along[:, :, None] * along[:, None, :])
-        slip -= friction * self._normal_pa_m * along[:, :, None] * normal[:, None, :]
+        slip -= (friction * steep)[:, None, None] * along[:, :, None] * normal[:, None, :]
         law += np.where(slips[:, None, None], slip, np.where(has[:, None, None], stick, 0.0))
         traction[touched] = local @ rotation.T
         stiffness[touched] = rotation @ law @ rotation.T
@@ -124,4 +155,5 @@ class ToolContact:
         """The last `press` was balance: points stick where they are now. Which ones slip, (n,)."""
         assert self._now is not None
         is_slipping, self._anchor, self.touches = self._now
+        self._memory.commit(self._elastic)
         return is_slipping

@@ -20,7 +20,7 @@ Draw = Callable[[Board, np.random.Generator], Touch]
 STEREO_TOOLS = (("flat", 5.0), ("square", 5.0), ("hexagon", 4.33))
 STEREO_REACH_MM = 6.0  # its grid of places
 STEREO_TURN_RAD = np.pi / 4  # its turned sensor
-ELTAC_BALLS_MM = (2.5, 5.0, 7.5, 10.0)  # radii of its hemispherical tips
+SKIN_BALLS_MM = (2.5, 5.0, 7.5, 10.0)  # radii of the skin paper's hemispherical tips
 
 
 def _pressed(indenter: Indenter, held: Pose, n_down: int, n_up: int) -> Touch:
@@ -42,8 +42,8 @@ def dome_touch(board: Board, rng: np.random.Generator) -> Touch:
 
 
 def tube_touch(board: Board, rng: np.random.Generator) -> Touch:
-    """A ball of the ELTac paper, 0.5-3 mm deep, anywhere but at the ends of the tube."""
-    radius = ELTAC_BALLS_MM[rng.integers(len(ELTAC_BALLS_MM))]
+    """A ball of the skin paper, 0.5-3 mm deep, anywhere but at the ends of the tube."""
+    radius = SKIN_BALLS_MM[rng.integers(len(SKIN_BALLS_MM))]
     x = rng.uniform(-0.5, 0.5) * board.pad.size_x_um * 1e-6
     y = rng.uniform(-0.5, 0.5) * (board.pad.size_y_um * 1e-6 - 4 * radius * MM)
     return _pressed(Indenter("sphere", radius * MM), Pose(x, y, rng.uniform(0.5, 3.0) * MM), 6, 3)

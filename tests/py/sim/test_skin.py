@@ -1,0 +1,214 @@
+"""The skin round a tube: shell against a published roof and a plate on springs, pyramids, loops, truth."""
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import splu
+
+from ruffini.boards import find_board
+from ruffini.errors import InputError
+from ruffini.sim.bodies.pyramid import PyramidLaw, bar_shortening, slice_stretch
+from ruffini.sim.bodies.sheet import Sheet, SheetState
+from ruffini.sim.bodies.shell import Shell
+from ruffini.sim.bodies.skin import around, bonded_modulus
+from ruffini.sim.bodies.skin_unit import SkinUnit
+from ruffini.sim.bodies.splines import Line, Patch
+from ruffini.sim.bodies.tool import Grip, ToolContact
+from ruffini.sim.indenters import Indenter
+from ruffini.sim.pose import Pose
+from ruffini.sim.prony import Prony
+from ruffini.sim.settings import load_twin
+from ruffini.sim.unit import PadError
+
+MM = 1e-3
+
+
+def shell_of(line_a, line_b, points, thickness, modulus, poisson):
+    patch = Patch.of(line_a, line_b)
+    rest = patch.interpolated(points(*np.meshgrid(line_a.greville(), line_b.greville())))
+    return Shell(patch, rest, thickness, modulus, poisson)
+
+
+def test_the_roof_of_scordelis_and_lo():
+    """Roof on diaphragms under its weight: 0.3024 down at the middle of a free edge (MacNeal and Harder, 1985)."""
+    angle, length = np.deg2rad(40), 50.0
+    line_a, line_b = Line(np.linspace(-angle, angle, 13)), Line(np.linspace(-length / 2, length / 2, 13))
+    shell = shell_of(line_a, line_b, lambda a, b: around(a, b, 25.0), 0.25, 4.32e8, 0.0)
+    is_free = np.ones_like(shell.rest, dtype=bool)
+    ends = np.isclose(np.abs(shell.rest[:, 2]), length / 2)
+    is_free[ends, :2] = False  # diaphragms: they let the roof go along its axis
+    is_free[np.flatnonzero(ends)[0], 2] = False
+    sheet = Sheet(shell, is_free)
+    _, tangent = shell.balance(shell.rest)
+    weight = sheet.points.T @ np.outer(sheet.touch_areas.ravel(), [-90.0, 0, 0])
+    moved = np.zeros_like(shell.rest)
+    moved[is_free] = splu(sheet.matrix(tangent)).solve(weight[is_free])
+    edge = shell.patch.at_places(np.array([angle]), np.zeros(1)) @ moved
+    assert edge[0, 0] == pytest.approx(-0.3024, rel=0.01)
+
+
+class Springs:
+    """A foundation with one stiffness per area."""
+
+    def __init__(self, sheet, stiffness):
+        self._areas, self._k = sheet.touch_areas.reshape(-1, 1), stiffness
+        self._tangent = sheet.spread(np.broadcast_to(stiffness * np.eye(3), (len(self._areas), 3, 3)))
+
+    def begin(self, duration_s):
+        pass
+
+    def hold(self, moved):
+        return -self._k * self._areas * moved, self._tangent
+
+    def commit(self):
+        pass
+
+
+def test_a_plate_on_springs_gives_way_as_hertz_says():
+    """w = P / (8 sqrt(k D)) under a point load on an endless plate (H. Hertz, 1884)."""
+    thickness, modulus, poisson, k = 0.3 * MM, 2e9, 0.3, 2e7
+    line = Line(np.linspace(-40, 40, 27) * MM)
+    shell = shell_of(line, line, lambda a, b: np.stack([a, b, 0 * a], axis=-1), thickness, modulus, poisson)
+    sheet = Sheet(shell, np.ones_like(shell.rest, dtype=bool))
+    state = SheetState(sheet, 0.0, foundation=Springs(sheet, k))
+    tool = ToolContact(Indenter("sphere", 1 * MM), 1e12, 1e12, sheet.points.shape[0])
+    state.advance(tool, Grip(np.array([0, 0, -0.01 * MM]), np.eye(3), 1 * MM), 0.0)
+    down = -float((sheet.points @ (state.place - shell.rest))[:, 2].min())
+    bending = modulus * thickness**3 / (12 * (1 - poisson**2))
+    assert -state.wrench()[2] == pytest.approx(8 * np.sqrt(k * bending) * down, rel=0.03)
+
+
+def test_a_slice_is_neo_hookean_rubber():
+    s = slice_stretch(np.array([0.0, 1e-4, 0.5, 10.0, 1e6]))
+    np.testing.assert_allclose(1 / s**2 - s, [0, 1e-4, 0.5, 10, 1e6], atol=1e-9, rtol=1e-9)
+    even = bar_shortening(np.array([0.01]), np.full(50, 1e-4), np.linspace(0, 3 * MM, 50), 23e3)
+    assert even[0] == pytest.approx(0.01 / (1e-4 * 3 * 23e3) * 3 * MM, rel=0.01)  # F h / (A E), small
+
+
+def test_a_pyramids_force_goes_with_the_square_and_is_near_a_cones():
+    law = PyramidLaw(6 * MM, 3 * MM, 70e3)
+    curve = law.curve()
+    short = np.array([0.02, 0.04, 0.08]) * MM
+    force = curve(short)
+    np.testing.assert_allclose(force[1:] / force[:-1], 4, rtol=0.02)
+    # Sneddon's rigid cone on a half-space, F = 2 E* d^2 tan(alpha) / pi, alpha = 45 degrees as here; a square is 4 / pi
+    # of its inscribed circle. Not the same body: flat sections make the bar 1.7 times as stiff.
+    cone = 4 / np.pi * 2 / np.pi * 70e3 / 0.75 * short**2
+    np.testing.assert_allclose(force / cone, 1.68, rtol=0.02)
+    assert curve(2.4 * MM) / curve(1.2 * MM) > 6  # the base takes part
+
+
+def test_gents_bonded_layer():
+    assert bonded_modulus(70e3, 6 * MM, 1.5 * MM) == pytest.approx(3 * 70e3)
+
+
+@pytest.fixture(scope="module")
+def unit():
+    board = find_board("eltac")
+    twin = load_twin(board)
+    coarse = twin.skin.model_copy(update={"cells_x": 8, "cells_y": 16})
+    return SkinUnit.build(board, PadError(), twin.model_copy(update={"skin": coarse}))
+
+
+def pyramid_near(unit, x_mm, y_mm):
+    a, b = unit.lattice.places()
+    i = int(np.hypot(a - x_mm, b - y_mm).argmin())
+    return float(a[i]) * MM, float(b[i]) * MM
+
+
+def pressed(unit, x, y, depth, *, radius=5 * MM, n=4):
+    rig = unit.rig()
+    rig.take(Indenter("sphere", radius))
+    for i in range(n):
+        rig.advance(Pose(x, y, depth * (i + 1) / n), 0.25)
+    return rig
+
+
+def test_a_press_on_a_pyramid_brightens_that_one_most(unit):
+    x, y = pyramid_near(unit, 30, 5)
+    rig = pressed(unit, x, y, 3 * MM)
+    force = rig.wrench()
+    inward = -np.array([np.cos(x / 40e-3), np.sin(x / 40e-3), 0])
+    assert 2 < np.linalg.norm(force[:3]) < 9
+    np.testing.assert_allclose(force[:3] / np.linalg.norm(force[:3]), inward, atol=0.05)
+    # Moment: the force at the panel's radius and at height y, about the middle of the tube.
+    np.testing.assert_allclose(force[3:], np.cross([0, 0, y], force[:3]), atol=0.05 * np.linalg.norm(force[:3]) * 43e-3)
+    np.testing.assert_allclose(rig.nodal_force().sum(axis=(0, 1)), force[:3], atol=1e-12)
+    renderer = unit.renderer()
+    rng = np.random.default_rng
+    change = renderer.image(rig.displacement, rng(1)).astype(float) - renderer.image(unit.at_rest(), rng(1))
+    v, u = np.unravel_index(change[:, :, :2].sum(axis=2).argmax(), change.shape[:2])
+    place = np.array([[40 * np.cos(x / 40e-3), 40 * np.sin(x / 40e-3), y / MM]])
+    expected, _ = renderer.views[0].view.project(place)
+    assert np.hypot(u - expected[0, 0], v - expected[0, 1]) < 25  # its opening is 50 px wide
+
+
+def test_between_pyramids_it_is_softer(unit):
+    x, y = pyramid_near(unit, 30, 5)
+    on = np.linalg.norm(pressed(unit, x, y, 1.5 * MM, n=3).wrench()[:3])
+    between = np.linalg.norm(pressed(unit, x + 5.2 * MM, y, 1.5 * MM, n=3).wrench()[:3])
+    assert 0.5 * on < between < 0.99 * on
+
+
+def test_a_seam_is_pressed_on_both_panels_and_the_tube_closes(unit):
+    for x in (np.pi / 2 * 40e-3, np.pi * 40e-3):
+        rig = pressed(unit, x, 0.0, 1.5 * MM, n=2)
+        assert len(rig._panels) == 2
+        force = rig.wrench()[:3]
+        loads = [np.linalg.norm(panel.state.force.sum(axis=0)) for panel in rig._panels.values()]
+        assert min(loads) > 0.2 * np.linalg.norm(force)
+
+
+def loop(unit, speed_m_s, deepest=4 * MM, step=0.5 * MM):
+    """Part of the work that a press and back does not give again."""
+    rig = unit.rig()
+    rig.take(Indenter("sphere", 5 * MM))
+    x, y = pyramid_near(unit, 30, 5)
+    n = round(deepest / step)
+    depths = np.concatenate([np.arange(1, n + 1), np.arange(n - 1, -1, -1)]) * step
+    forces = []
+    for depth in depths:
+        rig.advance(Pose(x, y, depth), step / speed_m_s)
+        forces.append(np.linalg.norm(rig.wrench()[:3]))
+    forces, depths = np.array([0, *forces]), np.array([0, *depths])
+    return 1 + np.trapezoid(forces[n:], depths[n:]) / np.trapezoid(forces[: n + 1], depths[: n + 1]), rig
+
+
+@pytest.mark.parametrize(("speed_mm_s", "published"), [(0.1, 0.2827), (4.0, 0.2384)])
+def test_loops_lose_what_the_papers_lose(unit, speed_mm_s, published):
+    """Table II; 21.6 to 28.3 % between 0.1 and 4 mm/s, pressed at a pyramid with the tip of 10 mm."""
+    loss, rig = loop(unit, speed_mm_s * MM)
+    assert loss == pytest.approx(published, abs=0.04)
+    if speed_mm_s == 4.0:
+        assert rig._panels[2].moved.any()  # the skin is slow to come back
+        rig.rest()
+        assert (rig.wrench() == 0).all()
+
+
+def test_without_relaxation_nothing_is_lost(unit):
+    dry = unit.twin.skin.model_copy(update={"relax_1e3": [], "relax_ms": []})
+    twin = unit.twin.model_copy(update={"skin": dry, "unit": unit.twin.unit.model_copy(update={"friction_1e3": 0})})
+    assert dry.relaxation() == Prony()
+    loss, _ = loop(SkinUnit.build(unit.board, PadError(), twin), 1 * MM, 1 * MM)
+    assert abs(loss) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("pose", "sentence"),
+    [
+        (Pose(0, 61 * MM, MM), "beside the skin"),
+        (Pose(0, 0, 5 * MM), "goes through the skin"),
+        (Pose(0, 0, MM, 0, 0.6), "tilted by at most"),
+    ],
+)
+def test_poses_that_cannot_be(unit, pose, sentence):
+    rig = unit.rig()
+    rig.take(Indenter("sphere", 5 * MM))
+    with pytest.raises(InputError, match=sentence):
+        rig.advance(pose)
+
+
+def test_skins_that_cannot_be(unit):
+    with pytest.raises(InputError, match="without"):
+        SkinUnit.build(unit.board, PadError(), unit.twin.model_copy(update={"skin": None}))
+    with pytest.raises(InputError, match="incompressible"):
+        SkinUnit.build(unit.board, PadError(poisson=1.01), unit.twin)
