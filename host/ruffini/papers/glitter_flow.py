@@ -6,13 +6,13 @@ that is linear in the gel's depth d (IV-B, fitted on the nominal indenter). Cont
     eq. (6), (11)  Fn = gamma1(g(A) S_n),  S_n = sqrt(S) d,  g linear in A: the slope over the area is linear (IV-C)
     eq. (7), (11)  Ft = gamma2(S_t),  S_t = |sum of the flow|;  moment = gamma3(S_t)
     eq. (9), (10)  P = Fn / S_ec,  H_m = dP / dd;  hardness linear in H_m for planar contact, a perceptron of ten units
-                   for Hertzian contact; the kind of contact is told beforehand
+                   of force, area and depth for Hertzian contact; which kind it is, is told beforehand
 
 The paper does not say how flow, density and area are computed. Ours: Farneback's flow, a Gaussian of 4 px over the
-moved pixels, and as contact the region where the density has fallen by 0.02, which is 0.2 mm of depth, the paper's
-standard uncertainty. gamma are linear. In eq. (9) and (10) gel depth and S from the flow leave no hardness at all
-(eq. (3): the object's modulus drops out), the stage's travel and the known area of the indenter do: `hardness_factor`
-takes whatever it is given, and the bench prints both.
+moved pixels, and as contact the region where the density has fallen by 0.03, which is 0.3 mm of depth. gamma are
+linear. In eq. (9) and (10) gel depth and S from the flow leave no hardness at all (eq. (3): the object's modulus drops
+out), the stage's travel and the known area of the indenter do: `hardness_factor` takes what it is given, and the bench
+prints both.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 SIGMA_PX = 4.0  # of the density
-CONTACT_FALL = 0.02  # of the density: where a contact ends
+CONTACT_FALL = 0.03  # of the density: where a contact ends
 MARGIN_PX = 20  # of the picture: what leaves it is no contact
 LEAST_DEPTH_MM, MOST_DEPTH_MM = 0.4, 1.8  # where hardness is valid (section V-B)
 N_HIDDEN = 10

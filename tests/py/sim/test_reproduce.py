@@ -65,7 +65,7 @@ def test_the_files_hold_what_the_papers_did():
     glitter = runs_of(load_reproduce(find_board("contact-glitter")))
     calibration = [r for r in glitter if r.settings.name == "calibration"]
     assert len(calibration) == 4 * 3 * 7
-    assert [p.depth_m for p in calibration[0].poses()] == pytest.approx(np.arange(1, 26) * 1e-4)
+    assert [p.depth_m for p in calibration[0].poses(30.0)] == pytest.approx(np.arange(1, 26) * 1e-4)
     assert max(r.n_pressed_before for r in glitter) == 10_000
 
 

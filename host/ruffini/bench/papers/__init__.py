@@ -7,15 +7,18 @@ The twin's and the bench's constants are frozen: `digest` in each board's frozen
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import tomllib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from ruffini.bench.papers.recorded import Recorded, recorded_runs
 from ruffini.boards import Board
 from ruffini.errors import InputError
+from ruffini.files import write_whole
 from ruffini.sim.reproduce.make import digest, reproduce
 from ruffini.sim.reproduce.settings import load_reproduce
 
@@ -35,13 +38,82 @@ def default_folder(board: Board) -> Path:
     return Path(base) / "ruffini" / "papers" / f"{board.name}-{digest(board)[:12]}"
 
 
+WITHIN = 0.2  # of the paper's figure, what counts as reproduced
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """frozen.toml: what the twin was when the method was judged on it, what came out, and why some of it is far off.
+
+    digest : of board.toml, twin.toml and reproduce.toml; is_quick : of the quick subset; beyond : a reason for each
+    figure that is not within 20 % of the paper's, or was not judged.
+    """
+
+    digest: str
+    is_quick: bool
+    figures: dict[str, float]
+    beyond: dict[str, str]
+
+
+def load_frozen(board: Board) -> Frozen | None:
+    """frozen.toml beside the board's board.toml; None where there is none.
+
+    Raises
+    ------
+    InputError
+        It is not as it should be.
+    """
+    path = (board.folder or Path()) / "frozen.toml"
+    if not path.is_file():
+        return None
+    try:
+        tree = tomllib.loads(path.read_text("utf-8"))
+        return Frozen(str(tree["digest"]), bool(tree["quick"]), dict(tree["figures"]), dict(tree.get("beyond", {})))
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{path} is not as it should be ({error}): make it with ruffini bench papers --freeze"
+        ) from error
+
+
+def freeze(board: Board, result: dict[str, Any]) -> Path:
+    """Write what `run` gave as the board's frozen.toml; the reasons that stand in it stay.
+
+    Raises
+    ------
+    InputError
+        It cannot be written.
+    """
+    before = load_frozen(board)
+    figures = {row["name"]: row["twin"] for row in result["rows"] if row["twin"] is not None}
+    reasons = {name: text for name, text in (before.beyond if before else {}).items() if name in _beyond(result)}
+    lines = [
+        "# Written by `ruffini bench papers --freeze`; the reasons of [beyond] by hand.",
+        f'digest = "{digest(board)}"',
+        f"quick = {json.dumps(result['quick'])}",
+        "",
+        "[figures]",
+        *(f"{json.dumps(name)} = {value:.4g}" for name, value in figures.items()),
+    ]
+    if reasons:
+        lines += ["", "[beyond]", *(f"{json.dumps(name)} = {json.dumps(text)}" for name, text in reasons.items())]
+    path = (board.folder or Path()) / "frozen.toml"
+    write_whole(path, ("\n".join(lines) + "\n").encode())
+    return path
+
+
+def _beyond(result: dict[str, Any]) -> list[str]:
+    """Figures that the paper prints and the twin does not reproduce."""
+    return [
+        row["name"]
+        for row in result["rows"]
+        if row["paper"] is not None and (row["ratio"] is None or abs(row["ratio"] - 1) > WITHIN)
+    ]
+
+
 def is_frozen(board: Board) -> bool:
     """Whether board, twin and bench are those that were frozen when the method was judged."""
-    path = (board.folder or Path()) / "frozen.toml"
-    try:
-        return bool(tomllib.loads(path.read_text("utf-8"))["digest"] == digest(board))
-    except (OSError, KeyError, tomllib.TOMLDecodeError):
-        return False
+    kept = load_frozen(board)
+    return kept is not None and kept.digest == digest(board)
 
 
 def run(

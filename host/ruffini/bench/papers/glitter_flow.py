@@ -98,6 +98,8 @@ def judge(board: Board, runs: list[Recorded]) -> dict[str, float]:
         figures[f"normal force, {name}"] = _rmse([method.normal(s) - s.normal_n for s in pressed])
         figures[f"tangential force, {name}"] = _rmse([method.tangential(s) - _tangential(s) for s in every])
         figures[f"moment, {name}"] = _rmse([method.moment(s) - np.abs(s.force[:, 5]) for s in every])
+    for name in ("tangential force", "moment"):
+        figures[f"{name}, mean of the four"] = float(np.mean([figures[f"{name}, {n}"] for n in SHAPES.values()]))
     figures["depth"] = _rmse([method.depth(s) - s.gel_depth_mm for s in sets["test"]])
     figures["hardness"] = _rmse([method.bench(method.told(s)) - s.hardness for s in sets["test"]])
     figures["hardness, from the sensor alone"] = _rmse([method.alone(method.own(s)) - s.hardness for s in sets["test"]])
@@ -125,10 +127,9 @@ class Press:
         return hardness_factor(self.area, self.depth, self.force)
 
     def inputs(self) -> Array:
-        """Of the perceptron, a row for each valid frame: H_m of the press, and force, area and depth, (n, 4)."""
-        valid = (self.depth > LEAST_DEPTH_MM) & (self.depth < MOST_DEPTH_MM) & (self.area > 0)
-        rows = np.column_stack([np.full(len(valid), self.factor()), self.force, self.area, self.depth])[valid]
-        return np.asarray(rows[np.isfinite(rows).all(axis=1)])
+        """Of the perceptron, a row for each valid frame: force, area and depth (section IV-D), (n, 3)."""
+        valid = (self.depth > LEAST_DEPTH_MM) & (self.depth < MOST_DEPTH_MM)
+        return np.column_stack([self.force, self.area, self.depth])[valid]
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ def readings(run: Run, rig: RigSettings, wrench: Array, poses: Array, rate_hz: f
     late = _late(wrench, rig.lag_ms * 1e-3 * rate_hz)
     force = late * gain + rng.normal(size=(n, 6)) * sigma
     arms = np.array([*(2 * [rig.crosstalk_1e4 * 1e-4]), 0, *(3 * [rig.moment_crosstalk_um * 1e-6])])
-    force += late[:, 2:3] * (rng.normal(size=6) * arms)
+    force += late[:, 2:3] * arms
     touched = poses[np.isfinite(poses[:, 0])]
     place = touched[-1, :2] if len(touched) else np.full(2, np.nan)
     shore = float(str(run.chosen.get("shore_a", "nan")))

@@ -40,22 +40,26 @@ class Run:
     def n_pressed_before(self) -> int:
         return int(str(self.chosen.get("after", 0)))
 
-    def poses(self) -> list[Pose]:
+    def poses(self, rate_hz: float) -> list[Pose]:
         """Where the indenter stands, frame by frame."""
         x, y = _pair(self.chosen.get("at_um"))
         dx, dy = _pair(self.chosen.get("shift_um"))
         turn = float(str(self.chosen.get("turn_mrad", 0))) * 1e-3
+        roll, pitch = (1e-3 * angle for angle in _pair(self.chosen.get("tilt_mrad")))
         s = self.settings
         assert isinstance(s, PressSet)
-        n = max(1, round(s.depth_um / s.step_um))
-        down = [Pose(x * UM, y * UM, s.depth_um * UM * (i + 1) / n) for i in range(n)]
+        step_um = float(str(self.chosen["speed_um_s"])) / rate_hz if "speed_um_s" in self.chosen else s.step_um
+        n = max(1, round(s.depth_um / step_um))
+        down = [Pose(x * UM, y * UM, s.depth_um * UM * (i + 1) / n, 0.0, roll, pitch) for i in range(n)]
         poses, last = list(down), down[-1]
         if dx or dy or turn:
-            end = Pose((x + dx) * UM, (y + dy) * UM, s.depth_um * UM, turn)
+            end = Pose((x + dx) * UM, (y + dy) * UM, s.depth_um * UM, turn, roll, pitch)
             poses += [last.towards(end, (i + 1) / s.side_steps) for i in range(s.side_steps)]
+        poses += [poses[-1]] * s.hold_frames
         if s.returns:
             top = poses[-1]
-            poses += [top.towards(Pose(top.x_m, top.y_m, 0.0, top.turn_rad), (i + 1) / n) for i in range(n)]
+            free = Pose(top.x_m, top.y_m, 0.0, top.turn_rad, roll, pitch)
+            poses += [top.towards(free, (i + 1) / n) for i in range(n)]
         return poses
 
     def story(self, board: Board) -> list[Step]:
@@ -67,7 +71,7 @@ class Run:
             ways = (signs, -signs) if signs[5] else (signs,)  # the last one is twisted both ways
             return [rest, *(Load(hand_load(way, n, rng), [True] * n) for way in ways)]
         assert self.indenter is not None
-        poses = self.poses()
+        poses = self.poses(board.camera.rate_mhz * 1e-3)
         return [rest, Touch(self.indenter, poses, [True] * len(poses))]
 
 
@@ -97,6 +101,11 @@ def runs_of(settings: ReproduceSettings, *, quick: bool = False) -> list[Run]:
         An indenter cannot be made.
     """
     out = []
+    for h in settings.hand:
+        n_takes = min(h.quick_takes, h.takes) if quick else h.takes
+        for number, (take, condition) in enumerate(itertools.product(range(n_takes), range(len(CONDITIONS)))):
+            key = f"{h.name}/{number:04d}"
+            out.append(Run(key, _seed(settings, key), h, None, {"take": take + 1, "condition": condition + 1}))
     for s in settings.set_:
         if quick and s.quick is None:
             continue
@@ -105,11 +114,6 @@ def runs_of(settings: ReproduceSettings, *, quick: bool = False) -> list[Run]:
                 continue
             key = f"{s.name}/{number:04d}"
             out.append(Run(key, _seed(settings, key), s, _indenter(s, chosen), chosen))
-    for h in settings.hand:
-        n_takes = min(h.quick_takes, h.takes) if quick else h.takes
-        for number, (take, condition) in enumerate(itertools.product(range(n_takes), range(len(CONDITIONS)))):
-            key = f"{h.name}/{number:04d}"
-            out.append(Run(key, _seed(settings, key), h, None, {"take": take + 1, "condition": condition + 1}))
     return out
 
 

@@ -44,17 +44,18 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$")]
 
 
 class RigSettings(Section):
-    """[rig]: standard deviations of what the bench reads, against the truth. Frozen with the twin.
+    """[rig]: errors of what the bench reads, against the truth; noises are standard deviations. Frozen with the twin.
 
-    A gain is drawn for each run and axis (the reference sensor's placement and nonlinearity), noise for each reading.
+    A gain is drawn for each run and axis (the reference sensor's placement and nonlinearity), noise for each reading;
+    lag and crosstalk are the same always.
     """
 
     force_noise_un: ThreeErrors = Field(default=[0, 0, 0])
     force_gain_1e4: ThreeErrors = Field(default=[0, 0, 0])
     torque_noise_nnm: ThreeErrors = Field(default=[0, 0, 0])
     torque_gain_1e4: ThreeErrors = Field(default=[0, 0, 0])
-    crosstalk_1e4: Error = 0  # of normal into tangential force, in each axis
-    moment_crosstalk_um: Error = 0  # of normal force into the moments: an arm
+    crosstalk_1e4: Error = 0  # part of the normal force that is read as tangential, along x and along y
+    moment_crosstalk_um: Error = 0  # the same into each moment: an arm
     lag_ms: Annotated[int, Field(ge=0, le=1000)] = 0  # of the force readings behind the pictures
     depth_noise_um: Error = 0  # of a run: where the stage took its zero
     shore_noise_1e1: Error = 0  # of a run: the hardness tester
@@ -87,8 +88,10 @@ class Lists(Section):
     at_um: Annotated[list[Place], Field(min_length=1)] | None = None
     shift_um: Annotated[list[Place], Field(min_length=1)] | None = None
     turn_mrad: Annotated[list[Um], Field(min_length=1)] | None = None
+    tilt_mrad: Annotated[list[Place], Field(min_length=1)] | None = None  # roll and pitch, from the first frame on
     after: Annotated[list[Annotated[int, Field(ge=0, le=10_000_000)]], Field(min_length=1)] | None = None
     trial: Annotated[list[int], Field(min_length=1)] | None = None
+    speed_um_s: Annotated[list[Positive], Field(min_length=1)] | None = None  # down and up, instead of step_um
 
 
 class PressSet(Lists):
@@ -103,6 +106,7 @@ class PressSet(Lists):
     depth_um: Positive
     step_um: Positive = 100
     side_steps: Annotated[int, Field(ge=1, le=1000)] = 4
+    hold_frames: Annotated[int, Field(ge=0, le=100_000)] = 0  # at the end, before it returns
     returns: bool = False  # up again as it went down
     friction_1e3: Annotated[int, Field(ge=0, le=2000)] | None = None  # of the twin where absent
     core_1e3: Annotated[int, Field(ge=0, le=999)] = 0  # rigid core of an elastic indenter, over its radius
