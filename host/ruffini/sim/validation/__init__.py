@@ -1,0 +1,1 @@
+"""Theory beside the twin: what `ruffini sim validate` prints."""
