@@ -29,6 +29,8 @@ OPERATOR_METHODS = (*METHODS, "support")
 MAX_SHEAR_NOISE = 2**24  # more is no shear at all outside the modes
 NORMAL_SCALE = 256  # fraction of `support.normal`'s output
 FRACTION_Q14 = 1 << 14
+MAX_ERROR = 1e-3  # of the operator in integers, relative, on independent displacements and on touches
+N_SAMPLES = 24
 SCALE_Q16 = 1 << 16
 
 
@@ -90,6 +92,18 @@ def observed_sites(board: Board) -> Sites:
     return node_sites(place.reshape(-1, 3))
 
 
+def touch_samples(sites: Sites) -> npt.NDArray[np.float64]:
+    """Displacements as touches make them, to judge rounding on: dents and shears of many widths, (n, N_SAMPLES)."""
+    rng = np.random.default_rng(0)
+    low, high = sites.place_m.min(axis=0), sites.place_m.max(axis=0)
+    center = rng.uniform(low, high, (N_SAMPLES, 3))
+    width = np.geomspace(0.05, 0.25, N_SAMPLES) * float(np.linalg.norm(high - low))
+    size = rng.normal(0, 0.5, (N_SAMPLES, 3))
+    size[:, 2] = -1
+    distance2 = np.square(sites.place_m[:, None, :2] - center[None, :, :2]).sum(axis=-1)
+    return np.asarray(np.exp(-distance2 / (2 * width**2)) * size[:, sites.axis].T)
+
+
 def make_operator(
     board: Board,
     *,
@@ -128,7 +142,10 @@ def make_operator(
     in_steps = matrix * force_steps(lsb)
     sites = observed_sites(board)
     room = board.calibration_bytes
-    compiled = compile_matrix(in_steps, sites, sites, "the operator", max_bytes=room)
+    samples = touch_samples(sites)
+    compiled = compile_matrix(
+        in_steps, sites, sites, "the operator", max_error=MAX_ERROR, max_bytes=room, samples=samples
+    )
     room -= compiled.program.n_bytes
     proof = compiled.certificate
     rows, columns = board.observed

@@ -27,7 +27,7 @@ Progress = Callable[[float], None]
 PANEL_COST, COLUMN_COST = 1000, 4
 SHAPES = tuple(Shape(leaf, n_levels, 0.5) for leaf in (64, 32, 128) for n_levels in (4, 3, 2, 1))  # best first
 SMALLEST_HIERARCHY = 500_000  # entries of all classes: below, panels cost more than they save
-WORTH = 0.95  # of the cost so far: a candidate that saves less is not worth its stages
+WORTH = 0.75  # of the cost so far: a candidate that saves less is not worth its error
 MAX_TRIES = 6  # at the threshold that meets the error
 FIRST_THRESHOLD = 0.7  # of the error allowed: rounding takes the rest
 
