@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 MM, MODULUS_PA = 1e-3, 2e5
-SERIES = Prony(((0.1, 0.1), (0.08, 1.0), (0.07, 10.0)))  # a quarter, as gelslim's twin.toml
+SERIES = Prony(((0.1, 0.1), (0.08, 1.0), (0.07, 10.0)))  # a quarter in all
 
 
 def balance(out: Outcome) -> None:
