@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.cli.device import open_sensor
 from ruffini.errors import InputError, RefusedError
+
+if TYPE_CHECKING:
+    from ruffini.boards import Board
+    from ruffini.calibrate.operator import Material
+    from ruffini.fem.operators import Noise
 
 app = typer.Typer(
     no_args_is_help=True, help="Calibration: operator, material, photometric, flash, verify, zero, show, merge."
@@ -44,7 +49,10 @@ def operator(
     tilt_um: Annotated[
         float, typer.Option(help="Uncertainty of the depth's tilt at the edge (optimal, support).")
     ] = 30.0,
-    ridge_weight: Annotated[float, typer.Option(help="w over the largest eigenvalue squared (ridge).")] = 1e-4,
+    weight: Annotated[
+        str, typer.Option(help="ridge: w over the largest eigenvalue squared, or lcurve or cv to choose it.")
+    ] = "1e-4",
+    plot: Annotated[Path | None, typer.Option(help="ridge: picture (PNG) of the curves behind the weight.")] = None,
     material: Annotated[
         Path | None, typer.Option(help="File of `cal material`: E, Poisson's ratio, thickness as measured.")
     ] = None,
@@ -64,10 +72,12 @@ def operator(
     found = find_board(board)
     x, y, z = _micrometres(noise_um)
     noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_um * 1e-6, tilt_m=tilt_um * 1e-6)
+    known = None if material is None else read_material(material, found)
+    chosen, said = _ridge_weight(found, known, noise, method, weight, plot)
     with progress_bar("inverse FEM") as progress:
         kind = make_operator(
-            found, method=method, noise=noise, ridge_weight=ridge_weight, n_touches=touches,
-            material=None if material is None else read_material(material, found), progress=progress,
+            found, method=method, noise=noise, ridge_weight=chosen, n_touches=touches, material=known,
+            progress=progress,
         )  # fmt: skip
     file = container.pack(kind.tensors, {**container.base_metadata(found), **kind.metadata})
     container.write(out, file)
@@ -75,14 +85,47 @@ def operator(
     result = {"file": str(out), "board": found.name, "method": method, "grid": [int(kind.metadata["operator.n_x"]),
               int(kind.metadata["operator.n_y"])], "rounding_error": error, "bytes": len(file.data),
               "worst_error_un": [int(v) for v in kind.metadata["operator.worst_error_un"].split(",")],
-              "material": kind.metadata["operator.material"],
+              "material": kind.metadata["operator.material"], **said,
               "wrench_error": None if kind.errors is None else kind.errors.wrench.report()}  # fmt: skip
     emit(
         result,
         json_,
         f"{out}: {method} operator of {found.name}, {len(file.data) / 1e6:.1f} MB, rounding error {error:.1e}; "
-        f"up to 1 mm a nodal force is off by at most {kind.metadata['operator.worst_error_un']} uN (x, y, z)",
+        f"up to 1 mm a nodal force is off by at most {kind.metadata['operator.worst_error_un']} uN (x, y, z)"
+        + (f"; ridge weight {chosen:.2g}" if method == "ridge" else "")
+        + (
+            f" by {weight}: force error {100 * said['force_error']:.0f} % on simulated touches, "
+            f"{100 * said['force_error_raw']:.0f} % without ridge"
+            if said
+            else ""
+        ),
     )
+
+
+def _ridge_weight(
+    board: Board, material: Material | None, noise: Noise, method: str, weight: str, plot: Path | None
+) -> tuple[float, dict[str, float]]:
+    """The weight that --weight names, and what is to be said of it where it had to be looked for."""
+    from ruffini.calibrate.operator import board_slab
+    from ruffini.fem.ridge_weight import RULES, picture, weight_curve
+
+    is_rule = weight in RULES
+    if method != "ridge":
+        if is_rule or plot is not None:
+            raise InputError(f"--weight {weight} and --plot are of --method ridge, not of {method}")
+        return 0.0, {}
+    try:
+        value = 0.0 if is_rule else float(weight)
+    except ValueError:
+        raise InputError(f"--weight {weight!r}: give a number, or one of {', '.join(RULES)}") from None
+    if not is_rule and plot is None:
+        return value, {}
+    with progress_bar("ridge weight") as progress:
+        curve = weight_curve(board_slab(board, material), noise, progress=progress)
+    value = curve.chosen(weight) if is_rule else value
+    if plot is not None:
+        picture(plot, curve, value, f"{board.name}, SIMULATED touches: weight of the ridge operator")
+    return value, {"weight": value, "force_error": curve.error_at(value), "force_error_raw": curve.raw_error}
 
 
 @app.command("material")

@@ -73,8 +73,10 @@ def test_presses_of_other_optics_need_to_be_called_so(files: Files, run: Run, tm
         (("--noise-um", "5,5"), "5,5"),
         (("--noise-um", "5,5,0"), "5,5,0"),
         (("--noise-um", "5,5,nan"), "nan"),
-        (("--method", "ridge", "--ridge-weight", "-1"), "-1"),
-        (("--method", "ridge", "--ridge-weight", "nan"), "nan"),
+        (("--method", "ridge", "--weight", "-1"), "-1"),
+        (("--method", "ridge", "--weight", "nan"), "nan"),
+        (("--method", "ridge", "--weight", "best"), "lcurve, cv"),
+        (("--weight", "cv"), "of --method ridge"),
         (("--method", "optimal", "--gauge-um", "-1"), "-1"),
         (("--method", "optimal", "--tilt-um", "nan"), "nan"),
         (("--material", "nothing.json"), "nothing.json"),
@@ -119,3 +121,26 @@ def test_a_path_that_no_verb_can_use_is_named(run: Run) -> None:
     code, _, err = run("board", "check", "x" * 5000)
     assert (code, len(err.strip().splitlines())) == (2, 1)
     assert "File name too long" in err
+
+
+def test_ridge_weight_by_rule(files: Files, run: Run, tmp_path: Path) -> None:
+    out, plot = tmp_path / "o.safetensors", tmp_path / "plot.png"
+    words = ("cal", "operator", "--board", files.folder, "--out", out, "--method", "ridge", "--plot", plot, "--json")
+    code, text, err = run(*words, "--weight", "cv")
+    assert code == 0, err
+    result = json.loads(text)
+    assert 0 <= result["weight"] < 1
+    assert result["force_error"] > 0
+    assert result["force_error_raw"] > 0
+    assert container.read(out).metadata["operator.method"] == "ridge"
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_rule_that_finds_no_weight_writes_nothing(files: Files, run: Run, tmp_path: Path) -> None:
+    """This board's mesh is too coarse for an L-curve with a corner."""
+    out = tmp_path / "o.safetensors"
+    code, text, err = run("cal", "operator", "--board", files.folder, "--out", out, "--method", "ridge",
+                          "--weight", "lcurve")  # fmt: skip
+    assert (code, text) == (2, "")
+    assert "lcurve finds no ridge weight" in err
+    assert not out.exists()
