@@ -29,7 +29,7 @@ from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import Noise, force_operator
-from ruffini.fem.slab import Slab
+from ruffini.fem.slab import HIGHEST_POISSON, Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
 from ruffini.files import write_whole
 from ruffini.frames import read_frames
@@ -40,12 +40,14 @@ Progress = Callable[[float], None]
 NAMES = Material._fields
 THICKNESS_FACTORS = (0.9, 1.0, 1.1)
 POISSON_FACTORS = (0.94, 1.0, 1.035)
-HIGHEST_POISSON = 0.4985
+HIGHEST_FITTED_POISSON = 0.4985
 LEVER_M = 4e-3  # moments count as forces at this lever
 TOUCHED_N = 0.05  # reference force above which a frame is used
 MAX_FRAMES_A_TOUCH = 8
 VALID = 1  # Validity of ruffini.proto
 MIN_TOUCHES = 5
+LEAST_VARIATION = 0.05  # standard deviation of the touches' forces, of their mean
+FARTHEST = 100.0  # factor from the board's E and thickness: beyond it a material file is not of this pad
 # Of the board's numbers (E, nu, h): what a datasheet and a caliper know. It decides only where the log does not.
 PRIOR = (0.3, 0.03, 0.05)
 DEVIATION = 0.02  # of the estimator's wrench from the reference, part of the log's spread
@@ -105,7 +107,7 @@ def log_from_frames(displacement: Array, wrench: Array) -> MaterialLog:
     Raises
     ------
     InputError
-        NaN, other lengths, or fewer than MIN_TOUCHES touches.
+        NaN, other lengths, fewer than MIN_TOUCHES touches, or always the same load.
     """
     if len(displacement) != len(wrench) or wrench.shape[1:] != (6,):
         raise InputError(f"the log has {len(displacement)} frames and a reference of shape {wrench.shape}: (frames, 6)")
@@ -121,6 +123,12 @@ def log_from_frames(displacement: Array, wrench: Array) -> MaterialLog:
         raise InputError(
             f"the log holds {len(touches)} touches above {TOUCHED_N} N: at least {MIN_TOUCHES} are needed, "
             "with different places, depths and shear"
+        )
+    load = np.linalg.norm(wrench[chosen, :3], axis=1)
+    if load.std() < LEAST_VARIATION * load.mean():
+        raise InputError(
+            f"the reference reads {load.mean():.3g} N within {100 * load.std() / load.mean():.1f} % in every touch: "
+            "a log without load variation determines no material; press with different forces"
         )
     return MaterialLog(displacement[chosen], wrench[chosen], number[chosen])
 
@@ -183,6 +191,11 @@ def read_material(path: Path, board: Board) -> Material:
         raise InputError(f"{path}: is no file of `ruffini cal material`: {error}") from error
     if tree.get("board") != board.name:
         raise InputError(f"{path}: was measured on board {tree.get('board')!r}, not {board.name!r}")
+    slab = board_slab(board)
+    for name, value, usual in zip(NAMES, material, (slab.modulus_pa, HIGHEST_POISSON, slab.thickness_m), strict=True):
+        lowest, highest = (0.0, usual) if name == "poisson" else (usual / FARTHEST, usual * FARTHEST)
+        if not lowest <= value <= highest:
+            raise InputError(f"{path}: {name} {value:g} is no pad of board {board.name!r}: {lowest:g} to {highest:g}")
     return material
 
 
@@ -213,7 +226,7 @@ class _Predictor:
         slab = board_slab(board)
         observed = observed_unknowns(board)
         self.nominal = np.array([slab.modulus_pa, slab.poisson, slab.thickness_m])
-        self.poisson = np.minimum(slab.poisson * np.array(POISSON_FACTORS), HIGHEST_POISSON)
+        self.poisson = _poisson_grid(slab.poisson)
         self.thickness = slab.thickness_m * np.array(THICKNESS_FACTORS)
         u = log.displacement.reshape(len(log.displacement), -1)
         threshold_n = board.contact.threshold_un * 1e-6
@@ -241,6 +254,15 @@ class _Predictor:
         along_h = _lagrange(self.thickness, values[2])
         per_modulus = np.einsum("i,j,ijtc->tc", along_nu, along_h, self.at_grid) / self.nominal[0]
         return np.asarray(per_modulus * values[0])
+
+
+def _poisson_grid(poisson: float) -> Array:
+    """Three ratios about the board's, all of them below HIGHEST_FITTED_POISSON and apart."""
+    middle = min(poisson, HIGHEST_FITTED_POISSON / POISSON_FACTORS[2] ** 0.5)
+    grid = np.minimum(middle * np.array(POISSON_FACTORS), HIGHEST_FITTED_POISSON)
+    if grid[2] - grid[0] < 1e-3:
+        raise InputError(f"Poisson's ratio {poisson:g} of the board cannot be fitted: write what a datasheet says")
+    return np.asarray(grid)
 
 
 def _arms(board: Board, slab: Slab) -> Array:

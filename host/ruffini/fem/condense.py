@@ -7,13 +7,15 @@ classes of `reflection`. This is the condensation of the iFEM 2.0 paper, eq. (1)
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
+from ruffini.errors import InputError
 from ruffini.fem.slab import Slab, assemble_layer
 from ruffini.reflection import parity_bases, spd_inverse
 
@@ -40,7 +42,17 @@ def condense(slab: Slab, *, b_bar: bool = True, progress: Progress = lambda _: N
 
     Cost: about n_layers (3 n)^3 / 16 multiplications for n surface nodes, memory a few (3 n)^2 / 16
     doubles.
+
+    Raises
+    ------
+    InputError
+        The elements are so degenerate that the stiffness is singular in double precision.
     """
+    with _singular_is_refused(slab):
+        return _condense(slab, b_bar, progress)
+
+
+def _condense(slab: Slab, b_bar: bool, progress: Progress) -> CondensedSlab:
     layer = assemble_layer(slab, b_bar=b_bar)
     bases = parity_bases(slab.n_x, slab.n_y)
     k_11, k_12, k_22 = [], [], []
@@ -61,7 +73,19 @@ def condense(slab: Slab, *, b_bar: bool = True, progress: Progress = lambda _: N
 
 def surface_stiffness(condensed: CondensedSlab) -> list[Array]:
     """S = K_11 - K_12 K'_22^-1 K_21 per parity class: force at the surface from displacement."""
-    return [
-        k_11 - k_12 @ (k_12 @ spd_inverse(k_22)).T
-        for k_11, k_12, k_22 in zip(condensed.k_11, condensed.k_12, condensed.k_22, strict=True)
-    ]
+    with _singular_is_refused(condensed.slab):
+        return [
+            k_11 - k_12 @ (k_12 @ spd_inverse(k_22)).T
+            for k_11, k_12, k_22 in zip(condensed.k_11, condensed.k_12, condensed.k_22, strict=True)
+        ]
+
+
+@contextmanager
+def _singular_is_refused(slab: Slab) -> Iterator[None]:
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"the finite elements of this pad are singular ({error}): elements of "
+            f"{' x '.join(f'{1e3 * h:.3g}' for h in slab.step_m)} mm are no mesh, change [grid] or [pad] in board.toml"
+        ) from error

@@ -17,6 +17,8 @@ from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
+HIGHEST_POISSON = 0.4999  # up to where the elements are tested; a bulk modulus of 5,000 times the shear modulus
+
 
 @dataclass(frozen=True)
 class Slab:
@@ -33,7 +35,7 @@ class Slab:
     modulus_pa : float
         Young's modulus E.
     poisson : float
-        Poisson's ratio nu, 0 <= nu < 0.5.
+        Poisson's ratio nu, 0 <= nu <= 0.4999.
 
     Raises
     ------
@@ -54,9 +56,10 @@ class Slab:
         sizes = (self.size_x_m, self.size_y_m, self.thickness_m, self.modulus_pa)
         if not all(np.isfinite(v) and v > 0 for v in sizes):
             raise InputError(f"pad sizes and modulus must be positive and finite, got {sizes}")
-        if not 0.0 <= self.poisson < 0.5:
+        if not 0.0 <= self.poisson <= HIGHEST_POISSON:
             raise InputError(
-                f"Poisson's ratio must be in [0, 0.5), got {self.poisson}: use 0.4999 for a nearly incompressible gel"
+                f"Poisson's ratio must be in [0, {HIGHEST_POISSON}], got {self.poisson}: "
+                f"use {HIGHEST_POISSON} for a nearly incompressible gel"
             )
         if self.n_x < 2 or self.n_y < 2 or self.n_layers < 2:
             raise InputError(

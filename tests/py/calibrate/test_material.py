@@ -75,6 +75,27 @@ def test_a_log_without_variation_is_refused(board: Board) -> None:
         log_from_frames(u, 0 * wrench)
 
 
+def test_a_log_of_one_load_is_refused(board: Board) -> None:
+    """A load cell that stands still while the touches change."""
+    u, wrench = touches(board, 6, np.random.default_rng(5))
+    touched = np.linalg.norm(wrench[:, :3], axis=1) > 0
+    wrench[touched] = [0.1, 0.0, -1.2, 0.0, 0.0, 0.0]
+    with pytest.raises(InputError, match=r"reads 1\.2 N within 0\.0 % in every touch"):
+        log_from_frames(u, wrench)
+
+
+def test_a_board_near_incompressibility_can_be_fitted(board: Board) -> None:
+    """Three Poisson's ratios to interpolate between, also where the board's own is the highest there is."""
+    u, wrench = touches(board, 6, np.random.default_rng(6))
+    soft = parse_board(board.text.replace("poisson_1e4 = 4800", "poisson_1e4 = 4999"), "test")
+    fit = fit_material(soft, log_from_frames(u, wrench), NOISE)
+    assert np.isfinite(fit.values).all()
+    assert np.isfinite(fit.after).all()
+    stiff = parse_board(board.text.replace("poisson_1e4 = 4800", "poisson_1e4 = 0"), "test")
+    with pytest.raises(InputError, match="Poisson's ratio 0 of the board"):
+        fit_material(stiff, log_from_frames(u, wrench), NOISE)
+
+
 def test_a_log_that_contradicts_itself_is_refused(board: Board) -> None:
     rng = np.random.default_rng(2)
     u, wrench = touches(board, 6, rng)
@@ -99,6 +120,12 @@ def test_file_round_trip_and_refusals(board: Board, tmp_path: Path) -> None:
     assert read_material(path, board) == fit.material
     with pytest.raises(InputError, match="was measured on board 'sample', not 'gelslim'"):
         read_material(path, find_board("gelslim"))
+    good = json.loads(path.read_text())
+    for name, value in (("poisson", 0.5), ("modulus_pa", float("nan")), ("modulus_pa", -1.0), ("modulus_pa", 1e30),
+                        ("thickness_m", float("inf")), ("thickness_m", 1e-12)):  # fmt: skip
+        path.write_text(json.dumps({**good, name: value}))
+        with pytest.raises(InputError, match=f"material.json: {name} .* is no pad of board"):
+            read_material(path, board)
     path.write_text(json.dumps({"modulus_pa": "soft"}))
     with pytest.raises(InputError, match="is no file of"):
         read_material(path, board)

@@ -144,3 +144,36 @@ def test_a_rule_that_finds_no_weight_writes_nothing(files: Files, run: Run, tmp_
     assert (code, text) == (2, "")
     assert "lcurve finds no ridge weight" in err
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("poisson_1e4 = 4800", "poisson_1e4 = 5000", "pad.poisson_1e4"),
+        ("n_x = 11", "n_x = 1", "grid.n_x"),
+        ("n_layers = 3", "n_layers = 1", "grid.n_layers"),
+        ("max_x_um = 20000", "max_x_um = 1000", "window"),
+    ],
+)
+def test_operator_of_a_pad_that_cannot_be(
+    old: str, new: str, said: str, files: Files, run: Run, tmp_path: Path
+) -> None:
+    text = (files.folder / "board.toml").read_text()
+    assert old in text
+    (tmp_path / "small").mkdir()
+    (tmp_path / "small" / "board.toml").write_text(text.replace(old, new))
+    out = tmp_path / "o.safetensors"
+    code, text, err = run("cal", "operator", "--board", tmp_path / "small", "--out", out)
+    assert (code, text) == (2, ""), err
+    assert said in err
+    assert len(err.strip().splitlines()) == 1, err
+    assert [p.name for p in tmp_path.iterdir()] == ["small"]
+
+
+def test_operator_of_a_material_that_cannot_be(files: Files, run: Run, tmp_path: Path) -> None:
+    material, out = tmp_path / "m.json", tmp_path / "o.safetensors"
+    material.write_text(json.dumps({"board": "small", "modulus_pa": 2e5, "poisson": 0.5, "thickness_m": 4e-3}))
+    code, text, err = run("cal", "operator", "--board", files.folder, "--out", out, "--material", material)
+    assert (code, text) == (2, "")
+    assert err.startswith(f"ruffini: {material}: poisson 0.5 is no pad of board 'small'")
+    assert not out.exists()

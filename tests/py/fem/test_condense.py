@@ -135,6 +135,8 @@ def test_convergence_with_refinement():
     "changes",
     [
         {"poisson": 0.5},
+        {"poisson": 0.49999},
+        {"poisson": float("nan")},
         {"poisson": -0.1},
         {"thickness_m": 0.0},
         {"n_x": 1},
@@ -145,3 +147,10 @@ def test_convergence_with_refinement():
 def test_impossible_pads_are_refused(changes):
     with pytest.raises(InputError):
         small_slab(**changes)
+
+
+@pytest.mark.parametrize("changes", [{"thickness_m": 3e6}, {"size_y_m": 4e-12}])
+def test_a_degenerate_mesh_is_refused_in_one_sentence(changes):
+    """Elements a million times longer than wide: no digits of the stiffness are left."""
+    with pytest.raises(InputError, match=r"finite elements of this pad are singular .* change \[grid\] or \[pad\]"):
+        surface_stiffness(condense(small_slab(poisson=0.4999, **changes)))
