@@ -49,7 +49,10 @@ MessageEncoder::MessageEncoder(const FramePath& path, uint8_t sensor) : sensor_(
   dense_[0].resize(std::max(dense_bound(n_values), n_image));
   dense_[1].resize(dense_bound(3 * n_nodes));
   dense_[2].resize(dense_bound(n_nodes));
-  payload_.resize(dense_[0].size() + dense_[1].size() + dense_[2].size() + kMessageOverhead);
+  dense_[3].resize(dense_bound(3 * n_nodes));
+  size_t n_payload = kMessageOverhead;
+  for (const std::vector<uint8_t>& part : dense_) n_payload += part.size();
+  payload_.resize(n_payload);
   frames_.resize(frames_bound(payload_.size()));
 }
 
@@ -87,6 +90,11 @@ size_t MessageEncoder::wrench(const FramePath& path, const FrameStamp& stamp) {
   m.torque_x_un_um = s.wrench.torque_x_un_um;
   m.torque_y_un_um = s.wrench.torque_y_un_um;
   m.torque_z_un_um = s.wrench.torque_z_un_um;
+  m.covariance_validity = to_proto(s.uncertainty.validity);
+  if (s.uncertainty.is_stated) {
+    m.covariance_count = WrenchCovariance::kSize;
+    std::copy(s.uncertainty.wrench.upper.begin(), s.uncertainty.wrench.upper.end(), m.covariance);
+  }
   return serialise(ruffini_Wrench_fields, &m);
 }
 
@@ -119,6 +127,16 @@ size_t MessageEncoder::field(const FramePath& path, const FrameStamp& stamp) {
                    [](NodeSlip slip) { return static_cast<int32_t>(slip); });
     m.has_slip = true;
     pack(m.slip, path.nodes().size(), 1, 2);
+  }
+  m.sigma_validity = to_proto(s.uncertainty.validity);
+  if (s.uncertainty.is_stated) {
+    for (size_t i = 0; i < s.uncertainty.node.size(); ++i) {
+      values_[3 * i] = s.uncertainty.node[i].x;
+      values_[3 * i + 1] = s.uncertainty.node[i].y;
+      values_[3 * i + 2] = s.uncertainty.node[i].z;
+    }
+    m.has_sigma = true;
+    pack(m.sigma, path.nodes().size(), 3, 3);
   }
   return serialise(ruffini_Field_fields, &m);
 }

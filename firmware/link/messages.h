@@ -48,7 +48,7 @@ class MessageEncoder {
   uint8_t sensor_;
   uint32_t sequence_ = 0;
   std::vector<int32_t> values_;
-  static constexpr size_t kMaxParts = 3;                  // dense parts of one message
+  static constexpr size_t kMaxParts = 4;                  // dense parts of one message
   std::array<std::vector<uint8_t>, kMaxParts> dense_;     // their packed bytes
   std::array<std::span<const uint8_t>, kMaxParts> span_;  // what the nanopb callbacks write
   std::vector<uint8_t> payload_;                          // serialised message

@@ -74,6 +74,8 @@ def good_frames() -> list[tuple[str, bytes, str]]:
     add("wrench, simulated replay", 4, bytes.fromhex("0a0408e80710011013180f"), flags=6, sequence=5)
     # Contacts{{slip_state=INCIPIENT, ratio 350, friction 500 +- 100, share 620, margin 25000}}, n_found=1
     add("contact that begins to slip", 7, bytes.fromhex("1211500258de0260f403686470ec0478d086031801"), sequence=6)
+    add("wrench and how sure it is", 4, wrench_with_covariance(), sequence=7)
+    add("field and how sure it is", 5, field_with_sigma(), sequence=8)
     add("reply ok", 12, bytes.fromhex("0807"), sensor=255, sequence=6)
     add("payload of one zero", 9, b"\0")
     add("payload of zeros", 9, bytes(40))
@@ -92,6 +94,44 @@ def good_frames() -> list[tuple[str, bytes, str]]:
     out.append(("two frames", first + second, both))
     out.append(("delimiters before and between", b"\0\0" + first + b"\0" + second, both))
     return out
+
+
+def part(number: int, value: int | bytes) -> bytes:
+    """A field of a protobuf message: a varint, or bytes with their length."""
+    if isinstance(value, int):
+        return varint(number << 3) + varint(value)
+    return varint(number << 3 | 2) + varint(len(value)) + value
+
+
+def varint(value: int) -> bytes:
+    out = b""
+    while value > 127:
+        out, value = out + bytes([value & 127 | 128]), value >> 7
+    return out + bytes([value])
+
+
+def zigzag(value: int) -> int:
+    return 2 * value if value >= 0 else -2 * value - 1
+
+
+# Contact at x = 0, y = -2 mm: sigma 2 uN of fx and fy, 7 uN of fz, carried to the origin; 8, 8 and 3 uN mm of its own.
+UPPER = (4, 0, 0, 0, 0, 8, 4, 0, 0, 0, 0, 49, -98, 0, 0, 64 + 196, 0, 0, 64, 0, 9 + 16)
+
+
+def wrench_with_covariance() -> bytes:
+    """fz = -1000 uN, all six valid, the covariance valid."""
+    covariance = b"".join(varint(zigzag(v)) for v in UPPER)
+    return part(4, zigzag(-1000)) + part(8, b"\1" * 6) + part(9, covariance) + part(10, 1)
+
+
+def field_with_sigma() -> bytes:
+    """Two nodes in steps of 10 uN: (20, -10, -300) +- (7, 7, 25), and no force +- (1, 1, 9)."""
+
+    def dense(values: list[int]) -> bytes:
+        return part(2, 2) + part(3, 1) + part(4, 3) + part(5, packed(values))
+
+    force, sigma = dense([20, -10, -300, 0, 0, 0]), dense([7, 7, 25, 1, 1, 9])
+    return part(2, 10) + part(3, force) + part(6, b"\1" * 3) + part(8, sigma) + part(9, 1)
 
 
 def bad_frames() -> list[tuple[str, bytes, str]]:

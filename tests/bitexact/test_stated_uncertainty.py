@@ -24,12 +24,12 @@ from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
 from ruffini.calibrate.error_model import ErrorModel, error_tensors
 from ruffini.calibrate.operator import make_operator
 from ruffini.core import Pipeline
-from ruffini.core.pipeline import full_covariance
 from ruffini.errors import InputError
 from ruffini.fem.operators import Noise
 from ruffini.fem.uncertainty import ContactLoad, NodeError, WrenchError
 from ruffini.fem.uncertainty import node_sigma as node_sigma_float
 from ruffini.fem.uncertainty import wrench_covariance as wrench_covariance_float
+from ruffini.wire.covariance import full_covariance
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 TEXT = board_with_all_stages(2).replace("n_x = 9\nn_y = 7", "n_x = 41\nn_y = 31")

@@ -21,13 +21,14 @@ from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.error_model import N_TOUCHES, node_places
 from ruffini.calibrate.operator import board_slab, make_operator
-from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline, full_covariance
+from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import Noise, ridge_operator
 from ruffini.fem.sparse import SparseEstimator
 from ruffini.reflection import dense_from_blocks
 from ruffini.sim.settings import Strain
 from ruffini.sim.unit import PadError
+from ruffini.wire.covariance import full_covariance
 
 Array = npt.NDArray[np.float64]
 Estimate = Callable[[Array], Array]

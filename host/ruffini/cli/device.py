@@ -98,6 +98,14 @@ def info(json_: JsonFlag = False) -> None:
     emit(result, json_, "\n".join(lines))
 
 
+def _plus_minus(sigma: Any) -> tuple[str, str]:
+    """Standard deviations behind force and moment, "+-?" where they are not measured."""
+    if sigma is None:
+        return " +-?", " +-?"
+    force, torque = sigma[:3], sigma[3:] * 1e3
+    return f" +- {force[0]:.3f} {force[1]:.3f} {force[2]:.3f}", f" +- {torque[0]:.3f} {torque[1]:.3f} {torque[2]:.3f}"
+
+
 def monitor(
     n: Annotated[int, typer.Option("--n", min=0, help="Stop after so many frames (0 = never).")] = 0,
     json_: Annotated[bool, typer.Option("--json", help="One JSON object per line and frame.")] = False,
@@ -119,16 +127,20 @@ def monitor(
             if json_:
                 values = [None if v != v else v for v in wrench.values.tolist()]
                 print(json.dumps({"frame": wrench.frame, "capture_s": wrench.capture_s, "wrench": values,
+                                  "sigma": None if wrench.sigma is None else wrench.sigma.tolist(),
+                                  "covariance": None if wrench.covariance is None else wrench.covariance.tolist(),
+                                  "sigma_validity": wrench.covariance_validity,
                                   "validity": list(wrench.validity), "flags": flags,
                                   "simulated": frame.is_simulated, "replay": frame.is_replay}))  # fmt: skip
             else:
                 fx, fy, fz = wrench.values[:3]
                 tx, ty, tz = wrench.values[3:] * 1e3
                 tag = " SIMULATED" if frame.is_simulated else ""
-                line = (f"{wrench.frame:6d}  F {fx:8.3f} {fy:8.3f} {fz:8.3f} N   T {tx:8.3f} {ty:8.3f} {tz:8.3f} N mm"
-                        f"{tag} {' '.join(flags)}")  # fmt: skip
+                force_sigma, torque_sigma = _plus_minus(wrench.sigma)
+                line = (f"{wrench.frame:6d}  F {fx:8.3f} {fy:8.3f} {fz:8.3f}{force_sigma} N   "
+                        f"T {tx:8.3f} {ty:8.3f} {tz:8.3f}{torque_sigma} N mm{tag} {' '.join(flags)}")  # fmt: skip
                 end = "\r" if sys.stdout.isatty() else "\n"
-                print(line.ljust(110), end=end, flush=True)
+                print(line.ljust(150), end=end, flush=True)
             count += 1
             if n and count >= n:
                 break
@@ -159,6 +171,12 @@ def record(
         json_,
         f"{out}: {total} messages, {counts.get('WRENCH', 0)} frames",
     )
+
+
+def _where_pressed(sigma: Any, force: Any) -> Any:
+    """Mean standard deviation (3,) of the nodes that press; of all where none does."""
+    pressed = force[..., 2] < 0
+    return sigma[pressed if pressed.any() else slice(None)].reshape(-1, 3).mean(axis=0)
 
 
 def snapshot(
@@ -197,9 +215,12 @@ def snapshot(
                      z_calibrated=field.validity[2] in (VALID, INVALID))  # fmt: skip
     total = field.force.sum(axis=(0, 1)).tolist()
     force = [None if v == NOT_MEASURED else f for f, v in zip(total, field.validity, strict=True)]
+    sigma = None if field.sigma is None else _where_pressed(field.sigma, field.force).tolist()
+    stated = "not measured" if sigma is None else "/".join(f"{1e3 * s:.2f}" for s in sigma) + " mN"
     emit(
         {"file": str(out), "frame": field.frame, "force_n": force, "validity": list(field.validity), "flags": flags,
+         "node_sigma_n": sigma, "sigma_validity": field.sigma_validity,
          "simulated": frame.is_simulated, "replay": frame.is_replay},
         json_,
-        " ".join([str(out), *badges]),
+        " ".join([str(out), *badges, f"(sigma of a node x/y/z: {stated})"]),
     )  # fmt: skip

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.native import native_folder
+from ruffini.wire.covariance import COVARIANCE_SIZE
 
 DISPLACEMENT_LSB_M = 125e-9
 NO_REFERENCE = 1
-COVARIANCE_SIZE = 21  # upper triangle of 6 x 6
 STAGES = (
     "difference", "markers", "photometric", "poisson", "displacement",
     "operator", "support", "wrench", "contacts",
@@ -107,14 +107,6 @@ class ContactRow(NamedTuple):
 
 
 MAX_CONTACTS = 8
-
-
-def full_covariance(upper: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-    """Upper triangle by rows (21,), (uN, uN mm)^2 -> symmetric (6, 6), N and N m."""
-    out = np.zeros((6, 6))
-    out[np.triu_indices(6)] = upper
-    scale = np.array([1e-6] * 3 + [1e-9] * 3)
-    return np.asarray((out + np.triu(out, 1).T) * np.outer(scale, scale))
 
 
 @cache

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.wire.covariance import COVARIANCE_SIZE, full_covariance
 from ruffini.wire.dense import decode_dense
 
 Array = npt.NDArray[np.float64]
@@ -19,6 +20,11 @@ def _dense(message: Any) -> npt.NDArray[np.int32]:
     return decode_dense(message.codec, message.n_x, message.n_y, message.n_components, message.data)
 
 
+def _has(message: Any, part: str) -> bool:
+    """Does the message bring this part? Older schemas do not know it."""
+    return part in message.DESCRIPTOR.fields_by_name and message.HasField(part)
+
+
 @dataclass(frozen=True)
 class Wrench:
     """Force (N) and moment (N m) ON the pad about the undeformed pad centre; NaN where not measured."""
@@ -28,6 +34,13 @@ class Wrench:
     flags: int
     values: Array
     validity: tuple[int, ...]
+    covariance: Array | None = None  # (6, 6), N and N m
+    covariance_validity: int = NOT_MEASURED
+
+    @property
+    def sigma(self) -> Array | None:
+        """(6,) standard deviations, N and N m; None where they are not measured."""
+        return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
 
     @classmethod
     def from_message(cls, m: Any) -> Wrench:
@@ -38,7 +51,14 @@ class Wrench:
         values = raw * np.array([1e-6] * 3 + [1e-12] * 3)
         validity = tuple(m.validity) or (NOT_MEASURED,) * 6
         values[np.array(validity) == NOT_MEASURED] = np.nan
-        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, values, validity)
+        stated = getattr(m, "covariance_validity", NOT_MEASURED)  # older schemas have none
+        covariance = (
+            full_covariance(np.array(m.covariance)) if stated and len(m.covariance) == COVARIANCE_SIZE else None
+        )
+        return cls(
+            m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, values, validity, covariance,
+            NOT_MEASURED if covariance is None else stated,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -54,16 +74,19 @@ class Field:
     displacement: Array | None
     validity: tuple[int, ...]
     slip: npt.NDArray[np.int32] | None = None  # (n_y, n_x) NodeSlip: 0 nothing presses, 1 sticks, 2 slips
+    sigma: Array | None = None  # (n_y, n_x, 3) standard deviation of `force`, N
+    sigma_validity: int = NOT_MEASURED
 
     @classmethod
     def from_message(cls, m: Any) -> Field:
         steps = _dense(m.force)
         lsb = m.force_lsb_un * 1e-6
         displacement = _dense(m.displacement) * (m.displacement_lsb_nm * 1e-9) if m.HasField("displacement") else None
+        slip, sigma = (_dense(getattr(m, part)) if _has(m, part) else None for part in ("slip", "sigma"))
         return cls(
             m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, steps * lsb, steps, lsb, displacement,
-            tuple(m.validity), _dense(m.slip)[..., 0] if "slip" in m.DESCRIPTOR.fields_by_name and m.HasField("slip")
-            else None,
+            tuple(m.validity), None if slip is None else slip[..., 0], None if sigma is None else sigma * lsb,
+            NOT_MEASURED if sigma is None else m.sigma_validity,
         )  # fmt: skip
 
     def slip_margin(self, friction: float) -> Array:

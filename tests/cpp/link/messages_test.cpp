@@ -256,6 +256,45 @@ TEST_F(MessagesTest, SlipOfForcesThatAreNotValidIsNotSent) {
   EXPECT_FALSE(field.has_slip);
 }
 
+TEST_F(MessagesTest, HowSureTravelsAsItIs) {
+  const auto& stated = path_->state().uncertainty;
+  ASSERT_TRUE(stated.is_stated);
+  ruffini_Wrench wrench = ruffini_Wrench_init_zero;
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_WRENCH), ruffini_Wrench_fields, wrench);
+  EXPECT_EQ(wrench.covariance_validity, ruffini_Validity_VALIDITY_VALID);
+  ASSERT_EQ(wrench.covariance_count, WrenchCovariance::kSize);
+  EXPECT_TRUE(std::equal(stated.wrench.upper.begin(), stated.wrench.upper.end(), wrench.covariance));
+  EXPECT_GT(wrench.covariance[0], 0);
+  ruffini_Field field = ruffini_Field_init_zero;
+  Bytes data;
+  field.sigma.data = {.funcs = {.decode = read_bytes}, .arg = &data};
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_FIELD), ruffini_Field_fields, field);
+  EXPECT_EQ(field.sigma_validity, ruffini_Validity_VALIDITY_VALID);
+  const std::vector<int32_t> sent = values_of(field.sigma, data);
+  ASSERT_EQ(sent.size(), 3 * stated.node.size());
+  for (size_t i = 0; i < stated.node.size(); ++i) {
+    ASSERT_EQ(sent[3 * i], stated.node[i].x);
+    ASSERT_EQ(sent[3 * i + 1], stated.node[i].y);
+    ASSERT_EQ(sent[3 * i + 2], stated.node[i].z);
+    ASSERT_GE(sent[3 * i], 5);
+    ASSERT_GE(sent[3 * i + 2], sent[3 * i] + 1);
+  }
+}
+
+TEST_F(MessagesTest, WithoutAnErrorModelUncertaintyIsAbsentAndNotMeasured) {
+  auto bare = FramePath::configure(board_, nullptr, still_clock).value();
+  bare->process(view(picture_));
+  path_.swap(bare);
+  ruffini_Wrench wrench = ruffini_Wrench_init_zero;
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_WRENCH), ruffini_Wrench_fields, wrench);
+  EXPECT_EQ(wrench.covariance_validity, ruffini_Validity_VALIDITY_NOT_MEASURED);
+  EXPECT_EQ(wrench.covariance_count, 0U);
+  ruffini_Field field = ruffini_Field_init_zero;
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_FIELD), ruffini_Field_fields, field);
+  EXPECT_EQ(field.sigma_validity, ruffini_Validity_VALIDITY_NOT_MEASURED);
+  EXPECT_FALSE(field.has_sigma);
+}
+
 TEST_F(MessagesTest, AnImageTravelsAsItIs) {
   ruffini_Image image = ruffini_Image_init_zero;
   Bytes data;

@@ -7,31 +7,34 @@ import pytest
 from golden import read_vectors
 from google.protobuf import descriptor_pb2
 
-from ruffini.device.results import Contacts, Field
+from ruffini.device.results import NOT_MEASURED, VALID, Contacts, Field, Wrench
 from ruffini.wire import Decoder
 from ruffini.wire.messages import Schema
 
 
 def old_schema() -> Schema:
-    """The schema of a device that knows nothing of slip."""
+    """The schema of a device that knows nothing of slip and of how sure it is."""
     files = descriptor_pb2.FileDescriptorSet.FromString(Schema.own().bytes)
     for message in files.file[0].message_type:
-        kept = [f for f in message.field if "slip" not in f.name and f.number < 10]
-        if message.name in ("Contact", "Field"):
+        young = ("slip", "sigma", "covariance")
+        kept = [f for f in message.field if not any(word in f.name for word in young) and f.number < 10]
+        if message.name in ("Contact", "Field", "Wrench"):
             del message.field[:]
             message.field.extend(kept)
     return Schema(files.SerializeToString())
 
 
-def golden_contacts() -> bytes:
-    line = next(fields for fields in read_vectors("frames.txt") if "contact that begins to slip" in fields)
+def golden(name: str) -> bytes:
+    line = next(fields for fields in read_vectors("frames.txt") if name in fields)
     encoded = max((bytes.fromhex(f) for f in line if set(f) <= set("0123456789abcdef ")), key=len)
     return next(iter(Decoder().feed(encoded))).payload
 
 
 def test_a_contact_that_begins_to_slip() -> None:
     schema = Schema.own()
-    (contact,) = Contacts.from_message(schema.decode(schema.type_numbers["CONTACTS"], golden_contacts())).contacts
+    (contact,) = Contacts.from_message(
+        schema.decode(schema.type_numbers["CONTACTS"], golden("contact that begins to slip"))
+    ).contacts
     assert contact.slip_state == "incipient"
     assert contact.shear_ratio == pytest.approx(0.35)
     assert contact.friction == pytest.approx(0.5)
@@ -69,3 +72,53 @@ def test_slip_of_the_nodes_and_their_margin() -> None:
     assert field.force_steps.tolist() == [[[3, 2, -3]]]  # zigzag 6, 4, 5
     margin = field.slip_margin(0.5)
     assert margin[0, 0] == pytest.approx(1e-5 * (0.5 * 3 - np.hypot(3, 2)))
+
+
+def test_how_sure_the_wrench_is() -> None:
+    schema = Schema.own()
+    wrench = Wrench.from_message(schema.decode(schema.type_numbers["WRENCH"], golden("wrench and how sure it is")))
+    assert wrench.covariance_validity == VALID
+    assert wrench.covariance is not None
+    np.testing.assert_allclose(wrench.covariance, wrench.covariance.T)
+    in_un = wrench.covariance / np.outer([1e-6] * 3 + [1e-9] * 3, [1e-6] * 3 + [1e-9] * 3)
+    # A force of sigma (2, 2, 7) uN at y = -2 mm: tx = y fz, tz = -y fx.
+    np.testing.assert_allclose(np.diag(in_un), [4, 4, 49, 64 + 4 * 49, 64, 9 + 4 * 4])
+    assert in_un[2, 3] == pytest.approx(-2 * 49)
+    assert in_un[0, 5] == pytest.approx(2 * 4)
+    assert np.linalg.eigvalsh(in_un).min() > 0
+    assert wrench.sigma is not None
+    np.testing.assert_allclose(wrench.sigma, [2e-6, 2e-6, 7e-6, 260**0.5 * 1e-9, 8e-9, 5e-9])
+
+
+def test_how_sure_the_field_is() -> None:
+    schema = Schema.own()
+    field = Field.from_message(schema.decode(schema.type_numbers["FIELD"], golden("field and how sure it is")))
+    assert field.sigma_validity == VALID
+    assert field.sigma is not None
+    np.testing.assert_allclose(field.force[0, 0], [200e-6, -100e-6, -3000e-6])
+    np.testing.assert_allclose(field.sigma, [[[70e-6, 70e-6, 250e-6], [10e-6, 10e-6, 90e-6]]])
+
+
+@pytest.mark.parametrize("schema", [Schema.own(), old_schema()], ids=["ours", "old"])
+def test_no_error_model_is_no_zero(schema: Schema) -> None:
+    """Absent, from a device that states none or knows nothing of it, is None and not measured."""
+    dense = {"n_x": 1, "n_y": 1, "n_components": 3, "data": bytes(1)}
+    field = Field.from_message(schema.new("Field", force=dense, displacement=dense))
+    wrench = Wrench.from_message(schema.new("Wrench", force_z_un=-5, validity=[1] * 6))
+    assert (field.sigma, field.sigma_validity) == (None, NOT_MEASURED)
+    assert (wrench.covariance, wrench.sigma, wrench.covariance_validity) == (None, None, NOT_MEASURED)
+
+
+def test_numbers_without_a_validity_are_not_believed() -> None:
+    wrench = Wrench.from_message(Schema.own().new("Wrench", covariance=[1] * 21))
+    assert wrench.covariance is None
+    short = Wrench.from_message(Schema.own().new("Wrench", covariance=[1] * 20, covariance_validity=VALID))
+    assert (short.covariance, short.covariance_validity) == (None, NOT_MEASURED)
+
+
+def test_an_old_reader_passes_over_how_sure_it_is() -> None:
+    schema = old_schema()
+    message = schema.decode(schema.type_numbers["WRENCH"], golden("wrench and how sure it is"))
+    assert Wrench.from_message(message).values[2] == pytest.approx(-1e-3)
+    message = schema.decode(schema.type_numbers["FIELD"], golden("field and how sure it is"))
+    assert Field.from_message(message).force_steps[0, 0].tolist() == [20, -10, -300]
