@@ -158,6 +158,18 @@ def test_a_seam_is_pressed_on_both_panels_and_the_tube_closes(unit):
         assert min(loads) > 0.2 * np.linalg.norm(force)
 
 
+def test_a_second_touch_elsewhere_is_as_on_a_fresh_skin(unit):
+    (x, y), (other, _) = pyramid_near(unit, 30, 5), pyramid_near(unit, -30, 5)
+    rig = pressed(unit, x, y, 1 * MM, n=2)
+    rig.rest()
+    rig.take(Indenter("sphere", 5 * MM))
+    for depth in (0.5 * MM, 1 * MM):
+        rig.advance(Pose(other, y, depth), 0.25)
+    fresh = pressed(unit, other, y, 1 * MM, n=2)
+    np.testing.assert_allclose(rig.wrench(), fresh.wrench(), rtol=1e-6, atol=1e-9)
+    assert len(rig._panels) == 2  # the first one is slow to come back
+
+
 def loop(unit, speed_m_s, deepest=4 * MM, step=0.5 * MM):
     """Part of the work that a press and back does not give again."""
     rig = unit.rig()

@@ -148,7 +148,7 @@ class SheetState:
 
     def _above(self, tool: ToolContact, end: Grip) -> Grip:
         """Where a tool comes from that is first seen at `end`: out along its axis, just clear of the surface."""
-        return end.lifted(tool.deepest(end, self.contact_places))
+        return end.lifted(max(tool.deepest(end, self.contact_places), 0.0))
 
     def _balance(self, tool: ToolContact | None, duration_s: float) -> None:
         model, shell, memory = self.model, self.model.shell, self._memory

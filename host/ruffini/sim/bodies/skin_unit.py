@@ -15,7 +15,7 @@ from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.sim.bodies.nodes import BoardNodes
 from ruffini.sim.bodies.sheet import SheetState
-from ruffini.sim.bodies.skin import SkinModel
+from ruffini.sim.bodies.skin import SkinModel, around
 from ruffini.sim.bodies.tool import Grip, ToolContact
 from ruffini.sim.indenters import Indenter
 from ruffini.sim.optics.conditions import TrayPose
@@ -167,8 +167,7 @@ class SkinRig:
         reach = min(2 * self._reach_m(), self.unit.model.length_m)
         t = np.linspace(-reach, reach, 81)
         a, b = np.meshgrid(pose.x_m + t, np.clip(pose.y_m + t, *(self.unit.model.length_m / 2 * np.array([-1, 1]))))
-        angle, radius = a / self.unit.model.chart_m, self.unit.model.radius_m
-        return np.stack([radius * np.cos(angle), radius * np.sin(angle), b], axis=-1).reshape(-1, 3)
+        return around(a / self.unit.model.chart_m, b, self.unit.model.radius_m).reshape(-1, 3)
 
     def _reach_m(self) -> float:
         assert self._indenter is not None
@@ -207,36 +206,41 @@ class SkinRig:
         """One frame, or a step of another duration."""
         assert self._indenter is not None
         grip, step_s = self.grip(pose), self.unit.frame_s if duration_s is None else duration_s
-        for number in self._touched(grip):
-            if number not in self._panels:
-                self._panels[number] = _Panel(self.unit, number)
-            panel = self._panels[number]
-            if panel.tool is None:
-                panel.tool = self._tool(self._indenter, len(panel.rest_points))
-            panel.state.advance(panel.tool, grip, step_s)
+        for number in range(self.unit.model.settings.n_panels):
+            if self._is_near(grip, number):
+                if number not in self._panels:
+                    self._panels[number] = _Panel(self.unit, number)
+                panel = self._panels[number]
+                if panel.tool is None:
+                    panel.tool = self._tool(self._indenter, len(panel.rest_points))
+                panel.state.advance(panel.tool, grip, step_s)
+            elif number in self._panels:
+                self._leave_alone(number, step_s)
 
-    def _touched(self, grip: Grip) -> list[int]:
-        """Panels that the tool may touch, and those that are not at rest."""
-        model, out = self.unit.model, []
-        t, b = np.linspace(0, 1, 61), np.linspace(-model.length_m / 2, model.length_m / 2, 81)
-        for number in range(model.settings.n_panels):
-            begin, end = model.span(number)
-            angle, along = np.meshgrid(begin + t * (end - begin), b)
-            place = np.stack([model.radius_m * np.cos(angle), model.radius_m * np.sin(angle), along], axis=-1)
-            assert self._probe is not None
-            if number in self._panels or self._probe.deepest(grip, place.reshape(-1, 3)) > -CLEAR_M:
-                out.append(number)
-        return out
+    def _is_near(self, grip: Grip, number: int) -> bool:
+        """Whether the tool may touch a panel."""
+        model = self.unit.model
+        begin, end = model.span(number)
+        angle, along = np.meshgrid(
+            np.linspace(begin, end, 61), np.linspace(-model.length_m / 2, model.length_m / 2, 81)
+        )
+        assert self._probe is not None
+        return self._probe.deepest(grip, around(angle, along, model.radius_m).reshape(-1, 3)) > -CLEAR_M
+
+    def _leave_alone(self, number: int, duration_s: float) -> None:
+        """A time in which nothing touches a panel; forget it when it is at rest."""
+        panel = self._panels[number]
+        panel.tool = None
+        panel.state.free(duration_s)
+        if np.abs(panel.moved).max() < STILL_M:
+            del self._panels[number]
 
     def load(self, wrench: Array) -> None:
         raise InputError(f"board {self.unit.board.name!r} has no platform that a connector could load: press its skin")
 
     def rest(self) -> None:
-        for number, panel in list(self._panels.items()):
-            panel.tool = None
-            panel.state.free(self.unit.frame_s)
-            if np.abs(panel.moved).max() < STILL_M:
-                del self._panels[number]
+        for number in list(self._panels):
+            self._leave_alone(number, self.unit.frame_s)
 
     def wrench(self) -> Array:
         return np.asarray(sum((panel.state.wrench() for panel in self._panels.values()), start=np.zeros(6)))

@@ -82,11 +82,11 @@ def demo(board: Board, twin: TwinSettings) -> list[Step]:
             _pressed(Indenter("square", 5 * MM), Pose(0, 0, 2 * MM, 0, 0, STEREO_TURN_RAD), 6, 4), Rest(4),
         ]  # fmt: skip
         return story
-    quarter = board.pad.size_x_um * 0.25e-6
+    eighth = board.pad.size_x_um * 0.125e-6  # the middle of the first of four panels
     two = Indenter.two(Indenter("sphere", 5 * MM), Indenter("sphere", 5 * MM), 30 * MM)
     story += [
-        _pressed(Indenter("sphere", 5 * MM), Pose(0.01 * quarter, 0, 3 * MM), 10, 6), Rest(4),
-        _pressed(Indenter("sphere", 10 * MM), Pose(quarter, -20 * MM, 3 * MM), 10, 6), Rest(4),
-        _pressed(two, Pose(-quarter, 20 * MM, 3 * MM, np.pi / 2), 10, 6), Rest(4),
+        _pressed(Indenter("sphere", 5 * MM), Pose(eighth, 0, 3 * MM), 10, 6), Rest(4),
+        _pressed(Indenter("sphere", 10 * MM), Pose(3 * eighth, -20 * MM, 3 * MM), 10, 6), Rest(4),
+        _pressed(two, Pose(-eighth, 20 * MM, 3 * MM, np.pi / 2), 10, 6), Rest(4),
     ]  # fmt: skip
     return story
