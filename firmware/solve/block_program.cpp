@@ -10,15 +10,12 @@ namespace {
 
 constexpr size_t kBlock = block_kernel::kBlock;
 
-// Sum of the signed values that one row of a fold names.
-template <typename T>
-int64_t signed_sum(std::span<const int32_t> row, std::span<const T> values) {
+// Sum of the signed values that one row of a fold names; values[0] is zero. Signs are as good as random, so no branch.
+int64_t signed_sum(std::span<const int32_t> row, std::span<const int64_t> values) {
   int64_t sum = 0;
   for (const int32_t i : row) {
-    if (i > 0)
-      sum += values[static_cast<size_t>(i - 1)];
-    else if (i < 0)
-      sum -= values[static_cast<size_t>(-i - 1)];
+    const int32_t negative = i >> 31;  // all bits, or none
+    sum += (values[static_cast<size_t>((i ^ negative) - negative)] ^ negative) - negative;
   }
   return sum;
 }
@@ -26,6 +23,7 @@ int64_t signed_sum(std::span<const int32_t> row, std::span<const T> values) {
 }  // namespace
 
 void BlockProgram::select(std::span<const uint32_t> outputs) {
+  selected_.assign(outputs.begin(), outputs.end());
   std::fill(wanted_.begin(), wanted_.end(), uint8_t{0});
   for (const uint32_t output : outputs) {
     for (const int32_t i : out_.subspan(output * n_unfold_, n_unfold_)) {
@@ -39,29 +37,30 @@ void BlockProgram::run(std::span<const int16_t> u, std::span<int64_t> out) {
   for (size_t s = 0; s < stage_.size(); ++s) {
     const Stage& stage = stage_[s];
     const bool is_last = s + 1 == stage_.size();
-    std::fill_n(sum_.begin(), stage.n_values, int64_t{0});
+    std::fill_n(sum_.begin() + 1, stage.n_values, int64_t{0});
     for (uint32_t p = 0; p < stage.n_panels; ++p) multiply(panel_[stage.first_panel + p], is_last);
     if (!is_last) {
-      for (size_t i = 0; i < stage.n_values; ++i) sum_[i] = block_float::to_16(sum_[i], stage.shift);
+      for (size_t i = 1; i <= stage.n_values; ++i) sum_[i] = block_float::to_16(sum_[i], stage.shift);
       keep(s + 1, stage.n_values);
     }
   }
-  for (size_t r = 0; r < out.size(); ++r) {
-    out[r] =
-        round_shift(signed_sum(out_.subspan(r * n_unfold_, n_unfold_), std::span<const int64_t>(sum_)), out_shift_);
+  for (const uint32_t r : selected_) {
+    out[r] = round_shift(signed_sum(out_.subspan(r * n_unfold_, n_unfold_), sum_), out_shift_);
   }
 }
 
 void BlockProgram::fold(std::span<const int16_t> u) {
   const size_t n = vector_[0].size();
-  for (size_t i = 0; i < n; ++i) sum_[i] = signed_sum(in_.subspan(i * n_fold_, n_fold_), u);
+  std::copy_n(u.begin(), n_in_, input_.begin() + 1);
+  for (size_t i = 0; i < n; ++i) sum_[i + 1] = signed_sum(in_.subspan(i * n_fold_, n_fold_), input_);
   keep(0, n);
 }
 
 void BlockProgram::keep(size_t index, size_t n_values) {
-  const int shift = block_float::common_shift(std::span(sum_).first(n_values));
+  const std::span<const int64_t> values(sum_.data() + 1, n_values);
+  const int shift = block_float::common_shift(values);
   std::vector<int16_t>& out = vector_[index];
-  for (size_t i = 0; i < n_values; ++i) out[i] = static_cast<int16_t>(block_float::to_16(sum_[i], shift));
+  for (size_t i = 0; i < n_values; ++i) out[i] = static_cast<int16_t>(block_float::to_16(values[i], shift));
   exponent_[index] = shift;
 }
 
@@ -95,7 +94,7 @@ void BlockProgram::multiply(const Panel& panel, bool is_last) {
     if (is_last && std::all_of(&wanted_[row], &wanted_[row] + n, [](uint8_t w) { return w == 0; })) continue;
     const size_t at = panel.at + size_t{r} * panel.n_blocks;
     kernel_(static_cast<int>(n), {&entry_[at * kBlock], &shift_[at]}, gathered_.data(), blocks_, sums.data());
-    for (uint32_t i = 0; i < n; ++i) sum_[row + i] += sums[i] * scale;
+    for (uint32_t i = 0; i < n; ++i) sum_[1 + row + i] += sums[i] * scale;
   }
 }
 

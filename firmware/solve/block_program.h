@@ -81,7 +81,9 @@ class BlockProgram {
   block_kernel::Rows kernel_ = block_kernel::rows_scalar;
   std::vector<std::vector<int16_t>> vector_;
   std::vector<int> exponent_;
-  std::vector<int64_t> sum_;     // of the stage at work
+  std::vector<int64_t> input_;  // as sum_
+  std::vector<int64_t> sum_;    // of the stage at work, behind one zero: what index 0 of a fold names
+  std::vector<uint32_t> selected_;
   std::vector<uint8_t> wanted_;  // values of the last stage
   std::vector<int16_t> gathered_;
   std::vector<uint16_t> blocks_;  // of gathered_ that are not zero

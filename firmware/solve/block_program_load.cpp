@@ -5,6 +5,7 @@
 // over a row's panels must stay within 2^62 (over all folded values, for the last stage), and bounds the
 // next vector. Inside a block four products of |q| <= 16383 with int16 fit int32.
 #include <algorithm>
+#include <numeric>
 
 #include "solve/block_float.h"
 #include "solve/block_program.h"
@@ -44,7 +45,10 @@ class BlockProgramLoader {
       p_.vector_[s].resize(s == 0 ? n_slots_ : p_.stage_[s - 1].n_values);
       most_values = std::max<size_t>(most_values, p_.stage_[s].n_values);
     }
-    p_.sum_.resize(most_values);
+    p_.sum_.resize(1 + most_values);
+    p_.input_.resize(1 + static_cast<size_t>(n_in));
+    p_.selected_.resize(static_cast<size_t>(n_out));
+    std::iota(p_.selected_.begin(), p_.selected_.end(), 0U);
     p_.wanted_.assign(p_.stage_.back().n_values, uint8_t{1});
     size_t most_blocks = 0;
     for (const auto& panel : p_.panel_) most_blocks = std::max<size_t>(most_blocks, panel.n_blocks);
