@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import N_FRAMES, N_REST, Sensor, start
 
-from ruffini.device import Connection, Wrench
+from ruffini.device import Connection, Field, Wrench
 from ruffini.device.results import NOT_MEASURED, VALID
 from ruffini.errors import NoDeviceError, RefusedError
 from ruffini.wire import Decoder, Schema, encode_message
@@ -57,6 +57,12 @@ def test_every_frame_arrives_with_everything_and_the_press_is_in_it(sensor: Sens
     assert [len(c.contacts) for c in contacts[:N_REST]] == [0] * N_REST
     assert len(contacts[-1].contacts) == 1
     assert contacts[-1].contacts[0].force_z_un == pytest.approx(pressed[2] * 1e6, rel=0.05)
+    # Three nodes press: too few to tell a state, but each has its own in the field.
+    assert contacts[-1].contacts[0].slip_state == 0
+    slip = [Field.from_message(m).slip for t, _, m in got if t == "FIELD"]
+    assert slip[0] is None  # no force yet, and no slip
+    assert slip[-1] is not None
+    assert slip[-1].any()
 
 
 def test_without_a_calibration_there_is_no_force(sensor: Sensor, tmp_path: Path) -> None:

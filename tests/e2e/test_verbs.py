@@ -97,9 +97,11 @@ def test_watch(sensor: Sensor, tmp_path: Path) -> None:
         assert code == 0
         assert len(lines) == 5
         assert all(line["simulated"] and line["replay"] for line in lines)
+        assert all(line["contacts"]["frame"] < line["frame"] for line in lines[1:])
         picture = tmp_path / "snapshot.png"
         shown = ask("snapshot", "--out", str(picture), port=daemon.port)
         assert (shown["file"], shown["simulated"], shown["validity"]) == (str(picture), True, [1, 1, 1])
+        assert set(shown["nodes"]) == {"stick", "slip"}  # type: ignore[call-overload]
         assert cv2.imread(str(picture)) is not None
         recording = tmp_path / "run.mcap"
         counts = ask("record", str(recording), "--n", "5", port=daemon.port)["messages"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +14,7 @@ from ruffini.cli.common import JsonFlag, Settings, emit, note
 from ruffini.errors import InputError
 
 if TYPE_CHECKING:
-    from ruffini.device import Connection
+    from ruffini.device import Connection, Contacts
 
 
 def common_options(
@@ -98,6 +99,16 @@ def info(json_: JsonFlag = False) -> None:
     emit(result, json_, "\n".join(lines))
 
 
+def _slip(contacts: Contacts | None) -> str:
+    """State of the largest contact, its shear ratio against the friction, and what it still takes."""
+    if contacts is None or not contacts.contacts or contacts.contacts[0].slip_state is None:
+        return ""
+    c = contacts.contacts[0]
+    known = "?" if c.friction is None else f"{c.friction:.2f} +- {c.friction_sigma:.2f}"
+    left = "" if c.slip_margin_n is None else f", {c.slip_margin_n:.2f} N left"
+    return f" {c.slip_state} {c.shear_ratio:.2f}/{known}{left}"
+
+
 def _plus_minus(sigma: Any) -> tuple[str, str]:
     """Standard deviations behind force and moment, "+-?" where they are not measured."""
     if sigma is None:
@@ -110,17 +121,20 @@ def monitor(
     n: Annotated[int, typer.Option("--n", min=0, help="Stop after so many frames (0 = never).")] = 0,
     json_: Annotated[bool, typer.Option("--json", help="One JSON object per line and frame.")] = False,
 ) -> None:
-    """The wrench as it comes."""
-    from ruffini.device import Wrench
+    """The wrench as it comes, and how near the largest contact is to sliding."""
+    from ruffini.device import Contacts, Wrench
     from ruffini.device.connection import SILENCE_S
     from ruffini.errors import NoDeviceError
 
     with open_sensor() as sensor:
-        sensor.subscribe(wrench=1)
+        sensor.subscribe(wrench=1, contacts=1)
         count = 0
-        wanted = sensor.schema.type_numbers["WRENCH"]
+        numbers = sensor.schema.type_numbers
+        contacts: Contacts | None = None  # a frame's come after its wrench: these are of the frame before
         for frame, message in sensor.stream(timeout_s=SILENCE_S):
-            if frame.type != wanted:
+            if frame.type == numbers["CONTACTS"]:
+                contacts = Contacts.from_message(message)
+            if frame.type != numbers["WRENCH"]:
                 continue
             wrench = Wrench.from_message(message)
             flags = sensor.schema.enum_names("FlagBit", wrench.flags)
@@ -131,6 +145,7 @@ def monitor(
                                   "covariance": None if wrench.covariance is None else wrench.covariance.tolist(),
                                   "sigma_validity": wrench.covariance_validity,
                                   "validity": list(wrench.validity), "flags": flags,
+                                  "contacts": None if contacts is None else asdict(contacts),
                                   "simulated": frame.is_simulated, "replay": frame.is_replay}))  # fmt: skip
             else:
                 fx, fy, fz = wrench.values[:3]
@@ -138,7 +153,8 @@ def monitor(
                 tag = " SIMULATED" if frame.is_simulated else ""
                 force_sigma, torque_sigma = _plus_minus(wrench.sigma)
                 line = (f"{wrench.frame:6d}  F {fx:8.3f} {fy:8.3f} {fz:8.3f}{force_sigma} N   "
-                        f"T {tx:8.3f} {ty:8.3f} {tz:8.3f}{torque_sigma} N mm{tag} {' '.join(flags)}")  # fmt: skip
+                        f"T {tx:8.3f} {ty:8.3f} {tz:8.3f}{torque_sigma} N mm"
+                        f"{_slip(contacts)}{tag} {' '.join(flags)}")  # fmt: skip
                 end = "\r" if sys.stdout.isatty() else "\n"
                 print(line.ljust(150), end=end, flush=True)
             count += 1
@@ -211,7 +227,7 @@ def snapshot(
     if INVALID in field.validity:
         badges.insert(0, "INVALID")
     title = f"{board.name}, frame {field.frame} {' '.join(badges)}"
-    field_over_frame(out, image.pixels, node_pixels(board) / image.step_px, field.force, title=title,
+    field_over_frame(out, image.pixels, node_pixels(board) / image.step_px, field.force, title=title, slip=field.slip,
                      z_calibrated=field.validity[2] in (VALID, INVALID))  # fmt: skip
     total = field.force.sum(axis=(0, 1)).tolist()
     force = [None if v == NOT_MEASURED else f for f, v in zip(total, field.validity, strict=True)]
@@ -220,6 +236,8 @@ def snapshot(
     emit(
         {"file": str(out), "frame": field.frame, "force_n": force, "validity": list(field.validity), "flags": flags,
          "node_sigma_n": sigma, "sigma_validity": field.sigma_validity,
+         "nodes": None if field.slip is None else {"stick": int((field.slip == 1).sum()),
+                                                   "slip": int((field.slip == 2).sum())},
          "simulated": frame.is_simulated, "replay": frame.is_replay},
         json_,
         " ".join([str(out), *badges, f"(sigma of a node x/y/z: {stated})"]),

@@ -44,6 +44,7 @@ def field_over_frame(
     title: str,
     truth_n: Array | None = None,
     z_calibrated: bool = True,
+    slip: npt.NDArray[np.int32] | None = None,
 ) -> Path:
     """Shear arrows over the camera image, normal force beside it (and the truth's, where known).
 
@@ -56,6 +57,8 @@ def field_over_frame(
     truth_n : same shape, optional
     z_calibrated : bool
         False shows the size of the shear in place of the normal force.
+    slip : (n_y, n_x) int32, optional
+        NodeSlip of each node: a ring round those that stick, a cross on those that slip.
     """
     panels = [("measured", force_n)] + ([("truth (simulated)", truth_n)] if truth_n is not None else [])
     figure, axes = _figure(5.2 * (len(panels) + 1), 4.3, ncols=len(panels) + 1, squeeze=False)
@@ -93,6 +96,11 @@ def field_over_frame(
         what = "normal force" if z_calibrated else "size of shear"
         axis.set_title(f"{what} per node, {name}")
         figure.colorbar(mesh, ax=axis, label="mN", shrink=0.8)
+    if slip is not None and slip.any():
+        for value, marker, name in ((1, "o", "sticks"), (2, "x", "slips")):
+            at = node_px[slip == value]
+            map_axes[0].plot(at[:, 0], at[:, 1], marker, color="white", fillstyle="none", markersize=4, label=name)
+        map_axes[0].legend(fontsize=7, facecolor="grey", labelcolor="white")
     figure.suptitle(title)
     return _save(figure, path)
 
