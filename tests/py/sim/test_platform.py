@@ -25,6 +25,8 @@ from ruffini.sim.pad import PadModel, surface_compliance
 from ruffini.sim.pose import Pose
 from ruffini.sim.programs import Load
 from ruffini.sim.prony import Prony
+from ruffini.sim.scenario import Scenario
+from ruffini.sim.serve import Scripted
 from ruffini.sim.settings import load_twin
 from ruffini.sim.story import play
 
@@ -190,3 +192,12 @@ def test_targets_move_with_the_tray(unit):
     moved = renderer.image(rig.displacement, np.random.default_rng(1), tray=rig.tray)
     left, right = (np.argwhere(picture[:, :, 1] < 30)[:, 1].mean() for picture in (rest, moved))
     assert right > left + 5
+
+
+def test_the_live_twin_shows_the_tray(unit):
+    frames = Scripted(unit, Scenario(program="connector", n=3))
+    trays = [frames.states(i)[2] for i in range(len(frames))]
+    assert trays[0] == TrayPose()
+    assert min(tray.shift_m[2] for tray in trays) < -0.2 * MM
+    pictures = [unit.renderer().image(*frames.states(i)[:1], np.random.default_rng(1), tray=trays[i]) for i in (0, 12)]
+    assert (pictures[0] != pictures[1]).any()
