@@ -39,7 +39,7 @@ NAMES = ("reported", "quiet", "local", "wrench")
 @pytest.fixture(scope="module")
 def base() -> tuple[Tensors, dict[str, str]]:
     typed = parse_board(TEXT.encode(), "small")
-    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    kind = make_operator(typed, method="support", noise=Noise((5e-5, 5e-5, 2e-4)))
     tables = photometric_tables(np.random.default_rng(3))
     return {**kind.tensors, **tables}, {**base_metadata(typed), **kind.metadata}
 
@@ -81,9 +81,9 @@ def displacements(rng: np.random.Generator, shape: tuple[int, int]) -> npt.NDArr
         u = rng.normal(size=(*shape, 3)) * 20
         u[..., 2] += dent(shape[0] * 0.4, shape[1] * 0.6, 3.0, depth)
         out.append(u)
-    for _ in range(3):
-        rough = gaussian_filter(rng.normal(size=(*shape, 3)), (1, 1, 0))
-        out.append(1280 * rough / rough.std())
+    for size, length in ((1280, 1), (1280, 1), (2560, 0.1), (2560, 0.1), (2560, 2)):
+        rough = gaussian_filter(rng.normal(size=(*shape, 3)), (length, length, 0))
+        out.append(size * rough / rough.std())
     out += [rng.uniform(-32767, 32767, (*shape, 3)), 32767 * rng.choice([-1, 1], (*shape, 3))]
     return np.round(np.clip(out, -32767, 32767)).astype(np.int16)
 
