@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import resource
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,6 +71,7 @@ def operator(
     from ruffini.calibrate.operator import make_operator
     from ruffini.fem.operators import Noise
 
+    start = time.perf_counter()
     found = find_board(board)
     x, y, z = _micrometres(noise_um)
     noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_um * 1e-6, tilt_m=tilt_um * 1e-6)
@@ -82,8 +85,11 @@ def operator(
     file = container.pack(kind.tensors, {**container.base_metadata(found), **kind.metadata})
     container.write(out, file)
     error = int(kind.metadata["operator.error_1e9"]) * 1e-9
+    seconds = time.perf_counter() - start
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in 1024 bytes
     result = {"file": str(out), "board": found.name, "method": method, "grid": [int(kind.metadata["operator.n_x"]),
               int(kind.metadata["operator.n_y"])], "rounding_error": error, "bytes": len(file.data),
+              "form": kind.metadata["operator.form"], "seconds": seconds, "peak_mb": peak_mb,
               "worst_error_un": [int(v) for v in kind.metadata["operator.worst_error_un"].split(",")],
               "material": kind.metadata["operator.material"], **said,
               "wrench_error": None if kind.errors is None else kind.errors.wrench.report()}  # fmt: skip
@@ -92,6 +98,7 @@ def operator(
         json_,
         f"{out}: {method} operator of {found.name}, {len(file.data) / 1e6:.1f} MB, rounding error {error:.1e}; "
         f"up to 1 mm a nodal force is off by at most {kind.metadata['operator.worst_error_un']} uN (x, y, z)"
+        f"; {seconds:.1f} s, {peak_mb:.0f} MB of memory at most"
         + (f"; ridge weight {chosen:.2g}" if method == "ridge" else "")
         + (
             f" by {weight}: force error {100 * said['force_error']:.0f} % on simulated touches, "
