@@ -61,10 +61,8 @@ def _calibrated(board: Board) -> tuple[Camera, Cylinder]:
     half = board.pad.size_y_um * 5e-4
     z, angle = rng.uniform(-0.8 * half, 0.8 * half, N_KNOWN_POINTS), rng.uniform(-np.pi, np.pi, N_KNOWN_POINTS)
     points = np.column_stack([INNER_WALL_MM * np.cos(angle), INNER_WALL_MM * np.sin(angle), z])
-    seen = (
-        View(board, ViewSettings(), twin.lens).project(points)[:, :2]
-        + rng.normal(size=(N_KNOWN_POINTS, 2)) * READING_PX
-    )
+    true_px, _ = View(board, ViewSettings(), twin.lens).project(points)
+    seen = true_px + rng.normal(size=true_px.shape) * READING_PX
     radii = np.array([model.polar(float(px[0]), float(px[1]))[0] for px in seen])
     return model, Cylinder.fit(radii, z, TUBE_MM)
 
