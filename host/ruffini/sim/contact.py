@@ -32,7 +32,7 @@ Indices = npt.NDArray[np.intp]
 
 MAX_STEP_M = 0.1e-3  # of the indenter's path between two equilibria: friction follows the path
 TOLERANCE = 1e-5  # change of the forces between two rounds, of the largest force
-MAX_ROUNDS = 120
+MAX_ROUNDS = 120  # of pressure and friction in turn, in one correction
 UNDAMPED_ROUNDS = 6
 PATIENT_ROUNDS = 24  # then pressure and friction go half the way only: under large shear they may chase each other
 MAX_CORRECTIONS = 40  # of a response that is not linear, in one increment
@@ -133,19 +133,21 @@ class ContactSolver:
         """Another increment: which nodes may touch, and where they would go with the indenter."""
         place = self._place + self.displacement
         self._near = np.flatnonzero(self._gap(after, place) < 0.3 * after.depth_m)
+        self._is_patient = False
         self._after, self._target = after, self.displacement + rigid_step(self.indenter, before, after, place)
 
-    def _touch(self, free: Array) -> None:
-        """Equilibrium with the linear picture of a pad whose unloaded surface is at `free` (n, 3)."""
+    def _touch(self, free: Array) -> bool:
+        """Equilibrium with the linear picture of a pad, unloaded at `free` (n, 3); whether it was found."""
         after = self._after
         if after.depth_m <= 0 or not self._near.size:
             self.hat_force[:], self.displacement = 0.0, free.copy()
             if self._body:
                 self._body.release()
-            return
+            return True
         while True:  # the pad may bulge up against the indenter outside the first guess
             near = self._near
-            force, nodes, nodal = self._balance(near, after, free)
+            force, nodes, nodal, is_found = self._balance(near, after, free)
+            self._is_patient |= not is_found
             displacement = free + (nodal.ravel() @ self.response.rows(nodes)).reshape(-1, 3)
             over = displacement[:, 2] - self._gap(after, self._place + displacement)
             if self._body:
@@ -157,6 +159,7 @@ class ContactSolver:
         self.hat_force[:] = 0.0
         self.hat_force[near] = force
         self.displacement = displacement
+        return is_found
 
     def _pushed(self) -> Array:
         """What this contact's forces alone do to the surface in the linear picture, (n, 3)."""
@@ -174,8 +177,8 @@ class ContactSolver:
         """Height of the indenter's surface over the undeformed pad's surface at `place` (n, 2 or 3)."""
         return surface_height(self.indenter, pose, place[:, :2])
 
-    def _balance(self, near: Indices, pose: Pose, free: Array) -> tuple[Array, Indices, Array]:
-        """Equilibrium of the candidates: their hat forces, the nodes that these load, the nodal forces.
+    def _balance(self, near: Indices, pose: Pose, free: Array) -> tuple[Array, Indices, Array, bool]:
+        """Equilibrium of the candidates: their hat forces, the nodes that these load, the nodal forces; found?
 
         Pressure and friction are solved in turn, each exactly for the other, until they agree.
         """
@@ -208,16 +211,14 @@ class ContactSolver:
             largest = float(limit.max())
             inner = np.clip(0.01 * change, 0.02 * TOLERANCE * largest, 0.01 * largest)
             shear = in_discs(tangent, wanted, limit, shear, step, float(inner))
-            if i >= PATIENT_ROUNDS:
+            if i >= PATIENT_ROUNDS or self._is_patient:
                 pressure, shear = (pressure + last_pressure) / 2, (shear + last_shear) / 2
             change = max(np.abs(pressure - last_pressure).max(), np.abs(shear - last_shear).max())
-            if change <= TOLERANCE * pressure.max():
-                force = np.column_stack([shear, -pressure])
-                return force, nodes, np.asarray(shares @ force)
-        raise RuffiniError(
-            f"the simulated contact at {pose} found no equilibrium in {MAX_ROUNDS} rounds: "
-            "press less deep or with less friction"
-        )
+            is_found = bool(change <= TOLERANCE * pressure.max())
+            if is_found:
+                break
+        force = np.column_stack([shear, -pressure])
+        return force, nodes, np.asarray(shares @ force), is_found
 
 
 def advance_together(solvers: Sequence[ContactSolver], poses: Sequence[Pose], duration_s: float = 0.0) -> None:
@@ -254,20 +255,26 @@ def release(response: Response, duration_s: float) -> None:
 
 def _equilibrium(solvers: Sequence[ContactSolver], response: Response) -> None:
     """Contacts with the linear picture of the pad, each in the others' field, and its correction, in turn."""
-    lack = np.inf
+    lack, settled = np.inf, [False]
     for _ in range(MAX_CORRECTIONS):
         free = response.free_surface()
+        settled = []
         for solver in solvers:
             others = [other._pushed() for other in solvers if other is not solver]
-            solver._touch(free + np.sum(others, axis=0) if others else free)
+            settled.append(solver._touch(free + np.sum(others, axis=0) if others else free))
         surface = solvers[-1].displacement if solvers else free
         apart = max((float(np.abs(solver.displacement - surface).max()) for solver in solvers), default=0.0)
         force = sum((solver.nodal_force for solver in solvers), start=np.zeros_like(free))
         lack = max(apart, response.correct(force, surface))
         for solver in solvers:
             solver.displacement = surface.copy()
-        if lack <= CORRECTED_M:
+        if lack <= CORRECTED_M and all(settled):
             return
+    if not all(settled):
+        pose = solvers[settled.index(False)]._after
+        raise RuffiniError(
+            f"the simulated contact at {pose} found no equilibrium: press less deep or with less friction"
+        )
     raise RuffiniError(
         f"the simulated pad found no equilibrium in {MAX_CORRECTIONS} corrections ({lack * 1e6:.2f} um are lacking): "
         "press less deep, or with a rounder indenter"
