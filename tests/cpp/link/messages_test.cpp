@@ -277,7 +277,10 @@ TEST_F(MessagesTest, HowSureTravelsAsItIs) {
     ASSERT_EQ(sent[3 * i + 1], stated.node[i].y);
     ASSERT_EQ(sent[3 * i + 2], stated.node[i].z);
     ASSERT_GE(sent[3 * i], 5);
-    ASSERT_GE(sent[3 * i + 2], sent[3 * i] + 1);
+    const NodeForce& f = path_->state().solve.force[i];
+    if (f.x == 0 && f.y == 0 && f.z == 0) {
+      ASSERT_GE(sent[3 * i + 2], sent[3 * i] + 1) << "a quiet node: 5 and 6 steps";
+    }
   }
 }
 

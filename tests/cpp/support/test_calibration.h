@@ -10,7 +10,7 @@
 
 namespace ruffini::test {
 
-// Operator and support are diagonal: F = 20 steps of force per 125 nm. Blue bends to slope x, green to slope y.
+// Operator and support are diagonal and agree: F = 20 steps of force per 125 nm. Blue bends to slope x, green to slope y.
 inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board) {
   const GridSize nodes = NodeGrid(board).size();
   const int n = 3 * nodes.count();
@@ -48,7 +48,7 @@ inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board) {
       .meta("support.normal.out_shift", "5")
       .meta("support.project.out_shift", "7")
       .meta("support.shear_noise", "0")
-      .tensor("support.scale", "I32", {n}, std::vector<int32_t>(static_cast<size_t>(n), 4 << 16))
+      .tensor("support.scale", "I32", {n}, std::vector<int32_t>(static_cast<size_t>(n), 5'120 << 16))
       .tensor("support.error_local", "I32", {2, 3},
               std::vector<int32_t>{65'536, 0, 0, 65'536, 0, 0})                      // all of the reading
       .tensor("support.error_quiet", "I32", {2, 7},                                  // 5 and 6 steps
