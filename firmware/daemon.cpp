@@ -111,7 +111,7 @@ void Daemon::swap_path() {
 }
 
 void Daemon::process(const FrameLease& lease) {
-  const FrameState& state = path_->process(lease.view());
+  const FrameState& state = path_->process(lease.view(), lease.capture_us());
   const FrameStamp stamp{lease.capture_us(), lease.number(), path_->calibration_id(), identity_.stream_flags};
   const uint64_t n = exchange_.frames_processed.load();
   for (size_t type = 0; type < kMessageTypes; ++type) {

@@ -10,6 +10,8 @@ namespace {
 // All of them, or none: then uncertainty is not measured.
 constexpr std::array kErrorTensors = {"support.error_reported", "support.error_quiet", "support.error_local",
                                       "support.error_wrench"};
+constexpr uint32_t kWrongFlags =
+    kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark | kFlagOverexposed;
 constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board's pad
 
 int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
@@ -17,7 +19,7 @@ int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / 
 }  // namespace
 
 // The life of a frame. Stage by stage: firmware/README.md.
-const FrameState& FramePath::process(const FrameView& frame) {
+const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us) {
   state_.flags = 0;
   state_.stage_ns.fill(0);
   state_.uncertainty.is_stated = false;
@@ -30,7 +32,9 @@ const FrameState& FramePath::process(const FrameView& frame) {
     timed(Stage::kMarkers, [&] { run_markers(frame); });
     run_depth();
     timed(Stage::kDisplacement, [&] { run_displacement(); });
+    judge_input();
     run_solve(depth_is_trusted());
+    run_memory(capture_us);
     run_estimators();
     run_uncertainty();
   }
@@ -124,6 +128,15 @@ void FramePath::run_solve(bool with_support) {
         [&] { support_->run(state_.solve.u, state_.solve.mask, state_.solve.force, state_.saturations); });
 }
 
+// What this pad lost to relaxation; a frame that is not to be believed is not remembered. Its time counts as the
+// second pass's.
+void FramePath::run_memory(uint64_t capture_us) {
+  if (!relaxation_ || !support_ || !depth_is_trusted() || capture_us == 0 || (state_.flags & kWrongFlags) != 0) return;
+  const uint64_t start = clock_();
+  relaxation_->run(capture_us, state_.solve.mask, state_.solve.force, state_.saturations);
+  state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
+}
+
 void FramePath::run_estimators() {
   if (!operator_) return;
   timed(Stage::kWrench, [&] { state_.wrench = sum_wrench(nodes_, state_.solve.force, board_.force_lsb_un); });
@@ -142,21 +155,17 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   run_uncertainty();
 }
 
-// Flags and validity of everything that this frame says.
-void FramePath::judge() {
+// Flags of what the frame shows, before anything is made of it.
+void FramePath::judge_input() {
   FrameState& s = state_;
   const int n_pixels = board_.camera.width_px * board_.camera.height_px;
-  const bool is_ready = (s.flags & kFlagNoReference) == 0;
-  if (is_ready && s.difference.exposure.dark * 2 > n_pixels) s.flags |= kFlagDark;
-  if (is_ready && s.difference.exposure.full * 20 > n_pixels) s.flags |= kFlagOverexposed;
+  if (s.difference.exposure.dark * 2 > n_pixels) s.flags |= kFlagDark;
+  if (s.difference.exposure.full * 20 > n_pixels) s.flags |= kFlagOverexposed;
   const int n_missing = lattice_.size().count() - n_markers_at_rest_;
-  if (is_ready && has(Stage::kMarkers) &&
-      (s.markers.n_lost > board_.markers.max_lost ||
-       100 * n_missing > (100 - kMinMarkersPercent) * lattice_.size().count())) {
+  if (has(Stage::kMarkers) && (s.markers.n_lost > board_.markers.max_lost ||
+                               100 * n_missing > (100 - kMinMarkersPercent) * lattice_.size().count())) {
     s.flags |= kFlagMarkersLost;
   }
-  if (!operator_) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
-  if (!photometric_ || is_foreign_optics_) s.flags |= kFlagUncalibratedZ;
   const int64_t limit_q3 = board_.pad.thickness_um * 8 / 2;
   for (const NodeDisplacement& u : s.displacement.node) {
     if (std::max({u.x.raw(), u.y.raw(), u.z.raw()}) > limit_q3 ||
@@ -165,8 +174,14 @@ void FramePath::judge() {
       break;
     }
   }
-  const bool is_wrong = (s.flags & (kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark |
-                                    kFlagOverexposed)) != 0;
+}
+
+// Validity of everything that this frame says.
+void FramePath::judge() {
+  FrameState& s = state_;
+  if (!operator_) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
+  if (!photometric_ || is_foreign_optics_) s.flags |= kFlagUncalibratedZ;
+  const bool is_wrong = (s.flags & kWrongFlags) != 0;
   if (is_wrong) slip_.forget();
   const auto verdict = [&](bool is_measured, bool is_calibrated) {
     if (!is_measured) return Validity::kNotMeasured;
@@ -180,7 +195,10 @@ void FramePath::judge() {
   s.uncertainty.validity = verdict(s.uncertainty.is_stated, true);
 }
 
-void FramePath::zero(int n_frames) { rest_.restart(n_frames); }
+void FramePath::zero(int n_frames) {
+  rest_.restart(n_frames);
+  if (relaxation_) relaxation_->forget();
+}
 
 void FramePath::set_rest(std::span<const uint16_t> image) {
   rest_.load(image);
@@ -274,6 +292,11 @@ Status FramePath::load_tables() {
       node_error_ = node_error.value();
       wrench_error_ = wrench_error.value();
     }
+  }
+  if (support_ && c.has_kind("relaxation")) {
+    auto relaxation = Relaxation::load(c, nodes_.size().count());
+    if (!relaxation) return relaxation.error();
+    relaxation_.emplace(std::move(relaxation).value());
   }
   if (c.has_kind("rest")) {
     auto image = c.tensor("rest.image", Tensor::Type::kU16, {board_.camera.height_px, board_.camera.width_px, 3});

@@ -12,6 +12,7 @@
 #include "image/poisson.h"
 #include "image/rest.h"
 #include "solve/block_program.h"
+#include "solve/relaxation.h"
 #include "solve/support_solver.h"
 #include "store/calibration.h"
 
@@ -40,8 +41,9 @@ class FramePath {
                                                                     std::shared_ptr<const CalibrationFile> calibration,
                                                                     ClockFunction clock);
 
-  // Precondition: frame has the board's size. The state holds until the next call.
-  const FrameState& process(const FrameView& frame);
+  // Precondition: frame has the board's size. The state holds until the next call. Without a capture time (0)
+  // the pad's relaxation is left out.
+  const FrameState& process(const FrameView& frame, uint64_t capture_us = 0);
 
   // Learn rest anew from the next n frames (0 = the board's own number).
   void zero(int n_frames);
@@ -75,8 +77,10 @@ class FramePath {
   void run_depth();
   void run_displacement();
   void run_solve(bool with_support);
+  void run_memory(uint64_t capture_us);
   void run_estimators();
   void run_uncertainty();
+  void judge_input();
   void judge();
   template <typename Work>
   void timed(Stage stage, Work work);
@@ -97,6 +101,7 @@ class FramePath {
   Displacement displacement_;
   std::optional<BlockProgram> operator_;
   std::optional<SupportSolver> support_;
+  std::optional<Relaxation> relaxation_;
   std::optional<NodeSigmaModel> node_error_;
   std::optional<WrenchErrorModel> wrench_error_;
   uint32_t calibration_id_ = 0;

@@ -90,7 +90,7 @@ int ruffini_layout(const ruffini_pipeline* pipeline, ruffini_layout_t* out) {
 }
 
 int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t width_px, int32_t height_px,
-                    ruffini_result_t* out) {
+                    uint64_t capture_us, ruffini_result_t* out) {
   FramePath& path = *pipeline->path;
   const ruffini::CameraSettings& camera = path.board().camera;
   if (width_px != camera.width_px || height_px != camera.height_px) {
@@ -98,7 +98,7 @@ int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t widt
                 std::to_string(camera.width_px) + "x" + std::to_string(camera.height_px) +
                 ": use the right board or resolution");
   }
-  const ruffini::FrameState& s = path.process({bgr, width_px, height_px, 3, ptrdiff_t{3} * width_px});
+  const ruffini::FrameState& s = path.process({bgr, width_px, height_px, 3, ptrdiff_t{3} * width_px}, capture_us);
   const ruffini::Wrench& w = s.wrench;
   *out = {.flags = s.flags,
           .force_xy = static_cast<int32_t>(s.force_xy),

@@ -48,9 +48,9 @@ RUFFINI_API ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, 
 RUFFINI_API void ruffini_close(ruffini_pipeline* pipeline);
 RUFFINI_API int ruffini_layout(const ruffini_pipeline* pipeline, ruffini_layout_t* out);
 
-/* B, G, R, width x height of the board. */
+/* B, G, R, width x height of the board. capture_us: time of capture, for the pad's relaxation; 0 leaves that out. */
 RUFFINI_API int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t width_px, int32_t height_px,
-                                ruffini_result_t* out);
+                                uint64_t capture_us, ruffini_result_t* out);
 RUFFINI_API int ruffini_zero(ruffini_pipeline* pipeline, int32_t n_frames);
 /* Rest image [height][width][3] in 1/16 grey levels, in force at once. */
 RUFFINI_API int ruffini_set_rest(ruffini_pipeline* pipeline, const uint16_t* image);

@@ -13,6 +13,7 @@ from test_stages import render
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, pack
 from ruffini.calibrate.operator import make_operator
+from ruffini.calibrate.relaxation import RelaxationFit
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
 from ruffini.fem.operators import Noise
@@ -58,7 +59,12 @@ def test_every_stage_over_a_recording(step: int) -> None:
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(step)
     kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
-    file = pack({**kind.tensors, **photometric_tables(rng)}, {**base_metadata(typed), **kind.metadata})
+    memory = RelaxationFit(1.0, ((0.1, 0.05), (0.15, 1.5)), 0.0, 0.0)
+    relaxation, relaxation_metadata = memory.tensors() if step == 2 else ({}, {})
+    file = pack(
+        {**kind.tensors, **photometric_tables(rng), **relaxation},
+        {**base_metadata(typed), **kind.metadata, **relaxation_metadata},
+    )
     rest = np.stack([render(board, np.random.default_rng(7), 0.0) for _ in range(N_REST)])
     mirror = FramePath(board, file.tensors, file.metadata)
     n_touched = 0
@@ -70,8 +76,9 @@ def test_every_stage_over_a_recording(step: int) -> None:
         for t in range(10):
             moved = render(board, np.random.default_rng(100 + t), 0.05 * t) * (1 + dent(board, t))
             frame = np.clip(np.round(moved), 0, 255).astype(np.uint8)
-            result = core.process(frame)
-            expected = mirror.process(frame)
+            capture_s = 0.0137 * t**1.5
+            result = core.process(frame, capture_s)
+            expected = mirror.process(frame, 1 + round(capture_s * 1e6))
             assert result.n_markers_at_rest == n_found
             for name in ("change", "slope", "depth"):
                 assert np.array_equal(core.raw(name), getattr(expected, name)), name

@@ -133,6 +133,23 @@ def log_from_frames(displacement: Array, wrench: Array) -> MaterialLog:
     return MaterialLog(displacement[chosen], wrench[chosen], number[chosen])
 
 
+def reference_wrench(recording: Path, reference: Path | None) -> Array:
+    """Reference wrench of each frame, (t, 6) N and N m: `reference`, or the recording's `wrench.csv`, or its truth.
+
+    Raises
+    ------
+    InputError
+        There is none, or it cannot be read.
+    """
+    if reference is None and (recording / "wrench.csv").is_file():
+        reference = recording / "wrench.csv"
+    if reference is not None:
+        return read_wrench_csv(reference)
+    if (recording / "truth.npz").is_file():
+        return np.asarray(np.load(recording / "truth.npz")["wrench"], dtype=np.float64)
+    raise InputError(f"{recording} has no wrench.csv: give the load cell's wrenches with --reference")
+
+
 def log_from_recording(
     board: Board, calibration: CalibrationFile, recording: Path, reference: Path | None, *, progress: Progress
 ) -> MaterialLog:
@@ -145,14 +162,7 @@ def log_from_recording(
     InputError
         No reference, another number of rows than frames, or what `log_from_frames` refuses.
     """
-    if reference is None and (recording / "wrench.csv").is_file():
-        reference = recording / "wrench.csv"
-    if reference is not None:
-        wrench = read_wrench_csv(reference)
-    elif (recording / "truth.npz").is_file():
-        wrench = np.load(recording / "truth.npz")["wrench"]
-    else:
-        raise InputError(f"{recording} has no wrench.csv: give the load cell's wrenches with --reference")
+    wrench = reference_wrench(recording, reference)
     frames = read_frames(recording)
     if len(frames) != len(wrench):
         raise InputError(f"{recording} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")

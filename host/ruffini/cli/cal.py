@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from ruffini.fem.operators import Noise
 
 app = typer.Typer(
-    no_args_is_help=True, help="Calibration: operator, material, photometric, flash, verify, zero, show, merge."
+    no_args_is_help=True,
+    help="Calibration: operator, material, relaxation, photometric, flash, verify, zero, show, merge.",
 )
 
 OutOption = Annotated[Path, typer.Option("--out", help="Calibration file to write.")]
@@ -58,6 +59,9 @@ def operator(
     material: Annotated[
         Path | None, typer.Option(help="File of `cal material`: E, Poisson's ratio, thickness as measured.")
     ] = None,
+    relaxation: Annotated[
+        Path | None, typer.Option(help="File of `cal relaxation`: what the pad loses under a held strain (support).")
+    ] = None,
     touches: Annotated[
         int,
         typer.Option(min=0, help="Simulated touches that the error model is fitted on (support); 0: none is stated."),
@@ -68,7 +72,8 @@ def operator(
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.material import read_material
-    from ruffini.calibrate.operator import make_operator
+    from ruffini.calibrate.operator import Material, board_slab, make_operator
+    from ruffini.calibrate.relaxation import read_relaxation
     from ruffini.fem.operators import Noise
 
     start = time.perf_counter()
@@ -76,13 +81,20 @@ def operator(
     x, y, z = _micrometres(noise_um)
     noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_um * 1e-6, tilt_m=tilt_um * 1e-6)
     known = None if material is None else read_material(material, found)
+    memory = None if relaxation is None else read_relaxation(relaxation, found)
+    if memory is not None and method != "support":
+        raise InputError(f"--relaxation works on the second pass: --method support, not {method}")
+    if memory is not None:
+        slab = board_slab(found, known)
+        known = Material(slab.modulus_pa * memory.gain, slab.poisson, slab.thickness_m)
     chosen, said = _ridge_weight(found, known, noise, method, weight, plot)
     with progress_bar("inverse FEM") as progress:
         kind = make_operator(
             found, method=method, noise=noise, ridge_weight=chosen, n_touches=touches, material=known,
             progress=progress,
         )  # fmt: skip
-    file = container.pack(kind.tensors, {**container.base_metadata(found), **kind.metadata})
+    tensors, metadata = ({}, {}) if memory is None else memory.tensors()
+    file = container.pack({**kind.tensors, **tensors}, {**container.base_metadata(found), **kind.metadata, **metadata})
     container.write(out, file)
     error = int(kind.metadata["operator.error_1e9"]) * 1e-9
     seconds = time.perf_counter() - start
@@ -177,6 +189,33 @@ def material(
         residuals(plot, fit, title=f"{found.name}: material from {log.name}")
         text += f"\n{plot}"
     emit({"file": str(out), **report}, json_, text)
+
+
+@app.command("relaxation")
+def fit_relaxation_of_log(
+    log: Annotated[Path, typer.Option("--log", help="Recording of touches held for seconds: video, or frames.")],
+    calibration: Annotated[Path, typer.Option("--calibration", help="File with operator, support and colours.")],
+    out: Annotated[Path, typer.Option("--out", help="JSON to write, for `cal operator --relaxation`.")],
+    reference: Annotated[
+        Path | None, typer.Option(help="CSV, a row a frame, as of `cal material` (default: wrench.csv).")
+    ] = None,
+    board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """Fit how much force the pad loses under a held strain, and how fast, to a recording with a reference wrench."""
+    from ruffini.calibrate import container
+    from ruffini.calibrate.relaxation import fit_relaxation, log_from_recording, write_relaxation
+
+    file = container.read(calibration)
+    found = container.board_of(file, board)
+    with progress_bar("frames") as progress:
+        frames = log_from_recording(found, file, log, reference, progress=progress)
+    fit = fit_relaxation(frames)
+    write_relaxation(out, found, fit)
+    terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
+    emit(fit.report(), json_,
+         f"{out}: of the force at once goes {terms}; at once it is {fit.gain:.3f} times the calibration's; "
+         f"force RMSE {1e3 * fit.rmse_before_n:.1f} -> {1e3 * fit.rmse_after_n:.1f} mN")  # fmt: skip
 
 
 @app.command("photometric")

@@ -154,6 +154,7 @@ class Pipeline:
         self._lib.ruffini_layout(self._pointer, ctypes.byref(layout))
         self.board = board
         self.layout = layout
+        self._n_frames = 0
 
     def __enter__(self) -> Pipeline:
         return self
@@ -171,18 +172,28 @@ class Pipeline:
         if code:
             raise InputError(self._lib.ruffini_error().decode())
 
-    def process(self, bgr: npt.NDArray[np.uint8]) -> Frame:
-        """Run one frame, (height, width, 3) uint8, B G R."""
+    def process(self, bgr: npt.NDArray[np.uint8], capture_s: float | None = None) -> Frame:
+        """Run one frame, (height, width, 3) uint8, B G R.
+
+        Parameters
+        ----------
+        capture_s : float
+            When it was captured, from any start; the pad's relaxation follows it. By default one frame period of the
+            board after the one before.
+        """
         if bgr.ndim != 3 or bgr.shape[2] != 3 or bgr.dtype != np.uint8:
             raise InputError(f"a frame must be (height, width, 3) uint8, got {bgr.shape} {bgr.dtype}")
         pixels = np.ascontiguousarray(bgr)
         result = _Result()
+        self._n_frames += 1
+        time_s = self._n_frames * 1000.0 / self.board.camera.rate_mhz if capture_s is None else capture_s
         self._check(
             self._lib.ruffini_process(
                 self._pointer,
                 pixels.ctypes.data_as(ctypes.c_void_p),
                 bgr.shape[1],
                 bgr.shape[0],
+                ctypes.c_uint64(1 + round(time_s * 1e6)),
                 ctypes.byref(result),
             )
         )

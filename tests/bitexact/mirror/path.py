@@ -17,6 +17,7 @@ from mirror.markers import Lattice
 from mirror.photometric import cell_slope, marker_mask, pixel_slope, upsample
 from mirror.poisson import poisson
 from mirror.program import Program
+from mirror.relaxation import Relaxation
 from mirror.shear_modes import node_places
 from mirror.solve import contact_mask, linear_force
 from mirror.support import SupportTables, support_force
@@ -40,7 +41,7 @@ class Outcome:
 
 
 class FramePath:
-    """Operator, support and photometric kinds are all required."""
+    """Operator, support and photometric kinds are all required; relaxation may be there."""
 
     def __init__(self, board: Board, tensors: Tensors, metadata: dict[str, str]) -> None:
         self.board = board
@@ -54,6 +55,10 @@ class FramePath:
             int(metadata["support.shear_noise"]),
         )
         self._places = node_places(board)
+        self._relaxation = None
+        if "relaxation.part" in tensors:
+            part, time_ms = (tensors[f"relaxation.{name}"].astype(np.int32) for name in ("part", "time_ms"))
+            self._relaxation = Relaxation(part, time_ms, len(self._places))
         camera = board["camera"]
         self._unmix = upsample(tensors["photometric.unmix"].astype(np.int16), camera["height_px"], camera["width_px"])
         self._slope = tensors["photometric.slope"].astype(np.int16)
@@ -64,7 +69,7 @@ class FramePath:
         self._rest, self._reciprocal = rest, reciprocal(rest)
         return self._lattice.learn(detect_dots(self.board, rest.sum(axis=2)))
 
-    def process(self, frame: npt.NDArray[np.uint8]) -> Outcome:
+    def process(self, frame: npt.NDArray[np.uint8], capture_us: int) -> Outcome:
         board, saturations = self.board, self.saturations
         change, _ = difference(frame, self._rest, self._reciprocal)
         self._lattice.track(detect_dots(board, grey(frame)))
@@ -73,6 +78,8 @@ class FramePath:
         depth = poisson(board, slope, saturations)
         u = displacement(board, markers, depth, saturations)
         force, mask = self.solve(u)
+        if self._relaxation is not None:
+            force = self._relaxation.run(capture_us, mask, force, saturations)
         return Outcome(
             change, markers, slope, depth, u, mask, force,
             wrench(board, force), contact_areas(board, mask, force),
