@@ -14,8 +14,9 @@ def expanding(scale, size=200):
 
 def test_density_of_an_even_expansion_falls_by_its_area():
     inner = glitter_flow.density(expanding(1.05))[60:-60, 60:-60]
-    assert inner == pytest.approx(1 / 1.05**2, rel=5e-3)
-    assert glitter_flow.density(expanding(1.0)) == pytest.approx(1.0)
+    assert inner.mean() == pytest.approx(1 / 1.05**2, rel=3e-3)
+    assert inner == pytest.approx(1 / 1.05**2, rel=2e-2)  # whole pixels and moved ones beat
+    assert glitter_flow.density(expanding(1.0)) == pytest.approx(1.0, abs=1e-4)
 
 
 def test_flow_of_a_moved_picture_is_its_way():
