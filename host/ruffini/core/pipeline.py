@@ -13,8 +13,8 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.native import native_folder
-from ruffini.wire.covariance import COVARIANCE_SIZE
 
+N_COVARIANCE = 21  # upper triangle of 6 x 6
 DISPLACEMENT_LSB_M = 125e-9
 NO_REFERENCE = 1
 STAGES = (
@@ -250,7 +250,7 @@ class Pipeline:
             The frame states none: no error model in the calibration, or no second pass.
         """
         sigma = np.zeros((self.layout.node_n_y, self.layout.node_n_x, 3), np.int32)
-        covariance = np.zeros(COVARIANCE_SIZE, np.int64)
+        covariance = np.zeros(N_COVARIANCE, np.int64)
         self._check(
             self._lib.ruffini_get_sigma(
                 self._pointer, sigma.ctypes.data_as(ctypes.c_void_p), covariance.ctypes.data_as(ctypes.c_void_p)
