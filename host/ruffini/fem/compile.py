@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
-from ruffini.fem.certificate import DISPLACEMENT_LSB_NM, Certificate, certify
+from ruffini.fem.certificate import DISPLACEMENT_LSB_NM, Certificate, certify, probed_error
 from ruffini.fem.clusters import cluster_order
 from ruffini.fem.hierarchy import Shape, Sorted, hierarchical_plan, sort_class
 from ruffini.fem.program import Panel, Plan, Program, quantise
@@ -29,6 +29,7 @@ SHAPES = tuple(Shape(leaf, n_levels, 0.5) for leaf in (64, 32, 128) for n_levels
 SMALLEST_HIERARCHY = 500_000  # entries of all classes: below, panels cost more than they save
 WORTH = 0.75  # of the cost so far: a candidate that saves less is not worth its error
 MAX_TRIES = 6  # at the threshold that meets the error
+PROBED_ROWS = 500  # looked at before a whole certificate is made
 FIRST_THRESHOLD = 0.7  # of the error allowed: rounding takes the rest
 
 
@@ -178,8 +179,10 @@ def _hierarchical(job: Job, classes: list[Sorted], form: str) -> Compiled | None
         if plan is None:
             return None
         program = quantise(plan, job.what)
-        proof = certify(program, job.matrix, job.rows.axis, job.samples)
-        error = max(proof.total, proof.samples)
+        error = probed_error(program, job.matrix, job.samples, PROBED_ROWS)
+        if error <= job.max_error:
+            proof = certify(program, job.matrix, job.rows.axis, job.samples)
+            error = max(proof.total, proof.samples)
         if error <= job.max_error:
             return Compiled(program, proof, f"{form} levels {len(plan.sizes) // 2}")
         share *= min(0.8 * job.max_error / error, 0.7)
