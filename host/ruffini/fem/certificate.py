@@ -70,10 +70,12 @@ def probed_error(program: Program, matrix: Array, samples: Array | None, n_rows:
     rows = slice(0, len(matrix), step + (step % 3 == 0))  # all three axes among them
     wanted = matrix[rows]
     difference = effective_rows(program, rows, matrix.shape[1]) - wanted
-    errors = [np.linalg.norm(difference) / max(np.linalg.norm(wanted), 1e-300)]
-    if samples is not None:
-        errors.append(np.linalg.norm(difference @ samples) / max(np.linalg.norm(wanted @ samples), 1e-300))
-    return float(max(errors))
+    error = _relative(difference, wanted)
+    return error if samples is None else max(error, _relative(difference @ samples, wanted @ samples))
+
+
+def _relative(error: Array, size: Array) -> float:
+    return float(np.linalg.norm(error)) / max(float(np.linalg.norm(size)), 1e-300)
 
 
 def effective_rows(program: Program, rows: slice, n_in: int) -> Array:
