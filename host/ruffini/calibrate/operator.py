@@ -43,6 +43,7 @@ class OperatorKind:
     matrix: npt.NDArray[np.float64]
     support: SupportSystem | None
     errors: ErrorModel | None
+    no_errors: str | None = None  # why no error model could be fitted, though one was asked for
 
 
 class Material(NamedTuple):
@@ -120,11 +121,12 @@ def make_operator(
     ----------
     n_touches : int
         Simulated touches on which the second pass's error model is fitted; 0: none, uncertainty is not measured.
+        Where they determine none (a pad that feels them too little), `no_errors` says why.
 
     Raises
     ------
     InputError
-        Unknown method, too few touches, or a matrix that the board's integers cannot hold.
+        Unknown method, or a matrix that the board's integers cannot hold.
     """
     if method not in OPERATOR_METHODS:
         raise InputError(f"unknown method {method!r}: choose one of {', '.join(OPERATOR_METHODS)}")
@@ -161,20 +163,23 @@ def make_operator(
     }
     tensors: Tensors = {}
     _add(tensors, metadata, "operator", compiled)
-    system, errors = None, None
+    system, errors, no_errors = None, None, None
     if has_support:
         system = support_system(condense(slab), noise, observed_unknowns(board), matrix)
         progress(0.6)
         _add_support(tensors, metadata, system, lsb, sites, room)
     if system is not None and n_touches > 0:
-        errors = fit_error_model(
-            slab, board.observed, second_pass(board, matrix, system), noise, force_step_n=lsb * 1e-6,
-            threshold_n=board.contact.threshold_un * 1e-6, n_touches=n_touches,
-            progress=lambda done: progress(0.6 + 0.4 * done),
-        )  # fmt: skip
-        tensors |= error_tensors(errors)
+        try:
+            errors = fit_error_model(
+                slab, board.observed, second_pass(board, matrix, system), noise, force_step_n=lsb * 1e-6,
+                threshold_n=board.contact.threshold_un * 1e-6, n_touches=n_touches,
+                progress=lambda done: progress(0.6 + 0.4 * done),
+            )  # fmt: skip
+            tensors |= error_tensors(errors)
+        except InputError as error:
+            errors, no_errors = None, str(error)
     progress(1.0)
-    return OperatorKind(tensors, metadata, matrix, system, errors)
+    return OperatorKind(tensors, metadata, matrix, system, errors, no_errors)
 
 
 def second_pass(board: Board, matrix: npt.NDArray[np.float64], system: SupportSystem) -> Estimate:

@@ -104,7 +104,10 @@ def operator(
               "form": kind.metadata["operator.form"], "seconds": seconds, "peak_mb": peak_mb,
               "worst_error_un": [int(v) for v in kind.metadata["operator.worst_error_un"].split(",")],
               "material": kind.metadata["operator.material"], **said,
-              "wrench_error": None if kind.errors is None else kind.errors.wrench.report()}  # fmt: skip
+              "wrench_error": None if kind.errors is None else kind.errors.wrench.report(),
+              "no_error_model": kind.no_errors}  # fmt: skip
+    if kind.no_errors is not None:
+        note(f"{out}: uncertainty will not be measured: {kind.no_errors}")
     emit(
         result,
         json_,

@@ -148,7 +148,10 @@ def fit_node_error(samples: list[NodeSample], threshold_steps: float) -> NodeErr
     """
     chosen = [at_stake(s, threshold_steps) for s in samples]
     if sum(int(c.sum()) for c in chosen) < 10 * FEWEST_SAMPLES:
-        raise InputError("the simulated touches press next to no node: is [contact] threshold_un above their forces?")
+        raise InputError(
+            "the simulated touches press next to no node: is [contact] threshold_un above their forces? "
+            "Without an error model (--touches 0) uncertainty is not measured"
+        )
     parts = []
     for axes in ((0, 1), (2,)):
         design = np.concatenate(
@@ -172,7 +175,9 @@ def fit_wrench_error(samples: list[WrenchSample]) -> WrenchError:
         Fewer than FEWEST_SAMPLES contacts.
     """
     if len(samples) < FEWEST_SAMPLES:
-        raise InputError(f"{len(samples)} simulated touches make a contact: at least {FEWEST_SAMPLES} are needed")
+        raise InputError(
+            f"{len(samples)} simulated touches make one contact: at least {FEWEST_SAMPLES} are needed, or --touches 0"
+        )
     wrench, error = (np.array([getattr(s, name) for s in samples]) for name in ("wrench", "error"))
     one, none, pressing = np.ones(len(wrench)), np.zeros(len(wrench)), wrench[:, 2]
 
