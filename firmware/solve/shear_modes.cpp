@@ -20,7 +20,7 @@ constexpr int64_t kEnergyLimit = int64_t{1} << 54;  // of one mode: 96 of them s
 void take_out(std::span<const int16_t> b, int64_t norm, std::span<int64_t> values) {
   int64_t dot = 0;
   for (size_t i = 0; i < b.size(); ++i) dot += b[i] * values[i];
-  if (dot == 0) return;
+  if (dot == 0 || norm <= 0) return;
   const Quotient part = quotient(dot < 0 ? -dot : dot, norm, 0);
   for (size_t i = 0; i < b.size(); ++i) {
     const int64_t step = scaled(b[i], part, 0);
@@ -180,9 +180,10 @@ int64_t ShearModes::precondition(std::span<const int64_t> r, std::span<int64_t> 
         const size_t k = contact.node[i];
         dot += b[2 * i] * r[3 * k] + b[2 * i + 1] * r[3 * k + 1];
       }
-      if (dot == 0) continue;
+      const int64_t norm = contact.norm[static_cast<size_t>(j)];
+      if (dot == 0 || norm <= 0) continue;
       const int64_t size = dot < 0 ? -dot : dot;
-      const Quotient part = quotient(size, contact.norm[static_cast<size_t>(j)], kGainShift);
+      const Quotient part = quotient(size, norm, kGainShift);
       for (size_t i = 0; i < n; ++i) {
         const size_t k = contact.node[i];
         const int64_t x = scaled(b[2 * i], part, 0);
