@@ -96,6 +96,9 @@ class TwinSettings(Section):
             raise ValueError("[platform] carries a plane pad")
         if self.dome is not None and self.shape.kind != "dome":
             raise ValueError('[dome] belongs to [shape] kind = "dome"')
+        window_um = self.light.window_um if self.light.kind == "electroluminescent" else 0
+        if window_um and not (self.shape.kind == "tube" and window_um < self.shape.radius_um):
+            raise ValueError('[light] window_um is the wall of [shape] kind = "tube", and thinner than its radius')
         if self.skin is not None and self.shape.kind != "tube":
             raise ValueError('[skin] belongs to [shape] kind = "tube"')
         return self

@@ -2,7 +2,8 @@
 
 A view looks along +z from (0, 0, -standoff). Lens models are OpenCV's (radial-tangential, fisheye).
 A mirror reflects the whole view. Through a clear pad the ray bends at the pad's flat back (Snell's
-law); the pinhole then stands so that the middle of the picture keeps board.toml's scale.
+law); the pinhole then stands so that the middle of the picture keeps board.toml's scale. Through a clear tube it
+bends in the wall (`optics.wall`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.sim.optics.settings import LensSettings, ViewSettings
+from ruffini.sim.optics.wall import TubeWall
 
 Array = npt.NDArray[np.float64]
 NEWTON_ROUNDS = 30
@@ -90,6 +92,7 @@ class View:
     lens: LensSettings | None
     n_views: int = 1
     refractive_index: float = 1.0
+    wall: TubeWall | None = None
 
     def __post_init__(self) -> None:
         camera = self.board.camera
@@ -108,7 +111,7 @@ class View:
             self._mirror = (np.array(mirror.point_um) * 1e-3, normal / np.linalg.norm(normal))
 
     def rays(self) -> tuple[Array, Array]:
-        """Origin and direction of every pixel's ray where it reaches the surface, (h, w, 3) each."""
+        """Origin and direction of every pixel's ray on its last way to the surface, (h, w, 3) each."""
         v, u = np.mgrid[: self.height_px, : self.width_px].astype(float)
         place = (np.column_stack([u.ravel(), v.ravel()]) - self._center_px) / self.focal_px
         direction = undistort(self.lens, place) @ self._turn.T
@@ -119,6 +122,8 @@ class View:
             direction = direction - 2 * (direction @ normal)[:, None] * normal
         if self.refractive_index != 1:
             origin, direction = self._refracted(origin, direction)
+        if self.wall is not None:
+            origin, direction = self.wall.refracted(origin, direction)
         shape = (self.height_px, self.width_px, 3)
         return origin.reshape(shape), direction.reshape(shape)
 
@@ -130,7 +135,7 @@ class View:
         return origin + t[:, None] * direction, np.column_stack([sideways, forward])
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Pixels (n, 2) and distance along the axis (n,) of points in front of the pad's back."""
+        """Pixels (n, 2) and distance along the axis (n,) of points before the pad's back or the tube's wall."""
         if self._mirror is not None:
             point, normal = self._mirror
             points = points - 2 * ((points - point) @ normal)[:, None] * normal

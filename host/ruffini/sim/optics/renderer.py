@@ -30,6 +30,7 @@ from ruffini.sim.optics.settings import (
     WhiteRing,
 )
 from ruffini.sim.optics.surface import DeformedSurface, Hits, Surface
+from ruffini.sim.optics.wall import TubeWall
 from ruffini.sim.settings import TwinSettings
 
 Array = npt.NDArray[np.float64]
@@ -100,7 +101,7 @@ class Renderer:
         wanted = twin.view or [ViewSettings()]
         index = twin.gel.index_1e3 * 1e-3 if twin.gel else 1.0
         for settings in wanted:
-            view = View(self.board, settings, twin.lens, len(wanted), index)
+            view = View(self.board, settings, twin.lens, len(wanted), index, self._wall())
             origin, direction = (r.astype(np.float32) for r in view.rays())
             v, u = np.mgrid[: view.height_px, : view.width_px]
             radius2 = (u - view.width_px / 2 + 0.5) ** 2 + (v - view.height_px / 2 + 0.5) ** 2
@@ -111,6 +112,12 @@ class Renderer:
                 seen.openings = Openings(twin.light, self._lattice, hits)
             views.append(seen)
         return views
+
+    def _wall(self) -> TubeWall | None:
+        light, shape = self.twin.light, self.twin.shape
+        if not isinstance(light, Electroluminescent) or not light.window_um:
+            return None
+        return TubeWall(shape.radius_um * 1e-3, light.window_um * 1e-3, light.window_index_1e3 * 1e-3)
 
     def _normalise(self, rest: DeformedSurface) -> tuple[float, float]:
         """Gain that gives the untouched surface its mean level, and the diffuse light before that gain."""

@@ -102,6 +102,8 @@ class Electroluminescent(_Light):
     leak_1e3: PerMille  # through the black mask, of the light in an opening
     blur_um: LengthUm
     tint_1e3: Powers  # B, G, R
+    window_um: Annotated[int, Field(ge=0, le=20_000)] = 0  # wall of the clear tube on which the mask lies; 0: none
+    window_index_1e3: Annotated[int, Field(ge=1000, le=2500)] = 1490  # acrylic
 
 
 Light = Annotated[RgbLeds | WhiteRing | Electroluminescent, Field(discriminator="kind")]

@@ -7,6 +7,7 @@ import pytest
 from ruffini.boards import find_board
 from ruffini.sim.optics.camera import View, rotation
 from ruffini.sim.optics.settings import LensSettings, MirrorSettings, ViewSettings
+from ruffini.sim.optics.wall import TubeWall
 
 RADTAN = LensSettings(model="radtan", coefficients_1e6=[-417_100, 250_100, 900, -1400, 3000])
 FISHEYE = LensSettings(model="fisheye", coefficients_1e6=[80_000, -21_000, 4000, -900])
@@ -90,3 +91,31 @@ def test_refraction_obeys_snell_and_keeps_the_scale_in_the_middle():
     near_middle = on_surface(clear, 162) / on_surface(air, 162)
     assert near_middle == pytest.approx(1, abs=2e-4)
     assert abs(on_surface(clear, 315) - on_surface(air, 315)) > 0.02  # mm: a pinhole cannot follow it
+
+
+def test_rays_bend_in_the_wall_of_a_tube_as_snell_has_it():
+    """In the plane of the axis: tan of the angle from the normal is height over radius, before the wall and in it."""
+    wall = TubeWall(outer_mm=40.0, thickness_mm=2.0, index=1.49)
+    z = np.array([-60.0, 0.0, 60.0])  # where the rays enter
+    angle = np.array([0.3, 2.0, -2.5])
+    pinhole = np.array([0.0, 0.0, -163.0])
+    way = np.column_stack([38 * np.cos(angle), 38 * np.sin(angle), z - pinhole[2]])
+    entry, direction = wall.refracted(np.broadcast_to(pinhole, way.shape), way)
+    np.testing.assert_allclose(entry, pinhole + way, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=1), 1, atol=1e-12)
+    outward = np.column_stack([np.cos(angle), np.sin(angle)])
+    in_air, in_wall = np.arctan((z + 163) / 38), np.arctan2(direction[:, 2], (direction[:, :2] * outward).sum(axis=1))
+    np.testing.assert_allclose(np.sin(in_wall), np.sin(in_air) / 1.49, rtol=1e-12)
+    # Along the tube they go on by less than 2 mm until the outer face; without a wall it would be 5 to 12 mm.
+    along = 2 * np.tan(in_wall)
+    assert ((along > 1.5) & (along < 1.8)).all()
+
+
+def test_rays_beside_the_plane_of_the_axis_keep_their_way_round_and_a_wall_of_air_changes_none():
+    origin, way = np.array([[5.0, -3.0, -10.0]]), np.array([[3.0, 4.0, 5.0]])
+    entry, direction = TubeWall(40.0, 2.0, 1.0).refracted(origin, way)
+    np.testing.assert_allclose(direction, way / np.sqrt(50), atol=1e-12)
+    assert np.hypot(*entry[0, :2]) == pytest.approx(38)
+    _, bent = TubeWall(40.0, 2.0, 1.49).refracted(origin, way)
+    normal = np.array([*entry[0, :2], 0]) / 38
+    np.testing.assert_allclose(1.49 * np.cross(normal, bent[0]), np.cross(normal, direction[0]), atol=1e-12)  # Snell

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from plain_optics import NO_NOISE, PLAIN_SENSOR
+from scipy.optimize import brentq
 
 from ruffini.sim.optics.conditions import Conditions
 
@@ -14,8 +15,16 @@ def test_pressed_opening_is_brighter_by_its_compression_alone(bench):
     one = bench("eltac", **CLEAN, unit={"lattice_shift_um": [0, 0], "lattice_turn_mrad": 0, "friction_1e3": 700})
     a, b = 5.236 + 14 * 10.472 - 125.6635, 5 + 6 * 10 - 60
     before, after = one.picture(), one.picture(one.dent(a, b, 1.5, 12))
-    angle, distance = a / 40, 163 + b
-    plane = 40 / distance * np.array([np.cos(angle), np.sin(angle)])
+    angle = a / 40
+
+    def lands_at(slope):
+        """Height at which the ray of this slope reaches the tube's outer face, through 2 mm of acrylic."""
+        sine = np.cos(np.arctan(slope)) / 1.49  # within the wall, from its normal
+        return 38 / slope - 163 + 2 * sine / np.sqrt(1 - sine**2)
+
+    slope = brentq(lambda s: lands_at(s) - b, 0.1, 0.5)
+    assert slope < 0.97 * 40 / (163 + b)  # without the wall it would be seen at least 7 px further out
+    plane = slope * np.array([np.cos(angle), np.sin(angle)])
     r2 = plane @ plane
     u, v = np.round(976.5 * plane * (1 - 0.4171 * r2 + 0.2501 * r2**2) + [647.6, 357.5]).astype(int)
     assert after[v, u, 0] / before[v, u, 0] == pytest.approx(np.e, rel=0.03)

@@ -37,3 +37,20 @@ def test_unknown_light_names_the_kinds():
     text = (board.folder / "twin.toml").read_text().replace('"rgb_leds"', '"laser"')
     with pytest.raises(InputError, match="'rgb_leds', 'white_ring', 'electroluminescent'"):
         parse_twin(text, "t", board)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("radius_um = 40000", "radius_um = 2000", "thinner than its radius"),
+        ("window_um = 2000", "window_um = -1", "window_um"),
+        ("window_index_1e3 = 1490", "window_index_1e3 = 990", "window_index_1e3"),
+        ('kind = "tube"\nradius_um = 40000', 'kind = "plane"', r"is the wall of \[shape\]"),
+    ],
+)
+def test_a_wall_that_cannot_be_is_refused(old, new, words):
+    board = find_board("eltac")
+    text = (board.folder / "twin.toml").read_text()
+    assert old in text
+    with pytest.raises(InputError, match=words):
+        parse_twin(text.replace(old, new), "t", board)
