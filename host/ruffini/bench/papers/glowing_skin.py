@@ -41,9 +41,9 @@ def judge(board: Board, runs: list[Recorded]) -> dict[str, float]:
     figures |= {f"localisation, indenter {n}": float(np.mean(each)) for n, each in sorted(errors.items())}
     pairs = np.concatenate([_curve(r) for r in runs if r.set_name == "curve"])
     curve = force_curve(pairs[:, 0], pairs[:, 1])
-    points = [r for r in runs if r.set_name == "force" and int(r.run.key[-4:]) not in EDGE_POINTS]
+    points = [_curve(r) for r in runs if r.set_name == "force" and int(r.run.key[-4:]) not in EDGE_POINTS]
     for n, name in AVERAGES.items():
-        figures[f"force, {name}"] = float(np.mean([e for r in points for e in _force_errors(r, curve, n)]))
+        figures[f"force, {name}"] = float(np.mean([e for rows in points for e in _force_errors(rows, curve, n)]))
     for recorded in runs:
         if recorded.set_name == "loops":
             speed = float(str(recorded.run.chosen["speed_um_s"])) * 1e-3
@@ -90,9 +90,9 @@ def _curve(recorded: Recorded) -> Array:
     return np.array([(brightest(brightness(recorded.picture(int(i)), rest))[2], force[i]) for i in recorded.touched])
 
 
-def _force_errors(recorded: Recorded, curve: Array, n: int) -> list[float]:
-    """Relative error (%) at each target that the press reaches."""
-    pairs, errors = _curve(recorded), []
+def _force_errors(pairs: Array, curve: Array, n: int) -> list[float]:
+    """Relative error (%) at each target that a press reaches, of its brightness and force frame by frame."""
+    errors = []
     for target in TARGETS_N:
         reached = np.flatnonzero(pairs[:, 1] >= target)
         if reached.size:
