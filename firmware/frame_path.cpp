@@ -95,14 +95,17 @@ void FramePath::run_displacement() {
       lattice_.markers(),
       is_measured ? std::span<const DisplacementUm>(state_.poisson.depth) : std::span<const DisplacementUm>(),
       state_.displacement.node, state_.saturations);
+  displacement_.mark_filled(lattice_.markers(), state_.displacement.is_filled);
 }
 
 // Of the second pass only: the error model knows no other estimate. Its time counts as that pass's.
 void FramePath::run_uncertainty() {
   if (!state_.uncertainty.is_stated) return;
   const uint64_t start = clock_();
-  node_error_->run(state_.solve.force, state_.uncertainty.node);
-  state_.uncertainty.wrench = wrench_error_->run(state_.wrench, state_.contacts);
+  const std::span<const uint8_t> is_filled = state_.displacement.is_filled;
+  node_error_->run(state_.solve.force, is_filled, state_.uncertainty.node);
+  state_.uncertainty.wrench =
+      wrench_error_->run(state_.wrench, state_.contacts, count_touched(state_.solve.mask, is_filled));
   state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
 }
 
@@ -150,6 +153,7 @@ void FramePath::run_estimators() {
 void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   state_.flags = 0;
   std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
+  std::fill(state_.displacement.is_filled.begin(), state_.displacement.is_filled.end(), uint8_t{0});
   run_solve(true);
   run_estimators();
   run_uncertainty();
@@ -233,6 +237,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
   state_.photometric.slope.resize(static_cast<size_t>(depth_grid_.count()));
   state_.poisson.depth.resize(static_cast<size_t>(depth_grid_.count()));
   state_.displacement.node.resize(n_nodes);
+  state_.displacement.is_filled.resize(n_nodes);
   state_.solve.u.resize(3 * n_nodes);
   state_.solve.wide.resize(3 * n_nodes);
   state_.solve.force.resize(n_nodes);

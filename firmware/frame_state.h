@@ -76,6 +76,7 @@ struct FrameState {
   } poisson;
   struct {
     std::vector<NodeDisplacement> node;  // observed nodes
+    std::vector<uint8_t> is_filled;      // 1: x and y rest on lost markers (image/displacement.h)
   } displacement;
   struct {
     std::vector<int16_t> u;         // displacement, xyz interleaved

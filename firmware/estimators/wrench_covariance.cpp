@@ -3,11 +3,13 @@
 #include <algorithm>
 
 #include "base/fixed.h"
+#include "solve/node_sigma.h"
 
 namespace ruffini {
 namespace {
 
 constexpr int kFactorFraction = 20;
+constexpr int kGrowthFraction = 8;
 constexpr int64_t kUmPerMm = 1'000;
 constexpr int64_t kMostUnlisted = 16;  // counted one by one up to here
 constexpr int64_t kMaxReading = int64_t{1} << 40;
@@ -26,13 +28,23 @@ int64_t limited(int64_t x, int64_t limit = WrenchErrorModel::kMaxSigma) { return
 
 }  // namespace
 
+TouchedNodes count_touched(std::span<const uint8_t> mask, std::span<const uint8_t> is_filled) {
+  TouchedNodes touched;
+  for (size_t i = 0; i < mask.size(); ++i) {
+    if (mask[i] == 0) continue;
+    ++touched.n;
+    touched.n_filled += is_filled[i];
+  }
+  return touched;
+}
+
 Result<WrenchErrorModel> WrenchErrorModel::load(const Calibration& calibration, const PadSettings& pad) {
   auto tensor = calibration.tensor("support.error_wrench", Tensor::Type::kI32, {kParameters / 2, 2});
   if (!tensor) return tensor.error();
   const std::span<const int32_t> values = tensor.value()->as<int32_t>();
   WrenchErrorModel out;
-  const std::array<std::array<int64_t, 2>*, 4> parts = {&out.force_un_, &out.moment_un_mm_, &out.lever_nm_,
-                                                        &out.factor_q20_};
+  const std::array<std::array<int64_t, 2>*, 4> parts = {&out.contact_.force_un, &out.contact_.moment_un_mm,
+                                                        &out.contact_.lever_nm, &out.factor_q20_};
   for (size_t i = 0; i < kParameters; ++i) {
     const size_t row = i / 2;
     if (values[i] < kLowest[row] || values[i] > kHighest[row]) {
@@ -54,38 +66,52 @@ void WrenchErrorModel::add(WrenchCovariance& sum, const Vector& v, int64_t times
   }
 }
 
+// sqrt(1 + kFilledShear share), Q8 rounded down, on what errs with the shear: fx, fy and tz.
+WrenchErrorModel::ContactError WrenchErrorModel::grown(const TouchedNodes& touched) const {
+  ContactError out = contact_;
+  if (touched.n_filled == 0) return out;
+  const int64_t square_q16 = ((touched.n + kFilledShear * touched.n_filled) << (2 * kGrowthFraction)) / touched.n;
+  const int64_t growth_q8 = floor_sqrt(square_q16);
+  const auto grow = [&](int64_t& sigma) { sigma = round_shift(sigma * growth_q8, kGrowthFraction); };
+  grow(out.force_un[0]);
+  grow(out.moment_un_mm[1]);
+  grow(out.lever_nm[1]);
+  return out;
+}
+
 // Errors of a force at (x, y): its wrench about the origin is (F, X x F).
-void WrenchErrorModel::add_contact(WrenchCovariance& sum, int64_t x_um, int64_t y_um, int64_t force_z_un) const {
-  const int64_t x = limited(x_um, kMaxPlace_um);
-  const int64_t y = limited(y_um, kMaxPlace_um);
-  const auto [shear, normal] = force_un_;
-  add(sum, {shear, 0, 0, 0, 0, rounded(-y * shear, kUmPerMm)});
-  add(sum, {0, shear, 0, 0, 0, rounded(x * shear, kUmPerMm)});
+void WrenchErrorModel::add_contact(WrenchCovariance& sum, const ContactError& error, const Contact& contact) {
+  const int64_t x = limited(contact.center_x_um, kMaxPlace_um);
+  const int64_t y = limited(contact.center_y_um, kMaxPlace_um);
+  const auto [shear, normal] = error.force_un;
+  add(sum, {shear, 0, 0, 0, 0, limited(rounded(-y * shear, kUmPerMm))});
+  add(sum, {0, shear, 0, 0, 0, limited(rounded(x * shear, kUmPerMm))});
   add(sum, {0, 0, normal, rounded(y * normal, kUmPerMm), rounded(-x * normal, kUmPerMm), 0});
-  const int64_t pressing = limited(force_z_un, kMaxReading);
+  const int64_t pressing = limited(contact.force_z_un, kMaxReading);
   for (size_t axis = 3; axis < 6; ++axis) {
     const size_t part = axis == 5 ? 1 : 0;
     Vector constant{};
     Vector proportional{};
-    constant[axis] = moment_un_mm_[part];
-    proportional[axis] = limited(rounded(lever_nm_[part] * pressing, kUmPerMm * kUmPerMm));
+    constant[axis] = error.moment_un_mm[part];
+    proportional[axis] = limited(rounded(error.lever_nm[part] * pressing, kUmPerMm * kUmPerMm));
     add(sum, constant);
     add(sum, proportional);
   }
 }
 
 // Half the pad is their arm, in both directions.
-void WrenchErrorModel::add_unlisted(WrenchCovariance& sum, int64_t n_contacts) const {
+void WrenchErrorModel::add_unlisted(WrenchCovariance& sum, const ContactError& error, int64_t n_contacts) const {
   const int64_t n = std::min(n_contacts, kMostUnlisted);
-  const auto [shear, normal] = force_un_;
+  const auto [shear, normal] = error.force_un;
+  const auto [bending, torsion] = error.moment_un_mm;
   const int64_t x_mm = half_x_um_ / kUmPerMm + 1;
   const int64_t y_mm = half_y_um_ / kUmPerMm + 1;
   const Vector each = {shear,
                        shear,
                        normal,
-                       std::max(normal * y_mm, moment_un_mm_[0]),
-                       std::max(normal * x_mm, moment_un_mm_[0]),
-                       std::max(shear * (x_mm + y_mm), moment_un_mm_[1])};
+                       std::max(normal * y_mm, bending),
+                       std::max(normal * x_mm, bending),
+                       std::max(shear * (x_mm + y_mm), torsion)};
   for (size_t i = 0; i < each.size(); ++i) {
     Vector alone{};
     alone[i] = limited(each[i]);
@@ -93,8 +119,10 @@ void WrenchErrorModel::add_unlisted(WrenchCovariance& sum, int64_t n_contacts) c
   }
 }
 
-WrenchCovariance WrenchErrorModel::run(const Wrench& w, const ContactList& contacts) const {
+WrenchCovariance WrenchErrorModel::run(const Wrench& w, const ContactList& contacts,
+                                       const TouchedNodes& touched) const {
   WrenchCovariance sum;
+  const ContactError error = grown(touched);
   const auto part = [](int64_t factor, int64_t reading) {
     return limited(round_shift(factor * limited(reading, kMaxReading), kFactorFraction));
   };
@@ -103,12 +131,9 @@ WrenchCovariance WrenchErrorModel::run(const Wrench& w, const ContactList& conta
   add(sum, {part(shear, w.force_x_un), part(shear, w.force_y_un), 0, 0, 0, part(shear, mm(w.torque_z_un_um))});
   add(sum, {0, 0, part(pressure, w.force_z_un), part(pressure, mm(w.torque_x_un_um)),
             part(pressure, mm(w.torque_y_un_um)), 0});
-  for (int i = 0; i < contacts.n_listed; ++i) {
-    const Contact& contact = contacts.contacts[static_cast<size_t>(i)];
-    add_contact(sum, contact.center_x_um, contact.center_y_um, contact.force_z_un);
-  }
-  if (contacts.n_found == 0) add_contact(sum, 0, 0, 0);
-  if (contacts.n_found > contacts.n_listed) add_unlisted(sum, contacts.n_found - contacts.n_listed);
+  for (int i = 0; i < contacts.n_listed; ++i) add_contact(sum, error, contacts.contacts[static_cast<size_t>(i)]);
+  if (contacts.n_found == 0) add_contact(sum, error, {});
+  if (contacts.n_found > contacts.n_listed) add_unlisted(sum, error, contacts.n_found - contacts.n_listed);
   return sum;
 }
 

@@ -178,4 +178,21 @@ void Displacement::run(std::span<const Marker> markers, std::span<const Displace
   for (size_t node = 0; node < out.size(); ++node) out[node] = at_node(node, depth, saturations);
 }
 
+void Displacement::mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled) const {
+  constexpr int64_t kHalf = int64_t{1} << 27;  // Q28
+  const auto size = [](int64_t weight) { return weight < 0 ? -weight : weight; };
+  for (size_t node = 0; node < is_filled.size(); ++node) {
+    const Taps& tx = taps_x_[node];
+    const Taps& ty = taps_y_[node];
+    int64_t lost = 0;
+    for (size_t j = 0; j < 4; ++j) {
+      for (size_t i = 0; i < 4; ++i) {
+        const Marker& marker = markers[static_cast<size_t>(ty.line[j] * lattice_.n_x + tx.line[i])];
+        if (marker.is_lost) lost += size(ty.weight[j]) * size(tx.weight[i]);
+      }
+    }
+    is_filled[node] = lost >= kHalf ? 1 : 0;
+  }
+}
+
 }  // namespace ruffini

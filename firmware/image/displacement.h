@@ -6,6 +6,9 @@
 //            the board's: kPlaceRounds times  a += (X_node - X(a, b)) / pitch,  X(a, b) interpolated likewise
 //   node:    u_z = depth read at p = c + f (X + u_xy) / (H + u_z), two rounds
 //
+// A node is filled where the markers lost or absent, whose displacement is their neighbours' mean, have at least half of
+// it: sum of their |weights| >= 1/2 of Q14 a tap, Q28 a marker. The weights' plain sum is 1, so the rest knows little.
+//
 // Markers are Lagrangian and depth Eulerian: both readings are at the deformed place. Not in the paper.
 // Frame thread; no allocation after the constructor.
 #pragma once
@@ -37,6 +40,9 @@ class Displacement {
   // `depth` on the depth grid, or empty where depth is not measured (u_z = 0).
   void run(std::span<const Marker> markers, std::span<const DisplacementUm> depth, std::span<NodeDisplacement> out,
            SaturationCounter& saturations);
+
+  // 1 for each node that is filled, else 0; of markers as run() takes them.
+  void mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled) const;
 
   [[nodiscard]] GridSize nodes() const { return nodes_; }
 

@@ -84,40 +84,47 @@ int32_t NodeSigmaModel::sigma_of(const Axis& axis, const Neighbours& around, siz
   return static_cast<int32_t>(std::max<int64_t>(round_shift(floor_sqrt(variance), kTableFraction / 2), 1));
 }
 
-void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<NodeSigma> sigma) const {
-  const auto limited = [](const NodeForce& f) {
-    const auto at_most = [](int64_t v) { return std::clamp(v, -kMaxForce, kMaxForce); };
-    return std::array<int64_t, 3>{at_most(f.x), at_most(f.y), at_most(f.z)};
+// What lies around (x, y); none beyond the grid.
+NodeSigmaModel::Neighbours NodeSigmaModel::look_around(std::span<const NodeForce> force, int x, int y) const {
+  const auto force_at = [&](int u, int v) -> std::array<int64_t, 3> {
+    if (v < 0 || v >= nodes_.n_y || u < 0 || u >= nodes_.n_x) return {};
+    const NodeForce& f = force[static_cast<size_t>(v * nodes_.n_x + u)];
+    const auto at_most = [](int64_t value) { return std::clamp(value, -kMaxForce, kMaxForce); };
+    return {at_most(f.x), at_most(f.y), at_most(f.z)};
   };
-  const Neighbours nothing;
-  const NodeSigma silent{sigma_of(axis_[0], nothing, 0), sigma_of(axis_[0], nothing, 1),
-                         sigma_of(axis_[1], nothing, 2)};
+  Neighbours around;
+  around.force = force_at(x, y);
+  around.is_silent = around.force == std::array<int64_t, 3>{};
+  for (int v = y - 1; v <= y + 1; ++v) {
+    for (int u = x - 1; u <= x + 1; ++u) {
+      if (v == y && u == x) continue;
+      const auto beside = force_at(u, v);
+      for (size_t c = 0; c < 3; ++c) {
+        around.sum[c] += beside[c];
+        around.step[c] = std::max(around.step[c], magnitude(around.force[c] - beside[c]));
+        around.is_silent &= beside[c] == 0;
+      }
+      around.pressure = std::max(around.pressure, magnitude(beside[2]));
+    }
+  }
+  around.weight = std::clamp<int64_t>(-around.force[2], 0, threshold_lsb_) * ContactMask::kFull / threshold_lsb_;
+  return around;
+}
+
+void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8_t> is_filled,
+                         std::span<NodeSigma> sigma) const {
+  const auto sigma_with = [&](const Neighbours& around) {
+    return NodeSigma{sigma_of(axis_[0], around, 0), sigma_of(axis_[0], around, 1), sigma_of(axis_[1], around, 2)};
+  };
+  const NodeSigma silent = sigma_with({});
   size_t i = 0;
   for (int y = 0; y < nodes_.n_y; ++y) {
     for (int x = 0; x < nodes_.n_x; ++x, ++i) {
-      Neighbours around;
-      around.force = limited(force[i]);
-      around.is_silent = around.force == std::array<int64_t, 3>{};
-      for (int v = y - 1; v <= y + 1; ++v) {
-        for (int u = x - 1; u <= x + 1; ++u) {
-          if (v == y && u == x) continue;
-          const bool is_on_grid = v >= 0 && v < nodes_.n_y && u >= 0 && u < nodes_.n_x;
-          const auto beside =
-              is_on_grid ? limited(force[static_cast<size_t>(v * nodes_.n_x + u)]) : std::array<int64_t, 3>{};
-          for (size_t c = 0; c < 3; ++c) {
-            around.sum[c] += beside[c];
-            around.step[c] = std::max(around.step[c], magnitude(around.force[c] - beside[c]));
-            around.is_silent &= beside[c] == 0;
-          }
-          around.pressure = std::max(around.pressure, magnitude(beside[2]));
-        }
-      }
-      if (around.is_silent) {
-        sigma[i] = silent;
-        continue;
-      }
-      around.weight = std::clamp<int64_t>(-around.force[2], 0, threshold_lsb_) * ContactMask::kFull / threshold_lsb_;
-      sigma[i] = {sigma_of(axis_[0], around, 0), sigma_of(axis_[0], around, 1), sigma_of(axis_[1], around, 2)};
+      const Neighbours around = look_around(force, x, y);
+      sigma[i] = around.is_silent ? silent : sigma_with(around);
+      if (is_filled[i] == 0) continue;
+      sigma[i].x *= kFilledShear;
+      sigma[i].y *= kFilledShear;
     }
   }
 }

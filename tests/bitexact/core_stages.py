@@ -127,6 +127,11 @@ class CoreStages:
         )
         return out, int(saturations)
 
+    def filled(self, markers: I32, nodes: tuple[int, int]) -> npt.NDArray[np.uint8]:
+        out = np.zeros(nodes, np.uint8)
+        self._lib.stages_filled(self._handle, _pointer(markers, np.int32), _pointer(out, np.uint8))
+        return out
+
     def slip(
         self, mask: npt.NDArray[np.uint8], force: I32, displacement: npt.NDArray[np.int16]
     ) -> tuple[npt.NDArray[np.uint8], list[list[int]]]:

@@ -203,6 +203,12 @@ int64_t stages_displacement(Stages* stages, const int32_t* markers, const int16_
   return static_cast<int64_t>(saturations.count);
 }
 
+void stages_filled(Stages* stages, const int32_t* markers, uint8_t* out) {
+  const std::vector<Marker> lattice = get_markers(markers, stages->board.markers.lattice.count());
+  stages->displacement.learn(lattice);
+  stages->displacement.mark_filled(lattice, {out, static_cast<size_t>(stages->displacement.nodes().count())});
+}
+
 // `out` has a row a listed contact: state, ratio, friction, sigma, share, margin. Returns how many.
 int stages_slip(void* handle, const uint8_t* mask, const int32_t* force, const int16_t* displacement, uint8_t* plane,
                 int64_t* out) {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import numpy as np
 import numpy.typing as npt
@@ -10,13 +10,16 @@ import pytest
 from conftest import board_text, small_board
 from core_stages import CoreStages
 from mirror.board import Board, center_q16, depth_grid, observed_nodes
-from mirror.displacement import displacement
+from mirror.displacement import displacement, filled
 from mirror.dots import detect_dots
 from mirror.fixed import Saturations
 from mirror.light import difference, grey, reciprocal, rest_image
-from mirror.markers import ABSENT, DX, DY, Lattice
+from mirror.markers import ABSENT, DX, DY, LOST, Lattice
 from mirror.photometric import cell_slope, marker_mask, pixel_slope, upsample
 from mirror.poisson import cos_pi_q30, poisson
+
+from ruffini.bench.markers import NodesOnLattice, fill_lost
+from ruffini.boards import parse_board
 
 OpenStages = Callable[[str], tuple[CoreStages, Board]]
 
@@ -31,8 +34,10 @@ def frame_shape(board: Board) -> tuple[int, int, int]:
     return board["camera"]["height_px"], board["camera"]["width_px"], 3
 
 
-def render(board: Board, rng: np.random.Generator, moved_px: float) -> npt.NDArray[np.uint8]:
-    """A noisy frame with the board's dots, each moved by up to `moved_px` along each axis."""
+def render(
+    board: Board, rng: np.random.Generator, moved_px: float, hidden: Collection[int] = ()
+) -> npt.NDArray[np.uint8]:
+    """A noisy frame with the board's dots but the hidden ones, each moved by up to `moved_px` along each axis."""
     height, width, _ = frame_shape(board)
     camera, m = board["camera"], board["markers"]
     y, x = np.mgrid[:height, :width]
@@ -48,6 +53,8 @@ def render(board: Board, rng: np.random.Generator, moved_px: float) -> npt.NDArr
                 + rng.uniform(-moved_px, moved_px)
                 for a, n in (("x", i), ("y", j))
             ]
+            if j * m["n_x"] + i in hidden:
+                continue
             distance = np.hypot(x - place[0], y - place[1])
             level = level + depth * np.clip(radius + 0.5 - distance, 0, 1)
     noisy = level[..., None] + rng.normal(0, 2, frame_shape(board))
@@ -215,3 +222,38 @@ def test_displacement(open_stages: OpenStages, text: str, has_depth: bool, moved
     out, n_saturated = core.displacement(markers, depth if has_depth else None, nodes)
     assert np.array_equal(out, expected)
     assert n_saturated == saturations.count
+
+
+@pytest.mark.parametrize("text", [*SIZES, board_text("gelslim"), board_text("gelsight-mini")])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.4, 1.0])
+def test_nodes_that_rest_on_lost_markers(open_stages: OpenStages, text: str, share: float) -> None:
+    core, board = open_stages(text)
+    rng = np.random.default_rng(8)
+    markers = random_markers(board, rng, 150_000)
+    markers[:, LOST] = rng.permutation(len(markers)) < share * len(markers)
+    nodes = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
+    out = core.filled(markers, nodes)
+    assert np.array_equal(out, filled(board, markers))
+    assert out.all() if share == 1 else (out.any() == (share > 0) and not out.all())
+
+
+def test_the_benchmarks_float_twin_fills_and_interpolates_like_the_core(open_stages: OpenStages) -> None:
+    core, board = open_stages(board_text("gelslim"))
+    typed = parse_board(board_text("gelslim").encode(), "gelslim")
+    assert typed.markers is not None
+    m = board["markers"]
+    rng = np.random.default_rng(12)
+    n = m["n_x"] * m["n_y"]
+    rest = Lattice(board).nominal
+    moved = rng.integers(-150_000, 150_000, (n, 2))
+    is_lost = rng.permutation(n) < n // 4
+    dots = np.hstack([rest, np.full((n, 1), 30)]).astype(np.int32)
+    assert core.learn_markers(dots, n)[1] == n
+    dots[:, :2] += moved.astype(np.int32)
+    rows, n_lost = core.track_markers(dots[~is_lost], n)
+    assert n_lost == is_lost.sum()
+    out, _ = core.displacement(rows, None, (board["grid"]["n_y"], board["grid"]["n_x"]))
+    um_per_px = board["camera"]["standoff_um"] / (board["camera"]["focal_mpx"] / 1000)
+    u = fill_lost(moved.reshape(m["n_y"], m["n_x"], 2) / 65536 * um_per_px, is_lost.reshape(m["n_y"], m["n_x"]))
+    expected = NodesOnLattice(typed, typed.markers).interpolate(u)
+    np.testing.assert_allclose(out[..., :2] / 8, expected, atol=0.3)  # of 150 um

@@ -6,7 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from mirror.board import Board, read_board
+from mirror.displacement import filled
 from mirror.estimators import wrench
+from mirror.markers import LOST, X, Y
 from mirror.uncertainty import (
     LISTED,
     QUIET,
@@ -17,7 +19,8 @@ from mirror.uncertainty import (
     wrench_covariance,
 )
 from scipy.ndimage import gaussian_filter
-from test_frame_path import board_with_all_stages, photometric_tables
+from test_frame_path import board_with_all_stages, dent, photometric_tables
+from test_stages import render
 
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
@@ -60,13 +63,22 @@ def drawn(rng: np.random.Generator, *, largest: bool) -> Tensors:
     return {f"support.error_{name}": tables[name].astype(np.int32) for name in NAMES}
 
 
-def expected(board: Board, tables: Tensors, mask: npt.NDArray[np.uint8], force: npt.NDArray[np.int32]) -> tuple:
+def expected(
+    board: Board,
+    tables: Tensors,
+    mask: npt.NDArray[np.uint8],
+    force: npt.NDArray[np.int32],
+    is_filled: npt.NDArray[np.bool_] | None = None,
+) -> tuple:
     errors = ErrorTables(*(tables[f"support.error_{name}"].astype(np.int32) for name in NAMES))
     steps = force.astype(np.int64).reshape(-1, 3)
     touches = touches_of(board, mask.astype(np.int64), steps)
     threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
-    sigma = node_sigma(errors, steps, mask.shape, threshold)
-    return sigma, wrench_covariance(errors, board, wrench(board, steps), touches[:LISTED], len(touches)), len(touches)
+    is_filled = np.zeros(mask.shape, np.bool_) if is_filled is None else is_filled
+    sigma = node_sigma(errors, steps, is_filled, mask.shape, threshold)
+    of_touched = (int((mask > 0).sum()), int((is_filled & (mask > 0)).sum()))
+    covariance = wrench_covariance(errors, board, wrench(board, steps), touches[:LISTED], len(touches), of_touched)
+    return sigma, covariance, len(touches)
 
 
 def displacements(rng: np.random.Generator, shape: tuple[int, int]) -> npt.NDArray[np.int16]:
@@ -113,6 +125,34 @@ def test_as_the_mirror_on_any_tables_and_positive_semi_definite(
     assert 0 in counts
     assert 1 in counts
     assert max(counts) > LISTED
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_lost_markers_under_a_contact_are_stated(base: tuple[Tensors, dict[str, str]], seed: int) -> None:
+    """Of whole frames with dots missing in a contact, as the mirror says."""
+    typed, board = parse_board(TEXT.encode(), "small"), read_board(TEXT)
+    rng = np.random.default_rng(seed)
+    tables = drawn(rng, largest=seed == 0)
+    n_filled = 0
+    with Pipeline(typed, pack({**base[0], **tables}, base[1]).data) as core:
+        core.set_rest(render(board, np.random.default_rng(7), 0.0))
+        for t in range(4, 10):
+            lost = {7, int(rng.choice([6, 8]))} if t % 2 else set()  # 7: the middle one, in the dent
+            moved = render(board, np.random.default_rng(100 + t), 0.05 * t, lost) * (1 + 4 * dent(board, t))
+            frame = core.process(np.clip(np.round(moved), 0, 255).astype(np.uint8))
+            assert (frame.n_markers_lost > 0) == bool(lost)  # the dent's shade may pass for one dot
+            rest, _, flags = core.markers()
+            rows = np.zeros((flags.size, 6), np.int64)
+            rows[:, [X, Y]] = np.round(rest.reshape(-1, 2) * 65536)
+            rows[:, LOST] = flags.ravel() != 0
+            where = filled(board, rows)
+            sigma, covariance = core.sigma()
+            mask = core.raw("mask")
+            want_sigma, want_covariance, _ = expected(board, tables, mask, core.raw("force"), where)
+            assert np.array_equal(sigma.reshape(-1, 3), want_sigma)
+            assert np.array_equal(covariance, want_covariance)
+            n_filled += int((where & (mask > 0)).sum())
+    assert n_filled > 3
 
 
 def test_integers_follow_the_float_model(base: tuple[Tensors, dict[str, str]]) -> None:

@@ -4,6 +4,7 @@
 
 #include "support/dot_picture.h"
 #include "support/test_board.h"
+#include "support/test_calibration.h"
 
 namespace ruffini {
 namespace {
@@ -98,6 +99,68 @@ TEST(FramePath, APadWithoutDotsIsNotThisBoard) {
   const std::vector<uint8_t> blank(160 * 120 * 3, 120);
   for (int i = 0; i < 3; ++i) sensor.show(blank);
   EXPECT_TRUE(sensor.show(blank).flags & kFlagMarkersLost);
+}
+
+// A pressed pad whose calibration states its uncertainty.
+struct PressedSensor {
+  PressedSensor() {
+    board.stages = known_stages();
+    auto file = CalibrationFile::load(test::diagonal_calibration(board));
+    EXPECT_TRUE(file.has_value());
+    path = std::move(FramePath::configure(board, file.value(), fake_clock)).value();
+    for (int i = 0; i < board.n_rest_frames; ++i) show(test::nominal_dots(board), 0);
+  }
+  // All dots moved by two pixels but the `hidden` one; shaded as by a dent in the middle.
+  const FrameState& press(int hidden) {
+    auto dots = test::nominal_dots(board);
+    for (test::Place& p : dots) p.x += 2;
+    if (hidden >= 0) dots.erase(dots.begin() + hidden);
+    return show(dots, 1);
+  }
+
+  BoardSettings board = test::round_board();
+  std::unique_ptr<FramePath> path;
+
+ private:
+  const FrameState& show(const std::vector<test::Place>& dots, int steep) {
+    const int width = board.camera.width_px;
+    const int height = board.camera.height_px;
+    std::vector<uint8_t> pixels = DotPicture{.noise = 0}.bgr(dots, 1);
+    for (int i = 0; i < width * height; ++i) {
+      const int dx = i % width - width / 2;
+      const int dy = i / width - height / 2;
+      if (dx * dx + dy * dy > height * height / 16) continue;
+      uint8_t* pixel = &pixels[static_cast<size_t>(3 * i)];
+      pixel[0] = static_cast<uint8_t>(std::clamp(pixel[0] + steep * dx, 0, 255));
+      pixel[1] = static_cast<uint8_t>(std::clamp(pixel[1] + steep * dy, 0, 255));
+    }
+    return path->process({pixels.data(), width, height, 3, ptrdiff_t{3} * width});
+  }
+};
+
+TEST(FramePath, ALostMarkerMakesShearLessSureThereAndLeavesTheForceNearWhatItWas) {
+  PressedSensor sensor;
+  const FrameState whole = sensor.press(-1);
+  ASSERT_TRUE(whole.uncertainty.is_stated);
+  ASSERT_EQ(whole.contacts.n_found, 1);
+  const int hidden = 3 * 9 + 4;  // the middle one, upon node (8, 6)
+  const FrameState& fewer = sensor.press(hidden);
+  ASSERT_EQ(fewer.markers.n_lost, 1);
+  ASSERT_TRUE(fewer.uncertainty.is_stated);
+  const size_t middle = 6 * 17 + 8;
+  for (size_t i = 0; i < whole.solve.force.size(); ++i) {
+    const bool is_there = i == middle;
+    EXPECT_EQ(fewer.displacement.is_filled[i] != 0, is_there) << i;
+    const int64_t limit = 400;  // steps of 20,000: the dent's slopes make 2 % of a dot's place
+    EXPECT_NEAR(fewer.solve.force[i].x, whole.solve.force[i].x, limit) << i;
+    EXPECT_NEAR(fewer.uncertainty.node[i].z, whole.uncertainty.node[i].z, limit) << i;
+    const double growth = fewer.uncertainty.node[i].x / static_cast<double>(whole.uncertainty.node[i].x);
+    EXPECT_NEAR(growth, is_there ? 2 : 1, 0.1) << i;
+  }
+  EXPECT_GT(whole.solve.force[middle].x, 20'000);  // 200 um x 8 x 20
+  EXPECT_GT(fewer.uncertainty.wrench.upper[0], whole.uncertainty.wrench.upper[0]);
+  sensor.press(-1);
+  EXPECT_EQ(fewer.uncertainty.wrench.upper[0], whole.uncertainty.wrench.upper[0]) << "it must recover";
 }
 
 TEST(FramePath, TimesEveryStageThatRan) {

@@ -16,12 +16,14 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
 from ruffini.bench import coverage
+from ruffini.bench.markers import LostMarkers, NodesOnLattice
 from ruffini.bench.states import JUDGED, LIGHT_N, TUNED, State, make_states
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.error_model import N_TOUCHES, node_places
 from ruffini.calibrate.operator import board_slab, make_operator
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.errors import InputError
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import Noise, ridge_operator
 from ruffini.fem.sparse import SparseEstimator
@@ -188,17 +190,30 @@ class Methods:
 
 
 def evaluate(
-    methods: Methods, states: list[State], disturbance: Disturbance, n_seeds: int, names: tuple[str, ...] | None = None
+    methods: Methods,
+    states: list[State],
+    disturbance: Disturbance | LostMarkers,
+    n_seeds: int,
+    names: tuple[str, ...] | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Mean scores of each method; every method sees the same noise."""
+    """Mean scores of each method; every method sees the same noise, and the same markers."""
     table = {name: Scores() for name in names or methods.all()}
     estimates = methods.all()
     for i, state in enumerate(states):
         for seed in range(n_seeds):
-            u = state.displacement + disturbance.draw(methods.shape, np.random.default_rng((7, i, seed)))
+            u = observed(methods.board, state, disturbance, np.random.default_rng((7, i, seed)))
             for name, scores in table.items():
                 scores.add(state, estimates[name](u), methods.step_mm)
     return {name: scores.means() for name, scores in table.items()}
+
+
+def observed(board: Board, state: State, disturbance: Disturbance | LostMarkers, rng: np.random.Generator) -> Array:
+    """What the methods see of a state, (n_y, n_x, 3) m."""
+    if isinstance(disturbance, Disturbance):
+        return state.displacement + disturbance.draw(state.displacement.shape, rng)
+    if board.markers is None or state.at_markers is None:
+        raise InputError(f"board {board.name!r} has no [markers] to lose: ask for another disturbance")
+    return disturbance.observe(NodesOnLattice(board, board.markers), state.displacement, state.at_markers, rng)
 
 
 def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progress = lambda _: None) -> dict[str, Any]:
@@ -222,7 +237,7 @@ def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progre
             "board": board.name, "simulated": True, "quick": quick, "truth": truth,
             "states": len(heavy), "seeds": n_seeds, "noise_um": WHITE_UM,
             "weights": {"ridge": methods.ridge_weight, "sparse": methods.sparse_weight},
-            "accuracy": {}, "strain": {}, "noise": {}, "model_error": {},
+            "accuracy": {}, "strain": {}, "noise": {}, "markers": {}, "model_error": {},
         }  # fmt: skip
         for depth in depths:
             chosen = [s for s in heavy if s.depth_mm == depth]
@@ -239,6 +254,11 @@ def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progre
                 result["noise"][f"correlated {level:g} um"] = evaluate(
                     methods, middle, Disturbance(correlated_um=(level / 4, level / 4, level)), n_seeds
                 )
+        progress(0.75)
+        for share in () if board.markers is None else (0.0, 0.1) if quick else (0.0, 0.05, 0.1, 0.2):
+            result["markers"][f"lost markers {100 * share:g} %"] = evaluate(
+                methods, middle, LostMarkers(share, WHITE_UM), n_seeds
+            )
         progress(0.8)
         for name, error in ({} if quick or truth == "finite" else MODEL_ERRORS).items():
             wrong = make_states(board, JUDGED, (0.6,), error)
@@ -292,9 +312,14 @@ def tables(result: dict[str, Any]) -> str:
     ]
     columns = {"tangential": 11, "normal": 9, "false shear": 13, "resultant": 11, "moment": 11, "shape": 8, "peak": 7}
     head = " " * 18 + "".join(f"{name:>{width}}" for name, width in columns.items())
-    for title in ("accuracy", "noise", "model_error"):
+    conditions = {
+        "accuracy": "noise 5/5/20 um",
+        "noise": "0.6 mm",
+        "markers": "0.6 mm, noise 5/5 um at the markers and 20 um at the nodes",
+        "model_error": "0.6 mm, noise 5/5/20 um",
+    }
+    for title, what in conditions.items():
         for condition, methods in result[title].items():
-            what = {"accuracy": "noise 5/5/20 um", "noise": "0.6 mm", "model_error": "0.6 mm, noise 5/5/20 um"}[title]
             lines += ["", f"{condition}, {what}", head]
             for name, m in methods.items():
                 lines.append(

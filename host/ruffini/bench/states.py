@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.bench.markers import marker_places
 from ruffini.boards import Board
 from ruffini.sim.cache import cached_state
 from ruffini.sim.contact import ContactSolver, Indenter, Pose, advance_together
@@ -55,12 +56,16 @@ class Recipe:
 
 @dataclass(frozen=True)
 class State:
-    """Truth of one state on the board's node grid: force (n_y, n_x, 3) N, displacement (n_y, n_x, 3) m."""
+    """Truth of one state on the board's node grid: force (n_y, n_x, 3) N, displacement (n_y, n_x, 3) m.
+
+    `at_markers` is the displacement of the board's markers, (lattice rows, columns, 3) m; None without markers.
+    """
 
     recipe: Recipe
     depth_mm: float
     force: Array
     displacement: Array
+    at_markers: Array | None = None
 
     @property
     def resultant_n(self) -> float:
@@ -120,7 +125,7 @@ def make_states(
     for i, recipe in enumerate(recipes):
         for k, depth in enumerate(depths_mm):
             solved = _superposed(unit, recipe, depth) if truth == "linear" else _together(unit, recipe, depth)
-            states.append(State(recipe, depth, solved["force"], solved["displacement"]))
+            states.append(State(recipe, depth, solved["force"], solved["displacement"], solved.get("at_markers")))
             progress(share + (1 - share) * (i + (k + 1) / len(depths_mm)) / len(recipes))
     return states
 
@@ -149,14 +154,19 @@ def _together(unit: TwinUnit, recipe: Recipe, depth_mm: float) -> dict[str, Arra
             advance_together(solvers, [path[min(k, len(path) - 1)] for path in paths])
         return _on_board(unit, np.sum([solver.hat_force for solver in solvers], axis=0), response.surface)
 
-    grid = unit.board.grid
-    friction = unit.twin.unit.friction_1e3
-    return cached_state(repr((unit.model, friction, recipe.touches, depth_mm, grid.n_x, grid.n_y)), solve)
+    board, friction = unit.board, unit.twin.unit.friction_1e3
+    places = None if board.markers is None else [line.tolist() for line in marker_places(board, board.markers)]
+    key = (unit.model, friction, recipe.touches, depth_mm, board.grid.n_x, board.grid.n_y, places)
+    return cached_state(repr(key), solve)
 
 
 def _on_board(unit: TwinUnit, hats: Array, displacement: Array) -> dict[str, Array]:
-    grid = unit.board.grid
-    return {"force": on_grid(unit.model, hats, grid.n_x, grid.n_y), "displacement": unit.at_nodes(displacement)}
+    board = unit.board
+    force = on_grid(unit.model, hats, board.grid.n_x, board.grid.n_y)
+    out = {"force": force, "displacement": unit.at_nodes(displacement)}
+    if board.markers is not None:
+        out["at_markers"] = unit.at_places(displacement, *marker_places(board, board.markers))
+    return out
 
 
 def _solver(unit: TwinUnit, touch: Touch, response: Response) -> ContactSolver:

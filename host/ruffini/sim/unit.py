@@ -144,6 +144,11 @@ class TwinUnit:
         node_x, node_y = self.model.node_x(), self.model.node_y()
         x = np.linspace(node_x[0], node_x[-1], self.board.grid.n_x)
         y = np.linspace(node_y[0], node_y[-1], self.board.grid.n_y)
+        return self.at_places(displacement, x, y)
+
+    def at_places(self, displacement: Array, x: Array, y: Array) -> Array:
+        """Surface displacement where columns x and rows y cross, metres from the pad's centre, (len(y), len(x), 3)."""
+        node_x, node_y = self.model.node_x(), self.model.node_y()
         field = displacement.reshape(*self.model.shape, 3)
         return np.stack([RectBivariateSpline(node_y, node_x, field[:, :, c])(y, x) for c in range(3)], axis=-1)
 

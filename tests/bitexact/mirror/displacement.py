@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from mirror.board import Board, center_q16, depth_grid, observed_nodes
 from mirror.fixed import I64, Saturations, round_shift
-from mirror.markers import DX, DY, X, Y
+from mirror.markers import DX, DY, LOST, X, Y
 
 ONE = 16384  # Q14
 PLACE_ROUNDS = 8
@@ -119,15 +119,30 @@ def _place_on_lattice(board: Board, rest: I64) -> tuple[I64, I64, I64, I64]:
     return node_x, node_y, a, b
 
 
+def _rest(board: Board, markers: npt.NDArray[np.integer]) -> I64:
+    """Rest places from the pad's centre, (lattice rows, columns, 2), 1/8 micrometre."""
+    place = markers[:, [X, Y]].astype(np.int64)
+    place -= np.array([center_q16(board, "x"), center_q16(board, "y")])
+    rest = _to_pad_q3(board, place * board["camera"]["standoff_um"] * 8)
+    return rest.reshape(board["markers"]["n_y"], board["markers"]["n_x"], 2)
+
+
+def filled(board: Board, markers: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
+    """Nodes, (rows, columns), whose lost markers' |weights| sum to at least one half."""
+    m = board["markers"]
+    _, _, a, b = _place_on_lattice(board, _rest(board, markers))
+    lost = (markers[:, LOST] != 0).reshape(m["n_y"], m["n_x"]).astype(np.int64)
+    weight = np.einsum("nj,ni,ji->n", np.abs(tap_weights(b, m["n_y"])), np.abs(tap_weights(a, m["n_x"])), lost)
+    shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
+    return np.asarray(2 * weight >= ONE * ONE).reshape(shape)
+
+
 def displacement(board: Board, markers: npt.NDArray[np.integer], depth: I64 | None, saturations: Saturations) -> I64:
     """(node rows, node columns, 3), 1/8 micrometre."""
     m, camera = board["markers"], board["camera"]
     lattice = (m["n_y"], m["n_x"])
     u = marker_displacement(board, markers, depth, saturations).reshape(*lattice, 3)
-    place = markers[:, [X, Y]].astype(np.int64)
-    place -= np.array([center_q16(board, "x"), center_q16(board, "y")])
-    rest = _to_pad_q3(board, place * camera["standoff_um"] * 8).reshape(*lattice, 2)
-    node_x, node_y, a, b = _place_on_lattice(board, rest)
+    node_x, node_y, a, b = _place_on_lattice(board, _rest(board, markers))
     nodes = _interpolate(board, a, b, u)
     if depth is not None:
         assert depth.shape == depth_grid(board)

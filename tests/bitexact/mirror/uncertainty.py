@@ -40,8 +40,10 @@ class Touch:
     force_z_un: int
 
 
-def node_sigma(tables: ErrorTables, force: I64, shape: tuple[int, int], threshold_lsb: int) -> I64:
-    """(n_nodes, 3) in force steps."""
+def node_sigma(
+    tables: ErrorTables, force: I64, filled: npt.NDArray[np.bool_], shape: tuple[int, int], threshold_lsb: int
+) -> I64:
+    """(n_nodes, 3) in force steps; `filled` of that shape."""
     limited = np.clip(force, -LARGEST_FORCE, LARGEST_FORCE).reshape(*shape, 3)
     padded = np.pad(limited, ((1, 1), (1, 1), (0, 0)))
     places = [(dy, dx) for dy in range(3) for dx in range(3) if (dy, dx) != (1, 1)]
@@ -63,7 +65,7 @@ def node_sigma(tables: ErrorTables, force: I64, shape: tuple[int, int], threshol
         local = reading * f * f
         local += by_contrast * ((weight * contrast + 64) >> 7)
         local += by_step * ((weight * int(step[y, x, c]) ** 2 + 64) >> 7)
-        out[y, x, c] = max((isqrt(variance + (local >> 8)) + 8) >> 4, 1)
+        out[y, x, c] = max((isqrt(variance + (local >> 8)) + 8) >> 4, 1) * (2 if c < 2 and filled[y, x] else 1)
     return out.reshape(-1, 3)
 
 
@@ -106,9 +108,19 @@ def _limited(x: int, limit: int = LARGEST_SIGMA) -> int:
     return max(-limit, min(limit, x))
 
 
-def wrench_covariance(tables: ErrorTables, board: Board, wrench: list[int], touches: list[Touch], n_found: int) -> I64:
-    """(21,) upper triangle by rows, (uN, uN mm)^2; `touches` are the listed ones."""
+def wrench_covariance(
+    tables: ErrorTables,
+    board: Board,
+    wrench: list[int],
+    touches: list[Touch],
+    n_found: int,
+    of_touched: tuple[int, int] = (0, 0),
+) -> I64:
+    """(21,) upper triangle by rows, (uN, uN mm)^2; `touches` are the listed ones, `of_touched` nodes: all, filled."""
     (shear, normal), moment, lever, factor = ([int(v) for v in row] for row in tables.wrench)
+    n_touched, n_filled = of_touched
+    growth_q8 = isqrt(((n_touched + 6 * n_filled) << 16) // n_touched) if n_filled else 256
+    shear, moment[1], lever[1] = ((v * growth_q8 + 128) >> 8 for v in (shear, moment[1], lever[1]))
     vectors: list[tuple[int, list[int]]] = []
 
     def part(which: int, reading: int) -> int:
@@ -119,8 +131,8 @@ def wrench_covariance(tables: ErrorTables, board: Board, wrench: list[int], touc
     vectors.append((1, [0, 0, part(1, fz), part(1, tx), part(1, ty), 0]))
     for touch in touches if n_found else [Touch(0, 0, 0)]:
         x, y = _limited(touch.x_um, LARGEST_PLACE), _limited(touch.y_um, LARGEST_PLACE)
-        vectors.append((1, [shear, 0, 0, 0, 0, _rounded(-y * shear, 1000)]))
-        vectors.append((1, [0, shear, 0, 0, 0, _rounded(x * shear, 1000)]))
+        vectors.append((1, [shear, 0, 0, 0, 0, _limited(_rounded(-y * shear, 1000))]))
+        vectors.append((1, [0, shear, 0, 0, 0, _limited(_rounded(x * shear, 1000))]))
         vectors.append((1, [0, 0, normal, _rounded(y * normal, 1000), _rounded(-x * normal, 1000), 0]))
         for axis, which in ((3, 0), (4, 0), (5, 1)):
             arm = _limited(_rounded(lever[which] * _limited(touch.force_z_un, LARGEST_READING), 10**6))

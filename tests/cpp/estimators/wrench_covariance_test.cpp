@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstring>
+#include <utility>
 
 #include "support/calibration_bytes.h"
 
@@ -93,6 +95,28 @@ TEST(WrenchCovariance, ContactsAddUpAndUnlistedOnesCount) {
   EXPECT_GT(at(more, 4, 4), at(c, 4, 4) + 3 * 100 * 49'000'000LL);  // half the pad is 10 mm
 }
 
+TEST(WrenchCovariance, TheShearOfFilledNodesErrsMore) {
+  const WrenchErrorModel model = load(parameters()).value();
+  const ContactList touch = one_contact(3'000, 0, -1'000'000);
+  const WrenchCovariance whole = model.run({}, touch, {.n = 40, .n_filled = 0});
+  EXPECT_EQ(whole, model.run({}, touch));
+  const WrenchCovariance half = model.run({}, touch, {.n = 40, .n_filled = 20});  // 1 + 6 / 2: twice the sigma
+  for (const auto& [i, j] : {std::pair{0, 0}, {1, 1}, {5, 5}, {1, 5}}) {
+    EXPECT_EQ(at(half, static_cast<size_t>(i), static_cast<size_t>(j)),
+              4 * at(whole, static_cast<size_t>(i), static_cast<size_t>(j)));
+  }
+  for (const size_t pressure : {2U, 3U, 4U}) EXPECT_EQ(at(half, pressure, pressure), at(whole, pressure, pressure));
+  const WrenchCovariance fifth = model.run({}, touch, {.n = 40, .n_filled = 8});
+  EXPECT_NEAR(std::sqrt(static_cast<double>(at(fifth, 0, 0)) / static_cast<double>(at(whole, 0, 0))), 1.48, 0.01);
+}
+
+TEST(WrenchCovariance, CountsTheTouchedNodesAndTheFilledOnesAmongThem) {
+  const TouchedNodes touched =
+      count_touched(std::vector<uint8_t>{0, 1, 128, 5, 0}, std::vector<uint8_t>{1, 0, 1, 1, 0});
+  EXPECT_EQ(touched.n, 3);
+  EXPECT_EQ(touched.n_filled, 2);
+}
+
 TEST(WrenchCovariance, LargestNumbersDoNotOverflow) {
   const WrenchErrorModel model = load({1 << 20, 1 << 20, 1 << 24, 1 << 24, 1 << 20, 1 << 20, 1 << 20, 1 << 20}).value();
   constexpr int64_t kFar = int64_t{1} << 60;
@@ -101,7 +125,7 @@ TEST(WrenchCovariance, LargestNumbersDoNotOverflow) {
   for (Contact& contact : list.contacts) contact = {.center_x_um = kFar, .center_y_um = -kFar, .force_z_un = -kFar};
   list.n_listed = ContactList::kMax;
   list.n_found = 100'000;
-  const WrenchCovariance c = model.run(wrench, list);
+  const WrenchCovariance c = model.run(wrench, list, {.n = 12'000, .n_filled = 12'000});
   for (size_t i = 0; i < 6; ++i) {
     EXPECT_GT(at(c, i, i), 0) << i;
     for (size_t j = i + 1; j < 6; ++j) {

@@ -119,6 +119,27 @@ TEST(Displacement, DepthIsReadWhereTheNodeHasMovedTo) {
   }
 }
 
+TEST(Displacement, ANodeIsFilledWhereLostMarkersHaveHalfOfItsWeight) {
+  const BoardSettings board = test::round_board();
+  std::vector<Marker> m = markers(board, [](double, double) { return std::pair{0.0, 0.0}; });
+  Displacement stage(board);
+  stage.learn(m);
+  std::vector<uint8_t> is_filled(static_cast<size_t>(stage.nodes().count()));
+  const auto filled_nodes = [&] {
+    stage.mark_filled(m, is_filled);
+    return std::count(is_filled.begin(), is_filled.end(), 1);
+  };
+  EXPECT_EQ(filled_nodes(), 0);
+  m[3 * 9 + 4].is_lost = true;  // upon node (8, 6); a node 2/3 of a pitch away has a third of its weight there
+  EXPECT_EQ(filled_nodes(), 1);
+  EXPECT_EQ(is_filled[6 * 17 + 8], 1);
+  m[3 * 9 + 5].is_lost = true;  // between nodes (9, 6) and (10, 6), a third of a pitch from each
+  EXPECT_EQ(filled_nodes(), 3);
+  EXPECT_EQ(is_filled[6 * 17 + 9] + is_filled[6 * 17 + 10], 2);
+  for (Marker& marker : m) marker.is_lost = true;
+  EXPECT_EQ(filled_nodes(), 17 * 13);
+}
+
 TEST(Displacement, OnlyNodesInsideTheWindowAreReported) {
   BoardSettings board = test::round_board();
   board.window = {.min_x_um = 1'500, .min_y_um = 2'000, .max_x_um = 14'000, .max_y_um = 9'999};

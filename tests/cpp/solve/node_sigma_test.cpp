@@ -41,10 +41,11 @@ class Loaded {
   Calibration calibration_;
 };
 
-std::vector<NodeSigma> sigma_of(const Tables& tables, const std::vector<NodeForce>& force) {
+std::vector<NodeSigma> sigma_of(const Tables& tables, const std::vector<NodeForce>& force,
+                                const std::vector<uint8_t>& is_filled = std::vector<uint8_t>(20)) {
   const Loaded loaded(tables);
   std::vector<NodeSigma> out(force.size());
-  loaded.model().value().run(force, out);
+  loaded.model().value().run(force, is_filled, out);
   return out;
 }
 
@@ -94,6 +95,22 @@ TEST(NodeSigma, AddsReadingContrastAndStepInSquares) {
   std::vector<NodeForce> force = one_pressed({0, 0, -600});
   for (NodeForce& f : force) f.z -= 400;
   EXPECT_EQ(sigma_of(tables, force)[7].z, 600);
+}
+
+TEST(NodeSigma, IsTwiceAsLargeForTheShearOfFilledNodesAndNowhereElse) {
+  Tables tables;
+  tables.local = {1 << 14, 0, 0, 1 << 14, 0, 0};
+  const std::vector<NodeForce> force = one_pressed({800, -600, -600});
+  std::vector<uint8_t> is_filled(20);
+  is_filled[7] = is_filled[19] = 1;  // the pressed one, and one that is silent
+  const auto whole = sigma_of(tables, force);
+  const auto filled = sigma_of(tables, force, is_filled);
+  for (size_t i = 0; i < filled.size(); ++i) {
+    EXPECT_EQ(filled[i].x, (1 + is_filled[i]) * whole[i].x) << i;
+    EXPECT_EQ(filled[i].y, (1 + is_filled[i]) * whole[i].y) << i;
+    EXPECT_EQ(filled[i].z, whole[i].z) << i;
+  }
+  EXPECT_EQ(filled[7].x, 800);
 }
 
 TEST(NodeSigma, LargestForcesAndTablesDoNotOverflow) {

@@ -54,7 +54,7 @@ def test_the_cost_of_strain_is_that_of_the_other_truth() -> None:
     """A method that says twice the linear force is right where the finite pad presses back twice as much."""
 
     class Twice:
-        shape, step_mm = (3, 3, 3), (1.0, 1.0)
+        board, shape, step_mm = find_board("gelslim"), (3, 3, 3), (1.0, 1.0)
 
         def all(self) -> dict[str, object]:
             return {"optimal": lambda u: 2 * u, "default": lambda u: u}
