@@ -12,6 +12,7 @@
 #include "base/fixed.h"
 #include "estimators/wrench.h"
 #include "image/displacement.h"
+#include "solve/components.h"
 
 namespace ruffini {
 
@@ -42,16 +43,24 @@ class ContactFinder {
   ContactList find(std::span<const uint8_t> mask, std::span<const NodeForce> force,
                    std::span<const NodeDisplacement> displacement);
   // Of the last list: for each node the number of its contact, from 1 in the order of first nodes; 0: none.
-  [[nodiscard]] std::span<const uint16_t> component() const { return component_; }
+  [[nodiscard]] std::span<const uint16_t> component() const { return components_.label(); }
 
  private:
-  Contact grow(int seed, uint16_t number, std::span<const uint8_t> mask, std::span<const NodeForce> force,
-               std::span<const NodeDisplacement> displacement);
+  struct Sums {
+    Contact contact;  // of component 0 until the first node is added
+    int64_t pressure = 0;
+    int64_t pressure_x = 0;
+    int64_t pressure_y = 0;
+    int64_t deepest = 0;
+  };
+
+  void add(int node, uint16_t component, const NodeForce& f, int64_t depth);
+  [[nodiscard]] Contact finish(const Sums& sums) const;
 
   NodeGrid grid_;
   int64_t force_lsb_un_;
-  std::vector<uint16_t> component_;
-  std::vector<int32_t> stack_;
+  Components components_;
+  std::vector<Sums> sums_;
 };
 
 }  // namespace ruffini

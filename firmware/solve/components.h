@@ -17,7 +17,11 @@ class Components {
 
   // One number a node, 0 where the mask is 0; valid until the next call.
   std::span<const uint16_t> find(std::span<const uint8_t> mask);
+  // The same again; all 0 before the first call.
+  [[nodiscard]] std::span<const uint16_t> label() const { return label_; }
   [[nodiscard]] int count() const { return count_; }
+  // No mask of this many nodes has more: any two have a line of zeros between them.
+  [[nodiscard]] static int most(GridSize nodes) { return ((nodes.n_x + 1) / 2) * ((nodes.n_y + 1) / 2); }
 
  private:
   void grow(size_t seed, std::span<const uint8_t> mask);
