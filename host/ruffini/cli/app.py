@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from ruffini.cli import bench, board, cal, demo, device, offline, sim
+from ruffini.cli import bench, board, cal, demo, device, evaluate, offline, sim
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -24,5 +24,6 @@ app.command("field")(offline.field)
 app.add_typer(cal.app, name="cal")
 app.add_typer(sim.app, name="sim")
 app.add_typer(bench.app, name="bench")
+app.add_typer(evaluate.app, name="eval")
 app.add_typer(board.app, name="board")
 app.command("demo")(demo.demo)
