@@ -197,6 +197,7 @@ void FramePath::judge() {
   s.force_xy = verdict(operator_.has_value(), true);
   s.force_z = verdict(operator_ && depth_is_trusted(), true);
   s.uncertainty.validity = verdict(s.uncertainty.is_stated, true);
+  if (s.force_z == Validity::kValid && s.contacts.reaches_border) s.flags |= kFlagWindowBorder;
 }
 
 void FramePath::zero(int n_frames) {
@@ -224,7 +225,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       displacement_(board),
       contact_threshold_lsb_(whole_steps(board.contact.threshold_un, board.force_lsb_un)),
       mask_(nodes_.size(), contact_threshold_lsb_, board.contact.min_nodes),
-      contacts_(nodes_, board.force_lsb_un),
+      contacts_(nodes_, board.force_lsb_un, contact_threshold_lsb_),
       slip_(nodes_, board.force_lsb_un) {
   for (const std::string& stage : board.stages) {
     const auto at = std::find(known_stages().begin(), known_stages().end(), stage) - known_stages().begin();

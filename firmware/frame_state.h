@@ -33,6 +33,7 @@ enum Flag : uint32_t {
   kFlagOverRange = 32,
   kFlagDark = 64,
   kFlagOverexposed = 128,
+  kFlagWindowBorder = 512,
 };
 
 // Numbers are those of Validity in ruffini.proto.

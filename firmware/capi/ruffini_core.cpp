@@ -220,7 +220,7 @@ int ruffini_get_contacts(const ruffini_pipeline* pipeline, int64_t* out, int32_t
                            c.center_y_um,  c.force_x_un,      c.force_y_un,
                            c.force_z_un,   c.peak_depth_nm,   static_cast<int64_t>(slip.state),
                            slip.ratio_1e3, slip.friction_1e3, slip.friction_sigma_1e3,
-                           slip.share_1e3, slip.margin_un};
+                           slip.share_1e3, slip.margin_un,    int64_t{c.reaches_border}};
     out = std::copy(std::begin(row), std::end(row), out);
   }
   return 0;

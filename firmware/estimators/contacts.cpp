@@ -4,9 +4,10 @@
 
 namespace ruffini {
 
-ContactFinder::ContactFinder(const NodeGrid& grid, int64_t force_lsb_un)
+ContactFinder::ContactFinder(const NodeGrid& grid, int64_t force_lsb_un, int64_t threshold_lsb)
     : grid_(grid),
       force_lsb_un_(force_lsb_un),
+      threshold_lsb_(threshold_lsb),
       components_(grid.size()),
       sums_(static_cast<size_t>(Components::most(grid.size()))) {}
 
@@ -19,6 +20,7 @@ void ContactFinder::add(int node, uint16_t component, const NodeForce& f, int64_
   sums.contact.force_y_un += f.y * force_lsb_un_;
   sums.contact.force_z_un += f.z * force_lsb_un_;
   sums.deepest = std::min(sums.deepest, depth);
+  if (f.z < -threshold_lsb_ && grid_.is_window_border(x, y)) sums.contact.reaches_border = true;
   if (f.z >= 0) return;
   ++sums.contact.n_nodes;
   sums.pressure += f.z;
@@ -49,6 +51,7 @@ ContactList ContactFinder::find(std::span<const uint8_t> mask, std::span<const N
   list.n_found = components_.count();
   for (int i = 0; i < list.n_found; ++i) {
     const Contact contact = finish(sums_[static_cast<size_t>(i)]);
+    list.reaches_border = list.reaches_border || contact.reaches_border;
     const auto end = list.contacts.begin() + list.n_listed;
     const auto place =
         std::find_if(list.contacts.begin(), end, [&](const Contact& c) { return c.area_um2 < contact.area_um2; });

@@ -1,7 +1,8 @@
 // The separate contacts of a frame: area, centre of pressure, force of each.
 //
 // 8-connected components of the contact mask, largest area first (then first node). Area counts the
-// nodes of the mask that press (f_z < 0); the centre of pressure is sum(X f_z) / sum(f_z) over those.
+// nodes of the mask that press (f_z < 0); the centre of pressure is sum(X f_z) / sum(f_z) over those. A contact
+// reaches the border where it presses harder than the threshold on a node beside which the camera sees no more pad.
 #pragma once
 
 #include <array>
@@ -27,6 +28,7 @@ struct Contact {
   int64_t peak_depth_nm = 0;  // lowest u_z
   int first_node = 0;
   uint16_t component = 0;  // its number in ContactFinder::component()
+  bool reaches_border = false;
 };
 
 struct ContactList {
@@ -34,11 +36,12 @@ struct ContactList {
   std::array<Contact, kMax> contacts{};
   int n_listed = 0;
   int n_found = 0;
+  bool reaches_border = false;  // any of those found
 };
 
 class ContactFinder {
  public:
-  ContactFinder(const NodeGrid& grid, int64_t force_lsb_un);
+  ContactFinder(const NodeGrid& grid, int64_t force_lsb_un, int64_t threshold_lsb);
 
   ContactList find(std::span<const uint8_t> mask, std::span<const NodeForce> force,
                    std::span<const NodeDisplacement> displacement);
@@ -59,6 +62,7 @@ class ContactFinder {
 
   NodeGrid grid_;
   int64_t force_lsb_un_;
+  int64_t threshold_lsb_;
   Components components_;
   std::vector<Sums> sums_;
 };

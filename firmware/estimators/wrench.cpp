@@ -22,6 +22,13 @@ int64_t NodeGrid::node_area_um2() const {
   return floor_div(size_x_um_ * size_y_um_, int64_t{n_.n_x - 1} * (n_.n_y - 1));
 }
 
+bool NodeGrid::is_window_border(int column, int row) const {
+  const auto is_at = [](int line, NodeRange seen, int n_all) {
+    return (line == 0 && seen.first > 0) || (line == seen.count - 1 && seen.first + seen.count < n_all);
+  };
+  return is_at(column, x_, n_.n_x) || is_at(row, y_, n_.n_y);
+}
+
 std::vector<NodePlace> NodeGrid::places() const {
   std::vector<NodePlace> out;
   for (int row = 0; row < size().n_y; ++row) {

@@ -40,6 +40,8 @@ class NodeGrid {
   [[nodiscard]] int64_t to_um_x(int64_t sum) const { return scale(sum, size_x_um_, n_.n_x - 1); }
   [[nodiscard]] int64_t to_um_y(int64_t sum) const { return scale(sum, size_y_um_, n_.n_y - 1); }
   [[nodiscard]] int64_t node_area_um2() const;
+  // On the outermost observed line, and the pad goes on beyond.
+  [[nodiscard]] bool is_window_border(int column, int row) const;
   // Where the nodes are, in their order; allocates.
   [[nodiscard]] std::vector<NodePlace> places() const;
 

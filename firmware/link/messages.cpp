@@ -180,7 +180,8 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
                      .friction_1e3 = static_cast<uint32_t>(slip.friction_1e3),
                      .friction_sigma_1e3 = static_cast<uint32_t>(slip.friction_sigma_1e3),
                      .slip_share_1e3 = static_cast<uint32_t>(slip.share_1e3),
-                     .slip_margin_un = slip.margin_un};
+                     .slip_margin_un = slip.margin_un,
+                     .reaches_border = c.reaches_border};
   }
   return serialise(ruffini_Contacts_fields, &m);
 }

@@ -32,7 +32,7 @@ struct Stages {
         lattice(board),
         poisson(board),
         displacement(board),
-        contacts(NodeGrid{board}, board.force_lsb_un),
+        contacts(NodeGrid{board}, board.force_lsb_un, board.contact.threshold_un / board.force_lsb_un),
         slip(NodeGrid{board}, board.force_lsb_un) {}
 
   BoardSettings board;

@@ -7,6 +7,7 @@ import numpy.typing as npt
 import pytest
 from conftest import small_board
 from mirror.board import Board, read_board
+from mirror.estimators import reaches_border
 from mirror.path import FramePath
 from test_stages import render
 
@@ -22,6 +23,7 @@ ALL_STAGES = (
     '["difference", "markers", "photometric", "poisson", "displacement", "operator", "support", "wrench", "contacts"]'
 )
 N_REST = 3
+VALID, WINDOW_BORDER = 1, 512  # of Validity and FlagBit
 
 
 def board_with_all_stages(step: int) -> str:
@@ -44,10 +46,10 @@ def photometric_tables(rng: np.random.Generator) -> dict[str, npt.NDArray[np.gen
 
 
 def dent(board: Board, t: int) -> npt.NDArray[np.float64]:
-    """Coloured shading, relative change per channel, of a dent of 6 px that deepens and moves."""
+    """Coloured shading, relative change per channel, of a dent of 6 px that deepens and moves out of the window."""
     height, width = board["camera"]["height_px"], board["camera"]["width_px"]
     y, x = np.mgrid[:height, :width]
-    along_x, along_y = x - width * 0.45 - t, y - height * 0.5 + 0.5 * t
+    along_x, along_y = x - width * 0.45 - 3 * t, y - height * 0.5 + 0.5 * t
     steepness = 0.016 * t * np.exp(-(along_x**2 + along_y**2) / 72.0)
     blue, green = 0.5 * along_x * steepness, 0.5 * along_y * steepness
     return np.stack([blue, green, -(blue + green) / 2], axis=2)
@@ -67,7 +69,7 @@ def test_every_stage_over_a_recording(step: int) -> None:
     )
     rest = np.stack([render(board, np.random.default_rng(7), 0.0) for _ in range(N_REST)])
     mirror = FramePath(board, file.tensors, file.metadata)
-    n_touched = 0
+    n_touched = n_at_border = 0
     with Pipeline(typed, file.data) as core:
         for frame in rest:
             assert not core.process(frame).has_reference
@@ -88,9 +90,13 @@ def test_every_stage_over_a_recording(step: int) -> None:
             assert np.array_equal(core.raw("force").reshape(-1, 3), expected.force)
             assert result.wrench_un.tolist() == expected.wrench
             assert result.n_contacts == len(expected.contact_areas)
+            is_valid = result.force_z_validity == VALID
+            assert bool(result.flags & WINDOW_BORDER) == (is_valid and reaches_border(board, expected.force))
             assert result.saturations == mirror.saturations.count
             n_touched += int(expected.mask.any())
+            n_at_border += bool(result.flags & WINDOW_BORDER)
     assert 3 <= n_touched < 10, n_touched  # the recording has both: touched and untouched frames
+    assert 0 < n_at_border < n_touched, n_at_border  # the dent walks over the window's border
 
 
 def test_solve_on_random_displacements() -> None:

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter
 
-from ruffini.bench import coverage
+from ruffini.bench import coverage, window
+from ruffini.bench.disturbance import HALF_WHITE_UM, WHITE_UM, Disturbance
 from ruffini.bench.markers import LostMarkers, NodesOnLattice
 from ruffini.bench.states import JUDGED, LIGHT_N, TUNED, State, make_states
 from ruffini.boards import Board
@@ -36,31 +36,14 @@ Array = npt.NDArray[np.float64]
 Estimate = Callable[[Array], Array]
 Progress = Callable[[float], None]
 
-WHITE_UM = (5.0, 5.0, 20.0)
-HALF_WHITE_UM = (2.5, 2.5, 10.0)
 RIDGE_WEIGHTS = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
 SPARSE_WEIGHTS = (1e-5, 1e-4, 1e-3, 1e-2)
-CORRELATION_NODES = 3.0  # of the low-frequency noise, as a badly integrated depth has it
 MODEL_ERRORS = {
     "E +5 %": PadError(modulus=1.05),
     "nu +2 %": PadError(poisson=1.02),
     "thickness +5 %": PadError(thickness=1.05),
 }
 SHAPE_LEVEL = 0.1  # of the peak pressure: where a contact's shape ends
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """What is added to the true displacement: white noise and noise of long correlation, micrometres (x, y, z)."""
-
-    white_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    correlated_um: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-        out = rng.normal(size=shape) * np.array(self.white_um) * 1e-6
-        rough = rng.normal(size=shape)
-        smooth: Array = gaussian_filter(rough, (CORRELATION_NODES, CORRELATION_NODES, 0), mode="reflect")
-        return np.asarray(out + smooth / np.std(smooth) * np.array(self.correlated_um) * 1e-6)
 
 
 @dataclass
@@ -266,6 +249,8 @@ def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progre
                 methods, [s for s in wrong if s.resultant_n >= LIGHT_N], white, n_seeds
             )
         result["coverage"] = coverage_of(methods, depths)
+        progress(0.9)
+        result["window"] = window.run(board, n_seeds=2 if quick else 6)
         progress(1.0)
         return result
     finally:
@@ -340,5 +325,5 @@ def tables(result: dict[str, Any]) -> str:
                 f"resultant {1e3 * small['resultant_n']:.0f} -> {1e3 * finite['resultant_n']:.0f} mN"
             )
     lines += ["", "stated uncertainty of the default; material off by 1 to 2 %, white noise and half of it correlated"]
-    lines += [coverage.table(result["coverage"])]
+    lines += [coverage.table(result["coverage"]), "", window.table(result["window"])]
     return "\n".join(lines)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ruffini.bench.ifem import WHITE_UM, Disturbance, Methods
+from ruffini.bench.disturbance import WHITE_UM, Disturbance
+from ruffini.bench.ifem import Methods
 from ruffini.bench.states import JUDGED, make_states
 from ruffini.boards import Board
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.bench.ifem import WHITE_UM, Disturbance
+from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.operator import make_operator

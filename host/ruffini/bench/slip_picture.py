@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ruffini.bench.ifem import WHITE_UM, Disturbance
+from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.slip import INCIPIENT, JUDGED, SLIDING, STEP_MM, default_pipeline, simulate, watch
 from ruffini.boards import Board
 from ruffini.sim.settings import load_twin

@@ -104,6 +104,7 @@ class ContactRow(NamedTuple):
     friction_sigma_1e3: int
     slip_share_1e3: int
     slip_margin_un: int
+    reaches_border: int
 
 
 MAX_CONTACTS = 8

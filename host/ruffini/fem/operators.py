@@ -161,8 +161,9 @@ def force_operator(
 ) -> Array:
     """G of the observed nodes, (3 m, 3 m), newton per metre.
 
-    Nodes outside the window are taken as free of force: with F_o and U_o observed,
-    U_o = C_oo F_o, so F_o = C_oo^-1 U_o.
+    What lies outside the window is not seen. The papers' methods take it as free of force: U_o = C_oo F_o, so
+    F_o = C_oo^-1 U_o. "optimal" estimates it with the same prior as the rest and does not report it:
+    F_o = P_oa C_oa^T (C_oa P C_oa^T + R)^-1 U_o, o the observed and a all unknowns.
 
     Raises
     ------
@@ -193,12 +194,25 @@ def _optimal(condensed: CondensedSlab, noise: Noise, prior: ForcePrior, seen: np
     if seen.all():
         return dense_from_blocks(condensed.bases, optimal_operator(condensed, noise, prior))
     slab, bases = condensed.slab, condensed.bases
-    compliance = dense_from_blocks(bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
+    compliance = dense_from_blocks(bases, [spd_inverse(b) for b in surface_stiffness(condensed)])[seen]
     covariance = dense_from_blocks(bases, _prior_blocks(slab, bases, prior))
-    c, p = compliance[np.ix_(seen, seen)], covariance[np.ix_(seen, seen)]
     modes = depth_modes(slab, noise)[seen]
     r = np.diag(np.tile(np.square(noise.sigma_m), slab.n_nodes)[seen]) + modes @ modes.T
-    return np.asarray(la.solve(c @ p @ c + r, c @ p, assume_a="pos").T)
+    cause = compliance @ covariance
+    return np.asarray(la.solve(cause @ compliance.T + r, cause[:, seen], assume_a="pos").T)
+
+
+def hidden_modes(
+    condensed: CondensedSlab, compliance: Array, seen: npt.NDArray[np.bool_], prior: ForcePrior | None = None
+) -> Array:
+    """What forces outside the window do to the seen displacement: columns of one standard deviation, (m, hidden)."""
+    if seen.all():
+        return np.zeros((len(seen), 0))
+    covariance = dense_from_blocks(
+        condensed.bases, _prior_blocks(condensed.slab, condensed.bases, prior or ForcePrior())
+    )
+    spread = la.cholesky(covariance[np.ix_(~seen, ~seen)], lower=True)
+    return np.asarray(compliance[np.ix_(seen, ~seen)] @ spread)
 
 
 def _restrict(full: Array, seen: npt.NDArray[np.bool_]) -> Array:

@@ -6,8 +6,9 @@ forces where nothing touches, and their sum is large. Once the support S of the 
     minimise over F_S   (u - C F)^T R^-1 (u - C F),   F = 0 outside S,
 
 has no such freedom. R holds the white noise and, as modes of large variance, the depth's free
-constant and tilt, so the data themselves settle these. Scaled to a unit diagonal, y = F / d, the
-normal equations are H y = b with H = D C^T R^-1 C D and b = D C^T R^-1 u.
+constant and tilt and what forces outside the camera's window do, so the data themselves settle these.
+Scaled to a unit diagonal, y = F / d, the normal equations are H y = b with H = D C^T R^-1 C D and
+b = D C^T R^-1 u.
 
 Each node has a weight w in 0..1: how surely the linear estimate sees it touched. A round is two
 conjugate-gradient steps from the present y, preconditioned by w^2 (a prior of standard deviation w);
@@ -31,7 +32,7 @@ import numpy.typing as npt
 import scipy.ndimage
 
 from ruffini.fem.condense import CondensedSlab, surface_stiffness
-from ruffini.fem.operators import Noise, depth_modes
+from ruffini.fem.operators import Noise, depth_modes, hidden_modes
 from ruffini.reflection import dense_from_blocks, spd_inverse
 
 Array = npt.NDArray[np.float64]
@@ -64,18 +65,16 @@ class SupportSystem:
 def support_system(
     condensed: CondensedSlab, noise: Noise, observed: npt.NDArray[np.bool_], linear: Array
 ) -> SupportSystem:
-    """Normal equations over the observed unknowns (3 n,) bool; hidden nodes carry no force.
+    """Normal equations over the observed unknowns (3 n,) bool.
 
-    `linear` (m, m) N/m is the operator whose estimate the second pass starts from.
-
-    In the four parity classes where the whole pad is observed, densely otherwise.
+    Forces on hidden nodes are not sought: what they do to the observed displacement is part of R, with the prior
+    that "optimal" has. `linear` (m, m) N/m is the operator whose estimate the second pass starts from.
     """
     slab = condensed.slab
     white = 1.0 / np.tile(np.square(noise.sigma_m), slab.n_nodes)
-    compliance = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])[
-        np.ix_(observed, observed)
-    ]
-    modes = depth_modes(slab, noise)[observed]
+    whole = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
+    modes = np.hstack([depth_modes(slab, noise)[observed], hidden_modes(condensed, whole, observed)])
+    compliance = whole[np.ix_(observed, observed)]
     information = white[observed]
     # Woodbury: R^-1 = W - W V (I + V^T W V)^-1 V^T W for R = W^-1 + V V^T.
     weighted = information[:, None] * modes

@@ -57,3 +57,15 @@ def contact_areas(board: Board, mask: npt.NDArray[np.bool_], force: I64) -> list
                         stack.append((v, u))
         areas.append(component)
     return sorted(areas, reverse=True)
+
+
+def reaches_border(board: Board, force: I64) -> bool:
+    """A node of the window's outermost line presses above the threshold, and the pad goes on beyond that line."""
+    threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
+    y, x = (observed_nodes(board, axis) for axis in "yx")
+    pressing = force[:, 2].reshape(len(y), len(x)) < -threshold
+    sides = (
+        (y[0] > 0, pressing[0]), (y[-1] < board["grid"]["n_y"] - 1, pressing[-1]),
+        (x[0] > 0, pressing[:, 0]), (x[-1] < board["grid"]["n_x"] - 1, pressing[:, -1]),
+    )  # fmt: skip
+    return any(goes_on and bool(line.any()) for goes_on, line in sides)

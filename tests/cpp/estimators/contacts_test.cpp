@@ -8,8 +8,10 @@ namespace ruffini {
 namespace {
 
 struct Pad {
-  NodeGrid grid{test::round_board()};
-  ContactFinder finder{grid, 10};
+  explicit Pad(const BoardSettings& board = test::round_board()) : grid(board) {}
+
+  NodeGrid grid;
+  ContactFinder finder{grid, 10, 300};
   std::vector<uint8_t> mask = std::vector<uint8_t>(17 * 13);
   std::vector<NodeForce> force = std::vector<NodeForce>(17 * 13);
   std::vector<NodeDisplacement> u = std::vector<NodeDisplacement>(17 * 13);
@@ -76,6 +78,46 @@ TEST(Contacts, ListsTheEightLargestOfMany) {
   EXPECT_EQ(list.n_found, 10);
   ASSERT_EQ(list.n_listed, 8);
   for (int i = 0; i < 8; ++i) EXPECT_EQ(list.contacts[static_cast<size_t>(i)].n_nodes, i < 5 ? 2 : 1) << i;
+}
+
+// Nodes 2 to 14 and 0 to 10 of 17 x 13: the pad goes on at three sides.
+BoardSettings windowed_board() {
+  BoardSettings board = test::round_board();
+  board.window = {.min_x_um = 2'000, .min_y_um = 0, .max_x_um = 14'000, .max_y_um = 10'000};
+  return board;
+}
+
+struct WindowedPad {
+  NodeGrid grid{windowed_board()};
+  ContactFinder finder{grid, 10, 300};
+
+  // Of one contact of three nodes in a row, the first one pressed by fz.
+  ContactList press(int column, int row, int32_t fz) {
+    std::vector<uint8_t> mask(13 * 11);
+    std::vector<NodeForce> force(13 * 11);
+    for (int i = 0; i < 3; ++i) {
+      const auto at = static_cast<size_t>(row * 13 + column + i);
+      mask[at] = 1;
+      force[at].z = i == 0 ? fz : -10;
+    }
+    return finder.find(mask, force, std::vector<NodeDisplacement>(13 * 11));
+  }
+};
+
+TEST(Contacts, ThoseThatPressOnTheWindowsBorderSaySo) {
+  WindowedPad pad;
+  EXPECT_TRUE(pad.press(0, 5, -301).reaches_border);
+  EXPECT_TRUE(pad.press(0, 5, -301).contacts[0].reaches_border);
+  EXPECT_TRUE(pad.press(4, 10, -301).reaches_border);
+  EXPECT_FALSE(pad.press(0, 5, -300).reaches_border) << "at the threshold, not above it";
+  EXPECT_FALSE(pad.press(1, 5, -301).reaches_border) << "one line inside";
+  EXPECT_FALSE(pad.press(4, 0, -301).reaches_border) << "there the pad itself ends";
+}
+
+TEST(Contacts, AWindowThatIsTheWholePadHasNoBorder) {
+  Pad pad;
+  pad.touch(0, 5, -3'000, -8);
+  EXPECT_FALSE(pad.find().reaches_border);
 }
 
 }  // namespace

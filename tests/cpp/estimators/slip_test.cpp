@@ -14,7 +14,7 @@ constexpr int16_t kUm = 8;  // steps of displacement
 // A square contact of 7 x 7 nodes whose rim may lag behind its middle.
 struct Press {
   NodeGrid grid{test::round_board()};
-  ContactFinder finder{grid, 10};
+  ContactFinder finder{grid, 10, 300};
   SlipTracker tracker{grid, 10};
   std::vector<uint8_t> mask = std::vector<uint8_t>(kColumns * kRows);
   std::vector<NodeForce> force = std::vector<NodeForce>(kColumns * kRows);

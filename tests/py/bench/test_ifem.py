@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ruffini.bench.ifem import Disturbance, Scores
+from ruffini.bench.disturbance import Disturbance
+from ruffini.bench.ifem import Scores
 from ruffini.bench.states import JUDGED, TUNED, Recipe, State, Touch
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import ridge_operator

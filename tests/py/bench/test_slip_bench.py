@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ruffini.bench.ifem import WHITE_UM, Disturbance
+from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.slip import JUDGED, Case, Run, Scores, Watched, default_pipeline, simulate, watch
 from ruffini.boards import find_board
 from ruffini.core.pipeline import ContactRow
@@ -27,7 +27,7 @@ def run_of(share: list[float], case: Case = CASE) -> Run:
 
 def said(states: list[int], friction_1e3: int = 0, sigma_1e3: int = 0, nodes: np.ndarray | None = None) -> Watched:
     rows = [
-        ContactRow(9, 9, 0, 0, 0, 0, -9, -9, s, 300, friction_1e3 if s > 1 else 0, sigma_1e3, 500, 0) for s in states
+        ContactRow(9, 9, 0, 0, 0, 0, -9, -9, s, 300, friction_1e3 if s > 1 else 0, sigma_1e3, 500, 0, 0) for s in states
     ]
     return Watched(list(rows), np.zeros((len(states), 3, 4), np.uint8) if nodes is None else nodes)
 

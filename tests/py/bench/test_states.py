@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ruffini.bench.ifem import Disturbance, strain_cost
+from ruffini.bench.disturbance import Disturbance
+from ruffini.bench.ifem import strain_cost
 from ruffini.bench.states import Recipe, State, Touch, make_states
 from ruffini.boards import Board, find_board
 from ruffini.sim import unit as units

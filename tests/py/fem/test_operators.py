@@ -7,6 +7,7 @@ from ruffini.errors import InputError
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.operators import METHODS, Noise, force_operator, observed_nodes
 from ruffini.fem.slab import Slab
+from ruffini.fem.support import solve_on_support, support_system
 from ruffini.reflection import dense_from_blocks, spd_inverse
 
 SLAB = Slab(10e-3, 8e-3, 4e-3, 11, 9, 4, 2e5, 0.48)
@@ -66,6 +67,40 @@ def test_nodes_outside_the_window_carry_no_force():
     operator = force_operator(SLAB, "raw", noise=NOISE, window_m=window)
     estimate = (operator @ displacement[rows, columns].ravel()).reshape(7, 7, 3)
     np.testing.assert_allclose(estimate, inside[rows, columns], atol=1e-10)
+
+
+def pushed_across(left: int, right: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A push on the columns left to right: force, displacement, and which unknowns a window of columns 0 to 7 sees."""
+    force = np.zeros((9, 11, 3))
+    force[3:6, left : right + 1] = [0.004, 0.0, -0.02]
+    condensed = condense(SLAB)
+    compliance = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
+    seen = np.zeros((9, 11, 3), dtype=bool)
+    seen[:, :8] = True
+    return force, (compliance @ force.ravel()).reshape(9, 11, 3), seen.ravel()
+
+
+def test_what_presses_outside_the_window_is_not_taken_for_force_inside():
+    _, displacement, _ = pushed_across(9, 10)
+    window = (0.0, 0.0, 7e-3, 8e-3)
+    raw, optimal = (
+        (force_operator(SLAB, m, noise=NOISE, window_m=window) @ displacement[:, :8].ravel()).reshape(9, 8, 3)
+        for m in ("raw", "optimal")
+    )
+    true_n = 6 * 0.02
+    assert np.abs(raw.sum(axis=(0, 1))).max() > 0.2 * true_n  # the papers' methods know of no force out there
+    assert np.abs(optimal.sum(axis=(0, 1))).max() < 0.05 * true_n
+
+
+def test_the_second_pass_finds_the_seen_part_of_a_contact_that_goes_on():
+    force, displacement, seen = pushed_across(5, 10)
+    linear = force_operator(SLAB, "optimal", noise=NOISE, window_m=(0.0, 0.0, 7e-3, 8e-3))
+    system = support_system(condense(SLAB), NOISE, seen, linear)
+    u = displacement[:, :8].ravel()
+    mask = np.pad(np.ones((5, 4)), ((2, 2), (4, 0)))
+    found = solve_on_support(system, u, linear @ u, mask.ravel(), threshold_n=1e-3).reshape(9, 8, 3)
+    # Three columns of the six are seen; taken as free of force beyond, they would have to carry all.
+    np.testing.assert_allclose(found.sum(axis=(0, 1)), force[:, :8].sum(axis=(0, 1)), atol=0.1 * 9 * 0.02)
 
 
 def test_unknown_method_and_weight_are_refused():
