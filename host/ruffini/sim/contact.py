@@ -35,6 +35,7 @@ TOLERANCE = 1e-5  # change of the forces between two rounds, of the largest forc
 MAX_ROUNDS = 120  # of pressure and friction in turn, in one correction
 UNDAMPED_ROUNDS = 6
 PATIENT_ROUNDS = 24  # then pressure and friction go half the way only: under large shear they may chase each other
+RESIDUE = 1e-7  # of the largest pressure: what going half the way leaves of a node that has let go
 MAX_CORRECTIONS = 40  # of a response that is not linear, in one increment
 CORRECTED_M = 3e-8  # lacking displacement that is equilibrium
 OPEN_GAP_M = 1e-9  # penetration outside the candidates that is rounding
@@ -65,12 +66,15 @@ class ContactSolver:
     hat_force: Array = field(init=False)  # (n, 3) N, of each node's hat
     displacement: Array = field(init=False)  # (n, 3) m, of the surface nodes
     _pose: Pose | None = field(init=False, default=None)
+    _ended: Array = field(init=False)  # hat forces when the last increment ended
+    _guess: Array = field(init=False)  # where the rounds of pressure and friction start
 
     def __post_init__(self) -> None:
         x, y = np.meshgrid(self.model.node_x(), self.model.node_y())
         self._place = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
         self._shares = hat_shares(self.model)
         self.hat_force = np.zeros((len(self._place), 3))
+        self._ended = self._guess = self.hat_force.copy()
         self._body = ElasticFace(body_of(self.indenter)) if self.indenter.material else None
         linear = isinstance(self.compliance, np.ndarray)
         self.response = LinearResponse(self.compliance) if linear else self.compliance  # type: ignore[arg-type,assignment]
@@ -134,6 +138,7 @@ class ContactSolver:
         place = self._place + self.displacement
         self._near = np.flatnonzero(self._gap(after, place) < 0.3 * after.depth_m)
         self._is_patient = False
+        self._guess, self._ended = 2 * self.hat_force - self._ended, self.hat_force.copy()  # a press goes on as it went
         self._after, self._target = after, self.displacement + rigid_step(self.indenter, before, after, place)
 
     def _touch(self, free: Array) -> bool:
@@ -158,7 +163,7 @@ class ContactSolver:
                 break
         self.hat_force[:] = 0.0
         self.hat_force[near] = force
-        self.displacement = displacement
+        self.displacement, self._guess = displacement, self.hat_force
         return is_found
 
     def _pushed(self) -> Array:
@@ -197,7 +202,7 @@ class ContactSolver:
         tangent = c[:, :2, :, :2].reshape(2 * len(near), -1)
         step = 1 / largest_eigenvalue(tangent)
         place, unloaded = self._place[nodes, :2] + free[nodes, :2], shares.T @ free[nodes, 2]
-        pressure, shear = np.maximum(-self.hat_force[near, 2], 0.0), self.hat_force[near, :2].copy()
+        pressure, shear = np.maximum(-self._guess[near, 2], 0.0), self._guess[near, :2]
         moved, change = self.displacement[nodes, :2] - free[nodes, :2], np.inf
         for i in range(MAX_ROUNDS):
             last_pressure, last_shear = pressure, shear
@@ -218,6 +223,7 @@ class ContactSolver:
             if is_found:
                 break
         force = np.column_stack([shear, -pressure])
+        force[pressure < RESIDUE * pressure.max()] = 0.0
         return force, nodes, np.asarray(shares @ force), is_found
 
 

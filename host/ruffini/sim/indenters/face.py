@@ -26,6 +26,7 @@ class ElasticFace:
 
     body: IndenterBody
     _moved: Array = field(init=False)  # (n, 3) metres
+    _kept: tuple[tuple[bytes, Pose], Array] | None = field(init=False, default=None)  # the last compliance
 
     def __post_init__(self) -> None:
         self.release()
@@ -39,7 +40,17 @@ class ElasticFace:
         return self.body.shares(own[:, :2])
 
     def compliance(self, near: Indices, pose: Pose, place: Array) -> Array:
-        """Retreat from the pad at nodes `near` per force there, in the pad's axes, (m, 3, m, 3)."""
+        """Retreat from the pad at nodes `near` per force there, in the pad's axes, (m, 3, m, 3).
+
+        The last one is kept: it depends neither on the depth nor on a tilt, and a press straight down asks for the
+        same one step after step.
+        """
+        told = (near.tobytes(), Pose(pose.x_m, pose.y_m, 0.0, pose.turn_rad))
+        if self._kept is None or self._kept[0] != told:
+            self._kept = (told, self._compliance(near, pose, place))
+        return self._kept[1]
+
+    def _compliance(self, near: Indices, pose: Pose, place: Array) -> Array:
         shares, turn = self._shares(near, pose, place), _turn(pose)
         n, m = self.body.compliance.shape[0], len(near)
         half = (shares @ self.body.compliance.reshape(n, -1)).reshape(m, 3, n, 3)

@@ -64,6 +64,7 @@ class Renderer:
     node_b_mm: Array
     has_dots: bool = True
     views: list[Seen] = field(init=False)
+    _last: tuple[tuple[object, ...], Floats] | None = field(init=False, default=None)  # the last light and its reasons
 
     @classmethod
     def over_chart(cls, board: Board, twin: TwinSettings, n_nodes: int = 49) -> Renderer:
@@ -168,8 +169,13 @@ class Renderer:
         return np.concatenate(parts, axis=1).astype(float)
 
     def _light(self, displacement_m: Array, time_s: float, conditions: Conditions, tray: TrayPose | None) -> Floats:
-        deformed = self.surface.deform(displacement_m)
-        return np.concatenate([self._view(seen, deformed, time_s, conditions, tray) for seen in self.views], axis=1)
+        """Light of all views; the last one is kept, since often nothing moves from frame to frame."""
+        told = (displacement_m.tobytes(), time_s if self._wear.led_drift_1e3 else 0.0, conditions, tray)
+        if self._last is None or self._last[0] != told:
+            deformed = self.surface.deform(displacement_m)
+            parts = [self._view(seen, deformed, time_s, conditions, tray) for seen in self.views]
+            self._last = (told, np.concatenate(parts, axis=1))
+        return self._last[1]
 
     def _view(
         self, seen: Seen, deformed: DeformedSurface, time_s: float, conditions: Conditions, tray: TrayPose | None
