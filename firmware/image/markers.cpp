@@ -12,6 +12,12 @@ int64_t length_q16(const CameraSettings& camera, int64_t um) {
   return floor_div(um * camera.focal_mpx * 65536, camera.standoff_um * 1000);
 }
 
+constexpr int kRings = 16;              // of neighbours that lead to a marker
+constexpr int64_t kApartWeight = 16;    // neighbours that part, over the same motion of one marker
+constexpr int64_t kMissingWeight = 16;  // pitches squared
+constexpr int64_t kLeftWeight = 8;      // pitches squared
+constexpr int kDoubtPercent = 33;       // of the pitch
+
 }  // namespace
 
 DotParameters dot_parameters(const BoardSettings& board) {
@@ -36,6 +42,11 @@ MarkerLattice::MarkerLattice(const BoardSettings& board) : size_(board.markers.l
   gate2_ = squared_share(45);
   seed_gate2_ = squared_share(60);  // 0.4 pitch along both axes
   step_gate2_ = squared_share(35);
+  tight_gate2_ = squared_share(25);
+  search2_ = squared_share(110);
+  pitch2_q8_ = (pitch >> 8) * (pitch >> 8);
+  view_ = {int64_t{camera.width_px} << 16, int64_t{camera.height_px} << 16};
+  edge_ = length_q16(camera, settings_.diameter_um);
   um_to_px_q32_ = floor_div(camera.focal_mpx * (int64_t{1} << 32), camera.standoff_um * 1000);
   corner_ = {px_q16(camera.center_x_mpx) - (board.pad.size_x_um * um_to_px_q32_ >> 17),
              px_q16(camera.center_y_mpx) - (board.pad.size_y_um * um_to_px_q32_ >> 17)};
@@ -47,6 +58,9 @@ MarkerLattice::MarkerLattice(const BoardSettings& board) : size_(board.markers.l
   queue_.resize(n);
   known_.resize(n);
   known_next_.resize(n);
+  last_.resize(n);
+  best_.resize(n);
+  best_known_.resize(n);
   marker_of_dot_.resize(DotDetector::kMaxDots);
   is_dot_taken_.resize(DotDetector::kMaxDots);
 }
@@ -58,13 +72,13 @@ MarkerLattice::Point MarkerLattice::nominal(int index) const {
 }
 
 // Mutual nearest neighbours within the gate, among open markers and dots not taken.
-void MarkerLattice::match(std::span<const Dot> dots, std::span<const Point> expected) {
+void MarkerLattice::match(std::span<const Dot> dots, int64_t gate2) {
   const int n_dots = static_cast<int>(dots.size());
-  std::fill(dot_of_marker_.begin(), dot_of_marker_.end(), Nearest{-1, gate2_});
-  std::fill_n(marker_of_dot_.begin(), n_dots, Nearest{-1, gate2_});
+  std::fill(dot_of_marker_.begin(), dot_of_marker_.end(), Nearest{-1, gate2});
+  std::fill_n(marker_of_dot_.begin(), n_dots, Nearest{-1, gate2});
   for (int i = 0; i < size_.count(); ++i) {
     if (is_open_[static_cast<size_t>(i)] == 0) continue;
-    const Point& place = expected[static_cast<size_t>(i)];
+    const Point& place = expected_[static_cast<size_t>(i)];
     Nearest& mine = dot_of_marker_[static_cast<size_t>(i)];
     for (int j = 0; j < n_dots; ++j) {
       const int64_t dx = dots[static_cast<size_t>(j)].x.raw() - place.x;
@@ -158,6 +172,7 @@ int MarkerLattice::learn(std::span<const Dot> dots) {
     marker.rest_x = j < 0 ? ImagePx::from_raw(static_cast<int32_t>(place.x + shift.x)) : dots[static_cast<size_t>(j)].x;
     marker.rest_y = j < 0 ? ImagePx::from_raw(static_cast<int32_t>(place.y + shift.y)) : dots[static_cast<size_t>(j)].y;
   }
+  middle_ = best_seed;  // it has its dot, if any has
   return best_found;
 }
 
@@ -179,11 +194,33 @@ int MarkerLattice::neighbour_mean(int index, Point& mean) const {
   return count;
 }
 
+int MarkerLattice::on_lines(int index, Point& mean) const {
+  const int x = index % size_.n_x;
+  const int y = index / size_.n_x;
+  int count = 0;
+  mean = {0, 0};
+  const auto line = [&](bool is_inside, int step) {
+    if (!is_inside) return;
+    const auto near = static_cast<size_t>(index + step);
+    const auto far = static_cast<size_t>(index + 2 * step);
+    if (known_[near] == 0 || known_[far] == 0) return;
+    ++count;
+    mean.x += int64_t{2} * markers_[near].displacement_x.raw() - markers_[far].displacement_x.raw();
+    mean.y += int64_t{2} * markers_[near].displacement_y.raw() - markers_[far].displacement_y.raw();
+  };
+  line(x >= 2, -1);
+  line(x + 2 < size_.n_x, 1);
+  line(y >= 2, -size_.n_x);
+  line(y + 2 < size_.n_y, size_.n_x);
+  if (count > 0) mean = {floor_div(mean.x, count), floor_div(mean.y, count)};
+  return count;
+}
+
 void MarkerLattice::expect_with_neighbours() {
   for (int i = 0; i < size_.count(); ++i) {
     const Marker& marker = markers_[static_cast<size_t>(i)];
     Point mean{};
-    if (is_open_[static_cast<size_t>(i)] == 0 || neighbour_mean(i, mean) == 0) continue;
+    if (is_open_[static_cast<size_t>(i)] == 0 || (on_lines(i, mean) == 0 && neighbour_mean(i, mean) == 0)) continue;
     expected_[static_cast<size_t>(i)] = {marker.rest_x.raw() + mean.x, marker.rest_y.raw() + mean.y};
   }
 }
@@ -209,8 +246,9 @@ void MarkerLattice::fill_lost() {
   }
 }
 
-// Gives every open marker its matched dot.
-void MarkerLattice::accept(std::span<const Dot> dots) {
+// Gives every open marker its matched dot. How many.
+int MarkerLattice::accept(std::span<const Dot> dots) {
+  int n_accepted = 0;
   for (size_t i = 0; i < markers_.size(); ++i) {
     const int j = dot_of_marker_[i].index;
     if (is_open_[i] == 0 || j < 0) continue;
@@ -221,27 +259,123 @@ void MarkerLattice::accept(std::span<const Dot> dots) {
     known_[i] = 1;
     is_open_[i] = 0;
     is_dot_taken_[static_cast<size_t>(j)] = 1;
+    ++n_accepted;
+  }
+  return n_accepted;
+}
+
+// Assigns dots around rest + start(marker), then where the neighbours went.
+template <typename Start>
+void MarkerLattice::look(std::span<const Dot> dots, Start start, int64_t gate2) {
+  std::fill(is_dot_taken_.begin(), is_dot_taken_.end(), uint8_t{0});
+  std::fill(known_.begin(), known_.end(), uint8_t{0});
+  auto n_open = std::ssize(markers_);
+  for (size_t i = 0; i < markers_.size(); ++i) {
+    const Marker& marker = markers_[i];
+    const Point at = start(i);
+    is_open_[i] = marker.is_absent ? 0 : 1;
+    n_open -= marker.is_absent ? 1 : 0;
+    expected_[i] = {marker.rest_x.raw() + at.x, marker.rest_y.raw() + at.y};
+  }
+  match(dots, gate2);
+  int n_found = accept(dots);
+  auto n_known = n_found;
+  // Where neighbours lead, the tight gate comes first: what it finds leads further. The wide one ends it.
+  bool is_wide = n_found == 0;
+  for (int ring = 0; ring < kRings && n_known > 0 && n_known < n_open; ++ring) {
+    expect_with_neighbours();
+    match(dots, is_wide ? gate2_ : tight_gate2_);
+    n_found = accept(dots);
+    n_known += n_found;
+    if (n_found == 0 && is_wide) break;
+    is_wide = n_found == 0;
+  }
+}
+
+// Sums stay below 2^62: displacements are at most 2^21 in Q8, markers 4,096.
+MarkerLattice::Verdict MarkerLattice::judge(size_t n_dots) const {
+  Verdict verdict;
+  const auto apart2 = [&](size_t i, size_t j) {
+    if (known_[i] == 0 || known_[j] == 0) return int64_t{0};
+    const int64_t x = (markers_[i].displacement_x.raw() - int64_t{markers_[j].displacement_x.raw()}) >> 8;
+    const int64_t y = (markers_[i].displacement_y.raw() - int64_t{markers_[j].displacement_y.raw()}) >> 8;
+    return x * x + y * y;
+  };
+  const auto n_x = static_cast<size_t>(size_.n_x);
+  for (size_t i = 0; i < markers_.size(); ++i) {
+    const int64_t right = (i + 1) % n_x != 0 ? apart2(i, i + 1) : 0;
+    const int64_t below = i + n_x < markers_.size() ? apart2(i, i + n_x) : 0;
+    verdict.cost += kApartWeight * (right + below);
+    verdict.widest2 = std::max({verdict.widest2, right, below});
+    if (known_[i] != 0) {
+      const int64_t x = markers_[i].displacement_x.raw() >> 8;
+      const int64_t y = markers_[i].displacement_y.raw() >> 8;
+      verdict.cost += x * x + y * y;
+      ++verdict.n_known;
+    } else if (is_open_[i] != 0) {
+      const Point& at = expected_[i];
+      verdict.n_missing +=
+          static_cast<int>(at.x >= edge_ && at.y >= edge_ && at.x < view_.x - edge_ && at.y < view_.y - edge_);
+    }
+  }
+  verdict.n_left = static_cast<int>(n_dots) - verdict.n_known;
+  verdict.cost += pitch2_q8_ * (kMissingWeight * verdict.n_missing + kLeftWeight * verdict.n_left);
+  return verdict;
+}
+
+bool MarkerLattice::is_doubtful(const Verdict& verdict) const {
+  const int64_t limit2 = pitch2_q8_ * (kDoubtPercent * kDoubtPercent) / 10'000;
+  if (verdict.n_missing > 0 || verdict.widest2 > limit2 || 2 * verdict.n_left >= std::min(size_.n_x, size_.n_y))
+    return true;
+  for (size_t i = 0; i < markers_.size(); ++i) {
+    const int64_t x = (markers_[i].displacement_x.raw() - last_[i].x) >> 8;
+    const int64_t y = (markers_[i].displacement_y.raw() - last_[i].y) >> 8;
+    if (known_[i] != 0 && x * x + y * y > limit2) return true;
+  }
+  return false;
+}
+
+// Lays the lattice on the dots without memory; keeps the cheapest assignment, the present one among them.
+void MarkerLattice::search(std::span<const Dot> dots, int64_t cost_so_far) {
+  const auto keep = [&] {
+    for (size_t i = 0; i < markers_.size(); ++i) {
+      best_[i] = {markers_[i].displacement_x.raw(), markers_[i].displacement_y.raw()};
+    }
+    std::copy(known_.begin(), known_.end(), best_known_.begin());
+  };
+  const auto attempt = [&](Point shift) {
+    look(dots, [&](size_t) { return shift; }, tight_gate2_);
+    const Verdict verdict = judge(dots.size());
+    if (verdict.n_known == 0 || verdict.cost >= cost_so_far) return;
+    cost_so_far = verdict.cost;
+    keep();
+  };
+  keep();
+  attempt({0, 0});
+  const Marker& middle = markers_[static_cast<size_t>(middle_)];
+  for (const Dot& dot : dots) {
+    const Point shift{dot.x.raw() - int64_t{middle.rest_x.raw()}, dot.y.raw() - int64_t{middle.rest_y.raw()}};
+    if (shift.x * shift.x + shift.y * shift.y < search2_) attempt(shift);
+  }
+  std::copy(best_known_.begin(), best_known_.end(), known_.begin());
+  for (size_t i = 0; i < markers_.size(); ++i) {
+    const Point& at = known_[i] != 0 ? best_[i] : last_[i];
+    markers_[i].displacement_x = ImagePx::from_raw(static_cast<int32_t>(at.x));
+    markers_[i].displacement_y = ImagePx::from_raw(static_cast<int32_t>(at.y));
   }
 }
 
 int MarkerLattice::track(std::span<const Dot> dots) {
-  std::fill(is_dot_taken_.begin(), is_dot_taken_.end(), uint8_t{0});
-  std::fill(known_.begin(), known_.end(), uint8_t{0});
   for (size_t i = 0; i < markers_.size(); ++i) {
-    const Marker& marker = markers_[i];
-    is_open_[i] = marker.is_absent ? 0 : 1;
-    expected_[i] = {marker.rest_x.raw() + int64_t{marker.displacement_x.raw()},
-                    marker.rest_y.raw() + int64_t{marker.displacement_y.raw()}};
+    last_[i] = {markers_[i].displacement_x.raw(), markers_[i].displacement_y.raw()};
   }
-  match(dots, expected_);
-  accept(dots);
-  expect_with_neighbours();
-  match(dots, expected_);
-  accept(dots);
+  look(dots, [&](size_t i) { return last_[i]; }, gate2_);
+  const Verdict verdict = judge(dots.size());
+  if (is_doubtful(verdict)) search(dots, verdict.n_known > 0 ? verdict.cost : INT64_MAX);
   int n_lost = 0;
   for (size_t i = 0; i < markers_.size(); ++i) {
     markers_[i].is_lost = known_[i] == 0;
-    n_lost += static_cast<int>(is_open_[i] != 0);
+    n_lost += static_cast<int>(known_[i] == 0 && !markers_[i].is_absent);
   }
   fill_lost();
   return n_lost;

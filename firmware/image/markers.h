@@ -1,8 +1,18 @@
 // Which dot is which marker: identity on the board's lattice, displacement always against rest.
 //
 // A marker is looked for at rest + its last displacement; marker and dot must be each other's nearest
-// within the gate. What stays without a dot is looked for once more where its lattice neighbours
-// went. Still lost: the displacement is the mean of the neighbours' (nearest ring first), and marked.
+// within the gate. What stays without a dot is looked for where its lattice neighbours went, ring by ring: on the
+// line through two in a row, or where the mean of those around it is.
+// Still lost: the displacement is the mean of the neighbours' (nearest ring first), and marked.
+//
+// Frames may be far apart. Where the outcome is doubtful (a marker missing inside the view, dots left over, neighbours
+// or frames more than about a third of a pitch apart), the lattice is laid on the dots anew, without memory: unmoved,
+// and moved as a whole by what takes a middle marker to each dot near it. The cheapest outcome counts,
+//
+//   cost = 16 sum |d_i - d_j|^2 over neighbours + sum |d_i|^2
+//          + 16 pitch^2 (markers missing inside the view) + 8 pitch^2 (dots left over)
+//
+// so a torn lattice or a missing row costs most, and of two equal ones a whole pitch apart the nearer to rest wins.
 // Frame thread; no allocation after the constructor.
 #pragma once
 
@@ -48,20 +58,41 @@ class MarkerLattice {
     int index = -1;
     int64_t distance2 = 0;
   };
+  // How good an assignment is; lengths Q8 px, squared.
+  struct Verdict {
+    int64_t cost = 0;
+    int64_t widest2 = 0;  // between neighbours' displacements
+    int n_missing = 0;    // inside the view
+    int n_known = 0;
+    int n_left = 0;  // dots
+  };
 
   [[nodiscard]] Point nominal(int index) const;
   [[nodiscard]] int nearest_free(std::span<const Dot> dots, const Point& place, int64_t limit2) const;
   int grow(std::span<const Dot> dots, int seed);
-  void match(std::span<const Dot> dots, std::span<const Point> expected);
-  void accept(std::span<const Dot> dots);
+  void match(std::span<const Dot> dots, int64_t gate2);
+  int accept(std::span<const Dot> dots);
+  template <typename Start>
+  void look(std::span<const Dot> dots, Start start, int64_t gate2);
+  [[nodiscard]] Verdict judge(size_t n_dots) const;
+  [[nodiscard]] bool is_doubtful(const Verdict& verdict) const;
+  void search(std::span<const Dot> dots, int64_t cost_so_far);
   void expect_with_neighbours();
   void fill_lost();
   // Mean displacement of the 8 neighbours that `known_` holds; count 0 = none.
   [[nodiscard]] int neighbour_mean(int index, Point& mean) const;
+  // Mean displacement on the lines through two neighbours in a row; count 0 = none.
+  [[nodiscard]] int on_lines(int index, Point& mean) const;
 
   GridSize size_;
   MarkerSettings settings_;
   int64_t gate2_;         // squared, Q16 px: dot from the place where it is expected
+  int64_t tight_gate2_;   // the same where nothing is remembered
+  int64_t search2_;       // a middle marker's dot from its rest place
+  int64_t pitch2_q8_;     // squared, Q8 px
+  Point view_{};          // size of the picture, Q16 px
+  int64_t edge_;          // a marker this near to the picture's border may be cut, Q16 px
+  int middle_ = 0;        // marker that the search begins with
   int64_t seed_gate2_;    // the first dot from its nominal place
   int64_t step_gate2_;    // a dot from one nominal step beside its neighbour
   int64_t um_to_px_q32_;  // image pixels per micrometre at the undeformed surface
@@ -75,6 +106,9 @@ class MarkerLattice {
   std::vector<uint8_t> is_open_;  // still looking for its dot
   std::vector<uint8_t> known_;    // has a displacement of its own, or a filled one
   std::vector<uint8_t> known_next_;
+  std::vector<Point> last_;  // displacement in the frame before
+  std::vector<Point> best_;  // of the cheapest assignment so far
+  std::vector<uint8_t> best_known_;
 };
 
 // Detector settings that follow from the board: box of 0.6 pitch, area around the nominal one.

@@ -128,6 +128,13 @@ def test_markers_over_a_sequence_with_losses_and_dust(open_stages: OpenStages, t
         rows, n_lost = core.track_markers(dots, n)
         assert n_lost == lattice.track(dots)
         assert np.array_equal(rows, lattice.rows)
+    pitch = int(np.abs(np.diff(lattice.nominal[:2, 0]))[0])
+    for _ in range(12):  # jumps of up to a pitch and a half, with a field of its own for each marker
+        jump = rng.integers(-3 * pitch // 2, 3 * pitch // 2, 2)
+        dots = dots_of(place + jump + rng.integers(-pitch // 4, pitch // 4, (n, 2)), rng.random(n) > 0.1)
+        rows, n_lost = core.track_markers(dots, n)
+        assert n_lost == lattice.track(dots)
+        assert np.array_equal(rows, lattice.rows)
     nothing = np.zeros((0, 3), np.int32)
     assert core.track_markers(nothing, n)[1] == lattice.track(nothing)
 

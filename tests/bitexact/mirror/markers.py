@@ -18,7 +18,13 @@ class Lattice:
         m, camera = board["markers"], board["camera"]
         self.n_x, self.n_y = m["n_x"], m["n_y"]
         pitch = length_q16(board, min(m["pitch_x_um"], m["pitch_y_um"]))
-        self.gate2, self.seed2, self.step2 = ((pitch * p // 100) ** 2 for p in (45, 60, 35))
+        self.gate2, self.seed2, self.step2, self.tight2, self.search2 = (
+            (pitch * p // 100) ** 2 for p in (45, 60, 35, 25, 110)
+        )
+        self.pitch2 = (pitch >> 8) ** 2
+        self.view = np.array([camera["width_px"], camera["height_px"]], np.int64) << 16
+        self.edge = length_q16(board, m["diameter_um"])
+        self.middle = 0
         scale = camera["focal_mpx"] * 2**32 // (camera["standoff_um"] * 1000)
         self.nominal = np.zeros((self.n_x * self.n_y, 2), np.int64)
         for axis, name in enumerate("xy"):
@@ -38,6 +44,7 @@ class Lattice:
         seeds = (middle, middle - 1, middle - self.n_x, middle - self.n_x - 1)
         grown = [self._grow(dots, seed) for seed in seeds]
         best = max(grown, key=len)  # the first of the longest
+        self.middle = seeds[grown.index(best)] if best else seeds[0]
         place = dots[:, :2].astype(np.int64)
         self.rows[:] = 0
         self.rows[:, [LOST, ABSENT]] = 1
@@ -87,22 +94,82 @@ class Lattice:
         """Displacements from the dots of one frame; number of markers lost that rest had."""
         rows = self.rows
         place = dots[:, :2].astype(np.int64)
-        is_open = rows[:, ABSENT] == 0
-        taken = np.zeros(len(dots), bool)
-        known = np.zeros(len(rows), bool)
-        expected = rows[:, [X, Y]] + rows[:, [DX, DY]]
-        for attempt in range(2):
-            if attempt == 1:
-                for i in np.flatnonzero(is_open):
-                    mean = self._neighbour_mean(int(i), known)
-                    if mean is not None:
-                        expected[i] = rows[i, [X, Y]] + mean
-            for marker, j in self._mutual(place, expected, is_open, taken):
-                rows[marker, [DX, DY]] = place[j] - rows[marker, [X, Y]]
-                known[marker], is_open[marker], taken[j] = True, False, True
+        last = rows[:, [DX, DY]].copy()
+        moved, known, at = self._look(place, last, self.gate2)
+        cost, missing, widest2 = self._judge(moved, known, at, len(dots))
+        limit2 = self.pitch2 * 33**2 // 10_000
+        step2 = (((moved - last) >> 8) ** 2).sum(axis=1)[known].max(initial=0)
+        left = len(dots) - int(known.sum())
+        if missing or widest2 > limit2 or 2 * left >= min(self.n_x, self.n_y) or step2 > limit2:
+            from_middle = place - rows[self.middle, [X, Y]]
+            near = from_middle[(from_middle**2).sum(axis=1) < self.search2]
+            for shift in (np.zeros(2, np.int64), *near):
+                again, seen, there = self._look(place, np.broadcast_to(shift, last.shape), self.tight2)
+                price = self._judge(again, seen, there, len(dots))[0]
+                if seen.any() and (price < cost or not known.any()):
+                    moved, known, cost = again, seen, price
+        rows[:, [DX, DY]] = np.where(known[:, None], moved, last)
         rows[:, LOST] = ~known
         self._fill(known)
-        return int(is_open.sum())
+        return int((~known & (rows[:, ABSENT] == 0)).sum())
+
+    def _look(
+        self, place: npt.NDArray[np.int64], start: npt.NDArray[np.int64], gate2: int
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+        """Displacements, which are known, and where each marker was last expected."""
+        rest = self.rows[:, [X, Y]]
+        moved, known = start.copy(), np.zeros(len(rest), bool)
+        is_open, taken = self.rows[:, ABSENT] == 0, np.zeros(len(place), bool)
+        expected = rest + start
+        gate = gate2
+        for ring in range(17):
+            if ring > 0:
+                if not is_open.any() or not known.any():
+                    break
+                for i in np.flatnonzero(is_open):
+                    led = self._led(int(i), known, moved)
+                    if led is not None:
+                        expected[i] = rest[i] + led
+            pairs = self._mutual(place, expected, is_open, taken, gate)
+            for marker, j in pairs:
+                moved[marker] = place[j] - rest[marker]
+                known[marker], is_open[marker], taken[j] = True, False, True
+            if not pairs and gate == self.gate2 and ring > 0:
+                break
+            gate = self.tight2 if pairs else self.gate2
+        return moved, known, expected
+
+    def _led(self, at: int, known: npt.NDArray[np.bool_], moved: npt.NDArray[np.int64]) -> npt.NDArray[np.int64] | None:
+        """Displacement on the straight line through two neighbours in a row, else the neighbours' mean."""
+        y, x = divmod(at, self.n_x)
+        lines = []
+        for step_x, step_y in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            if 0 <= x + 2 * step_x < self.n_x and 0 <= y + 2 * step_y < self.n_y:
+                near, far = (at + n * (step_y * self.n_x + step_x) for n in (1, 2))
+                if known[near] and known[far]:
+                    lines.append(2 * moved[near] - moved[far])
+        return np.sum(lines, axis=0) // len(lines) if lines else self._neighbour_mean(at, known, moved)
+
+    def _judge(
+        self,
+        moved: npt.NDArray[np.int64],
+        known: npt.NDArray[np.bool_],
+        expected: npt.NDArray[np.int64],
+        n_dots: int,
+    ) -> tuple[int, int, int]:
+        """Cost, markers missing inside the view, widest squared difference between neighbours."""
+        grid = (moved >> 8).reshape(self.n_y, self.n_x, 2)
+        exact = moved.reshape(self.n_y, self.n_x, 2)
+        seen = known.reshape(self.n_y, self.n_x)
+        right = ((exact[:, :-1] - exact[:, 1:]) >> 8) ** 2
+        below = ((exact[:-1] - exact[1:]) >> 8) ** 2
+        apart = np.concatenate([right.sum(axis=2)[seen[:, :-1] & seen[:, 1:]], below.sum(axis=2)[seen[:-1] & seen[1:]]])
+        lost = ~known & (self.rows[:, ABSENT] == 0)
+        inside = ((expected >= self.edge) & (expected < self.view - self.edge)).all(axis=1)
+        missing = int((lost & inside).sum())
+        cost = 16 * int(apart.sum()) + int((grid**2).sum(axis=2)[seen].sum())
+        cost += self.pitch2 * (16 * missing + 8 * (n_dots - int(known.sum())))
+        return cost, missing, int(apart.max(initial=0))
 
     def _mutual(
         self,
@@ -110,6 +177,7 @@ class Lattice:
         expected: npt.NDArray[np.int64],
         is_open: npt.NDArray[np.bool_],
         taken: npt.NDArray[np.bool_],
+        gate2: int,
     ) -> list[tuple[int, int]]:
         markers, dots = np.flatnonzero(is_open), np.flatnonzero(~taken)
         if len(markers) == 0 or len(dots) == 0:
@@ -119,10 +187,12 @@ class Lattice:
         return [
             (int(markers[a]), int(dots[b]))
             for a, b in enumerate(of_marker)
-            if of_dot[b] == a and distance2[a, b] < self.gate2
+            if of_dot[b] == a and distance2[a, b] < gate2
         ]
 
-    def _neighbour_mean(self, at: int, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64] | None:
+    def _neighbour_mean(
+        self, at: int, known: npt.NDArray[np.bool_], moved: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.int64] | None:
         y, x = divmod(at, self.n_x)
         around = [
             v * self.n_x + u
@@ -132,14 +202,14 @@ class Lattice:
         ]
         if not around:
             return None
-        total: npt.NDArray[np.int64] = self.rows[around][:, [DX, DY]].sum(axis=0)
+        total: npt.NDArray[np.int64] = moved[around].sum(axis=0)
         return np.asarray(total // len(around))
 
     def _fill(self, known: npt.NDArray[np.bool_]) -> None:
         while known.any() and not known.all():
             reached = known.copy()
             for i in np.flatnonzero(~known):
-                mean = self._neighbour_mean(int(i), known)
+                mean = self._neighbour_mean(int(i), known, self.rows[:, [DX, DY]])
                 if mean is not None:
                     self.rows[i, [DX, DY]] = mean
                     reached[i] = True

@@ -125,6 +125,36 @@ TEST(MarkerLattice, FindsAMarkerAgainWhereItsNeighboursWent) {
   EXPECT_NEAR(moved_x(lattice.markers()[kMiddle]), 12, 1e-4);
 }
 
+TEST(MarkerLattice, KeepsIdentityWhenFramesAreFarApart) {
+  const auto rest = nominal_dots(test::round_board());
+  // The middle moves by 20 px, more than a pitch, the rim hardly; in single jumps.
+  MarkerLattice lattice(test::round_board());
+  lattice.learn(exact_dots(rest));
+  for (const double peak : {20.0, -20.0, 0.0, 14.0, -17.0, 20.0, 1.0}) {
+    const auto now = moved(rest, [&](Place p) {
+      const double weight = std::exp(-(std::pow(p.x - 79.5, 2) + std::pow(p.y - 59.5, 2)) / 1800);
+      return Place{p.x + peak * weight, p.y - peak / 3 * weight};
+    });
+    ASSERT_EQ(lattice.track(exact_dots(now)), 0) << peak;
+    for (size_t i = 0; i < rest.size(); ++i) {
+      ASSERT_NEAR(moved_x(lattice.markers()[i]), now[i].x - rest[i].x, 1e-4) << peak << " px, marker " << i;
+    }
+  }
+}
+
+TEST(MarkerLattice, FollowsAJumpOfTheWholePadBeyondHalfAPitch) {
+  MarkerLattice lattice(test::round_board());
+  const auto rest = nominal_dots(test::round_board());
+  lattice.learn(exact_dots(rest));
+  for (const double jump : {0.8, 0.0, -0.7}) {
+    const auto dots =
+        exact_dots(moved(rest, [&](Place p) { return Place{p.x + jump * kPitchPx, p.y + jump / 2 * kPitchPx}; }));
+    EXPECT_EQ(lattice.track(dots), 0) << jump;
+    EXPECT_NEAR(moved_x(lattice.markers()[0]), jump * kPitchPx, 1e-4);
+    EXPECT_NEAR(moved_x(lattice.markers()[kMiddle]), jump * kPitchPx, 1e-4);
+  }
+}
+
 TEST(MarkerLattice, AFrameWithoutDotsLosesAllAndKeepsTheLastMotion) {
   MarkerLattice lattice(test::round_board());
   const auto rest = nominal_dots(test::round_board());
