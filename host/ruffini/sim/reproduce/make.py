@@ -29,7 +29,7 @@ from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
 from ruffini.sim.recording import record_touches
 from ruffini.sim.reproduce.runs import Run, readings_rng, runs_of
-from ruffini.sim.reproduce.settings import ReproduceSettings, RigSettings, load_reproduce
+from ruffini.sim.reproduce.settings import MountSettings, ReproduceSettings, RigSettings, load_reproduce
 from ruffini.sim.reproduce.solved import KeptMoment, aged, solved
 from ruffini.sim.rig import Unit
 from ruffini.sim.settings import load_twin
@@ -100,7 +100,7 @@ def _make_one(board: str, run: Run, out: Path) -> str:
     for rest in (partial, folder):  # of a run that was stopped
         shutil.rmtree(rest, ignore_errors=True)
     record_touches(unit, run.story(unit.board), partial, seed=run.seed, program=run.key, moments=moments)
-    _write_rig(partial, run, moments, settings.rig, unit.board.camera.rate_mhz * 1e-3)
+    _write_rig(partial, run, moments, settings, unit.board.camera.rate_mhz * 1e-3)
     _write_run(partial, run)
     partial.rename(folder)
     return ""
@@ -125,9 +125,22 @@ def readings(run: Run, rig: RigSettings, wrench: Array, poses: Array, rate_hz: f
     }  # fmt: skip
 
 
-def _write_rig(folder: Path, run: Run, moments: list[KeptMoment], rig: RigSettings, rate_hz: float) -> None:
+def mount_zero(run: Run, mounts: list[MountSettings]) -> Array:
+    """What the reference sensor reads in a run without any load, (6,) N and N m."""
+    own = next((m for m in mounts if m.indenter == run.chosen.get("indenter")), None)
+    if own is None:
+        return np.zeros(6)
+    sigma = np.array([*(2 * [own.zero_force_un * 1e-6]), 0.0, *(3 * [own.zero_torque_nnm * 1e-9])])
+    return np.asarray(np.random.default_rng([run.seed, 4]).normal(size=6) * sigma)
+
+
+def _write_rig(
+    folder: Path, run: Run, moments: list[KeptMoment], settings: ReproduceSettings, rate_hz: float
+) -> None:
+    rig = settings.rig
     wrench, poses = np.array([m.wrench() for m in moments]), np.array([m.pose_row() for m in moments])
     arrays = readings(run, rig, wrench, poses, rate_hz)
+    arrays["force"] += mount_zero(run, settings.mount)
     arrays["gel_depth_m"] = np.array([m.gel_depth_m for m in moments])
     arrays["area_m2"] = np.array([m.area_m2 for m in moments])
     if any(rig.displacement_noise_um):
@@ -155,8 +168,10 @@ def _write_run(folder: Path, run: Run) -> None:
 
 def digest(board: Board) -> str:
     """Of all that a board's recordings follow from: board.toml, twin.toml, reproduce.toml."""
+    settings = load_reproduce(board)
+    unused = set() if settings.mount else {"mount"}  # later than the first frozen boards
     tree = [board.model_dump(mode="json"), load_twin(board).model_dump(mode="json"),
-            load_reproduce(board).model_dump(mode="json")]  # fmt: skip
+            settings.model_dump(mode="json", exclude=unused)]  # fmt: skip
     return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 

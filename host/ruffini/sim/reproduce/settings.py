@@ -63,6 +63,17 @@ class RigSettings(Section):
     displacement_noise_um: ThreeErrors = Field(default=[0, 0, 0])  # of a surface displacement that the paper is given
 
 
+class MountSettings(Section):
+    """[[mount]]: what the reference sensor's sideways channels are off by while this indenter is bolted to it.
+
+    Standard deviations of a zero that is drawn anew for every run, along x and y, and about each axis.
+    """
+
+    indenter: Annotated[str, Field(min_length=1)]
+    zero_force_un: Error = 0
+    zero_torque_nnm: Error = 0
+
+
 class AgingSettings(Section):
     """[aging]: what 10,000 presses do to the unit; it grows evenly with their number."""
 
@@ -152,6 +163,7 @@ class ReproduceSettings(Section):
     published: list[Published] = Field(default=[])
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
     rig: RigSettings = RigSettings()
+    mount: list[MountSettings] = Field(default=[])
     aging: AgingSettings = AgingSettings()
     set_: Annotated[list[PressSet], Field(alias="set")] = Field(default=[])
     hand: list[HandSet] = Field(default=[])
