@@ -22,10 +22,7 @@ class Frames:
         self.path = path
         self._files: list[Path] = []
         if path.is_dir():
-            folder = path / "frames" if (path / "frames").is_dir() else path
-            self._files = sorted(p for p in folder.iterdir() if p.suffix in ENDINGS)
-            if not self._files:
-                raise InputError(f"{folder} holds no PNG or JPEG images")
+            self._files = image_files(path / "frames" if (path / "frames").is_dir() else path)
             self._count = len(self._files)
             return
         if not path.is_file():
@@ -50,6 +47,16 @@ class Frames:
             if not ok:
                 return
             yield np.asarray(frame, dtype=np.uint8)
+
+
+def image_files(folder: Path) -> list[Path]:
+    """Images of a folder by name, at least one."""
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a folder of images")
+    files = sorted(p for p in folder.iterdir() if p.suffix.lower() in ENDINGS)
+    if not files:
+        raise InputError(f"{folder} holds no PNG or JPEG images")
+    return files
 
 
 def read_image(path: Path) -> npt.NDArray[np.uint8]:

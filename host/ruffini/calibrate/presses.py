@@ -59,8 +59,11 @@ def load_presses(
     ball_mm: float | None = None,
     px_per_mm: float | None = None,
     truth: Path | None = None,
+    at_least: int = 3,
 ) -> PressSet:
     """Read a press folder; arguments win over `presses.toml`, `truth` over `presses.csv`.
+
+    at_least : number of presses that a fit needs; judging does with one.
 
     Raises
     ------
@@ -81,15 +84,21 @@ def load_presses(
         raise InputError(f"{folder} does not say its ball and scale: give --ball-mm (diameter) and --px-per-mm")
     if not (ball > 0 and scale > 0):
         raise InputError(f"ball_mm and px_per_mm must be positive, got {ball} and {scale}")
-    references = sorted(folder.glob("reference*.png"))
-    if not references:
-        raise InputError(f"{folder} has no reference.png: one image of the untouched pad is needed")
+    references = reference_images(folder)
     reference = np.mean([read_image(p).astype(float) for p in references], axis=0)
     table = truth or folder / "presses.csv"
     presses = [_parse_row(folder, table, i, row) for i, row in enumerate(_rows(table))]
-    if len(presses) < 3:
-        raise InputError(f"{table} lists {len(presses)} presses: at least 3 are needed for a fit")
+    if len(presses) < at_least:
+        raise InputError(f"{table} lists {len(presses)} presses: at least {at_least} are needed")
     return PressSet(presses, reference, float(ball), float(scale))
+
+
+def reference_images(folder: Path) -> list[Path]:
+    """Images of the untouched pad in a press folder, at least one."""
+    references = sorted(folder.glob("reference*.png"))
+    if not references:
+        raise InputError(f"{folder} has no reference.png: one image of the untouched pad is needed")
+    return references
 
 
 def _rows(table: Path) -> list[dict[str, str]]:

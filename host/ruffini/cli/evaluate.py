@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.errors import InputError
 
 app = typer.Typer(no_args_is_help=True, help="Judge markers, depth and flow on your own recordings.")
 PictureOption = Annotated[Path | None, typer.Option("--out", help="Picture (PNG).")]
@@ -40,5 +41,40 @@ def markers(
         from ruffini.evaluate.pictures import marker_tracks
 
         result["picture"] = str(marker_tracks(out, frames, tracks, result))
+        text += f"\n{out}"
+    emit(result, json_, text)
+
+
+@app.command("photometric")
+def photometric(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Ball presses that were not fitted on, reference.png.")],
+    calibration: Annotated[Path, typer.Option("--calibration", help="File with a photometric table.")],
+    truth: Annotated[Path | None, typer.Option(help="CSV of contact circles (default: DIR/presses.csv).")] = None,
+    ball_mm: Annotated[float | None, typer.Option(help="Diameter of the ball (default: presses.toml).")] = None,
+    px_per_mm: Annotated[float | None, typer.Option(help="Scale of the images (default: presses.toml).")] = None,
+    untouched: Annotated[Path | None, typer.Option(help="Folder of further untouched images.")] = None,
+    board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
+    out: PictureOption = None,
+    json_: JsonFlag = False,
+) -> None:
+    """Normals, cap shape and height of ball presses with the device's own arithmetic; depth of untouched images."""
+    from ruffini.calibrate import container
+    from ruffini.calibrate.presses import load_presses, reference_images
+    from ruffini.evaluate import photometric as judge
+    from ruffini.frames import image_files
+
+    file = container.read(calibration)
+    found = container.board_of(file, board)
+    if "photometric" not in file.kinds:
+        raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal photometric`")
+    presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, at_least=1)
+    still = image_files(untouched) if untouched is not None else []
+    with progress_bar("presses") as progress:
+        result, surfaces = judge.evaluate(presses, file, found, still, reference_images(folder), progress=progress)
+    text = judge.table(result)
+    if out is not None:
+        from ruffini.evaluate.pictures import press_depths
+
+        result["picture"] = str(press_depths(out, presses, surfaces, result))
         text += f"\n{out}"
     emit(result, json_, text)

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ruffini.demo.pictures import COLOURS, _figure, _save
+from ruffini.calibrate.presses import PressSet
+from ruffini.demo.pictures import COLOURS, PRESSURE_MAP, _figure, _save
 from ruffini.evaluate.markers import Tracks
+from ruffini.evaluate.photometric import Surface
 from ruffini.evaluate.warps import Picture
 
 
@@ -33,4 +35,36 @@ def marker_tracks(path: Path, frames: list[Picture], tracks: Tracks, result: dic
     right.plot(result["step_px"], color=COLOURS[0], label="largest motion since the frame before")
     right.set(title=f"{result['board']}: {result['frames']} frames", xlabel="frame", ylabel="px")
     right.legend()
+    return _save(figure, path)
+
+
+def press_depths(path: Path, presses: PressSet, surfaces: list[Surface], result: dict[str, Any]) -> Path:
+    """The best, a middling and the worst press by their normals: depth, and the profile through the ball beside it."""
+    by_error = np.argsort([row["refitted"]["normal_deg"] for row in result["presses"]])
+    shown = [int(by_error[i]) for i in (0, len(by_error) // 2, -1)]
+    figure, axes = _figure(12.0, 7.0, nrows=2, ncols=3)
+    scale, ball_mm = presses.px_per_mm, presses.ball_mm / 2
+    for column, index in enumerate(shown):
+        row, seen, press = result["presses"][index], surfaces[index], presses.presses[index]
+        dx, dy, dr = row["correction_px"]
+        x, y, radius = press.center_x_px + dx, press.center_y_px + dy, press.radius_px + dr
+        top, bottom = axes[0, column], axes[1, column]
+        shades = top.imshow(seen.depth_mm, cmap=PRESSURE_MAP)
+        turn = np.linspace(0, 2 * np.pi, 100)
+        top.plot(x + radius * np.cos(turn), y + radius * np.sin(turn), color="white", linewidth=1)
+        top.set(
+            title=f"{row['image']}: normals {row['refitted']['normal_deg']:.1f} deg", xlabel="x, px", ylabel="y, px"
+        )
+        figure.colorbar(shades, ax=top, label="depth, mm")
+        profile = seen.depth_mm[int(np.clip(round(y), 0, len(seen.depth_mm) - 1))]
+        away_mm = (np.arange(len(profile)) - x) / scale
+        is_cap = np.abs(away_mm) < min(radius / scale, ball_mm)
+        cap = -np.sqrt(ball_mm**2 - away_mm[is_cap] ** 2)
+        cap += profile[is_cap].mean() - cap.mean()
+        bottom.plot(away_mm, profile, color=COLOURS[2], label="device")
+        bottom.plot(away_mm[is_cap], cap, "--", color=COLOURS[0], label="ball, offset removed")
+        bottom.set(xlabel="from the ball's centre, mm", ylabel="depth, mm")
+        bottom.set(title=f"cap {row['refitted']['cap_rms_mm']:.3f} mm RMS, "
+                         f"height {row['refitted']['peak_to_edge']:.2f}")  # fmt: skip
+        bottom.legend()
     return _save(figure, path)

@@ -1,0 +1,310 @@
+"""A photometric table on ball presses that it was not fitted on: normals, cap shape, height, untouched frames.
+
+Judged inside `INSIDE` of the contact radius, where the surface is the ball's; outside it the gel slopes too, and nobody
+knows how. Circles are marked by hand to 1 or 2 px, which is 1.5 degrees a pixel: each press is judged on its circle as
+marked and on the one within `REFIT_PX` of it that the normals agree with best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board, parse_board
+from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
+from ruffini.calibrate.presses import Pinhole, Press, PressSet, ball_slope
+from ruffini.core import Pipeline
+from ruffini.errors import InputError
+from ruffini.frames import read_image
+
+Array = npt.NDArray[np.float64]
+
+INSIDE = 0.85  # of the contact radius
+REFIT_PX = 2.0  # largest correction of centre and radius
+REFIT_STEPS_PX = (1.0, 0.5, 0.25)
+CENTER = 0.12  # radius of the middle whose height is the peak's, contact radii
+RING = 0.04  # half width of the ring whose height is the edge's
+EQUATOR = 0.98  # contact radius over ball radius: where the surface is upright no camera sees its slope
+FAR_MM = 500.0  # pinhole of a view without perspective
+
+# The view of a recording that is not of the board's own size: scale as the presses say, no perspective.
+VIEW = """schema = 1
+[board]
+name = "{name}"
+product = "view of recorded presses"
+not_measured = []
+[camera]
+optics = "recorded"
+width_px = {width}
+height_px = {height}
+rate_mhz = 30000
+focal_mpx = {focal}
+center_x_mpx = {center_x}
+center_y_mpx = {center_y}
+standoff_um = {standoff}
+[pad]
+size_x_um = {size_x}
+size_y_um = {size_y}
+thickness_um = 4000
+modulus_pa = 200000
+poisson_1e4 = 4800
+[grid]
+n_x = 9
+n_y = 9
+n_layers = 2
+[window]
+min_x_um = 0
+min_y_um = 0
+max_x_um = {size_x}
+max_y_um = {size_y}
+[depth]
+gauge = "mean"
+margin_um = 0
+step_px = {step}
+[contact]
+threshold_un = 1000
+min_nodes = 1
+[field]
+force_lsb_un = 10
+[pipeline]
+n_rest_frames = 1
+stages = ["difference", "photometric", "poisson"]
+"""
+
+
+@dataclass(frozen=True)
+class View:
+    """How the images are looked at: the board and calibration that run, and the pinhole where there is perspective."""
+
+    board: Board
+    calibration: bytes
+    camera: Pinhole | None
+
+
+def view_of(board: Board, file: CalibrationFile, presses: PressSet) -> View:
+    """The board itself where the images are its own, else a view of their size and scale with the same table."""
+    height, width = presses.reference.shape[:2]
+    camera = board.camera
+    if (width, height) == (camera.width_px, camera.height_px):
+        px = (camera.focal_mpx, camera.center_x_mpx, camera.center_y_mpx, camera.standoff_um)
+        return View(board, file.data, Pinhole(*(value / 1e3 for value in px)))
+    values = {
+        "name": board.name,
+        "width": width, "height": height, "focal": round(presses.px_per_mm * FAR_MM * 1e3),
+        "center_x": width * 500 - 500, "center_y": height * 500 - 500, "standoff": round(FAR_MM * 1e3),
+        "size_x": round(width / presses.px_per_mm * 1e3), "size_y": round(height / presses.px_per_mm * 1e3),
+        "step": 1 if max(width, height) <= 640 else 2,
+    }  # fmt: skip
+    other = parse_board(VIEW.format(**values), "the view of the presses")
+    table = {name: tensor for name, tensor in file.tensors.items() if name.startswith("photometric.")}
+    return View(other, pack(table, base_metadata(other)).data, None)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One press on one circle: degrees, millimetres, ratio to the ball's."""
+
+    normal_deg: float
+    cap_rms_mm: float
+    peak_to_edge: float
+
+    def row(self) -> dict[str, float]:
+        """For --json."""
+        return {"normal_deg": self.normal_deg, "cap_rms_mm": self.cap_rms_mm, "peak_to_edge": self.peak_to_edge}
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What the device made of one image, at every pixel: slope (h, w, 2), depth (h, w) in millimetres."""
+
+    slope: Array
+    depth_mm: Array
+
+
+def _normals(slope: Array) -> Array:
+    n = np.concatenate([-slope, np.ones((*slope.shape[:-1], 1))], axis=-1)
+    return np.asarray(n / np.linalg.norm(n, axis=-1, keepdims=True))
+
+
+class Judge:
+    """Presses of one set, seen in one view."""
+
+    def __init__(self, presses: PressSet, view: View) -> None:
+        self.presses, self.view = presses, view
+        self.shape = presses.reference.shape[:2]
+        self.ball_mm = presses.ball_mm / 2
+
+    def truth(self, circle: Press, inside: float) -> tuple[npt.NDArray[np.bool_], Array]:
+        """Pixels inside a part of the circle, and the ball's slope there."""
+        return ball_slope(
+            circle, self.shape, ball_radius_mm=self.ball_mm, px_per_mm=self.presses.px_per_mm,
+            camera=self.view.camera, inside=inside,
+        )  # fmt: skip
+
+    def _height(self, slope: Array) -> Array:
+        """Of the ball's surface over its centre, where it has a slope, millimetres."""
+        return np.asarray(-self.ball_mm / np.sqrt(1 + (slope**2).sum(axis=1)))
+
+    def judge(self, circle: Press, seen: Surface) -> Judgement:
+        """Errors inside the circle."""
+        mask, slope = self.truth(circle, INSIDE)
+        cosine = (_normals(seen.slope[mask]) * _normals(slope)).sum(axis=1)
+        angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+        apart = seen.depth_mm[mask] - self._height(slope)
+        return Judgement(float(np.median(angle)), float(apart.std()), self._peak_to_edge(circle, seen))
+
+    def _peak_to_edge(self, circle: Press, seen: Surface) -> float:
+        mask, slope = self.truth(circle, INSIDE + RING)
+        y, x = np.nonzero(mask)
+        radius = np.hypot(x - circle.center_x_px, y - circle.center_y_px) / circle.radius_px
+        is_peak, is_edge = radius < CENTER, radius > INSIDE - RING
+        depth, height = seen.depth_mm[mask], self._height(slope)
+        risen = height[is_edge].mean() - height[is_peak].mean()
+        return float((depth[is_edge].mean() - depth[is_peak].mean()) / risen)
+
+    def refit(self, circle: Press, seen: Surface) -> Press:
+        """The circle near the marked one whose ball has the nearest normals, by a pattern search."""
+        normals = _normals(seen.slope)
+
+        def misfit(shift: Array) -> float:
+            moved = _moved(circle, shift)
+            mask, slope = self.truth(moved, INSIDE)
+            return float(((normals[mask] - _normals(slope)) ** 2).sum(axis=1).mean())
+
+        best = np.zeros(3)
+        least = misfit(best)
+        for step in REFIT_STEPS_PX:
+            is_better = True
+            while is_better:
+                is_better = False
+                for way in np.concatenate([np.eye(3), -np.eye(3)]) * step:
+                    shift = best + way
+                    if np.abs(shift).max() <= REFIT_PX and (value := misfit(shift)) < least:
+                        best, least, is_better = shift, value, True
+        return _moved(circle, best)
+
+
+def _moved(circle: Press, shift: Array) -> Press:
+    x, y, r = shift.tolist()
+    return Press(circle.path, circle.center_x_px + x, circle.center_y_px + y, circle.radius_px + r)
+
+
+def _surface(pipeline: Pipeline, image: npt.NDArray[np.uint8]) -> Surface:
+    """Slope and depth of an image, brought to its pixels."""
+    import cv2
+
+    pipeline.process(image)
+    size = image.shape[1::-1]
+    slope = cv2.resize(pipeline.raw("slope") / 4096, size, interpolation=cv2.INTER_LINEAR)
+    return Surface(np.asarray(slope), np.asarray(cv2.resize(pipeline.depth_m() * 1e3, size)))
+
+
+def _read(path: Path, shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
+    image = read_image(path)
+    if image.shape[:2] != shape[:2]:
+        height, width = image.shape[:2]
+        raise InputError(f"{path}: is {width}x{height}, the reference is {shape[1]}x{shape[0]}: one size is needed")
+    return image
+
+
+def evaluate(
+    presses: PressSet,
+    file: CalibrationFile,
+    board: Board,
+    untouched: list[Path],
+    references: list[Path],
+    *,
+    progress: Callable[[float], None] = lambda _: None,
+) -> tuple[dict[str, Any], list[Surface]]:
+    """Judge every press and every untouched image; the result for `--json`, and the surfaces for the picture.
+
+    Without `untouched` images each of several `references` is judged on the mean of the others.
+    """
+    view = view_of(board, file, presses)
+    judge = Judge(presses, view)
+    rows, surfaces = [], []
+    with Pipeline(view.board, view.calibration) as pipeline:
+        pipeline.set_rest(presses.reference)
+        for done, press in enumerate(presses.presses):
+            seen = _surface(pipeline, _read(press.path, presses.reference.shape))
+            best = judge.refit(press, seen)
+            rows.append({
+                "image": press.path.name,
+                "at_equator": press.radius_px >= EQUATOR * judge.ball_mm * presses.px_per_mm,
+                "marked": judge.judge(press, seen).row(), "refitted": judge.judge(best, seen).row(),
+                "correction_px": [best.center_x_px - press.center_x_px, best.center_y_px - press.center_y_px,
+                                  best.radius_px - press.radius_px],
+            })  # fmt: skip
+            surfaces.append(seen)
+            progress((done + 1) / len(presses.presses))
+        still = _untouched(pipeline, presses, untouched, references)
+    result = {
+        "board": board.name, "is_own_view": view.board is board, "inside": INSIDE,
+        "n_presses": len(rows), "marked": _summary(rows, "marked"), "refitted": _summary(rows, "refitted"),
+        "untouched": {"n": len(still), "rms_um": still, "worst_um": max(still) if still else None}, "presses": rows,
+    }  # fmt: skip
+    return result, surfaces
+
+
+def _untouched(pipeline: Pipeline, presses: PressSet, images: list[Path], references: list[Path]) -> list[float]:
+    """RMS depth of each untouched image, micrometres."""
+    shape = presses.reference.shape
+    pairs = [(_read(path, shape), presses.reference) for path in images]
+    if not images and len(references) > 1:
+        total = presses.reference * len(references)
+        for path in references:
+            image = _read(path, shape)
+            pairs.append((image, (total - image) / (len(references) - 1)))
+    out = []
+    for image, rest in pairs:
+        pipeline.set_rest(rest)
+        out.append(float(np.sqrt((_surface(pipeline, image).depth_mm ** 2).mean()) * 1e3))
+    return out
+
+
+def _summary(rows: list[dict[str, Any]], circle: str) -> dict[str, float]:
+    """Median and worst over the presses; heights of presses at the equator are left out."""
+    normal = [row[circle]["normal_deg"] for row in rows]
+    cap = [row[circle]["cap_rms_mm"] for row in rows]
+    height = [row[circle]["peak_to_edge"] for row in rows if not row["at_equator"]] or [float("nan")]
+    return {
+        "normal_median_deg": float(np.median(normal)), "normal_worst_deg": max(normal),
+        "cap_median_mm": float(np.median(cap)), "cap_worst_mm": max(cap),
+        "peak_to_edge_median": float(np.median(height)),
+        "peak_to_edge_least": min(height), "peak_to_edge_most": max(height),
+    }  # fmt: skip
+
+
+def table(result: dict[str, Any]) -> str:
+    """The result as text."""
+    lines = [
+        f"{result['n_presses']} presses, inside {result['inside']} of the contact radius; circle as marked | refitted "
+        f"within {REFIT_PX:.0f} px",
+        f"{'image':16} normals, deg    cap RMS, mm        peak to edge      dx, dy, dr px",
+    ]
+    for row in result["presses"]:
+        a, b = row["marked"], row["refitted"]
+        lines.append(
+            f"{row['image']:16} {a['normal_deg']:5.2f} | {b['normal_deg']:5.2f}  "
+            f"{a['cap_rms_mm']:6.4f} | {b['cap_rms_mm']:6.4f}  {a['peak_to_edge']:6.3f} | {b['peak_to_edge']:6.3f}  "
+            + " ".join(f"{v:+5.2f}" for v in row["correction_px"]) + ("  at the equator" if row["at_equator"] else "")
+        )  # fmt: skip
+    for name in ("marked", "refitted"):
+        s = result[name]
+        lines.append(
+            f"{name}: normals {s['normal_median_deg']:.2f} deg median, {s['normal_worst_deg']:.2f} worst; cap "
+            f"{s['cap_median_mm']:.4f} mm median, {s['cap_worst_mm']:.4f} worst; peak to edge "
+            f"{s['peak_to_edge_median']:.3f} median, {s['peak_to_edge_least']:.3f} to {s['peak_to_edge_most']:.3f}"
+        )
+    still = result["untouched"]
+    lines.append(
+        f"untouched: {still['n']} images, worst RMS {still['worst_um']:.3f} um"
+        if still["n"]
+        else "untouched: not judged, there is no second untouched image (--untouched DIR)"
+    )
+    return "\n".join(lines)

@@ -1,0 +1,132 @@
+"""`ruffini eval photometric` on drawn presses whose circles, normals and heights are known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from typer.testing import CliRunner
+
+from ruffini.boards import find_board
+from ruffini.calibrate import container
+from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
+from ruffini.calibrate.presses import load_presses, reference_images
+from ruffini.cli.app import app
+from ruffini.errors import InputError
+from ruffini.evaluate.photometric import evaluate, table
+
+BOARD = find_board(Path(__file__).parents[3] / "boards" / "gelsight-mini")
+BALL_MM, PX_PER_MM = 5.0, 15.0
+LAMPS = np.array([[0.5, 0.1], [-0.2, 0.45], [-0.25, -0.5]])  # relative change of B, G, R per unit normal x, y
+Picture = npt.NDArray[np.uint8]
+
+
+def draw(rng: np.random.Generator, size: tuple[int, int], circle: tuple[float, float, float] | None) -> Picture:
+    """A ball's cap, its slope fading over a radius outside the contact; light Lambertian in the normal's x and y."""
+    height, width = size
+    y, x = np.mgrid[:height, :width].astype(float)
+    normal = np.zeros((*size, 2))
+    if circle is not None:
+        dx, dy = x - circle[0], y - circle[1]
+        away = np.hypot(dx, dy)
+        fade = np.clip(2 - away / circle[2], 0, 1)
+        held = np.minimum(away, circle[2]) / np.maximum(away, 1e-9)
+        normal = np.stack([dx, dy], axis=-1) * (held * fade / (BALL_MM / 2 * PX_PER_MM))[..., None]
+    level = 120 * (1 + normal @ LAMPS.T) + rng.normal(0, 1, (*size, 3))
+    return np.asarray(np.clip(np.round(level), 0, 255), dtype=np.uint8)
+
+
+def write(folder: Path, size: tuple[int, int], n: int, off_px: float = 0.0) -> Path:
+    """n presses; the table's circles are off by `off_px` along x."""
+    rng = np.random.default_rng(3)
+    folder.mkdir()
+    for i in range(4):
+        cv2.imwrite(str(folder / f"reference_{i}.png"), draw(rng, size, None))
+    lines = ["image,center_x_px,center_y_px,contact_radius_px"]
+    for i in range(n):
+        circle = (rng.uniform(60, size[1] - 60), rng.uniform(55, size[0] - 55), rng.uniform(22, 30))
+        cv2.imwrite(str(folder / f"{i}.png"), draw(rng, size, circle))
+        lines.append(f"{i}.png,{circle[0] + off_px:.2f},{circle[1]:.2f},{circle[2]:.2f}")
+    (folder / "presses.csv").write_text("\n".join(lines) + "\n")
+    (folder / "presses.toml").write_text(f"ball_mm = {BALL_MM}\npx_per_mm = {PX_PER_MM}\n")
+    return folder
+
+
+def calibrate(folder: Path, out: Path) -> Path:
+    fit = fit_photometric(collect_samples(load_presses(folder), None))
+    container.write(out, container.pack(dict(tabulate(fit.model)), container.base_metadata(BOARD)))
+    return out
+
+
+@pytest.fixture(scope="module")
+def calibration(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("fit")
+    return calibrate(write(root / "presses", (160, 200), 10), root / "colours.safetensors")
+
+
+# The board's own view is in perspective, which the drawing is not: 3 degrees more.
+@pytest.mark.parametrize(("size", "is_own", "worst_deg"), [((160, 200), False, 4), ((240, 320), True, 7)])
+def test_presses_with_a_known_truth(
+    calibration: Path, tmp_path: Path, size: tuple[int, int], is_own: bool, worst_deg: float
+) -> None:
+    folder = write(tmp_path / "presses", size, 3)
+    judged = evaluate(load_presses(folder), container.read(calibration), BOARD, [], reference_images(folder))[0]
+    assert judged["is_own_view"] is is_own
+    assert judged["n_presses"] == 3
+    assert judged["marked"]["normal_worst_deg"] < worst_deg
+    assert judged["marked"]["cap_worst_mm"] < 0.03
+    assert judged["marked"]["peak_to_edge_median"] == pytest.approx(1, abs=0.06)
+    assert len(judged["untouched"]["rms_um"]) == 4
+    assert 0 < judged["untouched"]["worst_um"] < 60
+    assert "peak to edge" in table(judged)
+
+
+def test_a_circle_marked_beside_is_put_right(calibration: Path, tmp_path: Path) -> None:
+    folder = write(tmp_path / "presses", (160, 200), 3, off_px=1.5)
+    judged = evaluate(load_presses(folder), container.read(calibration), BOARD, [], reference_images(folder))[0]
+    for row in judged["presses"]:
+        assert row["correction_px"][0] == pytest.approx(-1.5, abs=0.6)
+    assert judged["refitted"]["normal_median_deg"] < judged["marked"]["normal_median_deg"] - 1
+
+
+def test_a_table_of_other_colours_is_told(calibration: Path, tmp_path: Path) -> None:
+    file = container.read(calibration)
+    wrong = dict(file.tensors)
+    wrong["photometric.unmix"] = (wrong["photometric.unmix"] // 2).astype(np.int16)
+    folder = write(tmp_path / "presses", (160, 200), 3)
+    flat = container.pack(wrong, file.metadata)
+    judged = evaluate(load_presses(folder), flat, BOARD, [], reference_images(folder))[0]
+    assert judged["marked"]["peak_to_edge_median"] < 0.6
+    assert judged["marked"]["normal_median_deg"] > 8
+
+
+def test_the_verb(calibration: Path, tmp_path: Path) -> None:
+    folder = write(tmp_path / "presses", (160, 200), 3)
+    picture = tmp_path / "press.png"
+    arguments = ["eval", "photometric", str(folder), "--calibration", str(calibration), "--out", str(picture)]
+    done = CliRunner().invoke(app, [*arguments, "--board", str(BOARD.folder), "--json"])
+    assert done.exit_code == 0, done.output
+    result = json.loads(done.stdout)
+    assert [row["image"] for row in result["presses"]] == ["0.png", "1.png", "2.png"]
+    assert np.asarray(cv2.imread(result["picture"])).std() > 10
+
+
+def test_what_cannot_be_judged(calibration: Path, tmp_path: Path) -> None:
+    folder = write(tmp_path / "presses", (160, 200), 3)
+    operator = tmp_path / "operator.safetensors"
+    tensors = {"rest.image": np.zeros((2, 2, 3), np.uint16)}
+    container.write(operator, container.pack(tensors, container.base_metadata(BOARD)))
+    board = ["--board", str(BOARD.folder)]
+    words = ["eval", "photometric", str(folder), "--calibration", str(operator), *board]
+    assert "no photometric table" in str(CliRunner().invoke(app, words).exception)
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    words = ["eval", "photometric", str(folder), "--calibration", str(calibration), *board, "--untouched", str(empty)]
+    assert "holds no PNG or JPEG" in str(CliRunner().invoke(app, words).exception)
+    cv2.imwrite(str(folder / "1.png"), np.zeros((10, 10, 3), np.uint8))
+    with pytest.raises(InputError, match="one size is needed"):
+        evaluate(load_presses(folder), container.read(calibration), BOARD, [], reference_images(folder))
