@@ -127,8 +127,25 @@ void FramePath::run_solve(bool with_support) {
     state_.solve.mask = mask_.find(state_.solve.force);
   });
   if (!support_ || !with_support) return;
-  timed(Stage::kSupport,
-        [&] { support_->run(state_.solve.u, state_.solve.mask, state_.solve.force, state_.saturations); });
+  timed(Stage::kSupport, [&] {
+    const std::span<const NodeForce> beyond = add_finite_strain();
+    support_->run(state_.solve.u, beyond, state_.solve.mask, state_.solve.force, state_.saturations);
+  });
+}
+
+// What finite strain adds to the linear estimate, and so to the mask; empty where nothing touches or the
+// calibration is linear.
+std::span<const NodeForce> FramePath::add_finite_strain() {
+  const std::span<const uint8_t> mask = state_.solve.mask;
+  if (!finite_strain_ || std::all_of(mask.begin(), mask.end(), [](uint8_t m) { return m == 0; })) return {};
+  const std::span<const NodeForce> beyond = finite_strain_->run(state_.solve.u, state_.saturations);
+  const auto add = [&](int32_t a, int32_t b) { return saturate_raw<int32_t>(int64_t{a} + b, state_.saturations); };
+  for (size_t i = 0; i < beyond.size(); ++i) {
+    NodeForce& f = state_.solve.force[i];
+    f = {add(f.x, beyond[i].x), add(f.y, beyond[i].y), add(f.z, beyond[i].z)};
+  }
+  state_.solve.mask = mask_.find(state_.solve.force);
+  return beyond;
 }
 
 // What this pad lost to relaxation; a frame that is not to be believed is not remembered. Its time counts as the
@@ -298,6 +315,11 @@ Status FramePath::load_tables() {
       node_error_ = node_error.value();
       wrench_error_ = wrench_error.value();
     }
+  }
+  if (support_ && c.has_kind("finite_strain")) {
+    auto finite_strain = FiniteStrain::load(c, nodes_.size());
+    if (!finite_strain) return finite_strain.error();
+    finite_strain_.emplace(std::move(finite_strain).value());
   }
   if (support_ && c.has_kind("relaxation")) {
     auto relaxation = Relaxation::load(c, nodes_.size().count());

@@ -12,6 +12,7 @@
 #include "image/poisson.h"
 #include "image/rest.h"
 #include "solve/block_program.h"
+#include "solve/finite_strain.h"
 #include "solve/relaxation.h"
 #include "solve/support_solver.h"
 #include "store/calibration.h"
@@ -77,6 +78,7 @@ class FramePath {
   void run_depth();
   void run_displacement();
   void run_solve(bool with_support);
+  std::span<const NodeForce> add_finite_strain();
   void run_memory(uint64_t capture_us);
   void run_estimators();
   void run_uncertainty();
@@ -101,6 +103,7 @@ class FramePath {
   Displacement displacement_;
   std::optional<BlockProgram> operator_;
   std::optional<SupportSolver> support_;
+  std::optional<FiniteStrain> finite_strain_;
   std::optional<Relaxation> relaxation_;
   std::optional<NodeSigmaModel> node_error_;
   std::optional<WrenchErrorModel> wrench_error_;

@@ -41,6 +41,7 @@ Result<SupportSolver> SupportSolver::load(const Calibration& calibration, GridSi
   out.index_.reserve(size);
   out.p16_.resize(size);
   out.wide_.resize(size);
+  out.beyond_.resize(size);
   for (auto* values : {&out.weight_, &out.b_, &out.y_, &out.r_, &out.v_, &out.z_, &out.p_, &out.image_}) {
     values->reserve(size);
   }
@@ -90,6 +91,21 @@ void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce>
     y_[i] = round_shift(weight_[i] * y, ContactMask::kFraction);
     b_[i] = wide_[index_[i]];
   }
+}
+
+// H (beyond / d), all nodes: beyond is not zero outside the support.
+void SupportSolver::add_to_b(std::span<const NodeForce> beyond, SaturationCounter& saturations) {
+  for (size_t i = 0; i < beyond_.size(); ++i) {
+    const NodeForce& f = beyond[i / 3];
+    const int64_t value = i % 3 == 0 ? f.x : i % 3 == 1 ? f.y : f.z;
+    beyond_[i] = limited(floor_div(value * (int64_t{1} << kForceFraction), scale_[i]), saturations);
+  }
+  const int shift = common_shift(beyond_);
+  std::transform(beyond_.begin(), beyond_.end(), p16_.begin(),
+                 [&](int64_t v) { return static_cast<int16_t>(to_16(v, shift)); });
+  multiply(saturations);
+  for (size_t i = 0; i < index_.size(); ++i) b_[i] += shifted(image_[i], kImageFraction - shift);
+  std::fill(p16_.begin(), p16_.end(), int16_t{0});
 }
 
 // w and y times clamp(-f_z / T, 0, 1), node by node: index_ holds x, y, z of each node in turn.
@@ -153,11 +169,12 @@ bool SupportSolver::step(Energy& current, SaturationCounter& saturations) {
   return true;
 }
 
-void SupportSolver::run(std::span<const int16_t> u, std::span<const uint8_t> mask, std::span<NodeForce> force,
-                        SaturationCounter& saturations) {
+void SupportSolver::run(std::span<const int16_t> u, std::span<const NodeForce> beyond, std::span<const uint8_t> mask,
+                        std::span<NodeForce> force, SaturationCounter& saturations) {
   gather(mask);
   std::fill(p16_.begin(), p16_.end(), int16_t{0});
   start(u, force, saturations);
+  if (!beyond.empty()) add_to_b(beyond, saturations);
   modes_.assign(mask, index_);
   for (int i = 0; i < kRounds; ++i) {
     if (i > 0) weaken_pull();

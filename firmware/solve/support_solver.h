@@ -10,11 +10,13 @@
 //   y, r       Q14, clamped to +-2^31, counted
 //   z = M r    M = w^2 (a quarter of it for shear) + modes; r . z = v . v + the modes' part, v = w r (w r / 2)
 //   p16        p rounded to 16 bits with one common shift (as v16 for the energies)
-//   H p16      `support.normal`, 8 more fraction bits, clamped to +-2^33, counted;  b = `support.project` u
+//   H p16      `support.normal`, 8 more fraction bits, clamped to +-2^33, counted
+//   b          `support.project` u, and H of what finite strain adds, as y
 //   step, beta mantissa of 24 bits and a power of two
 //   F = (y d + 2^29) >> 30, d = `support.scale` (Q16 force steps per unit of y)
 //
-// Work is bounded by kRounds (kSteps + 1) products with the rows and columns of S. Frame thread; no allocation after the constructor.
+// Work is bounded by kRounds (kSteps + 1) products with the rows and columns of S, one with
+// all columns. Frame thread; no allocation after the constructor.
 // Not in the paper.
 #pragma once
 
@@ -40,9 +42,10 @@ class SupportSolver {
                                                   std::span<const NodePlace> places, int64_t threshold_lsb);
 
   // `u`: displacement, xyz interleaved. `mask`: ContactMask's. `force`: linear estimate in,
-  // second pass out (zero outside the mask).
-  void run(std::span<const int16_t> u, std::span<const uint8_t> mask, std::span<NodeForce> force,
-           SaturationCounter& saturations);
+  // second pass out (zero outside the mask). `beyond`: what finite strain adds to the linear forces of u
+  // (finite_strain.h), in `force` already; empty without.
+  void run(std::span<const int16_t> u, std::span<const NodeForce> beyond, std::span<const uint8_t> mask,
+           std::span<NodeForce> force, SaturationCounter& saturations);
 
  private:
   struct Energy {
@@ -54,6 +57,7 @@ class SupportSolver {
 
   void gather(std::span<const uint8_t> mask);
   void start(std::span<const int16_t> u, std::span<const NodeForce> force, SaturationCounter& saturations);
+  void add_to_b(std::span<const NodeForce> beyond, SaturationCounter& saturations);
   void weaken_pull();
   void round(SaturationCounter& saturations);
   bool step(Energy& current, SaturationCounter& saturations);
@@ -70,6 +74,7 @@ class SupportSolver {
   std::vector<uint32_t> index_;  // unknowns of the support
   std::vector<int16_t> p16_;     // all unknowns
   std::vector<int64_t> wide_;    // all unknowns of a product
+  std::vector<int64_t> beyond_;  // all unknowns
   std::vector<int64_t> weight_;
   std::vector<int64_t> b_;
   std::vector<int64_t> y_;

@@ -60,7 +60,7 @@ def test_every_stage_over_a_recording(step: int) -> None:
     text = board_with_all_stages(step)
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(step)
-    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)), is_finite=step == 2)
     memory = RelaxationFit(1.0, ((0.1, 0.05), (0.15, 1.5)), 0.0, 0.0)
     relaxation, relaxation_metadata = memory.tensors() if step == 2 else ({}, {})
     file = pack(
@@ -99,11 +99,12 @@ def test_every_stage_over_a_recording(step: int) -> None:
     assert 0 < n_at_border < n_touched, n_at_border  # the dent walks over the window's border
 
 
-def test_solve_on_random_displacements() -> None:
+@pytest.mark.parametrize("is_finite", [False, True])
+def test_solve_on_random_displacements(is_finite: bool) -> None:
     text = board_with_all_stages(2)
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(11)
-    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)), is_finite=is_finite)
     tables = {**kind.tensors, **photometric_tables(rng)}
     file = pack(tables, {**base_metadata(typed), **kind.metadata})
     mirror = FramePath(board, file.tensors, file.metadata)

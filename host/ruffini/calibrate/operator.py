@@ -16,6 +16,7 @@ from ruffini.errors import InputError
 from ruffini.fem.certificate import DISPLACEMENT_LSB_NM
 from ruffini.fem.compile import Compiled, compile_matrix, force_steps
 from ruffini.fem.condense import condense
+from ruffini.fem.finite_strain import FiniteStrain, finite_strain
 from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
@@ -42,6 +43,7 @@ class OperatorKind:
     metadata: dict[str, str]
     matrix: npt.NDArray[np.float64]
     support: SupportSystem | None
+    beyond: FiniteStrain | None
     errors: ErrorModel | None
     no_errors: str | None = None  # why no error model could be fitted, though one was asked for
 
@@ -112,6 +114,7 @@ def make_operator(
     noise: Noise,
     ridge_weight: float = 1e-4,
     material: Material | None = None,
+    is_finite: bool = False,
     n_touches: int = 0,
     progress: Progress = lambda _: None,
 ) -> OperatorKind:
@@ -119,6 +122,8 @@ def make_operator(
 
     Parameters
     ----------
+    is_finite : bool
+        Whether the pad is at finite strain: then the second pass adds what that makes, to second order.
     n_touches : int
         Simulated touches on which the second pass's error model is fitted; 0: none, uncertainty is not measured.
         Where they determine none (a pad that feels them too little), `no_errors` says why.
@@ -131,6 +136,8 @@ def make_operator(
     if method not in OPERATOR_METHODS:
         raise InputError(f"unknown method {method!r}: choose one of {', '.join(OPERATOR_METHODS)}")
     has_support = method == "support"
+    if is_finite and not has_support:
+        raise InputError(f"finite strain works on the second pass: method support, not {method}")
     slab = board_slab(board, material)
     matrix = force_operator(
         slab,
@@ -163,11 +170,16 @@ def make_operator(
     }
     tensors: Tensors = {}
     _add(tensors, metadata, "operator", compiled)
-    system, errors, no_errors = None, None, None
+    system, beyond, errors, no_errors = None, None, None, None
     if has_support:
         system = support_system(condense(slab), noise, observed_unknowns(board), matrix)
         progress(0.6)
         _add_support(tensors, metadata, system, lsb, sites, room)
+    if is_finite:
+        beyond = finite_strain(slab, (rows.stop - rows.start, columns.stop - columns.start))
+        tables, integers = beyond.tensors(lsb)
+        tensors |= tables
+        metadata |= integers
     if system is not None and n_touches > 0:
         try:
             errors = fit_error_model(
@@ -179,7 +191,7 @@ def make_operator(
         except InputError as error:
             errors, no_errors = None, str(error)
     progress(1.0)
-    return OperatorKind(tensors, metadata, matrix, system, errors, no_errors)
+    return OperatorKind(tensors, metadata, matrix, system, beyond, errors, no_errors)
 
 
 def second_pass(board: Board, matrix: npt.NDArray[np.float64], system: SupportSystem) -> Estimate:

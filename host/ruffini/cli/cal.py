@@ -62,6 +62,12 @@ def operator(
     relaxation: Annotated[
         Path | None, typer.Option(help="File of `cal relaxation`: what the pad loses under a held strain (support).")
     ] = None,
+    strain: Annotated[
+        str,
+        typer.Option(
+            help="finite for a real pad (support): adds what finite strain makes, to second order; or linear."
+        ),
+    ] = "linear",
     touches: Annotated[
         int,
         typer.Option(min=0, help="Simulated touches that the error model is fitted on (support); 0: none is stated."),
@@ -77,6 +83,8 @@ def operator(
     from ruffini.fem.operators import Noise
 
     start = time.perf_counter()
+    if strain not in ("linear", "finite"):
+        raise InputError(f"--strain {strain!r}: choose linear or finite")
     found = find_board(board)
     x, y, z = _micrometres(noise_um)
     noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_um * 1e-6, tilt_m=tilt_um * 1e-6)
@@ -91,7 +99,7 @@ def operator(
     with progress_bar("inverse FEM") as progress:
         kind = make_operator(
             found, method=method, noise=noise, ridge_weight=chosen, n_touches=touches, material=known,
-            progress=progress,
+            is_finite=strain == "finite", progress=progress,
         )  # fmt: skip
     tensors, metadata = ({}, {}) if memory is None else memory.tensors()
     file = container.pack({**kind.tensors, **tensors}, {**container.base_metadata(found), **kind.metadata, **metadata})
@@ -99,8 +107,9 @@ def operator(
     error = int(kind.metadata["operator.error_1e9"]) * 1e-9
     seconds = time.perf_counter() - start
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in 1024 bytes
-    result = {"file": str(out), "board": found.name, "method": method, "grid": [int(kind.metadata["operator.n_x"]),
-              int(kind.metadata["operator.n_y"])], "rounding_error": error, "bytes": len(file.data),
+    result = {"file": str(out), "board": found.name, "method": method, "strain": strain,
+              "grid": [int(kind.metadata["operator.n_x"]), int(kind.metadata["operator.n_y"])],
+              "rounding_error": error, "bytes": len(file.data),
               "form": kind.metadata["operator.form"], "seconds": seconds, "peak_mb": peak_mb,
               "worst_error_un": [int(v) for v in kind.metadata["operator.worst_error_un"].split(",")],
               "material": kind.metadata["operator.material"], **said,

@@ -11,6 +11,7 @@ from mirror.board import Board, observed_nodes
 from mirror.displacement import displacement
 from mirror.dots import detect_dots
 from mirror.estimators import contact_areas, wrench
+from mirror.finite_strain import FiniteStrain
 from mirror.fixed import I64, Saturations
 from mirror.light import difference, grey, reciprocal, rest_image
 from mirror.markers import Lattice
@@ -41,7 +42,7 @@ class Outcome:
 
 
 class FramePath:
-    """Operator, support and photometric kinds are all required; relaxation may be there."""
+    """Operator, support and photometric kinds are all required; finite strain and relaxation may be there."""
 
     def __init__(self, board: Board, tensors: Tensors, metadata: dict[str, str]) -> None:
         self.board = board
@@ -55,6 +56,8 @@ class FramePath:
             int(metadata["support.shear_noise"]),
         )
         self._places = node_places(board)
+        has_finite_strain = "finite_strain.extension" in tensors
+        self._finite_strain = FiniteStrain(tensors, metadata) if has_finite_strain else None
         self._relaxation = None
         if "relaxation.part" in tensors:
             part, time_ms = (tensors[f"relaxation.{name}"].astype(np.int32) for name in ("part", "time_ms"))
@@ -92,4 +95,10 @@ class FramePath:
         shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
         threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
         mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"])
-        return support_force(self._support, self._places, u, mask, force, threshold, self.saturations), mask
+        beyond = None
+        if self._finite_strain is not None and mask.any():
+            beyond = self._finite_strain.force(u, self.saturations)
+            force = self.saturations.int32(force.reshape(-1, 3) + beyond)
+            mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"])
+        solved = support_force(self._support, self._places, u, beyond, mask, force, threshold, self.saturations)
+        return solved, mask

@@ -33,7 +33,7 @@ def _times(a: list[int], weight: list[int], fraction: list[int]) -> list[int]:
 class _Pass:
     """One contact mask's second pass; vectors over the support's unknowns are lists of int."""
 
-    def __init__(self, tables: SupportTables, u: I64, mask: I64, saturations: Saturations) -> None:
+    def __init__(self, tables: SupportTables, u: I64, beyond: I64 | None, mask: I64, saturations: Saturations) -> None:
         self.tables, self.saturations = tables, saturations
         self.nodes = [int(n) for n in np.flatnonzero(mask.ravel() > 0)]
         self.index = np.array([3 * n + c for n in self.nodes for c in range(3)], dtype=np.int64)
@@ -41,10 +41,19 @@ class _Pass:
         self.weight = [int(mask.ravel()[n]) for n in self.nodes for _ in range(3)]
         self.scale = [int(s) for s in tables.scale[self.index]]
         self.b = [int(v) for v in tables.project.times(u.ravel())[self.index]]
+        if beyond is not None:
+            self.add_to_b(beyond)
         self.contacts = shear_modes.find_contacts(mask, self.nodes)
 
     def limit(self, x: int, limit: int = (1 << 31) - 1) -> int:
         return limited(x, self.saturations, limit)
+
+    def add_to_b(self, beyond: I64) -> None:
+        """H times what finite strain adds, over all unknowns."""
+        y = [self.limit((int(f) << 30) // int(s)) for f, s in zip(beyond.ravel(), self.tables.scale, strict=True)]
+        shift = common_shift(y)
+        image = self.tables.normal.times(np.array(to_16(y, shift), np.int64))[self.index]
+        self.b = [b + shifted(self.limit(int(h), IMAGE_LIMIT), 8 - shift) for b, h in zip(self.b, image, strict=True)]
 
     def image_of(self, values: list[int]) -> list[int]:
         full = np.zeros(self.n, np.int64)
@@ -98,13 +107,14 @@ def support_force(
     tables: SupportTables,
     places: list[tuple[int, int]],
     u: I64,
+    beyond: I64 | None,
     mask: I64,
     force: I64,
     threshold_lsb: int,
     saturations: Saturations,
 ) -> I64:
     """Second pass over `force` (n_nodes, 3) with the mask (n_y, n_x); zero outside the mask."""
-    solve = _Pass(tables, u, mask, saturations)
+    solve = _Pass(tables, u, beyond, mask, saturations)
     of_support = [places[n] for n in solve.nodes]
     y = [solve.limit((int(f) << 30) // s) for f, s in zip(force.ravel()[solve.index], solve.scale, strict=True)]
     y = _times(y, solve.weight, [7] * len(y))
