@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from ruffini.cli.sim import app
 from ruffini.sim.pad import PadModel, surface_compliance
-from ruffini.sim.validation import contacts, solids, table
+from ruffini.sim.validation import contacts, shells, solids, table
 from ruffini.sim.validation.block import Block
 from ruffini.sim.validation.layer import BondedLayer
 from ruffini.sim.validation.rows import Outcome, Row
@@ -20,7 +20,7 @@ def outcome():
 
 
 def test_every_number_is_within_its_tolerance(outcome):
-    assert len(outcome.rows) == 21
+    assert len(outcome.rows) == 25
     assert [row for row in outcome.rows if not row.is_good] == []
     assert max(row.tolerance for row in outcome.rows) <= 0.05
 
@@ -29,13 +29,18 @@ def test_table_and_picture(outcome, tmp_path):
     result = json.loads(json.dumps(table.as_dict(outcome)))
     assert result["good"] is True
     assert {"check", "quantity", "theory", "twin", "error", "tolerance"} <= set(result["rows"][0])
-    assert "21 numbers, all within" in table.as_text(outcome)
+    assert "25 numbers, all within" in table.as_text(outcome)
     table.picture(outcome, tmp_path / "new" / "table.png")
     assert (tmp_path / "new" / "table.png").stat().st_size > 10_000
 
 
 def test_a_number_outside_is_exit_code_1(monkeypatch):
-    bad = Outcome(rows=[Row("a", "b", 1.0, 1.04, "N", 0.03), Row("a", "c", 0.0, 0.0, "N", 0.03, scale=1.0)])
+    bad = Outcome(
+        rows=[
+            Row("a", "b", 1.0, 1.04, "N", 0.03),
+            Row("a", "c", 0.0, 0.0, "N", 0.03, scale=1.0),
+        ]
+    )
     monkeypatch.setattr(table, "validate", lambda **_: bad)
     done = CliRunner().invoke(app, ["validate"])
     assert done.exit_code == 1
@@ -50,6 +55,15 @@ def test_a_wrong_twin_is_noticed(monkeypatch):
     contacts.thin_layer(out)
     assert not any(row.is_good for row in out.rows)
     assert not Row("a", "b", 1.0, float("nan"), "N", 0.03).is_good
+
+
+def test_a_dome_of_stiffer_rubber_is_noticed(monkeypatch):
+    right = shells.DomeModel
+    monkeypatch.setattr(shells, "DomeModel", lambda r, t, modulus, nu, n: right(r, t, 1.08 * modulus, nu, n))
+    out = Outcome()
+    shells.run(out)
+    assert len(out.rows) == 4
+    assert not any(row.is_good for row in out.rows)
 
 
 @pytest.mark.parametrize(("poisson", "coefficient"), [(0.5, 1.133), (0.3, 0.881)])

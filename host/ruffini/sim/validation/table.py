@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ruffini.sim.validation import contacts, solids
+from ruffini.sim.validation import contacts, shells, solids
 from ruffini.sim.validation.rows import Outcome
 
 
@@ -14,7 +14,9 @@ def validate(*, quick: bool, progress: Callable[[float], None] = lambda _: None)
     """Every check; `quick` takes coarser references and one pad for two checks."""
     out = Outcome()
     contacts.run(out, quick=quick, progress=lambda done: progress(0.5 * done))
-    solids.run(out, quick=quick, progress=lambda done: progress(0.5 + 0.5 * done))
+    solids.run(out, quick=quick, progress=lambda done: progress(0.5 + 0.45 * done))
+    shells.run(out)
+    progress(1.0)
     return out
 
 
