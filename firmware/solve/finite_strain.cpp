@@ -110,7 +110,7 @@ Status FiniteStrain::load_layers(const Calibration& c) {
                                                  {"finite_strain.volume_shift", &volume_shift_},
                                                  {"finite_strain.gain_shift", &gain_shift_}};
   for (const auto& [key, out] : shifts) {
-    auto value = c.integer(key, -kMaxShift, kMaxShift);
+    auto value = c.integer(key, 0, kMaxShift);
     if (!value) return value.error();
     *out = static_cast<int>(value.value());
   }

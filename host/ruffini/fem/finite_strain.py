@@ -221,9 +221,9 @@ def _extension(slab: Slab, heights: tuple[float, ...], angle_x: Array, angle_y: 
     for upper, lower, down, up in reversed(layers[:-1]):
         condensed.append((below + lower, up))
         below = upper + support - down @ np.linalg.solve(below + lower, up)
-    planes = [np.broadcast_to(np.eye(3), below.shape)]
+    planes: list[Array] = [np.broadcast_to(np.eye(3), below.shape)]
     for inner, up in reversed(condensed):
-        planes.append(-np.linalg.solve(inner, up @ planes[-1]))
+        planes.append(np.asarray(-np.linalg.solve(inner, up @ planes[-1])))
     return np.stack([*planes, np.zeros_like(below)])
 
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint8]
 
-SIGMA_PX = 8.0
+SIGMA_PX = 2.0
 LEAST_REGION_PX = 400  # of several contacts
 
 

@@ -20,15 +20,15 @@ CONDITIONS = np.array(
     ],
     dtype=float,
 )  # fmt: skip
-RANGES = np.array([1.0, 1.0, 8.0, 20e-3, 20e-3, 20e-3])  # N, N m: Table III
-LEAST = 0.5  # of the range: the smallest peak
+RANGES = np.array([1.0, 1.0, 8.0, 20e-3, 20e-3, 20e-3])  # N, N m: Table III, of the sensor
+LEAST = 0.5  # of the largest peak: the smallest
 TREMOR = 0.04  # of the peak: how unsteady a hand is, standard deviation
 TREMOR_FRAMES = 4.0  # over which it changes
 
 
-def hand_load(signs: Array, n_frames: int, rng: np.random.Generator) -> Array:
-    """Wrench in every frame of one push and release by hand, (n_frames, 6) N and N m."""
-    peaks = signs * RANGES * rng.uniform(LEAST, 1.0, 6)
+def hand_load(signs: Array, n_frames: int, rng: np.random.Generator, largest: Array = RANGES) -> Array:
+    """Wrench in every frame of one push and release by hand, peaks up to `largest` (6,): (n_frames, 6) N and N m."""
+    peaks = signs * largest * rng.uniform(LEAST, 1.0, 6)
     push = np.sin(np.pi * (np.arange(n_frames) + 1) / n_frames) ** 2
     white = rng.standard_normal((n_frames, 6))
     keep = np.exp(-1 / TREMOR_FRAMES)

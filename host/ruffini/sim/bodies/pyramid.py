@@ -11,6 +11,7 @@ stiffer as the base takes part. Beside the pyramids the sheet meets a black mask
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -52,12 +53,17 @@ class PyramidLaw:
 
     def curve(self) -> PchipInterpolator:
         """Force against shortening from 0 to LARGEST_PART of the height."""
-        z = self.height_m * np.geomspace(SMALLEST_SLICE, 1, N_SLICES)
-        scale = self.modulus_pa * self.base_m**2
-        force = scale * np.geomspace(1e-10, 1e3, N_LOADS)
-        short = bar_shortening(force, (self.base_m * z / self.height_m) ** 2, z, self.modulus_pa / 3)
-        kept = short < LARGEST_PART * self.height_m
-        return PchipInterpolator(np.append(0.0, short[kept]), np.append(0.0, force[kept]))
+        return _curve(self)
+
+
+@lru_cache(maxsize=8)  # a second to make, and the same for every panel of a skin
+def _curve(law: PyramidLaw) -> PchipInterpolator:
+    z = law.height_m * np.geomspace(SMALLEST_SLICE, 1, N_SLICES)
+    scale = law.modulus_pa * law.base_m**2
+    force = scale * np.geomspace(1e-10, 1e3, N_LOADS)
+    short = bar_shortening(force, (law.base_m * z / law.height_m) ** 2, z, law.modulus_pa / 3)
+    kept = short < LARGEST_PART * law.height_m
+    return PchipInterpolator(np.append(0.0, short[kept]), np.append(0.0, force[kept]))
 
 
 @dataclass(frozen=True)

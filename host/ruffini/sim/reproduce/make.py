@@ -30,7 +30,7 @@ from ruffini.files import write_whole
 from ruffini.sim.recording import record_touches
 from ruffini.sim.reproduce.runs import Run, readings_rng, runs_of
 from ruffini.sim.reproduce.settings import MountSettings, ReproduceSettings, RigSettings, load_reproduce
-from ruffini.sim.reproduce.solved import KeptMoment, aged, solved
+from ruffini.sim.reproduce.solved import KeptMoment, aged, slowed, solved
 from ruffini.sim.rig import Unit
 from ruffini.sim.settings import load_twin
 from ruffini.sim.units import build_unit
@@ -88,7 +88,7 @@ def _make_one(board: str, run: Run, out: Path) -> str:
     """Make one run; the reason where its mechanics has no solution, else nothing."""
     unit = _unit(board)
     settings = load_reproduce(unit.board)
-    unit = aged(unit, settings.aging, run.n_pressed_before)
+    unit = slowed(aged(unit, settings.aging, run.n_pressed_before), run)
     try:
         moments = solved(unit, run)
     except InputError:
@@ -130,7 +130,7 @@ def mount_zero(run: Run, mounts: list[MountSettings]) -> Array:
     own = next((m for m in mounts if m.indenter == run.chosen.get("indenter")), None)
     if own is None:
         return np.zeros(6)
-    sigma = np.array([*(2 * [own.zero_force_un * 1e-6]), 0.0, *(3 * [own.zero_torque_nnm * 1e-9])])
+    sigma = np.array([*(2 * [own.zero_force_un * 1e-6]), 0.0, *(3 * [own.zero_torque_unm * 1e-6])])
     return np.asarray(np.random.default_rng([run.seed, 4]).normal(size=6) * sigma)
 
 

@@ -40,6 +40,12 @@ class Run:
     def n_pressed_before(self) -> int:
         return int(str(self.chosen.get("after", 0)))
 
+    def frame_every(self, rate_hz: float) -> int:
+        """How many of the camera's frames one of the recording stands for: at a slow speed the others are left out."""
+        if "speed_um_s" not in self.chosen or not isinstance(self.settings, PressSet):
+            return 1
+        return max(1, int(self.settings.step_um * rate_hz / float(str(self.chosen["speed_um_s"])) + 1e-9))
+
     def poses(self, rate_hz: float) -> list[Pose]:
         """Where the indenter stands, frame by frame."""
         x, y = _pair(self.chosen.get("at_um"))
@@ -69,7 +75,8 @@ class Run:
             signs, n = CONDITIONS[int(str(self.chosen["condition"])) - 1], self.settings.frames
             rng = np.random.default_rng([self.seed, 2])
             ways = (signs, -signs) if signs[5] else (signs,)  # the last one is twisted both ways
-            return [rest, *(Load(hand_load(way, n, rng), [True] * n) for way in ways)]
+            largest = self.settings.largest
+            return [rest, *(Load(hand_load(way, n, rng, largest), [True] * n) for way in ways)]
         assert self.indenter is not None
         poses = self.poses(board.camera.rate_mhz * 1e-3)
         return [rest, Touch(self.indenter, poses, [True] * len(poses))]

@@ -29,6 +29,8 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import Field, ValidationError, model_validator
 
 from ruffini.boards import Board, Section
@@ -37,7 +39,7 @@ from ruffini.errors import InputError
 Um = Annotated[int, Field(ge=-200_000, le=200_000)]
 Positive = Annotated[int, Field(ge=1, le=200_000)]
 Place = Annotated[list[Um], Field(min_length=2, max_length=2)]
-Error = Annotated[int, Field(ge=0, le=10_000_000)]
+Error = Annotated[int, Field(ge=0, le=100_000_000)]
 ThreeErrors = Annotated[list[Error], Field(min_length=3, max_length=3)]
 MethodName = Literal["inverse_fem", "glitter_flow", "spring_tray", "glowing_skin", "stereo_pins"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$")]
@@ -71,7 +73,7 @@ class MountSettings(Section):
 
     indenter: Annotated[str, Field(min_length=1)]
     zero_force_un: Error = 0
-    zero_torque_nnm: Error = 0
+    zero_torque_unm: Error = 0
 
 
 class AgingSettings(Section):
@@ -102,13 +104,14 @@ class Lists(Section):
     tilt_mrad: Annotated[list[Place], Field(min_length=1)] | None = None  # roll and pitch, from the first frame on
     after: Annotated[list[Annotated[int, Field(ge=0, le=10_000_000)]], Field(min_length=1)] | None = None
     trial: Annotated[list[int], Field(min_length=1)] | None = None
-    speed_um_s: Annotated[list[Positive], Field(min_length=1)] | None = None  # down and up, instead of step_um
+    speed_um_s: Annotated[list[Positive], Field(min_length=1)] | None = None  # down and up; see PressSet
 
 
 class PressSet(Lists):
     """[[set]]: presses to `depth_um` in even steps of `step_um`; then sideways and turned in `side_steps` frames.
 
-    `after` presses the unit has been pressed before (aging); a `trial` is the same press with another seed.
+    `after` presses the unit has been pressed before (aging); a `trial` is the same press with another seed. At a speed
+    the frames that would stand closer than `step_um` are left out: the recording is so much slower than the camera.
     """
 
     name: Name
@@ -143,6 +146,13 @@ class HandSet(Section):
     takes: Annotated[int, Field(ge=1, le=1000)]
     frames: Annotated[int, Field(ge=4, le=100_000)]  # of one push and release
     quick_takes: Annotated[int, Field(ge=0, le=1000)] = 0
+    peak_un: ThreeErrors = Field(default=[1_000_000, 1_000_000, 8_000_000])  # largest force along each axis
+    peak_nnm: ThreeErrors = Field(default=[20_000_000, 20_000_000, 20_000_000])  # and torque about it
+
+    @property
+    def largest(self) -> npt.NDArray[np.float64]:
+        """N and N m, (6,)."""
+        return np.array([*(1e-6 * f for f in self.peak_un), *(1e-9 * t for t in self.peak_nnm)])
 
 
 class Published(Section):

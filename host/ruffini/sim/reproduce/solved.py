@@ -112,6 +112,15 @@ def aged(unit: Unit, aging: AgingSettings, n_pressed: int) -> Unit:
     return replace(unit, twin=twin, model=model, compliance=unit.compliance / modulus)
 
 
+def slowed(unit: Unit, run: Run) -> Unit:
+    """The unit with a camera that takes no more frames than the run wants."""
+    every = run.frame_every(unit.board.camera.rate_mhz * 1e-3)
+    if every == 1:
+        return unit
+    camera = unit.board.camera.model_copy(update={"rate_mhz": round(unit.board.camera.rate_mhz / every)})
+    return replace(unit, board=unit.board.model_copy(update={"camera": camera}))  # type: ignore[type-var]
+
+
 def solved(unit: Unit, run: Run) -> list[KeptMoment]:
     """Every frame of a run, from the cache where it is there.
 
@@ -135,7 +144,10 @@ def solved(unit: Unit, run: Run) -> list[KeptMoment]:
 
 def _key(unit: Unit, run: Run) -> str:
     mechanics = unit.twin.model_dump(exclude=set(OPTICS))
-    told = [unit.body_toml(), mechanics, _friction(unit, run), run.story(unit.board), unit.board.pad, unit.board.grid]
+    told = [
+        unit.body_toml(), mechanics, _friction(unit, run), run.story(unit.board), unit.board.pad, unit.board.grid,
+        unit.board.camera.rate_mhz,
+    ]  # fmt: skip
     return hashlib.sha256(repr(told).encode() + _code()).hexdigest()[:32]
 
 
