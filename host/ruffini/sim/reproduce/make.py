@@ -134,9 +134,7 @@ def mount_zero(run: Run, mounts: list[MountSettings]) -> Array:
     return np.asarray(np.random.default_rng([run.seed, 4]).normal(size=6) * sigma)
 
 
-def _write_rig(
-    folder: Path, run: Run, moments: list[KeptMoment], settings: ReproduceSettings, rate_hz: float
-) -> None:
+def _write_rig(folder: Path, run: Run, moments: list[KeptMoment], settings: ReproduceSettings, rate_hz: float) -> None:
     rig = settings.rig
     wrench, poses = np.array([m.wrench() for m in moments]), np.array([m.pose_row() for m in moments])
     arrays = readings(run, rig, wrench, poses, rate_hz)
