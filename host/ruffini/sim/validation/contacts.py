@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -32,13 +33,17 @@ SLENDERNESS = 10.0  # ball radius over contact radius
 FRICTION = 0.3
 
 
-@dataclass
-class _Pad:
+@dataclass(frozen=True)
+class Pad:
+    """A square pad on a rigid bed and its compliance."""
+
     model: PadModel
     compliance: Array
 
     @classmethod
-    def of(cls, thickness: float, layers: tuple[float, ...]) -> _Pad:
+    @lru_cache(maxsize=2)  # seconds to make
+    def of(cls, thickness: float, layers: tuple[float, ...]) -> Pad:
+        """`thickness` of the side."""
         model = PadModel(SIDE_M, SIDE_M, thickness * SIDE_M, MODULUS_PA, POISSON, CELLS, CELLS, layers=layers)
         return cls(model, surface_compliance(model))
 
@@ -64,7 +69,7 @@ class _Pad:
         return Indenter("sphere", radius), float(depth)
 
 
-def hertz(pad: _Pad, out: Outcome) -> None:
+def hertz(pad: Pad, out: Outcome) -> None:
     """A ball without friction: load and radius at a depth, depth at that load."""
     ball, depth = pad.ball()
     solver, measured = ContactSolver(pad.model, pad.compliance, ball, 0.0), []
@@ -86,7 +91,7 @@ def hertz(pad: _Pad, out: Outcome) -> None:
     out.curves.append(Curve(name, "depth / mm", "load / N", (depths / MM, loads), (points[0] / MM, points[1])))
 
 
-def mindlin(pad: _Pad, out: Outcome) -> None:
+def mindlin(pad: Pad, out: Outcome) -> None:
     """The ball pressed, then moved sideways: way over force, and the stick circle."""
     ball, depth = pad.ball()
     solver = ContactSolver(pad.model, pad.compliance, ball, FRICTION)
@@ -136,9 +141,9 @@ def thin_layer(out: Outcome) -> None:
 
 def run(out: Outcome, *, quick: bool, progress: Progress = lambda _: None) -> None:
     """All of them; quick ones share the flatter pad."""
-    flat = _Pad.of(FLAT, LAYERS_FLAT)
+    flat = Pad.of(FLAT, LAYERS_FLAT)
     progress(0.4)
-    hertz(flat if quick else _Pad.of(THICK, LAYERS_THICK), out)
+    hertz(flat if quick else Pad.of(THICK, LAYERS_THICK), out)
     progress(0.8)
     mindlin(flat, out)
     thin_layer(out)

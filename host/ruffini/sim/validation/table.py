@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ruffini.sim.validation import contacts, shells, solids
+from ruffini.sim.validation import contacts, platforms, shells, skins, solids
 from ruffini.sim.validation.rows import Outcome
 
 
@@ -16,6 +16,8 @@ def validate(*, quick: bool, progress: Callable[[float], None] = lambda _: None)
     contacts.run(out, quick=quick, progress=lambda done: progress(0.5 * done))
     solids.run(out, quick=quick, progress=lambda done: progress(0.5 + 0.45 * done))
     shells.run(out)
+    platforms.run(out)
+    skins.run(out)
     progress(1.0)
     return out
 

@@ -22,10 +22,10 @@ class Openings:
 
     def __init__(self, light: Electroluminescent, lattice: Lattice, rest: Hits) -> None:
         self._light = light
-        offset = light.aperture_um * 1e-3 * ((np.arange(N_BASE, dtype=np.float32) + 0.5) / N_BASE - 0.5)
-        across, along = (grid.reshape(-1, 1) for grid in np.meshgrid(offset, offset))
+        offset = light.aperture_um * 1e-3 * ((np.arange(N_BASE) + 0.5) / N_BASE - 0.5)
+        across, along = (grid.reshape(-1, 1).astype(np.float32) for grid in np.meshgrid(offset, offset))
         a, b = lattice.places()
-        self._bases = (a + across, b + along)  # (places of a base, openings) each
+        self._bases: tuple[Floats, Floats] = (a + across, b + along)  # (places of a base, openings) each
         da, db, self._opening = lattice.nearest(rest.a, rest.b)
         inside = light.aperture_um * 5e-4 - np.maximum(np.abs(da), np.abs(db))
         cover = np.clip(inside / (light.blur_um * 1e-3) + 0.5, 0, 1) * rest.is_inside
@@ -35,7 +35,8 @@ class Openings:
 
     def shade(self, surface: DeformedSurface, lamp_gain: Floats) -> Floats:
         """Light of the openings, (h, w, 3) B G R."""
-        normal, u = (surface.look(grid, *self._bases) for grid in (surface.inward, surface.displacement))
+        a, b = self._bases
+        normal, u = surface.look(surface.inward, a, b), surface.look(surface.displacement, a, b)
         inward_mm = np.einsum("...i,...i", u, normal) / np.linalg.norm(normal, axis=-1)
         through = np.exp(np.maximum(inward_mm, 0) / np.float32(self._light.attenuation_um * 1e-3))
         brighter = lamp_gain[0] * through.mean(axis=0)
