@@ -8,11 +8,12 @@ that is linear in the gel's depth d (IV-B, fitted on the nominal indenter). Cont
     eq. (9), (10)  P = Fn / S_ec,  H_m = dP / dd;  hardness linear in H_m for planar contact, a perceptron of ten units
                    of force, area and depth for Hertzian contact; which kind it is, is told beforehand
 
-The paper does not say how flow, density and area are computed. Ours: Farneback's flow, a Gaussian of 4 px over the
-moved pixels, and as contact the region where the density has fallen by 0.03, which is 0.3 mm of depth. gamma are
-linear. In eq. (9) and (10) gel depth and S from the flow leave no hardness at all (eq. (3): the object's modulus drops
-out), the stage's travel and the known area of the indenter do: `hardness_factor` takes what it is given, and the bench
-prints both.
+The paper does not say how flow, density and area are computed. Ours: Farneback's flow, from where it was in the picture
+before (without that it is lost under the widest indenters, whose rim moves by 2 mm), a Gaussian of 6 px over the moved
+pixels, and as contact the region where the density has fallen by 0.025, which is 0.3 mm of depth. gamma_1 is linear,
+gamma_2 and gamma_3 are proportional. In eq. (9) and (10) gel depth and S from the flow leave no hardness at all (eq.
+(3): the object's modulus drops out), the stage's travel and the known area of the indenter do: `hardness_factor` takes
+what it is given, and the bench prints both.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-SIGMA_PX = 4.0  # of the density
-CONTACT_FALL = 0.03  # of the density: where a contact ends
+SIGMA_PX = 6.0  # of the density
+CONTACT_FALL = 0.025  # of the density: where a contact ends
 MARGIN_PX = 20  # of the picture: what leaves it is no contact
 LEAST_DEPTH_MM, MOST_DEPTH_MM = 0.4, 1.8  # where hardness is valid (section V-B)
 N_HIDDEN = 10
@@ -40,13 +41,16 @@ class Flow:
     tangential: float
 
 
-def optical_flow(untouched: npt.NDArray[np.uint8], now: npt.NDArray[np.uint8]) -> Array:
-    """Flow from the untouched picture to this one, (h, w, 2) px."""
+def optical_flow(untouched: npt.NDArray[np.uint8], now: npt.NDArray[np.uint8], last: Array | None = None) -> Array:
+    """Flow from the untouched picture to this one, (h, w, 2) px; `last` is that of the picture before."""
     import cv2
 
     before, after = (cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in (untouched, now))
-    start = np.zeros((*before.shape, 2), dtype=np.float32)
-    return np.asarray(cv2.calcOpticalFlowFarneback(before, after, start, 0.5, 4, 21, 5, 7, 1.5, 0), dtype=np.float64)
+    start = np.zeros((*before.shape, 2), dtype=np.float32) if last is None else last.astype(np.float32)
+    levels, flags = (4, 0) if last is None else (1, cv2.OPTFLOW_USE_INITIAL_FLOW)
+    return np.asarray(
+        cv2.calcOpticalFlowFarneback(before, after, start, 0.5, levels, 21, 5, 7, 1.5, flags), dtype=float
+    )
 
 
 def density(flow: Array) -> Array:
@@ -78,6 +82,11 @@ def line(x: Array, y: Array) -> Array:
     """Slope and offset of y over x by least squares, (2,)."""
     solution, *_ = np.linalg.lstsq(np.column_stack([x, np.ones_like(x)]), y, rcond=None)
     return np.asarray(solution)
+
+
+def slope(x: Array, y: Array) -> float:
+    """Slope of y over x by least squares, through the origin as in F_tau = k_tau S_t."""
+    return float(x @ y / (x @ x))
 
 
 def gained(area_mm2: Array, depth_mm: Array, gain: Array) -> Array:
