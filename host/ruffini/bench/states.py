@@ -51,7 +51,7 @@ class Recipe:
 
     @property
     def is_pure(self) -> bool:
-        return all(t.friction is not None and t.friction <= NO_FRICTION for t in self.touches)
+        return bool(self.touches) and all(t.friction is not None and t.friction <= NO_FRICTION for t in self.touches)
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,22 @@ TUNED = (
     Recipe("ball sliding", (Touch("sphere", 8, 1.0, -1.0, shift=(-1.0, 0.5)),)),
     Recipe("flat twisted", (Touch("flat", 2.2, -2.4, 1.0, turn=0.08),)),
 )
+
+# How sure the estimate is gets judged on these: shapes and places that nothing was chosen on.
+FRESH = (
+    Recipe("ball", (Touch("sphere", 4.5, 2.7, -3.3),)),
+    Recipe("ball sheared", (Touch("sphere", 9, -1.9, -1.5, shift=(0.0, -0.15)),)),
+    Recipe("ball sliding", (Touch("sphere", 6.5, 3.1, 1.9, shift=(-0.7, 0.6)),)),
+    Recipe("ball dragged", (Touch("sphere", 5.5, -4.4, 2.2, shift=(0.2, -0.25)),)),
+    Recipe("flat", (Touch("flat", 2.2, -3.4, 1.6),)),
+    Recipe("flat twisted", (Touch("flat", 1.6, 1.8, 3.1, turn=0.12),)),
+    Recipe("square", (Touch("square", 1.9, 0.9, -1.8),)),
+    Recipe("square sheared", (Touch("square", 1.7, -2.2, 2.7, shift=(0.12, 0.05)),)),
+    Recipe("triangle twisted", (Touch("triangle", 2.2, -1.1, -2.4, turn=-0.1),)),
+    Recipe("cylinder", (Touch("cylinder", 2.0, -0.6, 0.4),)),
+    Recipe("cone", (Touch("cone", 3.0, 2.2, 0.6),)),
+    Recipe("ball and square", (Touch("sphere", 5, -3.9, -1.2), Touch("square", 1.5, 3.7, 0.9, shift=(0.0, 0.1)))),
+)  # fmt: skip
 
 
 def make_states(

@@ -40,10 +40,10 @@ def ifem(
         result = benchmark.run(found, quick=quick, truth=chosen, progress=progress)
     text = benchmark.tables(result)
     if out is not None:
-        from ruffini.bench.pictures import fields_beside_truth
+        from ruffini.bench.pictures import pictures
 
-        result["picture"] = str(fields_beside_truth(out, found))
-        text += f"\n{out}"
+        result["pictures"] = [str(path) for path in pictures(out, found)]
+        text += "\n" + "\n".join(result["pictures"])
     emit(result, json_, text)
 
 

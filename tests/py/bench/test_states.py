@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ruffini.bench.disturbance import Disturbance
-from ruffini.bench.ifem import strain_cost
+from ruffini.bench.ifem import LINEAR, strain_cost
 from ruffini.bench.states import Recipe, State, Touch, make_states
 from ruffini.boards import Board, find_board
 from ruffini.sim import unit as units
@@ -58,13 +58,12 @@ def test_the_cost_of_strain_is_that_of_the_other_truth() -> None:
         board, shape, step_mm = find_board("gelslim"), (3, 3, 3), (1.0, 1.0)
 
         def all(self) -> dict[str, object]:
-            return {"optimal": lambda u: 2 * u, "default": lambda u: u}
+            return {"default": lambda u: 2 * u, LINEAR: lambda u: u}
 
     force = np.full((3, 3, 3), -0.1)
     recipe = Recipe("a", (Touch("flat", 2, 0, 0),))
     linear, finite = State(recipe, 0.6, force, force), State(recipe, 0.6, 2 * force, force)
     cost = strain_cost(Twice(), [finite], [linear], Disturbance(), 1)["0.6 mm"]  # type: ignore[arg-type]
     assert cost["force_ratio"] == cost["largest_ratio"] == pytest.approx(2)
-    assert cost["finite"]["optimal"]["normal"] == 0 == cost["linear"]["default"]["normal"]
-    assert cost["linear"]["optimal"]["normal"] == pytest.approx(1)
-    assert cost["finite"]["default"]["normal"] == pytest.approx(0.5)
+    assert cost["finite strain"]["default"]["normal"] == 0 == cost["linear pad"]["normal"]
+    assert cost["finite strain"][LINEAR]["normal"] == pytest.approx(0.5)
