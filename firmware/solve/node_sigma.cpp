@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <numeric>
 
 #include "base/fixed.h"
 
@@ -11,6 +12,7 @@ namespace {
 constexpr int kTableFraction = 8;
 constexpr int kFactorFraction = 16;
 constexpr int kDifferenceFraction = 3;  // eighths of a step
+constexpr int kRoughShift = 6;
 constexpr int32_t kSmallestVariance = 1 << kTableFraction;
 
 int bit_width(int64_t x) { return static_cast<int>(std::bit_width(static_cast<uint64_t>(x))); }
@@ -38,6 +40,7 @@ struct NodeSigmaModel::Neighbours {
   std::array<int64_t, 3> sum{};   // of the eight
   std::array<int64_t, 3> step{};  // largest difference from one of the eight
   int64_t pressure = 0;           // largest |f_z| of the eight
+  int64_t rough = 0;              // r^2
   int64_t weight = 0;             // Q7
   bool is_silent = true;          // no force here or around
 };
@@ -46,6 +49,9 @@ Result<NodeSigmaModel> NodeSigmaModel::load(const Calibration& calibration, Grid
   NodeSigmaModel out;
   out.nodes_ = nodes;
   out.threshold_lsb_ = threshold_lsb;
+  for (auto* plane : {&out.contrast2_, &out.along_x_, &out.rough_}) {
+    plane->resize(static_cast<size_t>(nodes.count()));
+  }
   auto reported = calibration.tensor("support.error_reported", Tensor::Type::kI32, {2, kReportedLevels});
   if (!reported) return reported.error();
   auto quiet = calibration.tensor("support.error_quiet", Tensor::Type::kI32, {2, kQuietLevels});
@@ -74,11 +80,14 @@ int32_t NodeSigmaModel::sigma_of(const Axis& axis, const Neighbours& around, siz
   const int beside = (bit_width(around.pressure) + 1) / 2;
   const int64_t table = level > 0 ? axis.reported[static_cast<size_t>(std::min(level, kReportedLevels) - 1)]
                                   : axis.quiet[static_cast<size_t>(std::min(beside, kQuietLevels - 1))];
-  const int64_t difference = 8 * f - around.sum[component];
+  const auto contrast2 = [&](size_t c) {
+    const int64_t difference = 8 * around.force[c] - around.sum[c];
+    return (difference * difference) >> (2 * kDifferenceFraction);
+  };
   const auto weighted = [&](int64_t square) { return round_shift(around.weight * square, ContactMask::kFraction); };
-  const int64_t sum = axis.local[0] * (f * f) +
-                      axis.local[1] * weighted((difference * difference) >> (2 * kDifferenceFraction)) +
-                      axis.local[2] * weighted(around.step[component] * around.step[component]);
+  const int64_t sum = axis.local[0] * (f * f) + axis.local[1] * weighted(contrast2(component)) +
+                      axis.local[2] * (around.step[component] * around.step[component]) +
+                      axis.local[3] * weighted(around.rough);
   const int64_t variance = table + (sum >> (kFactorFraction - kTableFraction));
   // The root of 8 fraction bits has 4.
   return static_cast<int32_t>(std::max<int64_t>(round_shift(floor_sqrt(variance), kTableFraction / 2), 1));
@@ -111,8 +120,40 @@ NodeSigmaModel::Neighbours NodeSigmaModel::look_around(std::span<const NodeForce
   return around;
 }
 
+// r^2 of every node: sums of 7 side by side, then of 7 of those one above the other.
+void NodeSigmaModel::find_roughness(std::span<const NodeForce> force) {
+  const auto at = [&](int x, int y) { return static_cast<size_t>(y * nodes_.n_x + x); };
+  const auto from = [](int line, int reach) { return std::max(line - reach, 0); };
+  const auto to = [](int line, int reach, int n) { return std::min(line + reach, n - 1); };
+  for (int y = 0; y < nodes_.n_y; ++y) {
+    for (int x = 0; x < nodes_.n_x; ++x) {
+      const auto pull = [&](int u, int v) { return std::clamp<int64_t>(force[at(u, v)].z, -kMaxForce, kMaxForce); };
+      int64_t difference = 9 * pull(x, y);
+      for (int v = from(y, 1); v <= to(y, 1, nodes_.n_y); ++v) {
+        for (int u = from(x, 1); u <= to(x, 1, nodes_.n_x); ++u) difference -= pull(u, v);
+      }
+      contrast2_[at(x, y)] = (difference * difference) >> (2 * kDifferenceFraction);
+    }
+  }
+  for (int y = 0; y < nodes_.n_y; ++y) {
+    for (int x = 0; x < nodes_.n_x; ++x) {
+      const int64_t* row = &contrast2_[at(0, y)];
+      along_x_[at(x, y)] =
+          std::accumulate(row + from(x, kRoughReach), row + to(x, kRoughReach, nodes_.n_x) + 1, int64_t{0});
+    }
+  }
+  for (int y = 0; y < nodes_.n_y; ++y) {
+    for (int x = 0; x < nodes_.n_x; ++x) {
+      int64_t sum = 0;
+      for (int v = from(y, kRoughReach); v <= to(y, kRoughReach, nodes_.n_y); ++v) sum += along_x_[at(x, v)];
+      rough_[at(x, y)] = sum >> kRoughShift;
+    }
+  }
+}
+
 void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8_t> is_filled,
-                         std::span<NodeSigma> sigma) const {
+                         std::span<NodeSigma> sigma) {
+  find_roughness(force);
   const auto sigma_with = [&](const Neighbours& around) {
     return NodeSigma{sigma_of(axis_[0], around, 0), sigma_of(axis_[0], around, 1), sigma_of(axis_[1], around, 2)};
   };
@@ -120,7 +161,8 @@ void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8
   size_t i = 0;
   for (int y = 0; y < nodes_.n_y; ++y) {
     for (int x = 0; x < nodes_.n_x; ++x, ++i) {
-      const Neighbours around = look_around(force, x, y);
+      Neighbours around = look_around(force, x, y);
+      around.rough = rough_[i];
       sigma[i] = around.is_silent ? silent : sigma_with(around);
       if (is_filled[i] == 0) continue;
       sigma[i].x *= kFilledShear;

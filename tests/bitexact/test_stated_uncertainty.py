@@ -54,12 +54,12 @@ def drawn(rng: np.random.Generator, *, largest: bool) -> Tensors:
     tables = {
         "reported": rng.integers(256, 1 << 31, (2, REPORTED)),
         "quiet": rng.integers(256, 1 << 31, (2, QUIET)),
-        "local": rng.integers(0, (1 << 18) + 1, (2, 3)),
+        "local": rng.integers(0, (1 << 18) + 1, (2, 4)),
         "wrench": rng.integers(low, high + 1, (4, 2)),
     }
     if largest:
         tables = {"reported": np.full((2, REPORTED), (1 << 31) - 1), "quiet": np.full((2, QUIET), (1 << 31) - 1),
-                  "local": np.full((2, 3), 1 << 18), "wrench": np.repeat(high, 2, axis=1)}  # fmt: skip
+                  "local": np.full((2, 4), 1 << 18), "wrench": np.repeat(high, 2, axis=1)}  # fmt: skip
     return {f"support.error_{name}": tables[name].astype(np.int32) for name in NAMES}
 
 
@@ -158,7 +158,7 @@ def test_lost_markers_under_a_contact_are_stated(base: tuple[Tensors, dict[str, 
 def test_integers_follow_the_float_model(base: tuple[Tensors, dict[str, str]]) -> None:
     typed, board = parse_board(TEXT.encode(), "small"), read_board(TEXT)
     rng = np.random.default_rng(9)
-    node = NodeError(rng.uniform(20, 5e4, (2, REPORTED)), rng.uniform(20, 5e4, (2, QUIET)), rng.uniform(0, 0.3, (2, 3)))
+    node = NodeError(rng.uniform(20, 5e4, (2, REPORTED)), rng.uniform(20, 5e4, (2, QUIET)), rng.uniform(0, 0.3, (2, 4)))
     wrench_error = WrenchError(
         np.array([2e-3, 7e-3]), np.array([8e-6, 2e-6]), np.array([20e-6, 4e-6]), np.array([0.02, 0.03])
     )

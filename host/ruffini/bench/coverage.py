@@ -1,7 +1,8 @@
 """How honest the stated uncertainty is: how often the truth lies within one and two sigma. SIMULATED.
 
-On the benchmark's states, whose mechanics and contacts the error model has never seen, on pads whose material is off
-by what `ruffini cal material` leaves, with white noise alone and with noise of long correlation beside it.
+On states of their own (FRESH), whose mechanics and contacts the error model has never seen and on which nothing was
+chosen, on pads whose material is off by what `ruffini cal material` leaves, with white noise alone and with noise of
+long correlation beside it.
 
 A node counts where something is at stake: where it has, in truth or as reported, a force above 1/16 of the contact
 threshold. Anywhere else both are zero or next to it and any sigma would cover. Of these nodes, `inside` are those that
@@ -70,6 +71,7 @@ class Coverage:
 
     def __init__(self, places: NodePlaces, force_step_n: float, threshold_n: float) -> None:
         self._places, self._step_n, self._threshold_n = places, force_step_n, threshold_n
+        self.n_states = 0  # that are independent: contact, depth and pad, not noise
         self.columns: dict[str, Tally] = {
             **{f"{what} {zone}": Tally() for zone in ZONES for what in ("shear", "normal")},
             **{axis: Tally() for axis in WRENCH_AXES},
@@ -105,10 +107,11 @@ def judge(
         coverage.add(estimate(state.displacement + disturb(rng)), modulus * state.force)
 
 
-def table(summary: dict[str, Any]) -> str:
+def table(result: dict[str, Any]) -> str:
     """The columns as text."""
-    lines = [f"{'':18}{'within 1 sigma':>16}{'within 2 sigma':>16}{'mean sigma':>16}{'values':>9}"]
-    for name, s in summary.items():
+    lines = [f"{result['states']} independent states (contact, depth, pad), each with two kinds of noise"]
+    lines += [f"{'':18}{'within 1 sigma':>16}{'within 2 sigma':>16}{'mean sigma':>16}{'values':>9}"]
+    for name, s in result["columns"].items():
         unit = "N mm" if name.startswith("t") else "mN"
         share = f"{s['within_1']:14.1f} %{s['within_2']:14.1f} %"
         lines.append(f"  {name:16}{share}{1e3 * s['mean_sigma']:11.3f} {unit:4}{s['n']:9d}")

@@ -3,11 +3,12 @@
 What limits the second pass is not the noise but the edge of a contact between two nodes and a material that is not
 quite the operator's, so no posterior of the noise tells it (README.md). A node's error is read off the field itself:
 
-    variance_c = table_c[how large f_z is] + reading_c f_c^2 + w (contrast_c d_c^2 + step_c m_c^2)
+    variance_c = table_c[how large f_z is] + reading_c f_c^2 + step_c m_c^2 + w (contrast_c d_c^2 + rough_c r^2)
 
 in force steps squared, one set of numbers for shear (x, y) and one for z. d is the difference from the mean of the
-eight neighbours, m the largest difference from one of them, w = clamp(-f_z / T, 0, 1) as in the second pass. A node
-with no force takes its variance from the largest pressure beside it: what an edge, or far away a faint touch, may hide.
+eight neighbours, m the largest difference from one of them, r^2 the mean of d_z^2 over the 7 x 7 nodes about it (large
+under an edged contact, small under a ball), w = clamp(-f_z / T, 0, 1) as in the second pass. A node with no force takes
+its variance from the largest pressure beside it and from m: what an edge, or far away a faint touch, may hide.
 
 The wrench's error is, for each contact about its own centre of pressure, a constant part and a part proportional to the
 pressing force (the lever: how far off the centre of pressure is), and for all contacts together a common factor of the
@@ -31,7 +32,8 @@ Bools = npt.NDArray[np.bool_]
 
 REPORTED_LEVELS = 12  # bit widths 1..12 of |f_z| in steps, the last for all above
 QUIET_LEVELS = 7  # of the largest |f_z| beside a node with none: bit widths in twos
-LOCAL = ("reading", "contrast", "step")
+LOCAL = ("reading", "contrast", "step", "rough")
+ROUGH_NODES, ROUGH_SHARE = 7, 49 / 64  # the board adds up a square of nodes and divides by 64
 AXIS_CLASS = (0, 0, 1)  # x and y share what they have learned
 
 # The likelihood's tails: contacts err more often by far than a Gaussian allows.
@@ -45,7 +47,7 @@ ONE_SIGMA, TWO_SIGMA = 0.6827, 0.9545
 
 @dataclass(frozen=True)
 class NodeError:
-    """Variances in steps squared: `reported` (2, REPORTED_LEVELS), `quiet` (2, QUIET_LEVELS); LOCAL: `local` (2, 3)."""
+    """Variances in steps squared: `reported` (2, REPORTED_LEVELS), `quiet` (2, QUIET_LEVELS); LOCAL: `local` (2, 4)."""
 
     reported: Array
     quiet: Array
@@ -247,11 +249,17 @@ def _design(steps: Array, threshold_steps: float, axis: int) -> Array:
     by_level = level[..., None] == np.arange(1, REPORTED_LEVELS + 1)
     by_quiet = is_quiet[..., None] & (quiet[..., None] == np.arange(QUIET_LEVELS))
     weight = np.clip(-steps[..., 2] / threshold_steps, 0, 1)
-    contrast = f - (uniform_filter(f, size=3, mode="constant") * 9 - f) / 8
+    contrast, rough = _contrast(f), _contrast(steps[..., 2]) ** 2
+    rough = ROUGH_SHARE * uniform_filter(rough, size=ROUGH_NODES, mode="constant")
     lowest, highest = -maximum_filter(-np.pad(f, 1), size=3), maximum_filter(np.pad(f, 1), size=3)
     step = np.maximum(highest[1:-1, 1:-1] - f, f - lowest[1:-1, 1:-1])
-    local = np.stack([f**2, weight * contrast**2, weight * step**2], axis=-1)
+    local = np.stack([f**2, weight * contrast**2, step**2, weight * rough], axis=-1)
     return np.concatenate([by_level, by_quiet, local], axis=-1)
+
+
+def _contrast(f: Array) -> Array:
+    """A plane of forces less the mean of the eight neighbours; beyond the grid there is none."""
+    return np.asarray(f - (uniform_filter(f, size=3, mode="constant") * 9 - f) / 8)
 
 
 def _bit_width(steps: Array) -> npt.NDArray[np.int64]:

@@ -27,7 +27,7 @@ class ErrorTables:
 
     reported: npt.NDArray[np.int32]  # (2, 12) steps^2 Q8
     quiet: npt.NDArray[np.int32]  # (2, 7) steps^2 Q8
-    local: npt.NDArray[np.int32]  # (2, 3) Q16
+    local: npt.NDArray[np.int32]  # (2, 4) Q16
     wrench: npt.NDArray[np.int32]  # (4, 2)
 
 
@@ -50,6 +50,9 @@ def node_sigma(
     around = np.stack([padded[dy : dy + shape[0], dx : dx + shape[1]] for dy, dx in places])
     total, beside = around.sum(axis=0), np.abs(around[..., 2]).max(axis=0)
     step = np.abs(around - limited).max(axis=0)
+    contrast_z = (8 * limited[..., 2] - total[..., 2]) ** 2 >> 6
+    wide = np.pad(contrast_z, 3)
+    rough = sum(wide[dy : dy + shape[0], dx : dx + shape[1]] for dy in range(7) for dx in range(7)) >> 6
     out = np.zeros((*shape, 3), np.int64)
     for y, x, c in np.ndindex(*shape, 3):
         axis = c // 2
@@ -61,10 +64,11 @@ def node_sigma(
             variance = int(tables.quiet[axis, min((int(beside[y, x]).bit_length() + 1) // 2, QUIET - 1)])
         weight = min(max(-f_z, 0), threshold_lsb) * FULL // threshold_lsb
         contrast = (8 * f - int(total[y, x, c])) ** 2 >> 6
-        reading, by_contrast, by_step = (int(v) for v in tables.local[axis])
+        reading, by_contrast, by_step, by_rough = (int(v) for v in tables.local[axis])
         local = reading * f * f
         local += by_contrast * ((weight * contrast + 64) >> 7)
-        local += by_step * ((weight * int(step[y, x, c]) ** 2 + 64) >> 7)
+        local += by_step * int(step[y, x, c]) ** 2
+        local += by_rough * ((weight * int(rough[y, x]) + 64) >> 7)
         out[y, x, c] = max((isqrt(variance + (local >> 8)) + 8) >> 4, 1) * (2 if c < 2 and filled[y, x] else 1)
     return out.reshape(-1, 3)
 

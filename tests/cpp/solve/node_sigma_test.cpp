@@ -16,7 +16,7 @@ constexpr int64_t kThreshold = 300;
 struct Tables {
   std::vector<int32_t> reported = std::vector<int32_t>(24, 1 << 8);
   std::vector<int32_t> quiet = std::vector<int32_t>(14, 1 << 8);
-  std::vector<int32_t> local = std::vector<int32_t>(6, 0);
+  std::vector<int32_t> local = std::vector<int32_t>(8, 0);
 };
 
 class Loaded {
@@ -24,7 +24,7 @@ class Loaded {
   explicit Loaded(const Tables& tables) {
     const std::vector<uint8_t> bytes = test::CalibrationBytes()
                                            .meta("kinds", "support")
-                                           .tensor("support.error_local", "I32", {2, 3}, tables.local)
+                                           .tensor("support.error_local", "I32", {2, 4}, tables.local)
                                            .tensor("support.error_quiet", "I32", {2, 7}, tables.quiet)
                                            .tensor("support.error_reported", "I32", {2, 12}, tables.reported)
                                            .bytes();
@@ -84,22 +84,38 @@ TEST(NodeSigma, TakesTheLevelOfThePressureAndOfWhatIsBesideAQuietNode) {
 
 TEST(NodeSigma, AddsReadingContrastAndStepInSquares) {
   Tables tables;
-  tables.local = {1 << 14, 0, 0, 0, 0, 0};  // a quarter of the square: half the reading
+  tables.local = {1 << 14, 0, 0, 0, 0, 0, 0, 0};  // a quarter of the square: half the reading
   EXPECT_EQ(sigma_of(tables, one_pressed({800, -600, -600}))[7].x, 400);
   EXPECT_EQ(sigma_of(tables, one_pressed({800, -600, -600}))[7].y, 300);
-  tables.local = {0, 1 << 16, 0, 0, 0, 0};  // alone among zeros, the whole force is contrast
+  tables.local = {0, 1 << 16, 0, 0, 0, 0, 0, 0};  // alone among zeros, the whole force is contrast
   EXPECT_EQ(sigma_of(tables, one_pressed({800, 0, -600}))[7].x, 800);
   EXPECT_EQ(sigma_of(tables, one_pressed({800, 0, -150}))[7].x, 566);  // half the weight: 800 / sqrt(2)
   EXPECT_EQ(sigma_of(tables, one_pressed({800, 0, 600}))[7].x, 1);     // a node that pulls has none
-  tables.local = {0, 0, 0, 0, 0, 1 << 16};
+  tables.local = {0, 0, 0, 0, 0, 0, 1 << 16, 0};
   std::vector<NodeForce> force = one_pressed({0, 0, -600});
   for (NodeForce& f : force) f.z -= 400;
   EXPECT_EQ(sigma_of(tables, force)[7].z, 600);
+  tables.local = {0, 0, 1 << 16, 0, 0, 0, 0, 0};  // a node without force, too, may hide what its neighbours carry
+  EXPECT_EQ(sigma_of(tables, one_pressed({800, 0, -600}))[6].x, 800);
+  EXPECT_EQ(sigma_of(tables, one_pressed({800, 0, -600}))[5].x, 1);
+}
+
+TEST(NodeSigma, AddsTheRoughnessOfThePressureAround) {
+  Tables tables;
+  tables.local = {0, 0, 0, 1 << 16, 0, 0, 0, 0};
+  std::vector<NodeForce> force(20);
+  force[7].z = force[9].z = -800;  // row 1, columns 2 and 4: each in the other's square
+  const auto sigma = sigma_of(tables, force);
+  // d_z^2: 800^2 at both, (800 / 8)^2 at the ten other nodes beside one of them, three of which lie between and have
+  // (2 x 800 / 8)^2: (2 x 640,000 + 7 x 10,000 + 3 x 40,000) / 64 is 151.5^2.
+  EXPECT_EQ(sigma[7].x, 152);
+  EXPECT_EQ(sigma[9].x, 152);
+  EXPECT_EQ(sigma[8].x, 1);  // nothing presses there
 }
 
 TEST(NodeSigma, IsTwiceAsLargeForTheShearOfFilledNodesAndNowhereElse) {
   Tables tables;
-  tables.local = {1 << 14, 0, 0, 1 << 14, 0, 0};
+  tables.local = {1 << 14, 0, 0, 0, 1 << 14, 0, 0, 0};
   const std::vector<NodeForce> force = one_pressed({800, -600, -600});
   std::vector<uint8_t> is_filled(20);
   is_filled[7] = is_filled[19] = 1;  // the pressed one, and one that is silent
@@ -116,16 +132,16 @@ TEST(NodeSigma, IsTwiceAsLargeForTheShearOfFilledNodesAndNowhereElse) {
 TEST(NodeSigma, LargestForcesAndTablesDoNotOverflow) {
   Tables tables;
   tables.reported.assign(24, INT32_MAX);
-  tables.local.assign(6, NodeSigmaModel::kMaxFactor);
+  tables.local.assign(8, NodeSigmaModel::kMaxFactor);
   std::vector<NodeForce> force(20);
   for (size_t i = 0; i < force.size(); ++i) {
     const int32_t f = i % 2 == 0 ? INT32_MIN : INT32_MAX;
     force[i] = {f, f, INT32_MIN};
   }
-  // (4 (1 + contrast^2 + step^2))^(1/2) of 2^20 steps, neither term above 2 of them: below 2 * 3 * 2^20.
+  // (4 (1 + contrast^2 + step^2 + rough^2))^(1/2) of 2^20 steps, no term above 2 of them: below 2 * 4 * 2^20.
   for (const NodeSigma& s : sigma_of(tables, force)) {
     EXPECT_GT(s.x, 2 << 20);
-    EXPECT_LT(s.x, 6 << 20);
+    EXPECT_LT(s.x, 8 << 20);
   }
 }
 

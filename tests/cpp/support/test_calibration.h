@@ -49,8 +49,8 @@ inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board) {
       .meta("support.project.out_shift", "7")
       .meta("support.shear_noise", "0")
       .tensor("support.scale", "I32", {n}, std::vector<int32_t>(static_cast<size_t>(n), 5'120 << 16))
-      .tensor("support.error_local", "I32", {2, 3},
-              std::vector<int32_t>{65'536, 0, 0, 65'536, 0, 0})                      // all of the reading
+      .tensor("support.error_local", "I32", {2, 4},
+              std::vector<int32_t>{65'536, 0, 0, 0, 65'536, 0, 0, 0})                // all of the reading
       .tensor("support.error_quiet", "I32", {2, 7},                                  // 5 and 6 steps
               std::vector<int32_t>{6'400, 6'400, 6'400, 6'400, 6'400, 6'400, 6'400,  //
                                    9'216, 9'216, 9'216, 9'216, 9'216, 9'216, 9'216})

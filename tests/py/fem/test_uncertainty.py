@@ -90,7 +90,7 @@ def test_each_term_reads_the_field_as_written() -> None:
 
     def sigma_of(**terms: object) -> np.ndarray:
         parts = {"reported": np.zeros((2, REPORTED_LEVELS)), "quiet": np.zeros((2, QUIET_LEVELS)),
-                 "local": np.zeros((2, 3))}  # fmt: skip
+                 "local": np.zeros((2, 4))}  # fmt: skip
         for name, (index, value) in terms.items():
             parts[name][index] = value
         return node_sigma(NodeError(**parts), steps, THRESHOLD)
@@ -102,10 +102,16 @@ def test_each_term_reads_the_field_as_written() -> None:
     assert quiet[1, 1, 0] == quiet[3, 3, 1] == quiet[2, 3, 0] == 3
     assert quiet[2, 2, 0] == quiet[0, 0, 0] == 0
     assert sigma_of(local=((0, 0), 0.25))[2, 2, 0] == 40
-    # Contrast: 80 - 16 / 8 = 78, largest step 80, both at half weight.
+    # Contrast: 80 - 16 / 8 = 78, at half weight.
     assert sigma_of(local=((0, 1), 2.0))[2, 2, 0] == pytest.approx(78)
-    assert sigma_of(local=((0, 2), 2.0))[2, 2, 0] == pytest.approx(80)
-    assert sigma_of(local=((0, 2), 2.0))[2, 3, 0] == 0
+    assert sigma_of(local=((0, 1), 2.0))[2, 3, 0] == 0
+    # Largest step: 80 at the node, 80 - 16 at the other one, which has no pressure of its own, 80 beside.
+    step = sigma_of(local=((0, 2), 1.0))
+    assert (step[2, 2, 0], step[2, 3, 0], step[1, 1, 0], step[0, 0, 0]) == (80, 64, 80, 0)
+    # Roughness: the pressure's contrast, 150 at the node and 150 / 8 at its eight neighbours, at half weight.
+    rough2 = (150**2 + 8 * (150 / 8) ** 2) / 64
+    assert sigma_of(local=((1, 3), 2.0))[2, 2, 2] == pytest.approx(rough2**0.5)
+    assert sigma_of(local=((1, 3), 2.0))[2, 3, 2] == 0
 
 
 def test_a_field_that_is_never_pressed_is_refused() -> None:
