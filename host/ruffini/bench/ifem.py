@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.bench import coverage, window
+from ruffini.bench import coverage, objects, window
 from ruffini.bench.disturbance import HALF_WHITE_UM, WHITE_UM, Disturbance
 from ruffini.bench.markers import LostMarkers, NodesOnLattice
 from ruffini.bench.states import FRESH, JUDGED, LIGHT_N, TUNED, State, make_states
@@ -236,11 +236,14 @@ def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progre
             "board": board.name, "simulated": True, "quick": quick, "truth": truth,
             "states": len(heavy), "seeds": n_seeds, "noise_um": WHITE_UM,
             "weights": {"ridge": methods.ridge_weight, "sparse": methods.sparse_weight},
-            "accuracy": {}, "strain": {}, "noise": {}, "markers": {}, "model_error": {},
+            "accuracy": {}, "objects": {}, "object": {}, "separation": {}, "strain": {},
+            "noise": {}, "markers": {}, "model_error": {},
         }  # fmt: skip
         for depth in depths:
             chosen = [s for s in heavy if s.depth_mm == depth]
             result["accuracy"][f"{depth} mm"] = evaluate(methods, chosen, white, n_seeds)
+        if truth == "linear":
+            result |= beyond_balls(methods, white, n_seeds, quick=quick)
         if truth == "finite":
             result["strain"] = strain_cost(methods, heavy, make_states(board, JUDGED, depths), white, n_seeds)
         progress(0.6)
@@ -271,6 +274,25 @@ def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progre
         return result
     finally:
         methods.close()
+
+
+def beyond_balls(methods: Methods, disturbance: Disturbance, n_seeds: int, *, quick: bool) -> dict[str, Any]:
+    """The paper's states and objects, textures, two contacts side by side; the default on each state by itself."""
+    board = methods.board
+    groups = {"textures": objects.textured_states(board)}
+    if objects.has_paper(board):
+        groups = {"the paper's states and objects": objects.paper_states(board, quick=quick), **groups}
+    alone = {
+        s.recipe.name: evaluate(methods, [s], disturbance, n_seeds, ("default",))["default"] | {"load_n": s.resultant_n}
+        for group in groups.values()
+        for s in group
+    }
+    rng = np.random.default_rng(13)
+    return {
+        "objects": {name: evaluate(methods, group, disturbance, n_seeds) for name, group in groups.items()},
+        "object": alone,
+        "separation": objects.separation(board, methods.all(), lambda: disturbance.draw(methods.shape, rng)),
+    }
 
 
 def strain_cost(
@@ -306,6 +328,14 @@ def coverage_of(methods: Methods, depths: tuple[float, ...]) -> dict[str, Any]:
     return {"states": counted.n_states, "columns": counted.summary()}
 
 
+def _row(name: str, m: dict[str, float]) -> str:
+    false_shear = f"{m['false_shear']:13.4f}" if "false_shear" in m else " " * 13
+    return (
+        f"  {name:16}{m['tangential']:11.3f}{m['normal']:9.3f}{false_shear}"
+        f"{1e3 * m['resultant_n']:8.1f} mN{m['moment_nmm']:7.2f} Nmm{m['shape']:8.2f}{m['peak']:7.2f}"
+    )
+
+
 def tables(result: dict[str, Any]) -> str:
     """The result as text."""
     weights = result["weights"]
@@ -320,6 +350,7 @@ def tables(result: dict[str, Any]) -> str:
     head = " " * 18 + "".join(f"{name:>{width}}" for name, width in columns.items())
     conditions = {
         "accuracy": "noise 5/5/20 um",
+        "objects": "noise 5/5/20 um",
         "noise": "0.6 mm",
         "markers": "0.6 mm, noise 5/5 um at the markers and 20 um at the nodes",
         "model_error": "0.6 mm, noise 5/5/20 um",
@@ -327,11 +358,11 @@ def tables(result: dict[str, Any]) -> str:
     for title, what in conditions.items():
         for condition, methods in result[title].items():
             lines += ["", f"{condition}, {what}", head]
-            for name, m in methods.items():
-                lines.append(
-                    f"  {name:16}{m['tangential']:11.3f}{m['normal']:9.3f}{m['false_shear']:13.4f}"
-                    f"{1e3 * m['resultant_n']:8.1f} mN{m['moment_nmm']:7.2f} Nmm{m['shape']:8.2f}{m['peak']:7.2f}"
-                )
+            lines += [_row(name, m) for name, m in methods.items()]
+    if result["object"]:
+        lines += ["", "the default on each of them", head]
+        lines += [f"{_row(name, m)}  of {m['load_n']:.2f} N" for name, m in result["object"].items()]
+        lines += ["", objects.separation_table(result["separation"])]
     for depth, cost in result["strain"].items():
         lines += [
             "",

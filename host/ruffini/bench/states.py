@@ -51,7 +51,7 @@ class Recipe:
 
     @property
     def is_pure(self) -> bool:
-        return all(t.friction is not None and t.friction <= NO_FRICTION for t in self.touches)
+        return bool(self.touches) and all(t.friction is not None and t.friction <= NO_FRICTION for t in self.touches)
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,7 @@ TUNED = (
     Recipe("ball sliding", (Touch("sphere", 8, 1.0, -1.0, shift=(-1.0, 0.5)),)),
     Recipe("flat twisted", (Touch("flat", 2.2, -2.4, 1.0, turn=0.08),)),
 )
+
 # How sure the estimate is gets judged on these: shapes and places that nothing was chosen on.
 FRESH = (
     Recipe("ball", (Touch("sphere", 4.5, 2.7, -3.3),)),
