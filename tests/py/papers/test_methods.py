@@ -28,6 +28,24 @@ def test_flow_of_a_moved_picture_is_its_way():
     assert flow.mean(axis=(0, 1)) == pytest.approx([3, 1], abs=0.05)
 
 
+def test_flow_goes_on_from_the_picture_before():
+    """24 px in steps of 3: more than one picture's search finds, not more than the steps'."""
+    rng = np.random.default_rng(3)
+    before = cv2.GaussianBlur(rng.integers(0, 255, (120, 200, 3)).astype(np.uint8), (0, 0), 2)
+    before = cv2.normalize(before, None, 0, 255, cv2.NORM_MINMAX)
+    flow = None
+    for way in range(3, 25, 3):
+        flow = glitter_flow.optical_flow(before, np.roll(before, way, axis=1), flow)
+    assert flow[30:-30, 50:-50].mean(axis=(0, 1)) == pytest.approx([24, 0], abs=0.1)
+    at_once = glitter_flow.optical_flow(before, np.roll(before, 24, axis=1), np.zeros_like(flow))
+    assert at_once[30:-30, 50:-50, 0].mean() < 12
+
+
+def test_tangential_force_is_proportional():
+    assert glitter_flow.slope(np.array([1.0, 2.0]), np.array([3.0, 6.0])) == pytest.approx(3.0)
+    assert glitter_flow.slope(np.array([1.0, 2.0]), np.array([2.0, 1.0])) == pytest.approx(0.8)
+
+
 def test_the_area_gain_is_the_line_through_the_slopes():
     presses = []
     for area in (50.0, 100.0, 200.0):
