@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.bench import coverage, objects, window
+from ruffini.bench import coverage, fitted, objects, window
 from ruffini.bench.disturbance import HALF_WHITE_UM, WHITE_UM, Disturbance
 from ruffini.bench.markers import LostMarkers, NodesOnLattice
 from ruffini.bench.states import FRESH, JUDGED, LIGHT_N, TUNED, State, make_states
@@ -270,6 +270,10 @@ def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progre
         result["coverage"] = coverage_of(methods, depths)
         progress(0.9)
         result["window"] = window.run(board, n_seeds=2 if quick else 6)
+        if fitted.has_images(board):
+            result["fitted"] = fitted.run(
+                board, depths, quick=quick, progress=lambda done: progress(0.92 + 0.08 * done)
+            )
         progress(1.0)
         return result
     finally:
@@ -381,4 +385,6 @@ def tables(result: dict[str, Any]) -> str:
             )
     lines += ["", "stated uncertainty of the default; material off by 1 to 2 %, white noise and half of it correlated"]
     lines += [coverage.table(result["coverage"]), "", window.table(result["window"])]
+    if "fitted" in result:
+        lines += ["", fitted.table(result["fitted"])]
     return "\n".join(lines)
