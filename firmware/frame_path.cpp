@@ -82,8 +82,10 @@ void FramePath::run_markers(const FrameView& frame) {
 
 void FramePath::run_depth() {
   if (!photometric_) return;
-  timed(Stage::kPhotometric,
-        [&] { photometric_->run(state_.difference.change, lattice_.markers(), state_.photometric.slope); });
+  timed(Stage::kPhotometric, [&] {
+    photometric_->run(state_.difference.change, lattice_.markers(), state_.photometric.slope);
+    if (camera_map_) camera_map_->rectify(state_.photometric.slope);
+  });
   SaturationCounter& saturations = depth_is_trusted() ? state_.saturations : untrusted_saturations_;
   timed(Stage::kPoisson, [&] { poisson_.run(state_.photometric.slope, state_.poisson.depth, saturations); });
 }
@@ -264,6 +266,16 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
   state_.slip.node = slip_.nodes();
 }
 
+// Depth and nodes are then computed in the view of the map's ideal pinhole.
+Status FramePath::load_camera_map() {
+  auto map = CameraMap::load(calibration_->get(), board_);
+  if (!map) return map.error();
+  camera_map_.emplace(std::move(map).value());
+  poisson_ = Poisson(camera_map_->ideal_board());
+  displacement_ = Displacement(camera_map_->ideal_board(), &*camera_map_);
+  return Unit{};
+}
+
 // Which tables the calibration brings, and whether they fit this board.
 Status FramePath::load_tables() {
   if (!calibration_) return Unit{};
@@ -271,6 +283,10 @@ Status FramePath::load_tables() {
   if (std::ssize(calibration_->bytes()) > board_.calibration_kb * 1024) {
     return Error{ErrorKind::kBadInput, "calibration file: larger than the " + std::to_string(board_.calibration_kb) +
                                            " kB of [memory] calibration_kb: make one with fewer nodes"};
+  }
+  if (c.has_kind("camera")) {
+    const Status camera = load_camera_map();
+    if (!camera) return camera.error();
   }
   if (has(Stage::kPhotometric) && c.has_kind("photometric")) {
     constexpr int n = Photometric::kSlopeSize;

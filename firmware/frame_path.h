@@ -9,6 +9,7 @@
 
 #include "base/result.h"
 #include "frame_state.h"
+#include "image/camera_map.h"
 #include "image/poisson.h"
 #include "image/rest.h"
 #include "solve/block_program.h"
@@ -68,6 +69,7 @@ class FramePath {
  private:
   FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration, ClockFunction clock);
   Status load_tables();
+  Status load_camera_map();
   [[nodiscard]] bool depth_is_trusted() const { return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_; }
   [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
 
@@ -97,6 +99,7 @@ class FramePath {
   DotDetector dots_;
   MarkerLattice lattice_;
   int n_markers_at_rest_ = 0;
+  std::optional<CameraMap> camera_map_;
   std::optional<Photometric> photometric_;
   bool is_foreign_optics_ = false;
   Poisson poisson_;

@@ -4,17 +4,20 @@
 
 namespace ruffini {
 
-Displacement::Displacement(const BoardSettings& board)
-    : camera_(board.camera),
+Displacement::Displacement(const BoardSettings& board, const CameraMap* map)
+    : map_(map),
+      camera_(board.camera),
       step_px_(board.depth.step_px),
       depth_grid_{camera_.width_px / step_px_, camera_.height_px / step_px_},
       lattice_(board.markers.lattice),
       center_x_q16_(floor_div(camera_.center_x_mpx * 65'536 + 500, 1'000)),
       center_y_q16_(floor_div(camera_.center_y_mpx * 65'536 + 500, 1'000)),
       inverse_focal_q32_(floor_div((int64_t{1} << 32) * 1'000, camera_.focal_mpx)),
+      um_to_px_q32_(floor_div(camera_.focal_mpx * (int64_t{1} << 32), camera_.standoff_um * 1'000)),
       pitch_x_q3_(board.markers.pitch_x_um * 8),
       pitch_y_q3_(board.markers.pitch_y_um * 8),
       rest_q3_(static_cast<size_t>(lattice_.count())),
+      rest_ray_q8_(rest_q3_.size()),
       lattice_u_(static_cast<size_t>(lattice_.count())) {
   if (lattice_.count() == 0) return;  // a board without [markers]: the stage does not run
   const MarkerSettings& m = board.markers;
@@ -44,8 +47,13 @@ Displacement::Displacement(const BoardSettings& board)
 
 void Displacement::learn(std::span<const Marker> markers) {
   for (size_t i = 0; i < markers.size(); ++i) {
-    rest_q3_[i] = {to_pad_q3((markers[i].rest_x.raw() - center_x_q16_) * camera_.standoff_um * 8),
-                   to_pad_q3((markers[i].rest_y.raw() - center_y_q16_) * camera_.standoff_um * 8)};
+    if (map_ != nullptr) {
+      const PadRay ray = map_->at(markers[i].rest_x.raw(), markers[i].rest_y.raw());
+      rest_ray_q8_[i] = {ray.x_q8, ray.y_q8};
+      rest_q3_[i] = {round_shift(ray.x_q8, 5), round_shift(ray.y_q8, 5)};
+    } else {
+      rest_q3_[i] = rest_place(markers[i]);
+    }
   }
   for (size_t node = 0; node < node_q3_.size(); ++node) {
     Place at = nominal_q16_[node];
@@ -135,19 +143,45 @@ int64_t Displacement::read_depth(std::span<const DisplacementUm> depth, int64_t 
   return round_shift(upper * (65'536 - fy) + lower * fy, 32);
 }
 
+Displacement::Place Displacement::rest_place(const Marker& marker) const {
+  return {to_pad_q3((marker.rest_x.raw() - center_x_q16_) * camera_.standoff_um * 8),
+          to_pad_q3((marker.rest_y.raw() - center_y_q16_) * camera_.standoff_um * 8)};
+}
+
+NodeDisplacement Displacement::by_pinhole(const Marker& m, std::span<const DisplacementUm> depth,
+                                          SaturationCounter& saturations) const {
+  const int64_t x = int64_t{m.rest_x.raw()} + m.displacement_x.raw();
+  const int64_t y = int64_t{m.rest_y.raw()} + m.displacement_y.raw();
+  const int64_t uz = read_depth(depth, x, y);
+  const auto to_pad = [&](int64_t moved_q16, int64_t from_center_q16) {
+    const int64_t wide = moved_q16 * camera_.standoff_um * 8 + from_center_q16 * uz;
+    return DisplacementUm::from_raw(saturate_raw<int16_t>(to_pad_q3(wide), saturations));
+  };
+  return {to_pad(m.displacement_x.raw(), x - center_x_q16_), to_pad(m.displacement_y.raw(), y - center_y_q16_),
+          DisplacementUm::from_raw(static_cast<int16_t>(uz))};
+}
+
+NodeDisplacement Displacement::by_map(const Marker& m, const Place& rest_q8, std::span<const DisplacementUm> depth,
+                                      SaturationCounter& saturations) const {
+  const PadRay ray =
+      map_->at(int64_t{m.rest_x.raw()} + m.displacement_x.raw(), int64_t{m.rest_y.raw()} + m.displacement_y.raw());
+  const auto ideal_q16 = [&](int64_t place_q8, int64_t center_q16) {
+    return center_q16 + (place_q8 * um_to_px_q32_ >> 24);
+  };
+  const int64_t uz = read_depth(depth, ideal_q16(ray.x_q8, center_x_q16_), ideal_q16(ray.y_q8, center_y_q16_));
+  const auto to_pad = [&](int64_t moved_q8, int64_t slope_q20) {
+    const int64_t u_q3 = round_shift(moved_q8 + round_shift(slope_q20 * uz, 15), 5);
+    return DisplacementUm::from_raw(saturate_raw<int16_t>(u_q3, saturations));
+  };
+  return {to_pad(ray.x_q8 - rest_q8.x, ray.slope_x_q20), to_pad(ray.y_q8 - rest_q8.y, ray.slope_y_q20),
+          DisplacementUm::from_raw(static_cast<int16_t>(uz))};
+}
+
 void Displacement::markers_to_pad(std::span<const Marker> markers, std::span<const DisplacementUm> depth,
                                   SaturationCounter& saturations) {
-  const auto to_pad = [&](int64_t moved_q16, int64_t from_center_q16, int64_t uz_q3) {
-    return saturate_raw<int16_t>(to_pad_q3(moved_q16 * camera_.standoff_um * 8 + from_center_q16 * uz_q3), saturations);
-  };
   for (size_t i = 0; i < markers.size(); ++i) {
-    const Marker& m = markers[i];
-    const int64_t x = int64_t{m.rest_x.raw()} + m.displacement_x.raw();
-    const int64_t y = int64_t{m.rest_y.raw()} + m.displacement_y.raw();
-    const int64_t uz = read_depth(depth, x, y);
-    lattice_u_[i] = {DisplacementUm::from_raw(to_pad(m.displacement_x.raw(), x - center_x_q16_, uz)),
-                     DisplacementUm::from_raw(to_pad(m.displacement_y.raw(), y - center_y_q16_, uz)),
-                     DisplacementUm::from_raw(static_cast<int16_t>(uz))};
+    lattice_u_[i] = map_ != nullptr ? by_map(markers[i], rest_ray_q8_[i], depth, saturations)
+                                    : by_pinhole(markers[i], depth, saturations);
   }
 }
 

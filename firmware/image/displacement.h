@@ -1,6 +1,7 @@
 // Markers and depth -> displacement of the nodes, in the pad's frame, micrometres.
 //
 //   marker:  u = [(p - p_0) H + (p - c) u_z] / f, u_z = depth read where the marker is now (bilinear)
+//            with a camera map (image/camera_map.h): u = A(p) + S(p) u_z - A(p_0), u_z read where an ideal pinhole sees A(p)
 //   lattice -> nodes: Catmull-Rom along each axis, linear beyond the outermost markers (at most one pitch).
 //            Where a node is on the lattice, (a, b) in pitches, follows from the markers' real rest places, not from
 //            the board's: kPlaceRounds times  a += (X_node - X(a, b)) / pitch,  X(a, b) interpolated likewise
@@ -20,6 +21,7 @@
 
 #include "base/fixed.h"
 #include "board/settings.h"
+#include "image/camera_map.h"
 #include "image/markers.h"
 
 namespace ruffini {
@@ -32,7 +34,8 @@ struct NodeDisplacement {
 
 class Displacement {
  public:
-  explicit Displacement(const BoardSettings& board);
+  // `map` outlives this; null where the board's own camera is an ideal pinhole. Then `board` is the map's ideal one.
+  explicit Displacement(const BoardSettings& board, const CameraMap* map = nullptr);
 
   // Place the nodes on the lattice of markers at rest. Before the first run(), and when rest changes.
   void learn(std::span<const Marker> markers);
@@ -67,10 +70,17 @@ class Displacement {
   [[nodiscard]] NodeDisplacement at_node(size_t node, std::span<const DisplacementUm> depth,
                                          SaturationCounter& saturations) const;
 
+  // What a marker's place in the image says: from the pad's centre, and depth there.
+  [[nodiscard]] Place rest_place(const Marker& marker) const;
+  [[nodiscard]] NodeDisplacement by_pinhole(const Marker& marker, std::span<const DisplacementUm> depth,
+                                            SaturationCounter& saturations) const;
+  [[nodiscard]] NodeDisplacement by_map(const Marker& marker, const Place& rest_q8,
+                                        std::span<const DisplacementUm> depth, SaturationCounter& saturations) const;
   [[nodiscard]] int64_t read_depth(std::span<const DisplacementUm> depth, int64_t px_x_q16, int64_t px_y_q16) const;
   void markers_to_pad(std::span<const Marker> markers, std::span<const DisplacementUm> depth,
                       SaturationCounter& saturations);
 
+  const CameraMap* map_;
   CameraSettings camera_;
   int step_px_;
   GridSize depth_grid_;
@@ -79,13 +89,15 @@ class Displacement {
   int64_t center_x_q16_;
   int64_t center_y_q16_;
   int64_t inverse_focal_q32_;  // 1 / px
+  int64_t um_to_px_q32_;       // at z = 0
   int64_t pitch_x_q3_;         // micrometres
   int64_t pitch_y_q3_;
   std::vector<Place> node_q3_;      // from the pad's centre, micrometres
   std::vector<Place> nominal_q16_;  // of each node on the board's lattice, pitches
   std::vector<Taps> taps_x_;        // per node
   std::vector<Taps> taps_y_;
-  std::vector<Place> rest_q3_;  // of each marker, from the pad's centre, micrometres
+  std::vector<Place> rest_q3_;      // of each marker, from the pad's centre, micrometres
+  std::vector<Place> rest_ray_q8_;  // the same by the camera map
   std::vector<NodeDisplacement> lattice_u_;
 };
 

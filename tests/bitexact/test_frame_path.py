@@ -45,6 +45,23 @@ def photometric_tables(rng: np.random.Generator) -> dict[str, npt.NDArray[np.gen
     }
 
 
+def camera_tables(board: Board, rng: np.random.Generator) -> tuple[dict[str, npt.NDArray[np.generic]], dict[str, str]]:
+    """Rays of a lens of its own for every lattice point, and places all over the image and a little beyond."""
+    camera, shift = board["camera"], 2
+    width, height, step = camera["width_px"], camera["height_px"], board["depth"]["step_px"]
+    lines = [np.arange(((n - 2) >> shift) + 2) * (1 << shift) for n in (width, height)]
+    x, y = np.meshgrid(*(line - n / 2 for line, n in zip(lines, (width, height), strict=True)))
+    bent = 1 + 1e-5 * (x**2 + y**2)
+    um_per_px = camera["standoff_um"] * 1000 / camera["focal_mpx"]
+    rays = np.stack([x * bent * um_per_px * 256, y * bent * um_per_px * 256, x * 9000, y * 8000], axis=-1)
+    rays += rng.integers(-20, 20, rays.shape)
+    u, v = np.meshgrid(np.arange(width // step) * step, np.arange(height // step) * step)
+    source = np.stack([u * 1.1 - 3, v * 1.1 - 2], axis=-1) * 65536 + rng.integers(-40000, 40000, (*u.shape, 2))
+    metadata = {"camera.step_log2": str(shift), "camera.focal_mpx": str(camera["focal_mpx"] * 14 // 10),
+                "camera.standoff_um": str(camera["standoff_um"] * 14 // 10)}  # fmt: skip
+    return {"camera.rays": rays.astype(np.int32), "camera.source": source.astype(np.int32)}, metadata
+
+
 def dent(board: Board, t: int) -> npt.NDArray[np.float64]:
     """Coloured shading, relative change per channel, of a dent of 6 px that deepens and moves out of the window."""
     height, width = board["camera"]["height_px"], board["camera"]["width_px"]
@@ -55,17 +72,18 @@ def dent(board: Board, t: int) -> npt.NDArray[np.float64]:
     return np.stack([blue, green, -(blue + green) / 2], axis=2)
 
 
-@pytest.mark.parametrize("step", [1, 2])
-def test_every_stage_over_a_recording(step: int) -> None:
+@pytest.mark.parametrize(("step", "has_camera_map"), [(1, False), (2, False), (1, True), (2, True)])
+def test_every_stage_over_a_recording(step: int, has_camera_map: bool) -> None:
     text = board_with_all_stages(step)
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(step)
     kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)), is_finite=step == 2)
     memory = RelaxationFit(1.0, ((0.1, 0.05), (0.15, 1.5)), 0.0, 0.0)
     relaxation, relaxation_metadata = memory.tensors() if step == 2 else ({}, {})
+    camera, camera_metadata = camera_tables(board, rng) if has_camera_map else ({}, {})
     file = pack(
-        {**kind.tensors, **photometric_tables(rng), **relaxation},
-        {**base_metadata(typed), **kind.metadata, **relaxation_metadata},
+        {**kind.tensors, **photometric_tables(rng), **relaxation, **camera},
+        {**base_metadata(typed), **kind.metadata, **relaxation_metadata, **camera_metadata},
     )
     rest = np.stack([render(board, np.random.default_rng(7), 0.0) for _ in range(N_REST)])
     mirror = FramePath(board, file.tensors, file.metadata)

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mirror.board import Board, center_q16, depth_grid, observed_nodes
+from mirror.camera_map import CameraMap
 from mirror.fixed import I64, Saturations, round_shift
 from mirror.markers import DX, DY, LOST, X, Y
 
@@ -71,11 +72,21 @@ def _to_pad_q3(board: Board, length_um_px_q19: I64) -> I64:
 
 
 def marker_displacement(
-    board: Board, markers: npt.NDArray[np.integer], depth: I64 | None, saturations: Saturations
+    board: Board,
+    markers: npt.NDArray[np.integer],
+    depth: I64 | None,
+    saturations: Saturations,
+    camera_map: CameraMap | None,
 ) -> I64:
     """(n_markers, 3), 1/8 micrometre."""
     m = markers.astype(np.int64)
     x, y = m[:, X] + m[:, DX], m[:, Y] + m[:, DY]
+    if camera_map is not None:
+        rest, now = camera_map.at(m[:, X], m[:, Y]), camera_map.at(x, y)
+        place = camera_map.ideal_place(now)
+        z = read_depth(board, depth, place[:, 0], place[:, 1])
+        moved = now[:, :2] - rest[:, :2] + round_shift(now[:, 2:] * z[:, None], 15)
+        return np.column_stack([saturations.int16(round_shift(moved, 5)), z])
     uz = read_depth(board, depth, x, y)
 
     def to_pad(moved: I64, from_center: I64) -> I64:
@@ -119,30 +130,40 @@ def _place_on_lattice(board: Board, rest: I64) -> tuple[I64, I64, I64, I64]:
     return node_x, node_y, a, b
 
 
-def _rest(board: Board, markers: npt.NDArray[np.integer]) -> I64:
+def _rest(board: Board, markers: npt.NDArray[np.integer], camera_map: CameraMap | None) -> I64:
     """Rest places from the pad's centre, (lattice rows, columns, 2), 1/8 micrometre."""
     place = markers[:, [X, Y]].astype(np.int64)
-    place -= np.array([center_q16(board, "x"), center_q16(board, "y")])
-    rest = _to_pad_q3(board, place * board["camera"]["standoff_um"] * 8)
+    if camera_map is not None:
+        rest = round_shift(camera_map.at(place[:, 0], place[:, 1])[:, :2], 5)
+    else:
+        place -= np.array([center_q16(board, "x"), center_q16(board, "y")])
+        rest = _to_pad_q3(board, place * board["camera"]["standoff_um"] * 8)
     return rest.reshape(board["markers"]["n_y"], board["markers"]["n_x"], 2)
 
 
 def filled(board: Board, markers: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
     """Nodes, (rows, columns), whose lost markers' |weights| sum to at least one half."""
     m = board["markers"]
-    _, _, a, b = _place_on_lattice(board, _rest(board, markers))
+    _, _, a, b = _place_on_lattice(board, _rest(board, markers, None))
     lost = (markers[:, LOST] != 0).reshape(m["n_y"], m["n_x"]).astype(np.int64)
     weight = np.einsum("nj,ni,ji->n", np.abs(tap_weights(b, m["n_y"])), np.abs(tap_weights(a, m["n_x"])), lost)
     shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
     return np.asarray(2 * weight >= ONE * ONE).reshape(shape)
 
 
-def displacement(board: Board, markers: npt.NDArray[np.integer], depth: I64 | None, saturations: Saturations) -> I64:
+def displacement(
+    board: Board,
+    markers: npt.NDArray[np.integer],
+    depth: I64 | None,
+    saturations: Saturations,
+    camera_map: CameraMap | None = None,
+) -> I64:
     """(node rows, node columns, 3), 1/8 micrometre."""
+    board = board if camera_map is None else camera_map.ideal
     m, camera = board["markers"], board["camera"]
     lattice = (m["n_y"], m["n_x"])
-    u = marker_displacement(board, markers, depth, saturations).reshape(*lattice, 3)
-    node_x, node_y, a, b = _place_on_lattice(board, _rest(board, markers))
+    u = marker_displacement(board, markers, depth, saturations, camera_map).reshape(*lattice, 3)
+    node_x, node_y, a, b = _place_on_lattice(board, _rest(board, markers, camera_map))
     nodes = _interpolate(board, a, b, u)
     if depth is not None:
         assert depth.shape == depth_grid(board)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mirror.board import Board, observed_nodes
+from mirror.camera_map import CameraMap
 from mirror.displacement import displacement
 from mirror.dots import detect_dots
 from mirror.estimators import contact_areas, wrench
@@ -42,7 +43,7 @@ class Outcome:
 
 
 class FramePath:
-    """Operator, support and photometric kinds are all required; finite strain and relaxation may be there."""
+    """Operator, support and photometric kinds are all required; camera, finite strain and relaxation may be there."""
 
     def __init__(self, board: Board, tensors: Tensors, metadata: dict[str, str]) -> None:
         self.board = board
@@ -56,6 +57,7 @@ class FramePath:
             int(metadata["support.shear_noise"]),
         )
         self._places = node_places(board)
+        self._camera_map = CameraMap(tensors, metadata, board) if "camera.rays" in tensors else None
         has_finite_strain = "finite_strain.extension" in tensors
         self._finite_strain = FiniteStrain(tensors, metadata) if has_finite_strain else None
         self._relaxation = None
@@ -78,8 +80,11 @@ class FramePath:
         self._lattice.track(detect_dots(board, grey(frame)))
         markers = self._lattice.rows.copy()
         slope = cell_slope(board, pixel_slope(change, self._unmix, self._slope), marker_mask(board, markers))
-        depth = poisson(board, slope, saturations)
-        u = displacement(board, markers, depth, saturations)
+        seen_from = board
+        if self._camera_map is not None:
+            slope, seen_from = self._camera_map.rectify(slope), self._camera_map.ideal
+        depth = poisson(seen_from, slope, saturations)
+        u = displacement(board, markers, depth, saturations, self._camera_map)
         force, mask = self.solve(u)
         if self._relaxation is not None:
             force = self._relaxation.run(capture_us, mask, force, saturations)

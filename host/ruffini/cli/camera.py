@@ -1,0 +1,53 @@
+"""ruffini cal camera."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from ruffini.cli.common import BoardOption, JsonFlag, emit
+from ruffini.errors import InputError
+
+
+def camera(
+    images: Annotated[list[Path], typer.Argument(help="Pictures of the target from several sides, or a folder.")],
+    board: BoardOption,
+    out: Annotated[Path, typer.Option("--out", help="Calibration file to write.")],
+    target: Annotated[Literal["chessboard", "dots", "charuco"], typer.Option(help="What the pictures show.")],
+    size: Annotated[str, typer.Option(help="Inner corners (chessboard), dots, or squares (ChArUco): COLUMNSxROWS.")],
+    pitch_mm: Annotated[float, typer.Option(help="Distance of neighbouring points.")],
+    fisheye: Annotated[bool, typer.Option("--fisheye", help="A fisheye lens.")] = False,
+    on_pad: Annotated[
+        Path | None, typer.Option(help="Picture of the target lying on the pad: where the camera stands.")
+    ] = None,
+    index: Annotated[float, typer.Option(min=1.0, max=2.5, help="Refractive index of a clear pad.")] = 1.0,
+    dictionary: Annotated[str, typer.Option(help="ChArUco markers.")] = "4X4_50",
+    json_: JsonFlag = False,
+) -> None:
+    """Fit lens, mounting and refraction to pictures of a flat target."""
+    from ruffini.boards import find_board
+    from ruffini.calibrate import container
+    from ruffini.calibrate.camera import fit_camera, tables
+    from ruffini.calibrate.targets import Target
+    from ruffini.frames import image_files
+
+    found = find_board(board)
+    columns, _, rows = size.partition("x")
+    if not (columns.isdecimal() and rows.isdecimal()):
+        raise InputError(f"--size {size!r}: give COLUMNSxROWS, e.g. 9x6")
+    paths = image_files(images[0]) if len(images) == 1 and images[0].is_dir() else images
+    shown = Target(target, int(columns), int(rows), pitch_mm, dictionary)
+    fit = fit_camera(paths, shown, found, is_fisheye=fisheye, on_pad=on_pad, index=index)
+    tensors, metadata = tables(fit.model, found)
+    report = fit.report()
+    base = {**container.base_metadata(found), "residuals": json.dumps(report)}
+    container.write(out, container.pack({**tensors}, {**base, **metadata}))
+    skipped = f", none in {', '.join(report['skipped'])}" if report["skipped"] else ""
+    emit({"file": str(out), **report}, json_,
+         f"{out}: {report['model']} lens from {report['views']} views, {report['points']} points{skipped}; "
+         f"residual {report['residual_px']:.3f} px = {report['residual_um']:.1f} um of pad, worst view "
+         f"{report['worst_view_px']:.3f} px; mounting "
+         + ("measured on the pad" if report["is_measured_on_pad"] else "as in board.toml"))  # fmt: skip
