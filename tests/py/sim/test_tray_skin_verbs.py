@@ -1,0 +1,135 @@
+"""The twin's verbs on the spring tray and the glowing skin: whole recordings, and one sentence for what cannot be."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+from ruffini.boards import find_board
+from ruffini.demo.daemon import running_daemon
+from ruffini.device import Connection
+
+COARSER = {  # appended to twin.toml, so that every verb takes seconds
+    "ftouch": "\n[mesh]\ncells_x = 10\ncells_y = 8\n",
+    "eltac": "cells_x = 6\ncells_y = 12\n",  # of [skin], which is the last section
+}
+
+
+@pytest.fixture(scope="module", params=sorted(COARSER))
+def board(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("boards") / request.param
+    shutil.copytree(find_board(request.param).folder, folder)
+    with (folder / "twin.toml").open("a") as twin:
+        twin.write(COARSER[request.param])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    return {**os.environ, "XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "OMP_NUM_THREADS": "1"}
+
+
+def command(*words):
+    return [sys.executable, "-c", "from ruffini.cli import main; import sys; sys.exit(main())", *map(str, words)]
+
+
+def ruffini(environment, *words):
+    return subprocess.run(command(*words), capture_output=True, text=True, timeout=120, env=environment)
+
+
+def test_a_press_is_recorded_with_its_load(board, environment, tmp_path):
+    out = tmp_path / "out"
+    done = ruffini(
+        environment, "sim", "press", "--board", board, "--program", "press", "--indenter", "sphere",
+        "--radius-mm", 5, "--depth-mm", 1, "--out", out, "--json",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert len(list((out / "frames").iterdir())) == json.loads(done.stdout)["frames"]
+    with np.load(out / "truth.npz") as truth:
+        load, depth, tray = np.linalg.norm(truth["wrench"][:, :3], axis=1), truth["pose"][:, 2], truth["tray"]
+    deepest = int(np.nanargmax(depth))
+    assert depth[deepest] == pytest.approx(1e-3)
+    assert load[deepest] > 0.05
+    assert (tray[deepest, 2] < -1e-6) == (board.name == "ftouch")  # only one of them has a tray
+
+
+def test_a_dataset_holds_what_was_asked_for(board, environment, tmp_path):
+    out = tmp_path / "d"
+    done = ruffini(environment, "sim", "dataset", "--board", board, "--n", 2, "--shard-size", 2, "--out", out, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["samples"] == 2
+    (shard,) = out.glob("*.h5")
+    with h5py.File(shard) as file:
+        wrench = file["wrench"][:]
+    assert (np.linalg.norm(wrench[:, :3], axis=1) > 0.01).all()
+
+
+def test_bench_measures_pictures_and_mechanics(board, environment):
+    done = ruffini(environment, "sim", "bench", "--board", board, "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["rendering_fps"] > 0.5
+    assert result["mechanics_fps"] > 0.2
+
+
+def test_serve_feeds_a_daemon(board, environment, tmp_path):
+    socket, scenario = tmp_path / "twin", tmp_path / "s.toml"
+    scenario.write_text('schema = 1\nprogram = "rest"\nn = 12\n')
+    words = ("sim", "serve", "--board", board, "--socket", socket, "--scenario", scenario, "--once", "--json")
+    with subprocess.Popen(command(*words), stdout=subprocess.PIPE, text=True, env=environment) as twin:
+        deadline = time.monotonic() + 60
+        while not socket.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        with (
+            running_daemon(board, f"twin:{socket}", tmp_path / "store", "--lockstep", "--wait-for-host") as port,
+            Connection(port) as sensor,
+        ):
+            sensor.subscribe(wrench=1)
+            assert next(sensor.stream(timeout_s=10.0)) is not None
+            output, _ = twin.communicate(timeout=60)
+    assert json.loads(output) == {"frames": 12, "simulated": True}
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--program", "press", "--depth-mm", "15"), "press less deep"),
+        (("--program", "press", "--indenter", "spoon"), "spoon"),
+    ],
+)
+def test_what_a_body_cannot_do_is_one_sentence(board, environment, tmp_path, words, sentence):
+    done = ruffini(environment, "sim", "press", "--board", board, *words, "--out", tmp_path / "out")
+    assert done.returncode == 2, done.stderr
+    assert sentence in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_connector_loads_the_tray_and_not_the_skin(board, environment, tmp_path):
+    done = ruffini(
+        environment, "sim", "press", "--board", board, "--program", "connector", "--n", 2, "--out", tmp_path / "out"
+    )
+    if board.name == "ftouch":
+        assert done.returncode == 0, done.stderr
+        with np.load(tmp_path / "out" / "truth.npz") as truth:
+            assert np.abs(truth["wrench"]).max(axis=0) == pytest.approx([1, 1, 8, 0.02, 0.02, 0.02], rel=0.5)
+    else:
+        assert done.returncode == 2
+        assert "no platform that a connector could load" in done.stderr
+
+
+def test_a_board_without_optics_is_refused(board, environment, tmp_path):
+    bare = tmp_path / board.name
+    shutil.copytree(board, bare)
+    (bare / "twin.toml").unlink()
+    for words in (("press", "--out", tmp_path / "out"), ("dataset", "--n", 1, "--out", tmp_path / "d"), ("bench",)):
+        done = ruffini(environment, "sim", words[0], "--board", bare, *words[1:])
+        assert done.returncode == 2, done.stderr
+        assert "twin.toml" in done.stderr
+        assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
