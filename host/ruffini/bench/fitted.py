@@ -62,16 +62,21 @@ def has_images(board: Board) -> bool:
     return {"markers", "photometric", "poisson"} <= set(board.pipeline.stages)
 
 
-def rest_noise(board: Board, *, progress: Progress = lambda _: None) -> Array:
-    """Displacement that the real front end reads off untouched frames, (N_REST_FIELDS, n_y, n_x, 3) m."""
-    unit = TwinUnit.build(board)
+def colours_of(board: Board, *, progress: Progress = lambda _: None) -> container.Tensors:
+    """The `photometric` kind, fitted to the twin's own ball presses."""
     c = board.camera
     pinhole = Pinhole(c.focal_mpx / 1e3, c.center_x_mpx / 1e3, c.center_y_mpx / 1e3, c.standoff_um / 1e3)
     with tempfile.TemporaryDirectory() as folder:
         balls = Path(folder) / "balls"
-        record_balls(unit, N_BALLS, balls, ball_mm=BALL_MM, seed=SEED, progress=lambda done: progress(0.5 * done))
-        colours = tabulate(fit_photometric(collect_samples(load_presses(balls), pinhole)).model)
-    file = container.pack({**colours}, container.base_metadata(board))
+        record_balls(TwinUnit.build(board), N_BALLS, balls, ball_mm=BALL_MM, seed=SEED, progress=progress)
+        return {**tabulate(fit_photometric(collect_samples(load_presses(balls), pinhole)).model)}
+
+
+def rest_noise(board: Board, *, progress: Progress = lambda _: None) -> Array:
+    """Displacement that the real front end reads off untouched frames, (N_REST_FIELDS, n_y, n_x, 3) m."""
+    unit = TwinUnit.build(board)
+    colours = colours_of(board, progress=lambda done: progress(0.5 * done))
+    file = container.pack(colours, container.base_metadata(board))
     renderer, rng = unit.renderer(), np.random.default_rng(SEED)
     fields: list[Array] = []
     with Pipeline(board, file.data) as pipeline:

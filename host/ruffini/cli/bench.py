@@ -70,6 +70,18 @@ def slip(
     emit(result, json_, text)
 
 
+@app.command("held")
+def held(board: BoardOption, json_: JsonFlag = False) -> None:
+    """A gel that relaxes: the force of held touches before and after `cal relaxation` on other ones."""
+    from ruffini.bench import held as benchmark
+    from ruffini.boards import find_board
+
+    found = find_board(board)
+    with progress_bar("held") as progress:
+        result = benchmark.run(found, progress=progress)
+    emit(result, json_, benchmark.table(result))
+
+
 @app.command("presses")
 def presses(
     folder: Annotated[Path, typer.Argument(help="Recorded ball presses: reference.png, presses.csv, images.")],

@@ -111,8 +111,8 @@ def compile_matrix(
     compiled = None
     chosen = _cheapest_shape(job, classes, shapes, lambda done: progress(0.6 * done))
     if chosen is not None:
-        shape, sorted_classes = chosen
-        compiled = _hierarchical(job, sorted_classes, f"hierarchical{suffix} leaf {shape.leaf}")
+        sorted_classes = [sort_class(c, rows, columns, chosen) for c in classes]
+        compiled = _hierarchical(job, sorted_classes, f"hierarchical{suffix} leaf {chosen.leaf}")
     progress(0.8)
     if compiled is None:
         plan = dense_plan(classes, rows, columns)
@@ -140,7 +140,7 @@ def cost(plan: Plan) -> float:
 
 def _cheapest_shape(
     job: Job, classes: list[ReflectionClass], shapes: tuple[Shape, ...], progress: Progress
-) -> tuple[Shape, list[Sorted]] | None:
+) -> Shape | None:
     """The hierarchy that costs least at the first threshold; None where dense costs no more."""
     n_entries = sum(c.matrix.size for c in classes)
     if n_entries < SMALLEST_HIERARCHY:
@@ -150,23 +150,32 @@ def _cheapest_shape(
         progress((i + 1) / len(shapes))
         if shape.leaf == last_leaf and is_worse:
             continue  # fewer levels of the same clusters cost still more
-        sorted_classes = [sort_class(c, job.rows, job.columns, shape) for c in classes]
-        near = sum(c.near_share * c.matrix.size for c in sorted_classes)
-        if min(len(c.levels) for c in sorted_classes) < shape.n_levels or near > best_cost:
+        found = _cost_of(job, classes, shape, best_cost)
+        if found is None:
             continue
-        plan = hierarchical_plan(sorted_classes, _threshold(job, sorted_classes, FIRST_THRESHOLD), _no_unfold(job))
-        if plan is None:
-            continue
-        last_leaf, is_worse = shape.leaf, cost(plan) >= best_cost
+        last_leaf, is_worse = shape.leaf, found >= best_cost
         if not is_worse:
-            best, best_cost = (shape, sorted_classes), WORTH * cost(plan)
+            best, best_cost = shape, WORTH * found
     return best
+
+
+def _cost_of(job: Job, classes: list[ReflectionClass], shape: Shape, most: float) -> float | None:
+    """Of a hierarchy at the first threshold; None where it has too few levels, or its near part alone costs `most`.
+
+    Nothing of it is kept: a sorted copy of the matrix is what fills the memory.
+    """
+    sorted_classes = [sort_class(c, job.rows, job.columns, shape) for c in classes]
+    near = sum(c.near_share * c.matrix.size for c in sorted_classes)
+    if min(len(c.levels) for c in sorted_classes) < shape.n_levels or near > most:
+        return None
+    plan = hierarchical_plan(sorted_classes, _threshold(job, sorted_classes, FIRST_THRESHOLD), _no_unfold(job))
+    return None if plan is None else cost(plan)
 
 
 def _threshold(job: Job, classes: list[Sorted], share: float) -> float:
     """Singular values of a cluster below this are cut: what is cut adds up to `share` of the error allowed."""
     n_clusters = sum(len(level) for c in classes for level in c.levels)
-    size = np.sqrt(sum(float(np.square(c.matrix).sum()) for c in classes))
+    size = np.sqrt(sum(float(np.linalg.norm(c.matrix)) ** 2 for c in classes))
     return float(share * job.max_error * size / np.sqrt(n_clusters))
 
 

@@ -117,7 +117,11 @@ def _bases(matrix: Array, start: Index, other: Index, far: Mask, threshold: floa
 
 
 def _project(matrix: Array, basis: list[Array], start: Index) -> Array:
-    return np.concatenate([b.T @ matrix[start[i] : start[i + 1]] for i, b in enumerate(basis)])
+    place = _starts(basis)
+    out = np.empty((place[-1], matrix.shape[1]))
+    for i, b in enumerate(basis):
+        out[place[i] : place[i + 1]] = b.T @ matrix[start[i] : start[i + 1]]
+    return out
 
 
 def _starts(basis: list[Array]) -> Index:

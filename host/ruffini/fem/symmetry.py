@@ -141,4 +141,5 @@ def _block(matrix: Array, rows: Index, columns: Index) -> Array:
     for k in range(columns.shape[1]):
         used = columns[:, k] != 0
         out[:, used] += kept[:, np.abs(columns[used, k]) - 1] * np.sign(columns[used, k])
-    return np.asarray(out / np.count_nonzero(columns, axis=1))
+    out /= np.count_nonzero(columns, axis=1)
+    return out
