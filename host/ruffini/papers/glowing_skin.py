@@ -6,7 +6,7 @@ with k1 and k2 it gives r and theta about the principal point, and on a cylinder
 with f and d by least squares from known points. Force F(I) = p1 I^2 + p2 I + p3, fitted to all of the data.
 The paper's eq. (6) multiplies captured coordinates by the lens' polynomial; that is the wrong direction for Zhang's
 model, whose k1 and k2 it prints, and is taken as a slip: coordinates are undistorted as that model says. The
-smoothing filter is not printed: a Gaussian of 8 px.
+smoothing filter is not printed: a Gaussian of 2 px, as wider ones mix openings, which are 8 px apart at the far end.
 """
 
 from __future__ import annotations

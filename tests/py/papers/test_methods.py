@@ -115,14 +115,15 @@ def test_polar_undoes_the_lens():
 def test_the_brightest_place_and_every_large_region():
     initial = np.full((200, 300, 3), 40.0)
     now = np.full((200, 300, 3), 40, dtype=np.uint8)
-    cv2.circle(now, (80, 60), 18, (140, 90, 40), -1)
+    cv2.circle(now, (80, 60), 18, (120, 90, 40), -1)
+    cv2.circle(now, (80, 60), 3, (180, 90, 40), -1)  # where it is pressed most
     cv2.circle(now, (220, 140), 18, (90, 90, 40), -1)
     cv2.circle(now, (30, 180), 4, (90, 90, 40), -1)  # too small for a contact
     now[..., 2] = 250  # red does not count
     change = glowing_skin.brightness(now, initial)
     u, v, level = glowing_skin.brightest(change)
     assert (u, v) == pytest.approx((80, 60), abs=1)
-    assert 100 < level <= 150
+    assert 130 < level <= 190
     found = glowing_skin.regions(change, 30.0)
     assert found[:, :2] == pytest.approx(np.array([[80, 60], [220, 140]]), abs=1)
 

@@ -1,8 +1,9 @@
 """Place and force of the electroluminescent skin's method, and the loss of the skin's loops.
 
 f and d come from 15 points on the tube's inner wall whose pixels a person read to a pixel; places are judged against
-what a person measured. Force: the curve from all frames of indenters 2 to 4, judged at points 3 to 9 where the load
-cell passes 3, 5 and 9 N, on averages over the last 10, 5, 3 and 1 frames of estimate and load cell alike.
+what a person measured. Force: the curve from the frames of indenters 2 to 4 at all ten points up to the paper's largest
+force, judged at points 3 to 9 where the load cell passes 3, 5 and 9 N, on averages over the last 10, 5, 3 and 1 frames
+of estimate and load cell alike. Beyond that force the mask carries, and brightness says nothing more.
 """
 
 from __future__ import annotations
@@ -23,12 +24,14 @@ TUBE_MM, INNER_WALL_MM = 40.0, 38.0
 N_KNOWN_POINTS = 15
 READING_PX = 1.0  # with which a person reads a pixel
 TARGETS_N = (3.0, 5.0, 9.0)
+LARGEST_N = 9.4  # "normal forces from 3.1N to 9.4N"
+REPEATED_N = 5.0
 EDGE_POINTS = (0, 1, 9)  # 1, 2 and 10 are not in the paper's table
 AVERAGES = {10: "ten frames", 5: "five frames", 3: "three frames", 1: "one frame"}
 
 
 def judge(board: Board, runs: list[Recorded]) -> dict[str, float]:
-    """Localisation (mm), force error (%) and hysteresis loss (%)."""
+    """Localisation (mm), force error, spread of five trials and hysteresis loss (%)."""
     camera, cylinder = _calibrated(board)
     figures: dict[str, float] = {}
     errors: dict[str, list[float]] = {}
@@ -40,10 +43,14 @@ def judge(board: Board, runs: list[Recorded]) -> dict[str, float]:
     figures["localisation"] = float(np.mean([e for each in errors.values() for e in each]))
     figures |= {f"localisation, indenter {n}": float(np.mean(each)) for n, each in sorted(errors.items())}
     pairs = np.concatenate([_curve(r) for r in runs if r.set_name == "curve"])
+    pairs = pairs[pairs[:, 1] <= LARGEST_N]
     curve = force_curve(pairs[:, 0], pairs[:, 1])
     points = [_curve(r) for r in runs if r.set_name == "force" and int(r.run.key[-4:]) not in EDGE_POINTS]
     for n, name in AVERAGES.items():
         figures[f"force, {name}"] = float(np.mean([e for rows in points for e in _force_errors(rows, curve, n)]))
+    trials = [_brightness_at(_curve(r), REPEATED_N) for r in runs if r.set_name == "repeat"]
+    if len(trials) > 1:
+        figures["repeatability, five trials"] = 100 * float(np.std(trials, ddof=1) / np.mean(trials))
     for recorded in runs:
         if recorded.set_name == "loops":
             speed = float(str(recorded.run.chosen["speed_um_s"])) * 1e-3
@@ -100,6 +107,11 @@ def _force_errors(pairs: Array, curve: Array, n: int) -> list[float]:
             measured = float(rows[:, 1].mean())
             errors.append(100 * abs(measured - float(np.polyval(curve, rows[:, 0]).mean())) / measured)
     return errors
+
+
+def _brightness_at(pairs: Array, force_n: float) -> float:
+    """Brightness where a press first reaches a force."""
+    return float(np.interp(force_n, np.maximum.accumulate(pairs[:, 1]), pairs[:, 0]))
 
 
 def _loss(recorded: Recorded) -> float:
