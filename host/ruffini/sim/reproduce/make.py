@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +38,7 @@ from ruffini.sim.units import build_unit
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
+RING_LEFT = 0.6  # of the ringing of a bench that has touched, from frame to frame
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,7 @@ def readings(run: Run, rig: RigSettings, wrench: Array, poses: Array, rate_hz: f
     force = late * gain + rng.normal(size=(n, 6)) * sigma
     arms = np.array([*(2 * [rig.crosstalk_1e4 * 1e-4]), 0, *(3 * [rig.moment_crosstalk_um * 1e-6])])
     force += late[:, 2:3] * arms
+    force[:, 2] += _ringing(run, np.isfinite(poses[:, 0])) * rig.ring_force_un * 1e-6
     touched = poses[np.isfinite(poses[:, 0])]
     place = touched[-1, :2] if len(touched) else np.full(2, np.nan)
     shore = float(str(run.chosen.get("shore_a", "nan")))
@@ -123,6 +126,13 @@ def readings(run: Run, rig: RigSettings, wrench: Array, poses: Array, rate_hz: f
         "shore_a": np.array(shore + rng.normal() * rig.shore_noise_1e1 * 0.1),
         "place_m": place + rng.normal(size=2) * rig.place_noise_um * 1e-6,
     }  # fmt: skip
+
+
+def _ringing(run: Run, is_touched: npt.NDArray[np.bool_]) -> Array:
+    """Of a bench that touches something: 1 in the mean of squares at first, (t,)."""
+    since = np.cumsum(is_touched) - 1.0
+    noise = np.random.default_rng([run.seed, 5]).normal(size=len(since))
+    return np.where(is_touched, noise * RING_LEFT**since, 0.0)
 
 
 def mount_zero(run: Run, mounts: list[MountSettings]) -> Array:
@@ -167,7 +177,9 @@ def _write_run(folder: Path, run: Run) -> None:
 def digest(board: Board) -> str:
     """Of all that a board's recordings follow from: board.toml, twin.toml, reproduce.toml."""
     settings = load_reproduce(board)
-    unused = set() if settings.mount else {"mount"}  # later than the first frozen boards
+    unused: dict[str, Any] = {} if settings.mount else {"mount": True}  # younger than the first frozen boards
+    if not settings.rig.ring_force_un:
+        unused["rig"] = {"ring_force_un"}
     tree = [board.model_dump(mode="json"), load_twin(board).model_dump(mode="json"),
             settings.model_dump(mode="json", exclude=unused)]  # fmt: skip
     return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()

@@ -58,6 +58,7 @@ class RigSettings(Section):
     torque_gain_1e4: ThreeErrors = Field(default=[0, 0, 0])
     crosstalk_1e4: Error = 0  # part of the normal force that is read as tangential, along x and along y
     moment_crosstalk_um: Error = 0  # the same into each moment: an arm
+    ring_force_un: Error = 0  # of the force along z when it touches: the bench rings, and less in every frame
     lag_ms: Annotated[int, Field(ge=0, le=1000)] = 0  # of the force readings behind the pictures
     depth_noise_um: Error = 0  # of a run: where the stage took its zero
     shore_noise_1e1: Error = 0  # of a run: the hardness tester
