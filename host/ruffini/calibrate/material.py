@@ -11,7 +11,6 @@ Confidence intervals come from leaving out one touch at a time (jackknife): fram
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,14 +24,12 @@ from threadpoolctl import threadpool_limits
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.operator import Material, board_slab, board_window_m, observed_unknowns
-from ruffini.core.pipeline import Pipeline
+from ruffini.calibrate.reference_log import play, read_fit
 from ruffini.errors import InputError
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import Noise, force_operator
 from ruffini.fem.slab import HIGHEST_POISSON, Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
-from ruffini.files import write_whole
-from ruffini.frames import read_frames
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -44,7 +41,6 @@ HIGHEST_FITTED_POISSON = 0.4985
 LEVER_M = 4e-3  # moments count as forces at this lever
 TOUCHED_N = 0.05  # reference force above which a frame is used
 MAX_FRAMES_A_TOUCH = 8
-VALID = 1  # Validity of ruffini.proto
 MIN_TOUCHES = 5
 LEAST_VARIATION = 0.05  # standard deviation of the touches' forces, of their mean
 FARTHEST = 100.0  # factor from the board's E and thickness: beyond it a material file is not of this pad
@@ -133,100 +129,38 @@ def log_from_frames(displacement: Array, wrench: Array) -> MaterialLog:
     return MaterialLog(displacement[chosen], wrench[chosen], number[chosen])
 
 
-def reference_wrench(recording: Path, reference: Path | None) -> Array:
-    """Reference wrench of each frame, (t, 6) N and N m: `reference`, or the recording's `wrench.csv`, or its truth.
-
-    Raises
-    ------
-    InputError
-        There is none, or it cannot be read.
-    """
-    if reference is None and (recording / "wrench.csv").is_file():
-        reference = recording / "wrench.csv"
-    if reference is not None:
-        return read_wrench_csv(reference)
-    if (recording / "truth.npz").is_file():
-        return np.asarray(np.load(recording / "truth.npz")["wrench"], dtype=np.float64)
-    raise InputError(f"{recording} has no wrench.csv: give the load cell's wrenches with --reference")
-
-
 def log_from_recording(
     board: Board, calibration: CalibrationFile, recording: Path, reference: Path | None, *, progress: Progress
 ) -> MaterialLog:
-    """Run a recording through the board's own pipeline and take its displacement beside the reference wrench.
-
-    The reference is `reference`, or `wrench.csv` in the recording's folder, or a simulated recording's truth.
+    """The board's displacement beside the reference wrench, of the frames that count.
 
     Raises
     ------
     InputError
-        No reference, another number of rows than frames, or what `log_from_frames` refuses.
+        What `reference_log.play` and `log_from_frames` refuse.
     """
-    wrench = reference_wrench(recording, reference)
-    frames = read_frames(recording)
-    if len(frames) != len(wrench):
-        raise InputError(f"{recording} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")
-    displacement, kept = [], []
-    with Pipeline(board, calibration.data) as pipeline:
-        for i, image in enumerate(frames):
-            frame = pipeline.process(image)
-            if frame.has_reference and frame.force_z_validity == VALID:
-                displacement.append(pipeline.displacement_m().reshape(-1, 3))
-                kept.append(i)
-            progress((i + 1) / len(frames))
-    if not kept:
-        raise InputError(
-            f"{recording}: no frame has a valid displacement: is it this board, with its colours calibrated?"
-        )
-    return log_from_frames(np.array(displacement), wrench[kept])
-
-
-def write_material(path: Path, board: Board, fit: MaterialFit) -> None:
-    """The fit as JSON, whole or not at all."""
-    write_whole(path, json.dumps({"board": board.name, **fit.report()}, indent=1).encode() + b"\n")
+    played = play(
+        board, calibration, recording, reference, lambda pipeline, _: pipeline.displacement_m().reshape(-1, 3),
+        progress=progress,
+    )  # fmt: skip
+    return log_from_frames(played.taken, played.wrench)
 
 
 def read_material(path: Path, board: Board) -> Material:
-    """What `write_material` wrote.
+    """What `reference_log.write_fit` wrote of a fit.
 
     Raises
     ------
     InputError
         Unreadable, not of this kind, or of another board.
     """
-    try:
-        tree = json.loads(path.read_text())
-        material = Material(*(float(tree[name]) for name in NAMES))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is no file of `ruffini cal material`: {error}") from error
-    if tree.get("board") != board.name:
-        raise InputError(f"{path}: was measured on board {tree.get('board')!r}, not {board.name!r}")
+    material = read_fit(path, board, "cal material", lambda tree: Material(*(float(tree[name]) for name in NAMES)))
     slab = board_slab(board)
     for name, value, usual in zip(NAMES, material, (slab.modulus_pa, HIGHEST_POISSON, slab.thickness_m), strict=True):
         lowest, highest = (0.0, usual) if name == "poisson" else (usual / FARTHEST, usual * FARTHEST)
         if not lowest <= value <= highest:
             raise InputError(f"{path}: {name} {value:g} is no pad of board {board.name!r}: {lowest:g} to {highest:g}")
     return material
-
-
-def read_wrench_csv(path: Path) -> Array:
-    """Reference wrench of each frame from a CSV with the columns fx,fy,fz (N), tx,ty,tz (N mm), (t, 6) N and N m.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, lacks a column, or holds something that is no number.
-    """
-    try:
-        table = np.genfromtxt(path, delimiter=",", names=True)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as CSV: {error}") from error
-    missing = [c for c in ("fx", "fy", "fz", "tx", "ty", "tz") if c not in (table.dtype.names or ())]
-    if missing:
-        raise InputError(f"{path} lacks the columns {', '.join(missing)}")
-    columns = [np.atleast_1d(table[c]) for c in ("fx", "fy", "fz")]
-    columns += [np.atleast_1d(table[c]) * 1e-3 for c in ("tx", "ty", "tz")]
-    return np.stack(columns, axis=1)
 
 
 class _Predictor:

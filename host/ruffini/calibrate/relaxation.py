@@ -14,7 +14,6 @@ well are kept.
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,11 +25,9 @@ from scipy.optimize import nnls
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile, Tensors
-from ruffini.calibrate.material import LEVER_M, TOUCHED_N, VALID, reference_wrench
-from ruffini.core.pipeline import Pipeline
+from ruffini.calibrate.material import LEVER_M, TOUCHED_N
+from ruffini.calibrate.reference_log import play, read_fit
 from ruffini.errors import InputError
-from ruffini.files import write_whole
-from ruffini.frames import read_frames
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -94,21 +91,8 @@ def log_from_recording(
     """
     if "relaxation" in calibration.kinds:
         raise InputError("this calibration already compensates relaxation: take one of `cal operator` without it")
-    wrench = reference_wrench(recording, reference)
-    frames = read_frames(recording)
-    if len(frames) != len(wrench):
-        raise InputError(f"{recording} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")
-    kept, elastic = [], []
-    with Pipeline(board, calibration.data) as pipeline:
-        for i, image in enumerate(frames):
-            frame = pipeline.process(image)
-            if frame.has_reference and frame.force_z_validity == VALID:
-                kept.append(i)
-                elastic.append(frame.wrench_un * np.array([1e-6] * 3 + [1e-12] * 3))
-            progress((i + 1) / len(frames))
-    if not kept:
-        raise InputError(f"{recording}: no frame has a valid force: is it this board, with its colours calibrated?")
-    return RelaxationLog(np.array(kept) * 1e3 / board.camera.rate_mhz, np.array(elastic), wrench[kept])
+    played = play(board, calibration, recording, reference, lambda _, frame: frame.wrench, progress=progress)
+    return RelaxationLog(played.frame * 1e3 / board.camera.rate_mhz, played.taken, played.wrench)
 
 
 def fit_relaxation(log: RelaxationLog) -> RelaxationFit:
@@ -185,27 +169,18 @@ def _lost(log: RelaxationLog, touched: npt.NDArray[np.bool_], times: list[float]
     return out
 
 
-def write_relaxation(path: Path, board: Board, fit: RelaxationFit) -> None:
-    """The fit as JSON, whole or not at all."""
-    write_whole(path, json.dumps({"board": board.name, **fit.report()}, indent=1).encode() + b"\n")
-
-
 def read_relaxation(path: Path, board: Board) -> RelaxationFit:
-    """What `write_relaxation` wrote.
+    """What `reference_log.write_fit` wrote of a fit.
 
     Raises
     ------
     InputError
         Unreadable, not of this kind, or of another board.
     """
-    try:
-        tree = json.loads(path.read_text())
-        fit = RelaxationFit(
+    return read_fit(
+        path, board, "cal relaxation",
+        lambda tree: RelaxationFit(
             float(tree["gain"]), tuple((float(t["part"]), float(t["time_s"])) for t in tree["terms"]),
             float(tree["rmse_before_n"]), float(tree["rmse_after_n"]),
-        )  # fmt: skip
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is no file of `ruffini cal relaxation`: {error}") from error
-    if tree.get("board") != board.name:
-        raise InputError(f"{path}: was measured on board {tree.get('board')!r}, not {board.name!r}")
-    return fit
+        ),
+    )  # fmt: skip

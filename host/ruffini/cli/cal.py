@@ -176,7 +176,8 @@ def material(
 ) -> None:
     """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
     from ruffini.calibrate import container
-    from ruffini.calibrate.material import fit_material, log_from_recording, write_material
+    from ruffini.calibrate.material import fit_material, log_from_recording
+    from ruffini.calibrate.reference_log import write_fit
     from ruffini.fem.operators import Noise
 
     file = container.read(calibration)
@@ -185,8 +186,8 @@ def material(
         frames = log_from_recording(found, file, log, reference, progress=progress)
     with progress_bar("fit") as progress:
         fit = fit_material(found, frames, Noise((5e-6, 5e-6, 20e-6), gauge_m=100e-6, tilt_m=30e-6), progress=progress)
-    write_material(out, found, fit)
     report = fit.report()
+    write_fit(out, found, report)
     e, nu, h = fit.values
     e_i, nu_i, h_i = fit.interval
     before, after = (1e3 * sum(v**2 for v in report[k][:3]) ** 0.5 for k in ("rmse_before_n_nm", "rmse_after_n_nm"))
@@ -216,14 +217,15 @@ def fit_relaxation_of_log(
 ) -> None:
     """Fit how much force the pad loses under a held strain, and how fast, to a recording with a reference wrench."""
     from ruffini.calibrate import container
-    from ruffini.calibrate.relaxation import fit_relaxation, log_from_recording, write_relaxation
+    from ruffini.calibrate.reference_log import write_fit
+    from ruffini.calibrate.relaxation import fit_relaxation, log_from_recording
 
     file = container.read(calibration)
     found = container.board_of(file, board)
     with progress_bar("frames") as progress:
         frames = log_from_recording(found, file, log, reference, progress=progress)
     fit = fit_relaxation(frames)
-    write_relaxation(out, found, fit)
+    write_fit(out, found, fit.report())
     terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
     emit(fit.report(), json_,
          f"{out}: of the force at once goes {terms}; at once it is {fit.gain:.3f} times the calibration's; "

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ruffini.boards import find_board
-from ruffini.calibrate.relaxation import RelaxationFit, RelaxationLog, fit_relaxation, read_relaxation, write_relaxation
+from ruffini.calibrate.reference_log import write_fit
+from ruffini.calibrate.relaxation import RelaxationFit, RelaxationLog, fit_relaxation, read_relaxation
 from ruffini.errors import InputError
 from ruffini.sim.prony import Memory, Prony
 
@@ -71,7 +72,7 @@ def test_a_log_that_cannot_tell_is_refused(change, words: str) -> None:
 def test_the_file_comes_back_and_is_of_one_board(tmp_path: Path) -> None:
     fit = RelaxationFit(1.2, ((0.1, 0.3), (0.05, 10.0)), 0.2, 0.02)
     gelslim = find_board("gelslim")
-    write_relaxation(tmp_path / "r.json", gelslim, fit)
+    write_fit(tmp_path / "r.json", gelslim, fit.report())
     assert read_relaxation(tmp_path / "r.json", gelslim) == fit
     tensors, metadata = fit.tensors()
     assert metadata == {"relaxation.terms": "2"}

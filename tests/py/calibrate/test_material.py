@@ -13,10 +13,9 @@ from ruffini.calibrate.material import (
     fit_material,
     log_from_frames,
     read_material,
-    read_wrench_csv,
-    write_material,
 )
 from ruffini.calibrate.operator import Material, board_slab
+from ruffini.calibrate.reference_log import read_wrench_csv, write_fit
 from ruffini.errors import InputError
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.operators import Noise
@@ -116,7 +115,7 @@ def test_file_round_trip_and_refusals(board: Board, tmp_path: Path) -> None:
     u, wrench = touches(board, 6, np.random.default_rng(8))
     fit = fit_material(board, log_from_frames(u, wrench), NOISE)
     path = tmp_path / "material.json"
-    write_material(path, board, fit)
+    write_fit(path, board, fit.report())
     assert read_material(path, board) == fit.material
     with pytest.raises(InputError, match="was measured on board 'sample', not 'gelslim'"):
         read_material(path, find_board("gelslim"))

@@ -1,0 +1,126 @@
+"""Recordings with a reference wrench beside them, and the small files of what was fitted to them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.core.pipeline import Frame, Pipeline
+from ruffini.errors import InputError
+from ruffini.files import write_whole
+from ruffini.frames import read_frames
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+Fit = TypeVar("Fit")
+
+VALID = 1  # Validity of ruffini.proto
+COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+class Played(NamedTuple):
+    """Of the frames that a board believes: number in the recording (t,), what was taken of each, reference (t, 6)."""
+
+    frame: npt.NDArray[np.int64]
+    taken: Array
+    wrench: Array
+
+
+def play(
+    board: Board,
+    calibration: CalibrationFile,
+    recording: Path,
+    reference: Path | None,
+    take: Callable[[Pipeline, Frame], Array],
+    *,
+    progress: Progress,
+) -> Played:
+    """Run a recording through the board's own pipeline; `take` is called where the normal force is valid.
+
+    The reference is `reference`, or `wrench.csv` in the recording's folder, or a simulated recording's truth.
+
+    Raises
+    ------
+    InputError
+        No reference, another number of rows than frames, or no valid frame.
+    """
+    wrench = reference_wrench(recording, reference)
+    frames = read_frames(recording)
+    if len(frames) != len(wrench):
+        raise InputError(f"{recording} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")
+    kept, taken = [], []
+    with Pipeline(board, calibration.data) as pipeline:
+        for i, image in enumerate(frames):
+            frame = pipeline.process(image)
+            if frame.has_reference and frame.force_z_validity == VALID:
+                kept.append(i)
+                taken.append(take(pipeline, frame))
+            progress((i + 1) / len(frames))
+    if not kept:
+        raise InputError(f"{recording}: no frame has a valid force: is it this board, with its colours calibrated?")
+    return Played(np.array(kept), np.array(taken), wrench[kept])
+
+
+def reference_wrench(recording: Path, reference: Path | None) -> Array:
+    """Reference wrench of each frame, (t, 6) N and N m: `reference`, or the recording's `wrench.csv`, or its truth.
+
+    Raises
+    ------
+    InputError
+        There is none, or it cannot be read.
+    """
+    if reference is None and (recording / "wrench.csv").is_file():
+        reference = recording / "wrench.csv"
+    if reference is not None:
+        return read_wrench_csv(reference)
+    if (recording / "truth.npz").is_file():
+        return np.asarray(np.load(recording / "truth.npz")["wrench"], dtype=np.float64)
+    raise InputError(f"{recording} has no wrench.csv: give the load cell's wrenches with --reference")
+
+
+def read_wrench_csv(path: Path) -> Array:
+    """Reference wrench of each frame from a CSV with the columns fx,fy,fz (N), tx,ty,tz (N mm), (t, 6) N and N m.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, lacks a column, or holds something that is no number.
+    """
+    try:
+        table = np.genfromtxt(path, delimiter=",", names=True)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as CSV: {error}") from error
+    missing = [c for c in COLUMNS if c not in (table.dtype.names or ())]
+    if missing:
+        raise InputError(f"{path} lacks the columns {', '.join(missing)}")
+    return np.stack([np.atleast_1d(table[c]) for c in COLUMNS], axis=1) * ([1.0] * 3 + [1e-3] * 3)
+
+
+def write_fit(path: Path, board: Board, report: dict[str, Any]) -> None:
+    """A fit's report as JSON, whole or not at all."""
+    write_whole(path, json.dumps({"board": board.name, **report}, indent=1).encode() + b"\n")
+
+
+def read_fit(path: Path, board: Board, verb: str, parse: Callable[[dict[str, Any]], Fit]) -> Fit:
+    """What `write_fit` wrote, as `parse` makes it of the report; `verb` names the command in messages.
+
+    Raises
+    ------
+    InputError
+        Unreadable, not of this kind, or of another board.
+    """
+    try:
+        tree = json.loads(path.read_text())
+        fit = parse(tree)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: is no file of `ruffini {verb}`: {error}") from error
+    if tree.get("board") != board.name:
+        raise InputError(f"{path}: was measured on board {tree.get('board')!r}, not {board.name!r}")
+    return fit
