@@ -24,15 +24,24 @@ def ray_slopes(board: Board, axis: str, n: int) -> I64:
     return np.asarray((middle_mpx - camera[f"center_{axis}_mpx"]) * 65536 // camera["focal_mpx"])
 
 
+def inverse_table() -> I64:
+    """1 / x, Q24, of x in Q14 at every 64th; held below 1/16."""
+    x = np.maximum(np.arange(514, dtype=np.int64) << 6, 1 << 10)
+    return np.asarray(((1 << 39) + x) // (2 * x))
+
+
 def gradient(board: Board, slope: I64, saturations: Saturations) -> I64:
     """(n_y, n_x, 2), micrometres per cell, Q10."""
     n_y, n_x = slope.shape[:2]
     camera = board["camera"]
-    cell_q10 = camera["standoff_um"] * board["depth"]["step_px"] * 1024 * 1000 // camera["focal_mpx"]
+    cell_q10 = min(camera["standoff_um"] * board["depth"]["step_px"] * 1024 * 1000 // camera["focal_mpx"], 8191 << 10)
     ray_x, ray_y = ray_slopes(board, "x", n_x)[None, :], ray_slopes(board, "y", n_y)[:, None]
-    fold = np.minimum(round_shift(slope[..., 0] * ray_x + slope[..., 1] * ray_y, 14), MAX_FOLD)
-    scale = (1 << 30) // (ONE_Q14 - fold) * cell_q10
-    return saturations.clamp(round_shift(slope * scale[..., None], 28), -(1 << 20), 1 << 20)
+    fold = np.clip(round_shift(slope[..., 0] * ray_x + slope[..., 1] * ray_y, 14), -ONE_Q14, MAX_FOLD)
+    line, fraction = (ONE_Q14 - fold) >> 6, (ONE_Q14 - fold) & 63
+    table = inverse_table()
+    inverse = table[line] + round_shift((table[line + 1] - table[line]) * fraction, 6)
+    scale = round_shift(inverse * cell_q10, 20)
+    return saturations.clamp(round_shift(slope * scale[..., None], 16), -(1 << 20), 1 << 20)
 
 
 def divergence(g: I64) -> I64:
@@ -47,36 +56,81 @@ def divergence(g: I64) -> I64:
     return out
 
 
-def _odd_cosines(n: int) -> I64:
-    k, i = np.mgrid[: n // 2, : n // 2].astype(np.int64)
-    return cos_pi_q30((2 * k + 1) * (2 * i + 1), 2 * n)
-
-
-def _base_cosines(n: int) -> I64:
+def _ii(n: int) -> I64:
     k, i = np.mgrid[:n, :n].astype(np.int64)
     return cos_pi_q30(k * (2 * i + 1), 2 * n)
 
 
-def forward_transform(x: I64) -> I64:
-    """X_k = sum_i x_i cos(pi k (2 i + 1) / (2 n)) of each row, odd halves split off and rounded."""
+def _iv(n: int) -> I64:
+    k, i = np.mgrid[:n, :n].astype(np.int64)
+    return cos_pi_q30((2 * k + 1) * (2 * i + 1), 4 * n)
+
+
+def type_ii(x: I64) -> I64:
+    """X_k = sum_i x_i cos(pi k (2 i + 1) / (2 n)) of each row."""
     n = x.shape[1]
     if n % 2:
-        return round_shift(x @ _base_cosines(n).T, 30)
-    mirrored = x[:, ::-1]
+        return round_shift(x @ _ii(n).T, 30)
+    left, right = x[:, : n // 2], x[:, : n // 2 - 1 : -1]
     out = np.zeros_like(x)
-    out[:, 1::2] = round_shift((x - mirrored)[:, : n // 2] @ _odd_cosines(n).T, 30)
-    out[:, 0::2] = forward_transform((x + mirrored)[:, : n // 2])
+    out[:, 0::2] = type_ii(left + right)
+    out[:, 1::2] = type_iv(left - right)
     return out
 
 
-def inverse_transform(a: I64) -> I64:
-    """x_i = sum_k a_k cos(pi k (2 i + 1) / (2 n)) of each row, with coefficients in Q27."""
-    n = a.shape[1]
+def type_iii(x: I64) -> I64:
+    """x_i = sum_k X_k cos(pi k (2 i + 1) / (2 n)) of each row."""
+    n = x.shape[1]
     if n % 2:
-        return round_shift(a @ (_base_cosines(n) >> 3), 27)
-    odd = round_shift(a[:, 1::2] @ (_odd_cosines(n) >> 3), 27)
-    even = inverse_transform(a[:, 0::2])
+        return round_shift(x @ _ii(n), 30)
+    even, odd = type_iii(x[:, 0::2]), type_iv(x[:, 1::2])
     return np.concatenate([even + odd, (even - odd)[:, ::-1]], axis=1)
+
+
+def type_iv(x: I64) -> I64:
+    """X_k = sum_i x_i cos(pi (2 k + 1)(2 i + 1) / (4 m)) of each row: rotations, then two of type II."""
+    m = x.shape[1]
+    if m % 2:
+        return round_shift(x @ _iv(m).T, 30)
+    half = m // 2
+    angle = 2 * np.arange(half, dtype=np.int64) + 1
+    c, s = cos_pi_q30(angle, 4 * m), cos_pi_q30(2 * m - angle, 4 * m)
+    sign = 1 - 2 * (np.arange(half) % 2)
+    a, b = x[:, :half], x[:, : half - 1 : -1]
+    u = type_ii(round_shift(a * c + b * s, 30))
+    w = type_ii(round_shift(sign * (b * c - a * s), 30))
+    out = np.zeros_like(x)
+    out[:, 0] = u[:, 0]
+    out[:, 2::2] = u[:, 1:] + w[:, :0:-1]
+    out[:, 1:-1:2] = u[:, 1:] - w[:, :0:-1]
+    out[:, -1] = -w[:, 0]
+    return out
+
+
+MAX_WAVE = 1 << 29
+MAX_UP = 16
+
+
+def scaled(x: I64, up: int) -> I64:
+    """x 2^up, half up."""
+    return x << up if up >= 0 else round_shift(x, -up)
+
+
+def transform_rows(f: I64) -> I64:
+    """Q8, from f in Q11."""
+    n = f.shape[1]
+    up = min(30 - int((int(np.abs(f).max()) + 1) * n).bit_length(), MAX_UP)
+    return scaled(type_ii(scaled(f, up)), -3 - up)
+
+
+def invert_rows(z: I64) -> I64:
+    """w in Q8, from waves times n / 2."""
+    n = z.shape[1]
+    up = min(29 - int(np.abs(z).max()).bit_length(), MAX_UP)
+    products = z * ((2 << 30) // n)
+    v = round_shift(products, 30 - up)
+    v[:, 0] = round_shift(products[:, 0], 31 - up)
+    return scaled(type_iii(v), -up)
 
 
 def solve_columns(f: I64, saturations: Saturations) -> I64:
@@ -85,24 +139,28 @@ def solve_columns(f: I64, saturations: Saturations) -> I64:
     one = 1 << 30
     eigenvalue = 2 * (one - cos_pi_q30(np.arange(1, n_x, dtype=np.int64), n_x))
     z = np.zeros_like(f)
+
+    def held(x: I64) -> I64:
+        return saturations.clamp(x, -MAX_WAVE, MAX_WAVE)
+
     # k = 0: height is the double sum of the flux.
     flux = np.cumsum(f[:, 0])
     z[1:, 0] = np.cumsum(flux)[:-1]
-    z[:, 0] = saturations.int32(z[:, 0])
+    z[:, 0] = held(z[:, 0])
     factor = np.zeros((n_y, n_x - 1), np.int64)
     above = np.zeros(n_x - 1, np.int64)
     for y in range(n_y):
-        total = saturations.int32(above - f[y, 1:])
+        total = held(above - f[y, 1:])
         diagonal = (1 if y in (0, n_y - 1) else 2) * one + eigenvalue
         pivot = diagonal - (factor[y - 1] if y else 0)
         if y + 1 < n_y:
             factor[y] = (1 << 60) // pivot
             above = round_shift(total * factor[y], 30)
         else:
-            above = saturations.int32((total * one + pivot // 2) // pivot)
+            above = held((total * one + pivot // 2) // pivot)
         z[y, 1:] = above
     for y in range(n_y - 2, -1, -1):
-        z[y, 1:] = saturations.int32(z[y, 1:] + round_shift(z[y + 1, 1:] * factor[y], 30))
+        z[y, 1:] = held(z[y, 1:] + round_shift(z[y + 1, 1:] * factor[y], 30))
     return z
 
 
@@ -124,15 +182,12 @@ def gauge_cells(board: Board) -> I64:
 
 def poisson(board: Board, slope: I64, saturations: Saturations) -> I64:
     """Depth, 1/8 micrometre."""
-    n_x = slope.shape[1]
     f = divergence(gradient(board, slope, saturations))
-    z = solve_columns(forward_transform(f), saturations)
-    weight = np.where(np.arange(n_x) == 0, 8, 16)
-    waves = saturations.clamp((z * weight + n_x) // (2 * n_x), -(1 << 26), 1 << 26)
-    w = round_shift(inverse_transform(waves), 2)
+    w = invert_rows(solve_columns(transform_rows(f), saturations))
     cells = gauge_cells(board)
-    w = saturations.clamp(w - int(w.ravel()[cells].sum()) // len(cells), -(1 << 24), 1 << 24)
+    mean = int(w.ravel()[cells].sum()) // len(cells)
+    w = saturations.clamp(np.clip(w, -(1 << 29), 1 << 29) - np.clip(mean, -(1 << 29), 1 << 29), -(1 << 21), 1 << 21)
     standoff = board["camera"]["standoff_um"]
-    second = round_shift(round_shift(w * w, 11) * ((1 << 40) // (2 * standoff)), 40)
-    third = round_shift(round_shift(second * w, 11) * ((1 << 40) // (3 * standoff)), 40)
-    return saturations.int16(round_shift(w + second + third, 8))
+    third = round_shift(w * ((1 << 36) // (3 * standoff)), 20) + (1 << 24)
+    second = round_shift(round_shift(w * ((1 << 36) // (2 * standoff)), 20) * third, 24)
+    return saturations.int16(round_shift(w * (second + (1 << 24)), 29))

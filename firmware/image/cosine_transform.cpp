@@ -1,0 +1,29 @@
+#include "image/cosine_transform.h"
+
+#include "image/trigonometry.h"
+
+namespace ruffini {
+
+CosineTables::CosineTables(int n) : n_(n), leaf_n_(n) {
+  for (int m = n; m % 2 == 0; m /= 2) {
+    std::vector<Rotation> rotations;
+    for (int i = 0; i < m / 2; ++i) {
+      const int64_t angle = 2 * i + 1;  // times pi / (4 m)
+      const int32_t c = cos_pi_q30(angle, 4 * m);
+      const int32_t s = cos_pi_q30(2 * m - angle, 4 * m);
+      rotations.push_back({c, s, i % 2 == 0 ? -s : s, i % 2 == 0 ? c : -c});
+    }
+    rotation_.push_back(std::move(rotations));
+    leaf_n_ = m / 2;
+  }
+  const int p = leaf_n_;
+  for (int k = 0; k < p; ++k) {
+    for (int i = 0; i < p; ++i) {
+      leaf_ii_.push_back(cos_pi_q30(int64_t{k} * (2 * i + 1), 2 * p));
+      leaf_iii_.push_back(cos_pi_q30(int64_t{i} * (2 * k + 1), 2 * p));
+      leaf_iv_.push_back(cos_pi_q30(int64_t{2 * k + 1} * (2 * i + 1), 4 * p));
+    }
+  }
+}
+
+}  // namespace ruffini

@@ -1,0 +1,100 @@
+// Eight lanes of 32-bit integers on AVX2; lanes_scalar.h says what each operation means.
+#pragma once
+
+#include <immintrin.h>
+
+#include <cstdint>
+
+namespace ruffini {
+
+struct Avx2Lanes {
+  using V = __m256i;
+  struct Wide {  // of lanes 0, 2, 4, 6 and of lanes 1, 3, 5, 7
+    __m256i even;
+    __m256i odd;
+  };
+  static constexpr int kCount = 8;
+
+  static V load(const void* at) { return _mm256_loadu_si256(static_cast<const __m256i*>(at)); }
+  static void store(void* at, V v) { _mm256_storeu_si256(static_cast<__m256i*>(at), v); }
+  static V load_16(const int16_t* at) {
+    return _mm256_cvtepi16_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(at)));
+  }
+  static void store_16(int16_t* at, V v) {
+    const __m128i packed = _mm_packs_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(at), packed);
+  }
+  static V same(int32_t x) { return _mm256_set1_epi32(x); }
+
+  static V add(V a, V b) { return _mm256_add_epi32(a, b); }
+  static V sub(V a, V b) { return _mm256_sub_epi32(a, b); }
+  static V min(V a, V b) { return _mm256_min_epi32(a, b); }
+  static V max(V a, V b) { return _mm256_max_epi32(a, b); }
+  static V abs(V a) { return _mm256_abs_epi32(a); }
+  static V bit_and(V a, V b) { return _mm256_and_si256(a, b); }
+  static V differ(V a, V b) { return _mm256_add_epi32(_mm256_cmpeq_epi32(a, b), same(1)); }
+  template <int kShift>
+  static V left(V a) {
+    return _mm256_slli_epi32(a, kShift);
+  }
+  static V left(V a, int shift) { return _mm256_sll_epi32(a, _mm_cvtsi32_si128(shift)); }
+  template <int kShift>
+  static V right(V a) {
+    return _mm256_srai_epi32(a, kShift);
+  }
+  static V round_right(V a, int shift) {
+    return _mm256_sra_epi32(add(a, same(1 << (shift - 1))), _mm_cvtsi32_si128(shift));
+  }
+  static V times(V a, V b) { return _mm256_mullo_epi32(a, b); }
+
+  static Wide mul(V a, V b) {
+    return {_mm256_mul_epi32(a, b), _mm256_mul_epi32(_mm256_srli_epi64(a, 32), _mm256_srli_epi64(b, 32))};
+  }
+  static Wide scale(V a, int32_t c) {
+    return {_mm256_mul_epi32(a, same(c)), _mm256_mul_epi32(_mm256_srli_epi64(a, 32), same(c))};
+  }
+  static Wide add_scaled(Wide sum, V a, int32_t c) {
+    const Wide product = scale(a, c);
+    return {_mm256_add_epi64(sum.even, product.even), _mm256_add_epi64(sum.odd, product.odd)};
+  }
+  static V narrow(Wide sum, int shift) {
+    const __m256i half = _mm256_set1_epi64x(int64_t{1} << (shift - 1));
+    const __m256i even = _mm256_srl_epi64(_mm256_add_epi64(sum.even, half), _mm_cvtsi32_si128(shift));
+    const __m256i odd = _mm256_sll_epi64(_mm256_add_epi64(sum.odd, half), _mm_cvtsi32_si128(32 - shift));
+    return _mm256_blend_epi32(even, odd, 0xAA);
+  }
+
+  static V look_up(const int32_t* table, V index) { return _mm256_i32gather_epi32(table, index, 4); }
+
+  // Eight vectors: lane i of vector j and lane j of vector i change places.
+  static void transpose(V* block) {
+    V pair[8];
+    for (int i = 0; i < 8; i += 2) {
+      pair[i] = _mm256_unpacklo_epi32(block[i], block[i + 1]);
+      pair[i + 1] = _mm256_unpackhi_epi32(block[i], block[i + 1]);
+    }
+    V four[8];
+    for (int i = 0; i < 8; i += 4) {
+      four[i] = _mm256_unpacklo_epi64(pair[i], pair[i + 2]);
+      four[i + 1] = _mm256_unpackhi_epi64(pair[i], pair[i + 2]);
+      four[i + 2] = _mm256_unpacklo_epi64(pair[i + 1], pair[i + 3]);
+      four[i + 3] = _mm256_unpackhi_epi64(pair[i + 1], pair[i + 3]);
+    }
+    for (int i = 0; i < 4; ++i) {
+      block[i] = _mm256_permute2x128_si256(four[i], four[i + 4], 0x20);
+      block[i + 4] = _mm256_permute2x128_si256(four[i], four[i + 4], 0x31);
+    }
+  }
+  static int64_t sum(V a) {
+    const __m128i four = _mm_add_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
+    const __m128i two = _mm_add_epi32(four, _mm_shuffle_epi32(four, 0x4E));
+    return _mm_cvtsi128_si32(_mm_add_epi32(two, _mm_shuffle_epi32(two, 0xB1)));
+  }
+  static int32_t largest(V a) {
+    const __m128i four = _mm_max_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
+    const __m128i two = _mm_max_epi32(four, _mm_shuffle_epi32(four, 0x4E));
+    return _mm_cvtsi128_si32(_mm_max_epi32(two, _mm_shuffle_epi32(two, 0xB1)));
+  }
+};
+
+}  // namespace ruffini

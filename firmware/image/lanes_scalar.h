@@ -1,0 +1,74 @@
+// One lane of 32-bit integers: the reference of lanes_avx2.h and lanes_neon.h, which do the same to several.
+//
+// A kernel is written once, as a template over the lanes (image/kernels.h). All operations are exact, or round half
+// up as round_shift does, so that every version is equal bit for bit. Callers prove that no sum leaves 32 bits and no
+// Wide 64.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+
+#include "base/fixed.h"
+
+namespace ruffini {
+
+struct ScalarLanes {
+  using V = int32_t;
+  using Wide = int64_t;  // products, and sums of them
+  static constexpr int kCount = 1;
+
+  static V load(const void* at) {
+    V v;
+    std::memcpy(&v, at, sizeof v);
+    return v;
+  }
+  static void store(void* at, V v) { std::memcpy(at, &v, sizeof v); }
+  static V load_16(const int16_t* at) { return *at; }
+  static void store_16(int16_t* at, V v) { *at = static_cast<int16_t>(v); }  // the caller has clamped v
+  static V same(int32_t x) { return x; }
+
+  static V add(V a, V b) { return a + b; }
+  static V sub(V a, V b) { return a - b; }
+  static V min(V a, V b) { return std::min(a, b); }
+  static V max(V a, V b) { return std::max(a, b); }
+  static V abs(V a) { return a < 0 ? -a : a; }
+  static V bit_and(V a, V b) { return a & b; }
+  // 1 in every lane where a and b differ.
+  static V differ(V a, V b) { return a == b ? 0 : 1; }
+  template <int kShift>
+  static V left(V a) {
+    return static_cast<V>(static_cast<uint32_t>(a) << kShift);
+  }
+  static V left(V a, int shift) { return static_cast<V>(static_cast<uint32_t>(a) << shift); }
+  template <int kShift>
+  static V right(V a) {
+    return a >> kShift;  // towards minus infinity
+  }
+  // Half up. Precondition: 1 <= shift <= 30 and a + 2^(shift - 1) fits.
+  static V round_right(V a, int shift) { return (a + (1 << (shift - 1))) >> shift; }
+  // Low 32 bits of the product.
+  static V times(V a, V b) { return static_cast<V>(static_cast<uint32_t>(a) * static_cast<uint32_t>(b)); }
+
+  static Wide mul(V a, V b) { return int64_t{a} * b; }
+  // Every lane times the same number.
+  static Wide scale(V a, int32_t c) { return int64_t{a} * c; }
+  static Wide add_scaled(Wide sum, V a, int32_t c) { return sum + int64_t{a} * c; }
+  // Half up. Precondition: 1 <= shift <= 32 and the result fits 32 bits.
+  static V narrow(Wide sum, int shift) { return static_cast<V>(round_shift(sum, shift)); }
+
+  static V look_up(const int32_t* table, V index) { return table[index]; }
+  static void transpose(V* /*block: kCount vectors*/) {}
+  static int64_t sum(V a) { return a; }
+  static int32_t largest(V a) { return a; }
+};
+
+// v within +-limit; n_held counts the lanes that were not.
+template <typename L>
+typename L::V held(typename L::V v, int32_t limit, typename L::V& n_held) {
+  const typename L::V out = L::max(L::min(v, L::same(limit)), L::same(-limit));
+  n_held = L::add(n_held, L::differ(out, v));
+  return out;
+}
+
+}  // namespace ruffini

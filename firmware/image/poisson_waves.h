@@ -1,0 +1,150 @@
+// The transforms and the solve wave by wave, on lanes (lanes_scalar.h): the middle part of poisson.h. Bounds, besides
+// those of the transforms: waves are held to +-2^29 (kMaxWave, counted), so that sums and differences stay within 31
+// bits and the inverse transform within 30.
+#pragma once
+
+#include <algorithm>
+#include <bit>
+
+#include "image/lanes_scalar.h"
+#include "image/poisson.h"
+
+namespace ruffini {
+
+template <typename L>
+class PoissonWaves {
+ public:
+  PoissonWaves(const PoissonTables& tables, PoissonBuffers& buffers, SaturationCounter& saturations)
+      : t_(tables),
+        b_(buffers),
+        saturations_(saturations),
+        n_x_(static_cast<size_t>(tables.grid.n_x)),
+        n_y_(static_cast<size_t>(tables.grid.n_y)) {}
+
+  // F in Q8, from f in Q11 through n max|f| 2^up < 2^30.
+  void transform_rows(int32_t largest_f) {
+    const int up = std::min(30 - bit_width((int64_t{largest_f} + 1) * t_.grid.n_x), kMaxUp);  // -3 at the least
+    const CosineTransform<L> transform(t_.cosine);
+    V* in = work();
+    V* out = in + t_.stride;
+    std::fill(out, out + t_.stride, L::same(0));
+    for (size_t y = 0; y < n_y_; y += kLanes) {
+      load_columns(y, in);
+      scale_all(in, n_x_, up);
+      transform.forward(in, out, out + t_.stride);
+      scale_all(out, n_x_, -3 - up);
+      store_columns(y, out);
+    }
+  }
+
+  // k = 0: the row sums' flux, summed once more.
+  void sum_column() {
+    int64_t flux = 0;
+    int64_t height = 0;
+    for (size_t y = 0; y < n_y_; ++y) {
+      b_.column[y] = held_wave(height);
+      flux += b_.row_f(y)[0];
+      height += flux;
+      b_.row_f(y)[0] = 0;
+    }
+  }
+
+  // Waves k > 0, tridiagonal along y; returns the largest of all waves.
+  int32_t solve_columns() {
+    V n_clamped = L::same(0);
+    for (size_t y = 0; y < n_y_; ++y) {
+      const int32_t* factor = t_.factor_q30.data() + y * t_.stride;  // zero in the last row
+      for (size_t k = 0; k < t_.stride; k += kLanes) {
+        const V above = y > 0 ? L::load(b_.row_f(y - 1) + k) : L::same(0);
+        const V sum = held<L>(L::sub(above, L::load(b_.row_f(y) + k)), kMaxWave, n_clamped);
+        const bool is_last = y + 1 == n_y_;
+        L::store(b_.row_f(y) + k, is_last ? sum : L::narrow(L::mul(sum, L::load(factor + k)), 30));
+      }
+    }
+    int32_t* last = b_.row_f(n_y_ - 1);
+    for (size_t k = 1; k < n_x_; ++k) last[k] = held_wave(divide_q30(last[k], t_.last_pivot_q30[k]));
+    V largest = L::same(0);
+    for (size_t k = 0; k < t_.stride; k += kLanes) largest = L::max(largest, L::abs(L::load(last + k)));
+    for (size_t y = n_y_ - 1; y-- > 0;) {
+      const int32_t* factor = t_.factor_q30.data() + y * t_.stride;
+      for (size_t k = 0; k < t_.stride; k += kLanes) {
+        const V below = L::narrow(L::mul(L::load(b_.row_f(y + 1) + k), L::load(factor + k)), 30);
+        const V z = held<L>(L::add(L::load(b_.row_f(y) + k), below), kMaxWave, n_clamped);
+        largest = L::max(largest, L::abs(z));
+        L::store(b_.row_f(y) + k, z);
+      }
+    }
+    saturations_.count += static_cast<uint64_t>(L::sum(n_clamped));
+    int32_t most = L::largest(largest);
+    for (size_t y = 0; y < n_y_; ++y) {
+      b_.row_f(y)[0] = b_.column[y];
+      most = std::max(most, std::abs(b_.column[y]));
+    }
+    return most;
+  }
+
+  // w in Q8. v = z 2 / n (1 / n for k = 0) goes through the transform with `up` more bits: n max|v| 2^up <= 2^30.
+  void invert_rows(int32_t largest_wave) {
+    const int up = std::min(29 - bit_width(largest_wave), kMaxUp);                             // -1 at the least
+    const auto scale = static_cast<int32_t>((int64_t{2} << 30) / static_cast<int64_t>(n_x_));  // Q30
+    const CosineTransform<L> transform(t_.cosine);
+    V* in = work();
+    V* out = in + t_.stride;
+    std::fill(out, out + t_.stride, L::same(0));
+    for (size_t y = 0; y < n_y_; y += kLanes) {
+      load_columns(y, in);
+      for (size_t k = 0; k < n_x_; ++k) in[k] = L::narrow(L::scale(in[k], scale), (k == 0 ? 31 : 30) - up);
+      transform.inverse(in, out, out + t_.stride);
+      scale_all(out, n_x_, -up);
+      store_columns(y, out);
+    }
+  }
+
+ private:
+  using V = typename L::V;
+  static constexpr size_t kLanes = L::kCount;
+  static constexpr int kMaxWave = 1 << 29;  // Q8 of n_x / 2 heights
+  static constexpr int kMaxUp = 16;         // more says nothing: what comes in is whole steps
+
+  // Rows y, y + 1, ... of f, one a lane, to vectors of one column each.
+  void load_columns(size_t y, V* out) {
+    for (size_t x = 0; x < t_.stride; x += kLanes) {
+      for (size_t j = 0; j < kLanes; ++j) out[x + j] = L::load(b_.row_f(y + j) + x);
+      L::transpose(out + x);
+    }
+  }
+  void store_columns(size_t y, V* in) {
+    for (size_t x = 0; x < t_.stride; x += kLanes) {
+      L::transpose(in + x);
+      for (size_t j = 0; j < kLanes; ++j) L::store(b_.row_f(y + j) + x, in[x + j]);
+    }
+  }
+  V* work() { return reinterpret_cast<V*>((reinterpret_cast<uintptr_t>(b_.work.data()) + 31) / 32 * 32); }
+
+  static int bit_width(int64_t x) { return static_cast<int>(std::bit_width(static_cast<uint64_t>(x))); }
+
+  // n vectors times 2^up, rounded where that is less than one.
+  static void scale_all(V* v, size_t n, int up) {
+    if (up > 0) {
+      for (size_t i = 0; i < n; ++i) v[i] = L::left(v[i], up);
+    } else if (up < 0) {
+      for (size_t i = 0; i < n; ++i) v[i] = L::round_right(v[i], -up);
+    }
+  }
+
+  int32_t held_wave(int64_t z) {
+    const int64_t held = std::clamp<int64_t>(z, -kMaxWave, kMaxWave);
+    saturations_.count += held == z ? 0 : 1;
+    return static_cast<int32_t>(held);
+  }
+  // x / pivot with the pivot in Q30, half up. Precondition: |x| < 2^32.
+  static int64_t divide_q30(int64_t x, int64_t pivot) { return floor_div(x * (int64_t{1} << 30) + pivot / 2, pivot); }
+
+  const PoissonTables& t_;
+  PoissonBuffers& b_;
+  SaturationCounter& saturations_;
+  size_t n_x_;
+  size_t n_y_;
+};
+
+}  // namespace ruffini
