@@ -9,11 +9,11 @@ that is linear in the gel's depth d (IV-B, fitted on the nominal indenter). Cont
                    of force, area and depth for Hertzian contact; which kind it is, is told beforehand
 
 The paper does not say how flow, density and area are computed. Ours: Farneback's flow, from where it was in the picture
-before (without that it is lost under the widest indenters, whose rim moves by 2 mm), a Gaussian of 6 px over the moved
-pixels, and as contact the region where the density has fallen by 0.025, which is 0.3 mm of depth. gamma_1 is linear,
-gamma_2 and gamma_3 are proportional. In eq. (9) and (10) gel depth and S from the flow leave no hardness at all (eq.
-(3): the object's modulus drops out), the stage's travel and the known area of the indenter do: `hardness_factor` takes
-what it is given, and the bench prints both.
+before (without that it is lost under the widest indenters, whose rim moves by 2 mm), a Gaussian of 5.5 px over the
+moved pixels, and as contact the region where the density has fallen by 0.024, which is 0.3 mm of depth. gamma_1 is
+linear, gamma_2 and gamma_3 are proportional. In eq. (9) and (10) gel depth and S from the flow leave no hardness at
+all (eq. (3): the object's modulus drops out), the stage's travel and the known area of the indenter do:
+`hardness_factor` takes what it is given, and the bench prints both.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-SIGMA_PX = 6.0  # of the density
-CONTACT_FALL = 0.025  # of the density: where a contact ends
+SIGMA_PX = 5.5  # of the density
+CONTACT_FALL = 0.024  # of the density: where a contact ends
 MARGIN_PX = 20  # of the picture: what leaves it is no contact
 LEAST_DEPTH_MM, MOST_DEPTH_MM = 0.4, 1.8  # where hardness is valid (section V-B)
 N_HIDDEN = 10

@@ -10,9 +10,11 @@ import pytest
 
 from ruffini.boards import find_board
 from ruffini.errors import InputError
-from ruffini.sim.reproduce.make import reproduce
+from ruffini.sim.programs import Load
+from ruffini.sim.reproduce.make import digest, mount_zero, readings, reproduce
 from ruffini.sim.reproduce.runs import runs_of
-from ruffini.sim.reproduce.settings import load_reproduce, parse_reproduce
+from ruffini.sim.reproduce.settings import HandSet, load_reproduce, parse_reproduce
+from ruffini.sim.reproduce.solved import slowed
 
 COARSE = "\n[mesh]\ncells_x = 10\ncells_y = 8\n"
 SMALL = """
@@ -160,3 +162,77 @@ def test_recordings_of_other_settings_are_not_mixed(board, tmp_path):
 def test_a_board_without_a_paper():
     with pytest.raises(InputError, match="has no paper to reproduce"):
         load_reproduce(find_board("gelsight-mini"))
+
+
+def test_each_run_has_its_own_zero_of_its_indenters_mount():
+    settings = load_reproduce(find_board("contact-glitter"))
+    runs = [r for r in runs_of(settings) if r.settings.name == "calibration"]
+    of = {m.indenter: m for m in settings.mount}
+    for shape in ("triangle", "flat", "square", "sphere"):
+        zeros = np.array([mount_zero(r, settings.mount) for r in runs if r.chosen["indenter"] == shape])
+        assert (zeros[:, 2] == 0).all()  # tared along the press
+        spread = np.sqrt((zeros**2).mean(axis=0))
+        assert spread[:2] == pytest.approx(of[shape].zero_force_un * 1e-6, rel=0.5)
+        assert spread[3:] == pytest.approx(of[shape].zero_torque_unm * 1e-6, rel=0.5)
+    assert mount_zero(runs[0], settings.mount).tolist() == mount_zero(runs[0], settings.mount).tolist()
+    assert not mount_zero(runs[0], []).any()
+
+
+def test_mounts_count_in_the_digest(tmp_path):
+    folder = tmp_path / "contact-glitter"
+    shutil.copytree(find_board("contact-glitter").folder, folder)
+    before = digest(find_board(folder))
+    text = (folder / "reproduce.toml").read_text()
+    (folder / "reproduce.toml").write_text(text.replace("zero_force_un = 400000", "zero_force_un = 400001"))
+    assert digest(find_board(folder)) != before
+
+
+def test_the_seven_objects_are_seven():
+    runs = [r for r in runs_of(load_reproduce(find_board("contact-glitter"))) if r.settings.name.startswith("object_")]
+    assert len(runs) == 7
+    assert len({(r.chosen["indenter"], r.chosen["radius_um"], r.chosen["shore_a"]) for r in runs}) == 7
+
+
+def test_a_bench_rings_when_it_touches_and_less_from_frame_to_frame():
+    settings = load_reproduce(find_board("stereo-fingertip"))
+    rig = settings.rig.model_copy(update={"force_noise_un": [0, 0, 0], "ring_force_un": 100_000})
+    poses = np.zeros((12, 6))
+    poses[:4] = np.nan
+    read = np.array([readings(r, rig, np.zeros((12, 6)), poses, 30.0)["force"] for r in runs_of(settings)])
+    assert not read[:, :4].any()
+    assert not read[:, :, [0, 1, 3, 4, 5]].any()
+    spread = np.sqrt((read[:, 4:, 2] ** 2).mean(axis=0))
+    assert spread == pytest.approx(0.1 * 0.6 ** np.arange(8), rel=0.35)
+
+
+def test_slow_loops_take_as_many_frames_as_fast_ones():
+    loops = [r for r in runs_of(load_reproduce(find_board("eltac"))) if r.settings.name == "loops"]
+    for run in loops:
+        every, speed_um_s = run.frame_every(30.0), run.chosen["speed_um_s"]
+        poses = run.poses(30.0 / every)
+        assert 60 <= len(poses) <= 120  # in steps of about 0.1 mm
+        assert max(p.depth_m for p in poses) == pytest.approx(4e-3)
+        assert poses[1].depth_m - poses[0].depth_m == pytest.approx(speed_um_s * 1e-6 * every / 30, rel=0.02)
+    assert [run.frame_every(30.0) for run in loops] == [30, 6, 3, 1, 1]
+
+
+def test_a_slow_run_has_a_slow_camera(coarse_unit):
+    run = next(r for r in runs_of(load_reproduce(find_board("eltac"))) if r.chosen.get("speed_um_s") == 500)
+    rate = coarse_unit.board.camera.rate_mhz
+    assert slowed(coarse_unit, run).frame_s == pytest.approx(run.frame_every(rate * 1e-3) * coarse_unit.frame_s)
+    assert coarse_unit.board.camera.rate_mhz == rate
+
+
+def test_hand_loads_are_as_large_as_the_set_says():
+    board = find_board("ftouch")
+    spread = {}
+    for run in runs_of(load_reproduce(board)):
+        if isinstance(run.settings, HandSet):
+            loads = [step.wrenches for step in run.story(board) if isinstance(step, Load)]
+            spread.setdefault(run.settings.name, []).extend(loads)
+    paper = np.concatenate(spread["connector"]).std(axis=0)
+    # RMSE / sqrt(1 - R2) of Table III: how far the paper's own loads spread.
+    expected = np.array([0.018, 0.016, 0.094, 0.657e-3, 1.566e-3, 0.407e-3])
+    expected /= np.sqrt(1 - np.array([0.99, 0.99, 0.94, 0.96, 0.94, 0.85]))
+    assert paper == pytest.approx(expected, rel=0.2)
+    assert (np.concatenate(spread["range"]).std(axis=0) > 1.2 * paper).all()

@@ -138,8 +138,10 @@ def _shown(method: Method, sets: dict[str, list[Seen]]) -> dict[str, float]:
     """What the paper shows in pictures only; nothing of it is in the quick subset."""
     figures: dict[str, float] = {}
     objects = [s for name, seen in sets.items() if name.startswith("object_") for s in seen]
-    if objects:
-        figures["hardness, seven objects"] = _rmse([method.bench(method.told(s)) - s.hardness for s in objects])
+    for is_hertzian, what in ((False, "cylinders"), (True, "balls")):
+        errors = [method.bench(method.told(s)) - s.hardness for s in objects if s.is_hertzian == is_hertzian]
+        if errors:
+            figures[f"hardness, {what} of Fig. 9"] = _rmse(errors)
     if "too_soft" in sets:
         figures["normal force, hardness 5"] = _rmse([method.normal(s) - s.normal_n for s in sets["too_soft"]])
     if "durability" in sets:
