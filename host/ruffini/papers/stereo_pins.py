@@ -22,9 +22,9 @@ Picture = npt.NDArray[np.uint8]
 ROWS, COLUMNS = slice(24, 216), slice(47, 271)
 BLOCK_PX = 16
 BINARY_LEVEL = 90  # of modes 2 and 3; the paper prints none
-N_COMPONENTS = 12
+N_COMPONENTS = 20
 N_HIDDEN = 24
-DECAY = 1e-4  # of the weights
+DECAY = 1e-5  # of the weights
 MAX_ROUNDS = 600
 
 
