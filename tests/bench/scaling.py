@@ -2,7 +2,10 @@
 
 The synthetic operator is the compliance of an elastic half space (Boussinesq and Cerruti) between scattered
 places, so that no reflection helps; it stands for any smooth, decaying operator, and can be as large as one
-likes. The board's own operators follow. Every row is measured in one run with its peers.
+likes. The board's own operator follows. Every row is measured in one run with its peers. Then the board's whole solve
+(operator, second pass, stated sigma) against its operator alone, on touches of three sizes.
+
+Takes three minutes and 7 GB; `--build` is a folder compiled with -DRUFFINI_BENCH=ON.
 """
 
 from __future__ import annotations
@@ -18,9 +21,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.bench.states import Recipe, Touch, make_states
 from ruffini.boards import find_board
-from ruffini.calibrate.container import pack, write
+from ruffini.calibrate.container import base_metadata, pack, write
+from ruffini.calibrate.error_model import N_TOUCHES
 from ruffini.calibrate.operator import Tensors, make_operator
+from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.fem.compile import SHAPES, compile_matrix
 from ruffini.fem.operators import Noise
 from ruffini.fem.symmetry import Sites, node_sites
@@ -30,6 +36,10 @@ Array = npt.NDArray[np.float64]
 STEP_M = 0.65e-3
 POISSON = 0.48
 LARGEST_EIGEN = 12_500  # unknowns: 0.6 GB of float32
+FLUSH_BYTES = 96 << 20  # written before every timed solve: nothing stays in the caches
+N_SOLVES = 31
+# Of the whole solve: balls of the twin, radius and depth in mm, dragged by a tenth of the depth.
+TOUCHES = ((4, 0.3), (6, 0.6), (8, 1.0))
 METADATA = {"format": "ruffini-calibration", "format_version": "1", "product": "ruffini"}
 
 
@@ -131,6 +141,53 @@ def board_row(name: str, binary: Path, folder: Path) -> Row:
     return measure(f"{name} (optimal)", kind.tensors, kind.metadata, kind.matrix.shape, binary, folder, seconds)
 
 
+@dataclass(frozen=True)
+class Solve:
+    """A touch and what its parts take, ms: the operator alone, with the second pass, and with the stated sigma too."""
+
+    touched: int
+    operator_ms: float
+    support_ms: float
+    whole_ms: float
+
+    @property
+    def ratio(self) -> float:
+        return self.whole_ms / self.operator_ms
+
+
+def solve_ms(pipeline: Pipeline, u: npt.NDArray[np.int16]) -> float:
+    """Median time of a solve, cache-cold."""
+    flush = np.zeros(FLUSH_BYTES // 8)
+    times = []
+    for _ in range(N_SOLVES):
+        flush += 1
+        start = time.perf_counter()
+        pipeline.solve(u)
+        times.append(time.perf_counter() - start)
+    return 1e3 * float(np.median(times))
+
+
+def whole_solves(name: str) -> list[Solve]:
+    """Of a board as `ruffini cal operator` equips it, and with parts left out."""
+    board = find_board(name)
+    noise = Noise((5e-6, 5e-6, 2e-5))
+    linear = make_operator(board, method="optimal", noise=noise)
+    whole = make_operator(board, method="support", noise=noise, n_touches=N_TOUCHES)
+    unsure = {k: v for k, v in whole.tensors.items() if not k.startswith("support.error")}
+    kinds = [(linear.tensors, linear.metadata), (unsure, whole.metadata), (whole.tensors, whole.metadata)]
+    pipelines = [Pipeline(board, pack(t, {**base_metadata(board), **m}).data) for t, m in kinds]
+    out = []
+    for radius_mm, depth_mm in TOUCHES:
+        ball = Recipe("ball", (Touch("sphere", radius_mm, 0.3, -0.2, shift=(0.1 * depth_mm, 0.0)),))
+        moved = make_states(board, (ball,), (depth_mm,))[0].displacement
+        u = np.round(moved / DISPLACEMENT_LSB_M).astype(np.int16).reshape(1, -1, 3)
+        times = [solve_ms(pipeline, u) for pipeline in pipelines]
+        out.append(Solve(int(np.count_nonzero(pipelines[-1].raw("mask"))), *times))
+    for pipeline in pipelines:
+        pipeline.close()
+    return out
+
+
 def slope(rows: list[Row]) -> float:
     """Of log time over log unknowns, least squares."""
     return float(np.polyfit(np.log([r.n for r in rows]), np.log([r.program_ms for r in rows]), 1)[0])
@@ -145,6 +202,13 @@ def show(rows: list[Row]) -> None:
         print(f"  {r.name:24}{r.n:9d} {r.form:32}{r.error:9.1e}{100 * r.share:6.1f}%{r.megabytes:8.1f}"
               f"{r.program_ms:8.3f}{eigen:>10}{faster:>8}{r.gb_s:7.1f}{100 * r.gb_s / r.read_gb_s:8.0f}%"
               f"{r.compile_s:11.1f}")  # fmt: skip
+
+
+def show_solves(solves: list[Solve]) -> None:
+    print("whole solve of the board, cache-cold, median of 31, estimators included: wanted at most 4x the operator")
+    print(f"  {'touched nodes':>14}{'operator ms':>13}{'+ second pass':>15}{'+ sigma':>10}{'whole':>8}")
+    for s in solves:
+        print(f"  {s.touched:14d}{s.operator_ms:13.3f}{s.support_ms:15.3f}{s.whole_ms:10.3f}{s.ratio:7.1f}x")
 
 
 def draw(rows: list[Row], path: Path) -> None:
@@ -175,16 +239,18 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     binary = arguments.build / "ruffini_scaling_bench"
     rows = [synthetic_row(40, 25, binary, folder, dense=True)]
-    lattices = [(25, 20), (40, 25)] if arguments.quick else [(25, 20), (40, 25), (50, 40), (80, 50), (90, 64)]
+    lattices = [(25, 20), (40, 25)] if arguments.quick else [(25, 20), (40, 25), (50, 40), (80, 50), (80, 60)]
     rows += [synthetic_row(n_x, n_y, binary, folder, dense=False) for n_x, n_y in lattices]
     scaling = rows[1:]
     rows.append(board_row("gelslim", binary, folder))
+    solves = whole_solves("gelslim")
     draw(scaling, folder / "operator_scaling.png")
     if arguments.json:
-        print(json.dumps([asdict(r) for r in rows]))
+        print(json.dumps({"operators": [asdict(r) for r in rows], "solves": [asdict(s) for s in solves]}))
         return
     show(rows)
     print(f"  log-log slope of time over unknowns, synthetic: {slope(scaling):.2f}; {folder / 'operator_scaling.png'}")
+    show_solves(solves)
 
 
 if __name__ == "__main__":
