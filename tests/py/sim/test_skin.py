@@ -1,5 +1,7 @@
 """The skin round a tube: shell against a published roof and a plate on springs, pyramids, loops, truth."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import splu
@@ -14,6 +16,7 @@ from ruffini.sim.bodies.skin_unit import SkinUnit
 from ruffini.sim.bodies.splines import Line, Patch
 from ruffini.sim.bodies.tool import Grip, ToolContact
 from ruffini.sim.indenters import Indenter
+from ruffini.sim.optics.lights.electroluminescent import Openings
 from ruffini.sim.pose import Pose
 from ruffini.sim.prony import Prony
 from ruffini.sim.settings import load_twin
@@ -224,3 +227,24 @@ def test_skins_that_cannot_be(unit):
         SkinUnit.build(unit.board, PadError(), unit.twin.model_copy(update={"skin": None}))
     with pytest.raises(InputError, match="incompressible"):
         SkinUnit.build(unit.board, PadError(poisson=1.01), unit.twin)
+
+
+def test_an_opening_sums_the_light_over_its_base(unit):
+    """Two of the five rows of a base pressed by 1.5 mm, of an attenuation of 1.5 mm: (2 e + 3) / 5 of what it was."""
+    light = unit.twin.light
+    lattice = unit.lattice
+    a, b = lattice.places()
+    one = int(np.hypot(a - 30, b - 5).argmin())
+    rest = SimpleNamespace(a=a[None], b=b[None], is_inside=np.ones((1, len(a)), dtype=bool))
+    openings = Openings(light, lattice, rest)
+
+    def look(grid, at_a, at_b):
+        da, db = at_a - a[one], at_b - b[one]
+        pressed = (np.abs(da) < 3) & (db > -3) & (db < -0.1 * 6)
+        size = np.where(pressed, light.attenuation_um * 1e-3, 0.0) if grid == "displacement" else np.ones_like(at_a)
+        return np.stack([size, 0 * size, 0 * size], axis=-1)
+
+    surface = SimpleNamespace(inward="inward", displacement="displacement", look=look)
+    lit = openings.shade(surface, np.ones(1, dtype=np.float32))[0, :, 0]
+    assert lit[one] / np.median(lit) == pytest.approx((2 * np.e + 3) / 5, rel=1e-5)
+    assert np.delete(lit, one) == pytest.approx(np.median(lit))
