@@ -81,6 +81,7 @@ bench: setup  ## time of every stage with peers beside them; accuracy on simulat
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
 	@$(PYTHON) tests/bench/run.py --build $(BUILD)
 	@$(PYTHON) tests/bench/scaling.py --build $(BUILD)
+	@$(PYTHON) tests/bench/building.py
 	@$(PYTHON) tests/bench/accuracy.py
 	@$(PYTHON) tests/bench/twin.py
 

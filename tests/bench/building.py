@@ -77,10 +77,8 @@ def main() -> None:
     jobs = [(*GRIDS[0], 0), (*GRIDS[0], 120)] + ([] if arguments.quick else [(*GRIDS[1], 0)])
     for n_x, n_y, touches in jobs:
         b = build(board, n_x, n_y, touches)
-        print(
-            f"  {f'{n_x} x {n_y}':>8}{touches:9d}{b.seconds:10.1f}{b.processor_s:10.1f}{b.peak_mb:14.0f}{b.megabytes:14.1f}",
-            flush=True,
-        )
+        print(f"  {f'{n_x} x {n_y}':>8}{touches:9d}{b.seconds:10.1f}{b.processor_s:10.1f}", end="")
+        print(f"{b.peak_mb:14.0f}{b.megabytes:14.1f}", flush=True)
 
 
 if __name__ == "__main__":

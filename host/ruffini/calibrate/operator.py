@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from threadpoolctl import threadpool_limits
 
 from ruffini.boards import Board
 from ruffini.calibrate.error_model import ErrorModel, Estimate, error_tensors, fit_error_model
@@ -33,6 +34,8 @@ FRACTION_Q14 = 1 << 14
 MAX_ERROR = 1e-3  # of the operator in integers, relative, on independent displacements and on touches
 N_SAMPLES = 24
 SCALE_Q16 = 1 << 16
+# Up to here one thread: where other programs run, two wait for each other (five times the time on two busy cores).
+ONE_THREAD_NODES = 1000
 
 
 @dataclass(frozen=True)
@@ -135,10 +138,18 @@ def make_operator(
     """
     if method not in OPERATOR_METHODS:
         raise InputError(f"unknown method {method!r}: choose one of {', '.join(OPERATOR_METHODS)}")
-    has_support = method == "support"
-    if is_finite and not has_support:
+    if is_finite and method != "support":
         raise InputError(f"finite strain works on the second pass: method support, not {method}")
     slab = board_slab(board, material)
+    with threadpool_limits(limits=1 if slab.n_nodes <= ONE_THREAD_NODES else None):
+        return _made(board, slab, material, method, noise, ridge_weight, is_finite, n_touches, progress)
+
+
+def _made(
+    board: Board, slab: Slab, material: Material | None, method: str, noise: Noise, ridge_weight: float,
+    is_finite: bool, n_touches: int, progress: Progress,
+) -> OperatorKind:  # fmt: skip
+    has_support = method == "support"
     matrix = force_operator(
         slab,
         "optimal" if has_support else method,
