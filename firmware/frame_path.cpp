@@ -61,8 +61,9 @@ void FramePath::learn_markers() {
   for (size_t i = 0; i < state_.markers.grey.size(); ++i) {
     state_.markers.grey[i] = static_cast<uint16_t>(rest[3 * i] + rest[3 * i + 1] + rest[3 * i + 2]);
   }
-  n_markers_at_rest_ = lattice_.learn(dots_.detect(state_.markers.grey));
-  displacement_.learn(lattice_.markers());
+  const std::span<const uint16_t> grey = state_.markers.grey;
+  n_markers_at_rest_ = flow_ ? flow_->learn(grey) : lattice_.learn(dots_.detect(grey));
+  displacement_.learn(markers());
 }
 
 void FramePath::run_difference(const FrameView& frame) {
@@ -77,13 +78,14 @@ void FramePath::run_markers(const FrameView& frame) {
       state_.markers.grey[i] = static_cast<uint16_t>(16 * (pixel[0] + pixel[1] + pixel[2]));
     }
   }
-  state_.markers.n_lost = lattice_.track(dots_.detect(state_.markers.grey));
+  const std::span<const uint16_t> grey = state_.markers.grey;
+  state_.markers.n_lost = flow_ ? flow_->track(grey) : lattice_.track(dots_.detect(grey));
 }
 
 void FramePath::run_depth() {
   if (!photometric_) return;
   timed(Stage::kPhotometric, [&] {
-    photometric_->run(state_.difference.change, lattice_.markers(), state_.photometric.slope);
+    photometric_->run(state_.difference.change, markers(), state_.photometric.slope);
     if (camera_map_) camera_map_->rectify(state_.photometric.slope);
   });
   SaturationCounter& saturations = depth_is_trusted() ? state_.saturations : untrusted_saturations_;
@@ -94,10 +96,10 @@ void FramePath::run_displacement() {
   // A table of other optics gives a depth to look at, not one to make forces of.
   const bool is_measured = depth_is_trusted();
   displacement_.run(
-      lattice_.markers(),
+      markers(),
       is_measured ? std::span<const DisplacementUm>(state_.poisson.depth) : std::span<const DisplacementUm>(),
       state_.displacement.node, state_.saturations);
-  displacement_.mark_filled(lattice_.markers(), state_.displacement.is_filled);
+  displacement_.mark_filled(markers(), state_.displacement.is_filled);
 }
 
 // Of the second pass only: the error model knows no other estimate. Its time counts as that pass's.
@@ -250,6 +252,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
     const auto at = std::find(known_stages().begin(), known_stages().end(), stage) - known_stages().begin();
     is_on_[static_cast<size_t>(at)] = true;
   }
+  if (has(Stage::kMarkers) && board.markers.polarity == Polarity::kTexture) flow_.emplace(board);
   const auto n_pixels = static_cast<size_t>(board.camera.width_px * board.camera.height_px);
   const auto n_nodes = static_cast<size_t>(nodes_.size().count());
   state_.difference.change.resize(n_pixels * 3);

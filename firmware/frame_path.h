@@ -12,6 +12,7 @@
 #include "image/camera_map.h"
 #include "image/poisson.h"
 #include "image/rest.h"
+#include "image/texture_flow.h"
 #include "solve/block_program.h"
 #include "solve/finite_strain.h"
 #include "solve/relaxation.h"
@@ -55,7 +56,7 @@ class FramePath {
   void solve(std::span<const NodeDisplacement> displacement);
 
   [[nodiscard]] const FrameState& state() const { return state_; }
-  [[nodiscard]] std::span<const Marker> markers() const { return lattice_.markers(); }
+  [[nodiscard]] std::span<const Marker> markers() const { return flow_ ? flow_->markers() : lattice_.markers(); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
   // Which calibration this path computes with: goes into every stamp. 0 = none.
   void set_calibration_id(uint32_t id) { calibration_id_ = id; }
@@ -98,6 +99,7 @@ class FramePath {
   Rest rest_;
   DotDetector dots_;
   MarkerLattice lattice_;
+  std::optional<TextureFlow> flow_;  // in place of dots and lattice where the board's markers are patches of a texture
   int n_markers_at_rest_ = 0;
   std::optional<CameraMap> camera_map_;
   std::optional<Photometric> photometric_;

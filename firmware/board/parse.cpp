@@ -160,7 +160,8 @@ void read_pad(Reader& in, BoardSettings& board) {
 void read_markers(Reader& in, MarkerSettings& markers) {
   if (!in.has_section("markers")) return;
   in.section("markers");
-  markers.polarity = in.choice("polarity", {"dark", "light"}) == 0 ? Polarity::kDark : Polarity::kLight;
+  const int polarity = in.choice("polarity", {"dark", "light", "texture"});
+  markers.polarity = polarity == 0 ? Polarity::kDark : polarity == 1 ? Polarity::kLight : Polarity::kTexture;
   markers.lattice.n_x = static_cast<int>(in.integer("n_x", 2, 64));
   markers.lattice.n_y = static_cast<int>(in.integer("n_y", 2, 64));
   markers.pitch_x_um = in.integer("pitch_x_um", 100, 100'000);
@@ -213,6 +214,13 @@ void check_markers(Reader& in, const BoardSettings& board) {
     in.fail("[markers] lattice reaches beyond the pad");
   } else if (markers.diameter_um >= markers.pitch_x_um || markers.diameter_um >= markers.pitch_y_um) {
     in.fail("markers.diameter_um must be below the pitch");
+  }
+  if (markers.polarity != Polarity::kTexture) return;
+  if (std::find(board.stages.begin(), board.stages.end(), "photometric") != board.stages.end()) {
+    in.fail("markers.polarity texture leaves no shading to the stage photometric: leave one of them out");
+  }
+  if (std::min(board.camera.width_px, board.camera.height_px) < 64) {  // TextureFlow::kMinSizePx
+    in.fail("markers.polarity texture needs an image of at least 64 x 64 pixels");
   }
 }
 

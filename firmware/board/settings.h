@@ -16,7 +16,7 @@ inline constexpr size_t kMaxNotMeasured = 8;
 inline constexpr int64_t kMaxCalibrationKb = 131'072;  // of a calibration file: what one upload may carry
 inline constexpr size_t kMaxListedLength = 23;         // of a stage, of a quantity
 
-enum class Polarity { kDark, kLight };
+enum class Polarity { kDark, kLight, kTexture };  // dots, or patches of a texture
 enum class Gauge { kMargin, kMean };
 
 struct CameraSettings {

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "image/lattice_fill.h"
+
 namespace ruffini {
 namespace {
 
@@ -176,22 +178,8 @@ int MarkerLattice::learn(std::span<const Dot> dots) {
   return best_found;
 }
 
-int MarkerLattice::neighbour_mean(int index, Point& mean) const {
-  const int x = index % size_.n_x;
-  const int y = index / size_.n_x;
-  int count = 0;
-  mean = {0, 0};
-  for (int v = std::max(y - 1, 0); v <= std::min(y + 1, size_.n_y - 1); ++v) {
-    for (int u = std::max(x - 1, 0); u <= std::min(x + 1, size_.n_x - 1); ++u) {
-      const auto at = static_cast<size_t>(v * size_.n_x + u);
-      if (known_[at] == 0) continue;
-      ++count;
-      mean.x += markers_[at].displacement_x.raw();
-      mean.y += markers_[at].displacement_y.raw();
-    }
-  }
-  if (count > 0) mean = {floor_div(mean.x, count), floor_div(mean.y, count)};
-  return count;
+int MarkerLattice::mean_around(int index, Point& mean) const {
+  return neighbour_mean(markers_, size_, known_, index, mean.x, mean.y);
 }
 
 int MarkerLattice::on_lines(int index, Point& mean) const {
@@ -220,29 +208,8 @@ void MarkerLattice::expect_with_neighbours() {
   for (int i = 0; i < size_.count(); ++i) {
     const Marker& marker = markers_[static_cast<size_t>(i)];
     Point mean{};
-    if (is_open_[static_cast<size_t>(i)] == 0 || (on_lines(i, mean) == 0 && neighbour_mean(i, mean) == 0)) continue;
+    if (is_open_[static_cast<size_t>(i)] == 0 || (on_lines(i, mean) == 0 && mean_around(i, mean) == 0)) continue;
     expected_[static_cast<size_t>(i)] = {marker.rest_x.raw() + mean.x, marker.rest_y.raw() + mean.y};
-  }
-}
-
-void MarkerLattice::fill_lost() {
-  for (int ring = 0; ring < size_.n_x + size_.n_y; ++ring) {
-    std::copy(known_.begin(), known_.end(), known_next_.begin());
-    bool is_complete = true;
-    for (int i = 0; i < size_.count(); ++i) {
-      if (known_[static_cast<size_t>(i)] != 0) continue;
-      Point mean{};
-      if (neighbour_mean(i, mean) == 0) {
-        is_complete = false;
-        continue;
-      }
-      Marker& marker = markers_[static_cast<size_t>(i)];
-      marker.displacement_x = ImagePx::from_raw(static_cast<int32_t>(mean.x));
-      marker.displacement_y = ImagePx::from_raw(static_cast<int32_t>(mean.y));
-      known_next_[static_cast<size_t>(i)] = 1;
-    }
-    std::swap(known_, known_next_);
-    if (is_complete) return;
   }
 }
 
@@ -377,7 +344,7 @@ int MarkerLattice::track(std::span<const Dot> dots) {
     markers_[i].is_lost = known_[i] == 0;
     n_lost += static_cast<int>(known_[i] == 0 && !markers_[i].is_absent);
   }
-  fill_lost();
+  fill_from_neighbours(markers_, size_, known_, known_next_);
   return n_lost;
 }
 

@@ -78,9 +78,8 @@ class MarkerLattice {
   [[nodiscard]] bool is_doubtful(const Verdict& verdict) const;
   void search(std::span<const Dot> dots, int64_t cost_so_far);
   void expect_with_neighbours();
-  void fill_lost();
   // Mean displacement of the 8 neighbours that `known_` holds; count 0 = none.
-  [[nodiscard]] int neighbour_mean(int index, Point& mean) const;
+  [[nodiscard]] int mean_around(int index, Point& mean) const;
   // Mean displacement on the lines through two neighbours in a row; count 0 = none.
   [[nodiscard]] int on_lines(int index, Point& mean) const;
 

@@ -19,6 +19,7 @@ STAGES = (
 MAX_LENGTH_UM = 500_000
 MAX_CELLS = 640  # of the depth grid along one axis: the Poisson solver's accumulator bound
 MAX_VIEW_UM = 2_000_000
+MIN_TEXTURE_PX = 64  # of the image: the coarsest templates of the flow
 
 LengthUm = Annotated[int, Field(ge=0, le=MAX_LENGTH_UM)]
 PRINTABLE = r"^[ -~]+$"  # escapes can spell what the file itself may not hold
@@ -85,7 +86,7 @@ class Window(Section):
 class Markers(Section):
     """[markers]: the printed lattice."""
 
-    polarity: Literal["dark", "light"]
+    polarity: Literal["dark", "light", "texture"]
     n_x: Annotated[int, Field(ge=2, le=64)]
     n_y: Annotated[int, Field(ge=2, le=64)]
     pitch_x_um: Annotated[int, Field(ge=100, le=100_000)]
@@ -197,6 +198,14 @@ class Board(Section):
             raise ValueError("[markers] lattice reaches beyond the pad")
         if markers.diameter_um >= min(markers.pitch_x_um, markers.pitch_y_um):
             raise ValueError("markers.diameter_um must be below the pitch")
+        if markers.polarity != "texture":
+            return
+        if "photometric" in self.pipeline.stages:
+            raise ValueError(
+                "markers.polarity texture leaves no shading to the stage photometric: leave one of them out"
+            )
+        if min(self.camera.width_px, self.camera.height_px) < MIN_TEXTURE_PX:
+            raise ValueError(f"markers.polarity texture needs an image of at least {MIN_TEXTURE_PX} pixels a side")
 
     @model_validator(mode="after")
     def _cross_check(self) -> Board:

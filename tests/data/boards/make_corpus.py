@@ -73,6 +73,10 @@ GOOD: dict[str, Change] = {
     "tabs": lambda t: t.replace(" = ", "\t=\t"),
     "inline-tables": all_of(drop_section("contact"), lambda t: "contact = { threshold_un = 1, min_nodes = 1 }\n" + t),
     "dotted-keys": all_of(drop_section("field"), lambda t: "field.force_lsb_un = 20\n" + t),
+    "texture": all_of(
+        put("markers.polarity", '"texture"'),
+        put("pipeline.stages", '["difference", "markers", "displacement"]'),
+    ),
     "hexadecimal": put("camera.width_px", "0x140"),
     "underscores": put("pad.modulus_pa", "200_000"),
     "plus-sign": put("grid.n_x", "+31"),
@@ -167,6 +171,16 @@ BAD: dict[str, tuple[Change, str]] = {
     "memory-too-small": (lambda t: t + "[memory]\ncalibration_kb = 63\n", "calibration_kb"),
     "memory-too-large": (lambda t: t + "[memory]\ncalibration_kb = 131073\n", "calibration_kb"),
     "memory-empty": (lambda t: t + "[memory]\n", "calibration_kb"),
+    "texture-and-photometric": (put("markers.polarity", '"texture"'), "photometric"),
+    "texture-in-a-small-image": (
+        all_of(
+            put("markers.polarity", '"texture"'),
+            put("pipeline.stages", '["difference", "markers", "displacement"]'),
+            put("camera.height_px", "62"),
+            put("camera.center_y_mpx", "30000"),
+        ),
+        "64",
+    ),
     "polarity-unknown": (put("markers.polarity", '"grey"'), "polarity"),
     "gauge-unknown": (put("depth.gauge", '"guess"'), "gauge"),
     "step-float": (put("depth.step_px", "2.0"), "step_px"),

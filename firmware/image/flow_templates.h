@@ -1,0 +1,85 @@
+// Patches of the rest image, one pyramid level of them, ready to be found in a frame.
+//
+// Per patch, over its N samples T with central differences g:
+//   t = T - mean, h = g - mean - t (g . t) / (t . t)       blind to the light's level and contrast
+//   K = (sum h g^T)^-1, S_0 = sum h T
+// One step in a frame I, sampled at the patch's place + u:  u -= K (sum h I - S_0), at most one pixel. Inverse
+// compositional: all but the samples is made once, at rest. The patch speaks for its centre of texture (mean of h . g).
+// Without contrast, or with contrast along one direction only, a patch is not sound.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/image_view.h"
+#include "image/flow_kernel.h"
+
+namespace ruffini {
+
+struct FlowVector {
+  int32_t x_q16 = 0;  // pixels of its level
+  int32_t y_q16 = 0;
+};
+
+using GreyView = ImageView<const int16_t>;  // Q4 levels
+
+// Samples of a patch: n_blocks blocks side by side, 8 rows of samples row_step rows apart.
+struct PatchShape {
+  int n_blocks = 1;
+  int row_step = 1;
+  int margin_px = 1;  // of the template to the picture's border
+
+  [[nodiscard]] int columns() const { return n_blocks * flow_kernel::kSide; }
+  [[nodiscard]] int rows() const { return flow_kernel::kSide * row_step; }
+  [[nodiscard]] int n_samples() const { return n_blocks * flow_kernel::kArea; }
+};
+
+class FlowTemplates {
+ public:
+  static constexpr int kMaxBlocks = 2;
+  static constexpr int kSearchPx = 4;  // whole pixels that search() looks around, at most the margin
+
+  FlowTemplates(PatchShape shape, int n_patches);
+
+  // `places`: centres, Q16 px of this level.
+  void learn(const GreyView& picture, std::span<const FlowVector> places);
+  // To the whole pixel where the template fits best, the light's level aside.
+  void search(const GreyView& picture, std::span<FlowVector> u) const;
+  // One step each; is_cut: 1 where it would have been longer than a pixel.
+  void step(const GreyView& picture, std::span<FlowVector> u, std::span<uint8_t> is_cut) const;
+  // 1 where the samples at u correlate with the template by at least threshold / 1000.
+  void compare(const GreyView& picture, std::span<const FlowVector> u, int threshold_1e3,
+               std::span<uint8_t> is_alike) const;
+
+  [[nodiscard]] bool is_sound(size_t patch) const { return patch_[patch].shift != 0; }
+  // The centre of texture, Q16 px.
+  [[nodiscard]] FlowVector center(size_t patch) const { return patch_[patch].center; }
+
+ private:
+  struct Patch {
+    int x = 0;  // first pixel
+    int y = 0;
+    FlowVector center;
+    int shift = 0;  // of K ds to Q16 px; 0: not sound
+    int32_t k[4] = {};
+    int64_t s0_x = 0;
+    int64_t s0_y = 0;
+    int64_t tt = 0;  // t . t
+    int64_t t_sum = 0;
+  };
+  void learn_patch(const GreyView& picture, size_t patch);
+  void invert(Patch& patch, std::span<const int32_t> gx, std::span<const int32_t> gy, const int16_t* h) const;
+  void blind(std::span<const int32_t> g, const int16_t* t, int64_t tt, size_t axis, int16_t* h) const;
+  [[nodiscard]] flow_kernel::Block block(const GreyView& picture, const Patch& patch, const FlowVector& u,
+                                         int number) const;
+
+  PatchShape shape_;
+  const flow_kernel::Version& kernel_;
+  std::vector<Patch> patch_;
+  std::vector<int16_t> h_;      // per patch and block: h_x of 64 samples, h_y of 64
+  std::vector<int16_t> t_;      // per patch and block: 64
+  std::vector<int16_t> value_;  // the same of T
+};
+
+}  // namespace ruffini

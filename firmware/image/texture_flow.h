@@ -1,0 +1,69 @@
+// Flow of a texture (speckle, glitter) on the lattice of [markers] with polarity "texture": virtual markers.
+//
+//   pictures   mean of B, G, R in Q4 levels, smoothed by (1 2 1) both ways; halved twice by 2 x 2 means
+//   level 2    8 x 8 px, every second lattice point: whole-pixel search (4 px: 16 of the image), 3 x 3 median, a step,
+//              median again
+//   level 1    8 x 8 px, every lattice point from its nearest coarse one: a step
+//   level 0    16 px x 8 rows two apart: a step; correlation with rest below threshold_1e3 / 1000, or a step of more
+//              than a pixel: lost, filled from its neighbours
+//
+// Always forward, rest against frame, from nothing remembered: no drift, no history. Not in any of the papers.
+// Frame thread; no allocation after the constructor.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "board/settings.h"
+#include "image/flow_templates.h"
+#include "image/markers.h"
+
+namespace ruffini {
+
+class TextureFlow {
+ public:
+  static constexpr int kMinSizePx = 64;  // of the image: a template of the coarsest level and its margins
+
+  explicit TextureFlow(const BoardSettings& board);
+
+  // Templates from the rest image, B + G + R in 1/16 grey levels. Number of patches with texture enough.
+  int learn(std::span<const uint16_t> grey);
+  // Number of patches lost that were there at rest.
+  int track(std::span<const uint16_t> grey);
+
+  [[nodiscard]] std::span<const Marker> markers() const { return markers_; }
+
+ private:
+  static constexpr size_t kLevels = 3;
+  struct Picture {
+    GridSize size;
+    std::vector<int16_t> pixels;
+    [[nodiscard]] GreyView view() const { return {pixels.data(), size.n_x, size.n_y, 1, size.n_x}; }
+  };
+  void see(std::span<const uint16_t> grey);
+  void smooth(std::span<const uint16_t> grey);
+  static void halve(const Picture& from, Picture& to);
+  void median();
+  // Fine displacements from coarse ones, twice as many pixels.
+  void spread();
+
+  GridSize lattice_;
+  GridSize coarse_lattice_;
+  int threshold_1e3_;
+  std::array<Picture, kLevels> picture_;
+  std::vector<int16_t> mean_;                     // a row of it, with a pixel more at either end
+  std::vector<int16_t> row_;                      // three rows, smoothed along x
+  std::array<std::vector<FlowVector>, 2> place_;  // of fine and coarse patches, Q16 px of the image
+  std::vector<FlowTemplates> templates_;          // per level
+  std::vector<FlowVector> coarse_;
+  std::vector<FlowVector> coarse_next_;
+  std::vector<FlowVector> u_;
+  std::vector<uint8_t> is_cut_;
+  std::vector<uint8_t> known_;
+  std::vector<uint8_t> known_next_;
+  std::vector<Marker> markers_;
+};
+
+}  // namespace ruffini
