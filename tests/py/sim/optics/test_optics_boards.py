@@ -66,10 +66,10 @@ def test_targets_follow_the_tray_as_a_pinhole_sees_them(bench):
         place = tray.matrix() @ np.array(place_um) * 1e-3 + np.array(tray.shift_m) * 1e3
         expected = np.array([319.5, 239.5]) + 460 * place[:2] / (20 + place[2])
         v, u = np.mgrid[:480, :640]
-        weight = np.where((np.hypot(u - expected[0], v - expected[1]) < 40) & (grey > 225), 1.0, 0)
+        weight = np.where((np.hypot(u - expected[0], v - expected[1]) < 55) & (grey > 225), 1.0, 0)
         got = np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
         np.testing.assert_allclose(got, expected, atol=0.3)
-        radius = 460 * 0.8 / (20 + place[2])
+        radius = 460 * one.twin.targets.radius_um * 1e-3 / (20 + place[2])
         assert weight.sum() == pytest.approx(np.pi * radius**2, rel=0.06)
 
 
