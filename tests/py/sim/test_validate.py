@@ -30,9 +30,7 @@ def test_every_number_is_within_its_tolerance(outcome):
 def test_table_and_picture(outcome, tmp_path):
     result = json.loads(json.dumps(table.as_dict(outcome)))
     assert result["good"] is True
-    assert {"check", "quantity", "theory", "twin", "error", "tolerance"} <= set(
-        result["rows"][0]
-    )
+    assert {"check", "quantity", "theory", "twin", "error", "tolerance"} <= set(result["rows"][0])
     assert "35 numbers, all within" in table.as_text(outcome)
     table.picture(outcome, tmp_path / "new" / "table.png")
     assert (tmp_path / "new" / "table.png").stat().st_size > 10_000
@@ -54,9 +52,7 @@ def test_a_number_outside_is_exit_code_1(monkeypatch):
 
 def test_a_wrong_twin_is_noticed(monkeypatch):
     """A pad 5 % too stiff is outside; so is a number that is none."""
-    monkeypatch.setattr(
-        contacts, "surface_compliance", lambda model: surface_compliance(model) / 1.05
-    )
+    monkeypatch.setattr(contacts, "surface_compliance", lambda model: surface_compliance(model) / 1.05)
     out = Outcome()
     contacts.thin_layer(out)
     assert not any(row.is_good for row in out.rows)
@@ -87,9 +83,7 @@ def test_another_tray_is_noticed(monkeypatch):
 
 
 def test_another_pyramid_or_panel_is_noticed(monkeypatch):
-    monkeypatch.setattr(
-        skins, "PyramidLaw", lambda base, height, e: PyramidLaw(base, height, 1.02 * e)
-    )
+    monkeypatch.setattr(skins, "PyramidLaw", lambda base, height, e: PyramidLaw(base, height, 1.02 * e))
     monkeypatch.setattr(
         skins,
         "Shell",
@@ -115,9 +109,7 @@ def test_waves_see_the_half_space_or_the_confined_layer():
     layer = BondedLayer(2e-3, 2e5, 0.4)
     for k in (8.0 / 2e-3, 20.0 / 2e-3):
         normal, along, across = layer.wave_compliance(k)
-        np.testing.assert_allclose(
-            [normal, along], 0.6 / (layer.shear_pa * k), rtol=2e-3
-        )
+        np.testing.assert_allclose([normal, along], 0.6 / (layer.shear_pa * k), rtol=2e-3)
         assert across == pytest.approx(1 / (layer.shear_pa * k), rel=1e-3)
     normal, along, across = layer.wave_compliance(1e-3 / 2e-3)
     assert normal == pytest.approx(2e-3 / layer.confined_pa, rel=1e-4)
