@@ -22,11 +22,14 @@ import scipy.fft
 from ruffini.boards import Board, find_board
 from ruffini.calibrate.container import base_metadata, pack, write
 from ruffini.calibrate.operator import make_operator
+from ruffini.evaluate.flow import evaluate as evaluate_flow
+from ruffini.evaluate.flow import table as flow_table
 from ruffini.fem.operators import Noise
 
 Array = npt.NDArray[np.float64]
 DENT_RADIUS_UM = 2500.0
 DENT_DEPTH_UM = 500.0
+FLOW_FIELDS = 8  # of each texture
 COLOUR_OF_SLOPE = 0.5  # relative change of blue per slope along x, of green along y
 
 
@@ -157,6 +160,7 @@ def main() -> None:
         ],
         "operator": [(f"Eigen float32 {n}x{n} times vector", ms["eigen_gemv"])],
     }
+    textures = evaluate_flow(None, None, n_fields=FLOW_FIELDS)["textures"]
     stages = [s for s in board.pipeline.stages if s in frame]
     gigabytes = results["memory_copy"]["bytes_per_second"] / 1e9
     if arguments.json:
@@ -166,6 +170,7 @@ def main() -> None:
             "frame_ms": ms["frame"],
             "peers_ms": {name: value for rows in peers.values() for name, value in rows},
             "memory_copy_gb_s": gigabytes,
+            "flow": textures,
         }))  # fmt: skip
         return
     print(
@@ -179,6 +184,7 @@ def main() -> None:
             if peer[1] is not None:
                 print(f"  {'':22}   {_peer(*peer)}")
     print(f"  {'whole frame':14}{ms['frame']:8.3f}   {1000 / ms['frame']:.0f} frames a second")
+    print(flow_table({"textures": textures}))
     print(f"  memory copy   {gigabytes:8.1f}   GB/s on this machine")
 
 

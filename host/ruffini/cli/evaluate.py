@@ -78,3 +78,32 @@ def photometric(
         result["picture"] = str(press_depths(out, presses, surfaces, result))
         text += f"\n{out}"
     emit(result, json_, text)
+
+
+@app.command("flow")
+def flow(
+    picture: Annotated[
+        Path | None,
+        typer.Argument(help="Picture of an untouched textured pad; default: generated speckle and glitter."),
+    ] = None,
+    board: Annotated[str | None, typer.Option("--board", help="A textured board; default: a patch every 8 px.")] = None,
+    fields: Annotated[int, typer.Option(min=1, help="Known fields that the texture is moved by.")] = 8,
+    out: PictureOption = None,
+    json_: JsonFlag = False,
+) -> None:
+    """The texture flow on known warps, beside OpenCV's dense inverse search in the same run."""
+    from ruffini.boards import find_board
+    from ruffini.evaluate import flow as judge
+    from ruffini.frames import read_image
+
+    found = find_board(board) if board is not None else None
+    still = read_image(picture) if picture is not None else None
+    with progress_bar("flow") as progress:
+        result = judge.evaluate(still, found, n_fields=fields, progress=progress)
+    text = judge.table(result)
+    if out is not None:
+        from ruffini.evaluate.pictures import flow_errors
+
+        result["picture"] = str(flow_errors(out, still, found, result))
+        text += f"\n{out}"
+    emit(result, json_, text)

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from ruffini.boards import Board
 from ruffini.calibrate.presses import PressSet
 from ruffini.demo.pictures import COLOURS, PRESSURE_MAP, _figure, _save
+from ruffini.evaluate import flow
 from ruffini.evaluate.markers import Tracks
 from ruffini.evaluate.photometric import Surface
-from ruffini.evaluate.warps import Picture
+from ruffini.evaluate.warps import Picture, Warp
 
 
 def marker_tracks(path: Path, frames: list[Picture], tracks: Tracks, result: dict[str, Any]) -> Path:
@@ -67,4 +69,36 @@ def press_depths(path: Path, presses: PressSet, surfaces: list[Surface], result:
         bottom.set(title=f"cap {row['refitted']['cap_rms_mm']:.3f} mm RMS, "
                          f"height {row['refitted']['peak_to_edge']:.2f}")  # fmt: skip
         bottom.legend()
+    return _save(figure, path)
+
+
+def flow_errors(path: Path, picture: Picture | None, board: Board | None, result: dict[str, Any]) -> Path:
+    """One moved texture with the board's flow on it and its error there; errors and times of all methods."""
+    figure, (left, middle, right) = _figure(15.0, 4.4, ncols=3, width_ratios=(1.2, 1.3, 1))
+    rng = np.random.default_rng([flow.FIELD_SEED, 0])
+    still = flow.speckle(rng) if picture is None and board is None else picture
+    if still is None:
+        assert board is not None
+        still = flow.speckle(rng, (board.camera.height_px, board.camera.width_px))
+    height, width = still.shape[:2]
+    warp = Warp.random(rng, (width, height), flow.LARGEST_PX)
+    moved = warp.render(still, rng)
+    places, found, lost, _ = flow.followed(board or flow.board_for(still), still, moved)
+    left.imshow(moved[..., ::-1])
+    seen = ~lost
+    left.quiver(*places[seen].T, *found[seen].T, angles="xy", scale_units="xy", scale=1, color="#F0E442", width=0.003)
+    left.plot(*places[lost].T, "x", color="#D55E00", markersize=3)
+    left.set(title="a moved texture, its flow; x: lost or without texture", xlabel="x, px", ylabel="y, px")
+    error = np.linalg.norm(found - warp.forward(places), axis=1)
+    shown = middle.scatter(*places[seen].T, c=error[seen], s=14, vmin=0, vmax=0.2, cmap=PRESSURE_MAP)
+    middle.set(title="error at the patches", xlabel="x, px", ylabel="y, px", xlim=(0, width), ylim=(height, 0))
+    figure.colorbar(shown, ax=middle, label="px")
+    for index, (texture, row) in enumerate(result["textures"].items()):
+        for name in ("ruffini", *flow.DIS):
+            right.plot(row[name]["ms"], row[name]["dense_rms_px"], "os^"[index], color=COLOURS[index])
+            right.annotate(f" {name}", (row[name]["ms"], row[name]["dense_rms_px"]), fontsize=8)
+        right.plot([], [], "os^"[index], color=COLOURS[index], label=texture)
+    right.set(xscale="log", yscale="log", xlabel="time, ms", ylabel="RMS error, all pixels, px")
+    right.set(title="beside OpenCV's DIS")
+    right.legend()
     return _save(figure, path)
