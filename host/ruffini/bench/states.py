@@ -172,7 +172,7 @@ def _together(unit: TwinUnit, recipe: Recipe, depth_mm: float) -> dict[str, Arra
 
     board, friction = unit.board, unit.twin.unit.friction_1e3
     places = None if board.markers is None else [line.tolist() for line in marker_places(board, board.markers)]
-    key = (unit.model, friction, recipe.touches, depth_mm, board.grid.n_x, board.grid.n_y, places)
+    key = ("along the normal", unit.model, friction, recipe.touches, depth_mm, board.grid.n_x, board.grid.n_y, places)
     return cached_state(repr(key), solve)
 
 

@@ -1,9 +1,9 @@
 """Indenters on the pad: unilateral contact with Coulomb friction along a loading path.
 
 Unknowns are tractions that are bilinear between the surface nodes (`ruffini.sim.surface`), so the
-forces are exact. The surface touches the indenter where it is after it moved sideways; pressure acts along z.
-Force ON the pad, z out of it. An elastic indenter gives way by its own compliance (`indenters.body`); what the
-pad has behind its surface is in `response`.
+forces are exact. The surface touches the indenter where it is after it moved sideways. Pressure acts along z at small
+strain, along the indenter's normal at finite strain. Force ON the pad, z out of it. An elastic indenter gives way by
+its own compliance (`indenters.body`); what the pad has behind its surface is in `response`.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ RESIDUE = 1e-7  # of the largest pressure: what going half the way leaves of a n
 MAX_CORRECTIONS = 40  # of a response that is not linear, in one increment
 CORRECTED_M = 3e-8  # lacking displacement that is equilibrium
 OPEN_GAP_M = 1e-9  # penetration outside the candidates that is rounding
+SLOPE_STEP_M = 5e-6  # over which an indenter's slope is taken
+STEEPEST = 1.0  # slope of a side beside the surface that touches
 FREE, STICKS, SLIPS = 0, 1, 2
 
 
@@ -75,6 +77,7 @@ class ContactSolver:
         self._shares = hat_shares(self.model)
         self.hat_force = np.zeros((len(self._place), 3))
         self._ended = self._guess = self.hat_force.copy()
+        self._normal = np.tile([0.0, 0.0, 1.0], (len(self._place), 1))  # out of the pad, where it is touched
         self._body = ElasticFace(body_of(self.indenter)) if self.indenter.material else None
         linear = isinstance(self.compliance, np.ndarray)
         self.response = LinearResponse(self.compliance) if linear else self.compliance  # type: ignore[arg-type,assignment]
@@ -88,9 +91,10 @@ class ContactSolver:
     @property
     def contact_state(self) -> npt.NDArray[np.uint8]:
         """FREE, STICKS or SLIPS at each node of the pad model's surface, (n,)."""
-        limit = -self.friction * self.hat_force[:, 2]
-        slips = np.hypot(self.hat_force[:, 0], self.hat_force[:, 1]) >= limit * (1 - 1e-9)
-        return np.where(self.hat_force[:, 2] < 0, np.where(slips, SLIPS, STICKS), FREE).astype(np.uint8)
+        along = (self.hat_force * self._normal).sum(axis=1)
+        across = np.linalg.norm(self.hat_force - along[:, None] * self._normal, axis=1)
+        slips = across >= -self.friction * along * (1 - 1e-9)
+        return np.where(along < 0, np.where(slips, SLIPS, STICKS), FREE).astype(np.uint8)
 
     def forces_on_grid(self, n_x: int, n_y: int) -> Array:
         """Nodal forces of the same tractions on another grid over the pad, (n_y, n_x, 3), newtons."""
@@ -182,6 +186,21 @@ class ContactSolver:
         """Height of the indenter's surface over the undeformed pad's surface at `place` (n, 2 or 3)."""
         return surface_height(self.indenter, pose, place[:, :2])
 
+    def _frames(self, slope: Array) -> Array:
+        """Axes (n, 3, 3) of the forces where the indenter has these slopes (n, 2): two along it, one normal."""
+        steep = np.hypot(slope[:, 0], slope[:, 1])
+        gx, gy = (slope * np.minimum(1.0, STEEPEST / np.maximum(steep, STEEPEST))[:, None]).T
+        one, none = np.ones_like(gx), np.zeros_like(gx)
+        normal = np.column_stack([-gx, -gy, one]) / np.sqrt(1 + gx**2 + gy**2)[:, None]
+        first = np.column_stack([one, none, gx]) / np.sqrt(1 + gx**2)[:, None]
+        return np.stack([first, np.cross(normal, first), normal], axis=1)
+
+    def _slope(self, pose: Pose, place: Array) -> Array:
+        """Slope of the indenter's surface along x and y at `place` (n, 2)."""
+        steps = SLOPE_STEP_M * np.eye(2)
+        rises = [self._gap(pose, place + step) - self._gap(pose, place - step) for step in steps]
+        return np.column_stack(rises) / (2 * SLOPE_STEP_M)
+
     def _balance(self, near: Indices, pose: Pose, free: Array) -> tuple[Array, Indices, Array, bool]:
         """Equilibrium of the candidates: their hat forces, the nodes that these load, the nodal forces; found?
 
@@ -194,22 +213,33 @@ class ContactSolver:
         local = self.response.rows(nodes)[:, dofs]
         spread = sp.kron(shares, sp.identity(3), format="csr")
         c = np.asarray(spread.T @ (spread.T @ local).T).reshape(len(near), 3, len(near), 3)
-        stick = shares.T @ (self._target - free)[nodes, :2]
+        target = shares.T @ (self._target - free)[nodes]
         if self._body:
             c += self._body.compliance(near, pose, self._place)
-            stick -= self._body.displacement(near, pose, self._place)[:, :2]
+            target -= self._body.displacement(near, pose, self._place)
+        place, rest = self._place[nodes, :2] + free[nodes, :2], shares.T @ free[nodes]
+        moved, change = self.displacement[nodes, :2] - free[nodes, :2], np.inf
+        slope = np.zeros((len(near), 2))
+        if self.response.moves_the_arm:
+            slope = shares.T @ self._slope(pose, place + moved)
+        frame = self._frames(slope)
+        if slope.any():
+            c = np.einsum("iab,ibjd,jed->iaje", frame, c, frame, optimize=True)
+        stick = np.einsum("iab,ib->ia", frame[:, :2], target)
+        unloaded = np.einsum("ib,ib->i", frame[:, 2], rest)
         normal, cross = c[:, 2, :, 2], c[:, 2, :, :2].reshape(len(near), -1)
         tangent = c[:, :2, :, :2].reshape(2 * len(near), -1)
         step = 1 / largest_eigenvalue(tangent)
-        place, unloaded = self._place[nodes, :2] + free[nodes, :2], shares.T @ free[nodes, 2]
-        pressure, shear = np.maximum(-self._guess[near, 2], 0.0), self._guess[near, :2]
-        moved, change = self.displacement[nodes, :2] - free[nodes, :2], np.inf
+        guess = np.einsum("iab,ib->ia", frame, self._guess[near])
+        pressure, shear = np.maximum(-guess[:, 2], 0.0), guess[:, :2]
         for i in range(MAX_ROUNDS):
             last_pressure, last_shear = pressure, shear
-            nodal = shares @ np.column_stack([shear, -pressure])
+            nodal = shares @ np.einsum("iab,ia->ib", frame, np.column_stack([shear, -pressure]))
             damping = 1.0 if i < UNDAMPED_ROUNDS else 0.5  # nodes at an edge may swing about it
             moved = moved + damping * ((local @ nodal.ravel()).reshape(-1, 3)[:, :2] - moved)
-            gap = shares.T @ self._gap(pose, place + moved)
+            # The indenter's tangent plane there: n u <= n_z (gap - slope (u_x, u_y)) for the whole displacement u.
+            aside = shares.T @ moved + rest[:, :2]
+            gap = frame[:, 2, 2] * (shares.T @ self._gap(pose, place + moved) - (slope * aside).sum(axis=1))
             pressure = nonnegative(normal, cross @ shear.ravel() + unloaded - gap, pressure > 0)
             wanted = stick.ravel() + cross.T @ pressure
             limit = self.friction * pressure
@@ -222,7 +252,8 @@ class ContactSolver:
             is_found = bool(change <= TOLERANCE * pressure.max())
             if is_found:
                 break
-        force = np.column_stack([shear, -pressure])
+        self._normal[near] = frame[:, 2]
+        force = np.einsum("iab,ia->ib", frame, np.column_stack([shear, -pressure]))
         force[pressure < RESIDUE * pressure.max()] = 0.0
         return force, nodes, np.asarray(shares @ force), is_found
 

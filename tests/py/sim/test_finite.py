@@ -34,6 +34,13 @@ def energy(f):
     return SHEAR / 2 * (np.sum(f * f) - 3) - SHEAR * np.log(j) + LAME / 2 * np.log(j) ** 2
 
 
+def volume_energy(layer, f):
+    """Energy in a layer of elements at deformation gradients (m, 3, points, 3)."""
+    j = np.linalg.det(f.transpose(0, 2, 1, 3))
+    density = SHEAR / 2 * (np.einsum("miqa,miqa->mq", f, f) - 3) - SHEAR * np.log(j) + LAME / 2 * np.log(j) ** 2
+    return float((density * layer.volumes).sum())
+
+
 def unit(i, k):
     return np.outer(np.eye(3)[i], np.eye(3)[k])
 
@@ -136,6 +143,36 @@ def test_a_deep_press_takes_more_force_than_the_linear_pad_says(pressed):
     ratio = pressed.nodal_force.sum(axis=0) / linear.nodal_force.sum(axis=0)
     assert 1.03 < ratio[2] < 1.3
     assert 1.0 < ratio[0] < 1.4
+
+
+def test_a_slippery_ball_pushes_towards_its_middle(mesh):
+    """Without friction every force lies along the ball's radius where it touches, and the sides push outwards."""
+    solver = ContactSolver(MODEL, FiniteResponse(mesh), Indenter("sphere", 3 * MM), 1e-9)
+    pose = Pose(0.2 * MM, -0.1 * MM, 0.6 * MM)
+    solver.advance(pose)
+    place = places(MODEL)[-1] + solver.displacement
+    radius = place - [pose.x_m, pose.y_m, 3 * MM - pose.depth_m]
+    along = (solver.hat_force * radius).sum(axis=1) / np.linalg.norm(radius, axis=1)
+    size = np.linalg.norm(solver.hat_force, axis=1)
+    touched = size > 0.05 * size.max()
+    assert touched.sum() >= 9
+    assert (along[touched] > 0.995 * size[touched]).all()
+    outwards = (solver.hat_force[:, :2] * radius[:, :2]).sum(axis=1)
+    assert outwards[touched].min() > -1e-12
+    sideways = np.linalg.norm(solver.hat_force[touched, :2], axis=1).sum()
+    assert 0.1 < sideways / size[touched].sum() < 0.4
+
+
+def test_a_straight_way_has_the_force_of_the_work_done(mesh):
+    """Without friction nothing is lost: the force along the way is the slope of the energy that the gel holds."""
+    solver = ContactSolver(MODEL, FiniteResponse(mesh), Indenter("sphere", 3 * MM), 1e-9)
+    stored, force = [], []
+    for depth in (0.55, 0.6, 0.65):
+        solver.advance(Pose(0, 0, depth * MM))
+        forms = mesh.deformations(solver.response.u)
+        stored.append(sum(volume_energy(layer, f) for layer, f in zip(mesh.layers, forms, strict=True)))
+        force.append(-solver.nodal_force[:, 2].sum())
+    assert force[1] == pytest.approx((stored[2] - stored[0]) / (0.1 * MM), rel=0.02)
 
 
 @pytest.mark.parametrize("is_finite", [False, True])
