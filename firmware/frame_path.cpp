@@ -58,27 +58,21 @@ void FramePath::learn(const FrameView& frame) {
 void FramePath::learn_markers() {
   if (!has(Stage::kMarkers)) return;
   const std::span<const uint16_t> rest = rest_.image();
-  for (size_t i = 0; i < state_.markers.grey.size(); ++i) {
-    state_.markers.grey[i] = static_cast<uint16_t>(rest[3 * i] + rest[3 * i + 1] + rest[3 * i + 2]);
+  for (size_t i = 0; i < state_.difference.grey.size(); ++i) {
+    state_.difference.grey[i] = static_cast<uint16_t>(rest[3 * i] + rest[3 * i + 1] + rest[3 * i + 2]);
   }
-  const std::span<const uint16_t> grey = state_.markers.grey;
+  const std::span<const uint16_t> grey = state_.difference.grey;
   n_markers_at_rest_ = flow_ ? flow_->learn(grey) : lattice_.learn(dots_.detect(grey));
   displacement_.learn(markers());
 }
 
 void FramePath::run_difference(const FrameView& frame) {
-  state_.difference.exposure = difference(frame, rest_.image(), rest_.reciprocal(), state_.difference.change);
+  state_.difference.exposure = difference(frame, rest_, state_.difference.change, state_.difference.grey);
 }
 
 void FramePath::run_markers(const FrameView& frame) {
-  size_t i = 0;
-  for (int y = 0; y < frame.height; ++y) {
-    const uint8_t* pixel = frame.row(y);
-    for (int x = 0; x < frame.width; ++x, ++i, pixel += 3) {
-      state_.markers.grey[i] = static_cast<uint16_t>(16 * (pixel[0] + pixel[1] + pixel[2]));
-    }
-  }
-  const std::span<const uint16_t> grey = state_.markers.grey;
+  if (!has(Stage::kDifference)) run_difference(frame);  // grey is made there
+  const std::span<const uint16_t> grey = state_.difference.grey;
   state_.markers.n_lost = flow_ ? flow_->track(grey) : lattice_.track(dots_.detect(grey));
 }
 
@@ -256,7 +250,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
   const auto n_pixels = static_cast<size_t>(board.camera.width_px * board.camera.height_px);
   const auto n_nodes = static_cast<size_t>(nodes_.size().count());
   state_.difference.change.resize(n_pixels * 3);
-  state_.markers.grey.resize(n_pixels);
+  state_.difference.grey.resize(n_pixels);
   state_.photometric.slope.resize(static_cast<size_t>(depth_grid_.count()));
   state_.poisson.depth.resize(static_cast<size_t>(depth_grid_.count()));
   state_.displacement.node.resize(n_nodes);

@@ -62,11 +62,11 @@ struct FrameState {
   Validity depth_validity = Validity::kNotMeasured;
 
   struct {
-    std::vector<RelativeChange> change;  // height x width x 3
+    std::vector<RelativeChange> change;  // planes of B, G and R, height x width each
+    std::vector<uint16_t> grey;          // B + G + R, 1/16 levels
     ExposureCounts exposure;
   } difference;
   struct {
-    std::vector<uint16_t> grey;  // B + G + R, 1/16 levels
     int n_lost = 0;
   } markers;  // the markers themselves: FramePath::markers()
   struct {

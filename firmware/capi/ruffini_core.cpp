@@ -153,7 +153,10 @@ int ruffini_get_markers(const ruffini_pipeline* pipeline, int32_t* rest_q16, int
 }
 
 int ruffini_get_change(const ruffini_pipeline* pipeline, int16_t* out) {
-  return copy_raw(pipeline->path->state().difference.change, out);
+  const std::vector<ruffini::RelativeChange>& planes = pipeline->path->state().difference.change;
+  const size_t n = planes.size() / 3;
+  for (size_t i = 0; i < planes.size(); ++i) out[i] = planes[i % 3 * n + i / 3].raw();
+  return 0;
 }
 
 int ruffini_get_slope(const ruffini_pipeline* pipeline, int16_t* out) {

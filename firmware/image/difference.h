@@ -1,8 +1,10 @@
-// Relative change of each pixel against rest; flat field and difference in one step.
+// Relative change of each pixel against rest, and its grey; flat field and difference in one step.
 //
-//   d = ((16 I - rest) reciprocal + 2^19) >> 20         Q12: 4096 = +100 %
+//   d = ((16 I - rest) 8 reciprocal + 2^14) >> 15         Q12: 4096 = +100 %
+//   grey = 16 (B + G + R)
 //
-// rest in 1/16 grey levels, reciprocal = 2^32 / max(rest, 512): exactly zero at rest, and |d| < 8. Also counts dark and full pixels, which the flags need.
+// rest in 1/16 grey levels, reciprocal = 2^24 / max(rest, 512) (rest.h): exactly zero at rest, and |d| < 8. Everything
+// fits 16 bits. Also counts dark and full pixels, which the flags need. Frame thread; no allocation.
 #pragma once
 
 #include <cstdint>
@@ -10,6 +12,7 @@
 
 #include "base/fixed.h"
 #include "base/image_view.h"
+#include "image/rest.h"
 
 namespace ruffini {
 
@@ -20,8 +23,25 @@ struct ExposureCounts {
 
 inline constexpr int kDarkLevel = 8;
 
-// `rest`, `reciprocal`, `out`: width x height x 3.
-ExposureCounts difference(const FrameView& frame, std::span<const uint16_t> rest, std::span<const uint32_t> reciprocal,
-                          std::span<RelativeChange> out);
+// One row of pixels; the planes of B, G and R one after another, `plane` values apart.
+struct DifferenceRow {
+  const uint8_t* pixels = nullptr;  // B, G, R interleaved
+  int width = 0;
+  const int16_t* rest8 = nullptr;  // 8 rest
+  const int16_t* reciprocal = nullptr;
+  ptrdiff_t plane = 0;
+  int16_t* change = nullptr;
+  uint16_t* grey = nullptr;
+};
+using DifferenceRun = ExposureCounts (*)(const DifferenceRow& row);
+
+// The reference, and the rest of a row for the others: pixels from `first` on.
+ExposureCounts difference_row_scalar(const DifferenceRow& row, int first);
+
+// `change`: planes of B, G and R, width x height each; `grey`: width x height.
+ExposureCounts difference(DifferenceRun run, const FrameView& frame, const Rest& rest, std::span<RelativeChange> change,
+                          std::span<uint16_t> grey);
+ExposureCounts difference(const FrameView& frame, const Rest& rest, std::span<RelativeChange> change,
+                          std::span<uint16_t> grey);
 
 }  // namespace ruffini

@@ -2,11 +2,15 @@
 // at run time. All versions are equal bit for bit.
 #pragma once
 
+#include "image/difference.h"
+#include "image/photometric.h"
 #include "image/poisson.h"
 
 namespace ruffini::kernels {
 
 struct Kernels {
+  DifferenceRun difference;
+  CellRun cells;
   PoissonRun poisson;
 };
 

@@ -1,10 +1,14 @@
+#include "image/difference_avx2.h"
 #include "image/kernels.h"
 #include "image/lanes_avx2.h"
 #include "image/lanes_scalar.h"
+#include "image/photometric_cells.h"
 #include "image/poisson_steps.h"
 
 namespace ruffini::kernels {
 
-const Kernels kAvx2 = {PoissonSteps<Avx2Lanes>::run};
+const Kernels kAvx2 = {.difference = difference_row_avx2,
+                       .cells = PhotometricCells<Avx2Lanes>::run,
+                       .poisson = PoissonSteps<Avx2Lanes>::run};
 
 }  // namespace ruffini::kernels

@@ -1,10 +1,14 @@
+#include "image/difference_neon.h"
 #include "image/kernels.h"
 #include "image/lanes_neon.h"
 #include "image/lanes_scalar.h"
+#include "image/photometric_cells.h"
 #include "image/poisson_steps.h"
 
 namespace ruffini::kernels {
 
-const Kernels kNeon = {PoissonSteps<NeonLanes>::run};
+const Kernels kNeon = {.difference = difference_row_neon,
+                       .cells = PhotometricCells<NeonLanes>::run,
+                       .poisson = PoissonSteps<NeonLanes>::run};
 
 }  // namespace ruffini::kernels

@@ -1,9 +1,12 @@
 #include "image/kernels.h"
 #include "image/lanes_scalar.h"
+#include "image/photometric_cells.h"
 #include "image/poisson_steps.h"
 
 namespace ruffini::kernels {
 
-const Kernels kScalar = {PoissonSteps<ScalarLanes>::run};
+const Kernels kScalar = {.difference = [](const DifferenceRow& row) { return difference_row_scalar(row, 0); },
+                         .cells = PhotometricCells<ScalarLanes>::run,
+                         .poisson = PoissonSteps<ScalarLanes>::run};
 
 }  // namespace ruffini::kernels

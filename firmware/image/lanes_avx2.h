@@ -5,6 +5,8 @@
 
 #include <cstdint>
 
+#include "image/lanes_scalar.h"
+
 namespace ruffini {
 
 struct Avx2Lanes {
@@ -47,12 +49,33 @@ struct Avx2Lanes {
   }
   static V times(V a, V b) { return _mm256_mullo_epi32(a, b); }
 
+  template <int kStep>
+  static V sum_kept(const int16_t* values, const int16_t* keep) {
+    const auto kept = [&](int i) { return _mm256_and_si256(load(values + i), load(keep + i)); };
+    if constexpr (kStep == 1) {
+      return _mm256_and_si256(load_16(values), load_16(keep));
+    } else if constexpr (kStep == 2) {
+      return _mm256_madd_epi16(kept(0), _mm256_set1_epi16(1));
+    } else if constexpr (kStep == 4) {
+      const __m256i first = _mm256_madd_epi16(kept(0), _mm256_set1_epi16(1));
+      const __m256i second = _mm256_madd_epi16(kept(16), _mm256_set1_epi16(1));
+      return _mm256_permute4x64_epi64(_mm256_hadd_epi32(first, second), 0xD8);
+    } else {
+      alignas(32) int32_t sums[kCount];
+      for (int i = 0; i < kCount; ++i) {
+        sums[i] = ScalarLanes::sum_kept<kStep>(values + i * kStep, keep + i * kStep);
+      }
+      return load(sums);
+    }
+  }
+
   static Wide mul(V a, V b) {
     return {_mm256_mul_epi32(a, b), _mm256_mul_epi32(_mm256_srli_epi64(a, 32), _mm256_srli_epi64(b, 32))};
   }
   static Wide scale(V a, int32_t c) {
     return {_mm256_mul_epi32(a, same(c)), _mm256_mul_epi32(_mm256_srli_epi64(a, 32), same(c))};
   }
+  static Wide add_wide(Wide a, Wide b) { return {_mm256_add_epi64(a.even, b.even), _mm256_add_epi64(a.odd, b.odd)}; }
   static Wide add_scaled(Wide sum, V a, int32_t c) {
     const Wide product = scale(a, c);
     return {_mm256_add_epi64(sum.even, product.even), _mm256_add_epi64(sum.odd, product.odd)};

@@ -10,6 +10,8 @@
 
 #include <cstdint>
 
+#include "image/lanes_scalar.h"
+
 namespace ruffini {
 
 struct NeonLanes {
@@ -45,8 +47,27 @@ struct NeonLanes {
   static V round_right(V a, int shift) { return vrshlq_s32(a, same(-shift)); }
   static V times(V a, V b) { return vmulq_s32(a, b); }
 
+  template <int kStep>
+  static V sum_kept(const int16_t* values, const int16_t* keep) {
+    const auto kept = [&](int i) { return vandq_s16(vld1q_s16(values + i), vld1q_s16(keep + i)); };
+    if constexpr (kStep == 1) {
+      return vandq_s32(load_16(values), load_16(keep));
+    } else if constexpr (kStep == 2) {
+      return vpaddlq_s16(kept(0));
+    } else if constexpr (kStep == 4) {
+      return vpaddq_s32(vpaddlq_s16(kept(0)), vpaddlq_s16(kept(8)));
+    } else {
+      int32_t sums[kCount];
+      for (int i = 0; i < kCount; ++i) {
+        sums[i] = ScalarLanes::sum_kept<kStep>(values + i * kStep, keep + i * kStep);
+      }
+      return vld1q_s32(sums);
+    }
+  }
+
   static Wide mul(V a, V b) { return {vmull_s32(vget_low_s32(a), vget_low_s32(b)), vmull_high_s32(a, b)}; }
   static Wide scale(V a, int32_t c) { return mul(a, same(c)); }
+  static Wide add_wide(Wide a, Wide b) { return {vaddq_s64(a.low, b.low), vaddq_s64(a.high, b.high)}; }
   static Wide add_scaled(Wide sum, V a, int32_t c) {
     return {vmlal_s32(sum.low, vget_low_s32(a), vdup_n_s32(c)), vmlal_high_s32(sum.high, a, same(c))};
   }

@@ -50,9 +50,18 @@ struct ScalarLanes {
   // Low 32 bits of the product.
   static V times(V a, V b) { return static_cast<V>(static_cast<uint32_t>(a) * static_cast<uint32_t>(b)); }
 
+  // Sum of values & keep over each lane's kStep numbers side by side.
+  template <int kStep>
+  static V sum_kept(const int16_t* values, const int16_t* keep) {
+    V out = 0;
+    for (int i = 0; i < kStep; ++i) out += values[i] & keep[i];
+    return out;
+  }
+
   static Wide mul(V a, V b) { return int64_t{a} * b; }
   // Every lane times the same number.
   static Wide scale(V a, int32_t c) { return int64_t{a} * c; }
+  static Wide add_wide(Wide a, Wide b) { return a + b; }
   static Wide add_scaled(Wide sum, V a, int32_t c) { return sum + int64_t{a} * c; }
   // Half up. Precondition: 1 <= shift <= 32 and the result fits 32 bits.
   static V narrow(Wide sum, int shift) { return static_cast<V>(round_shift(sum, shift)); }

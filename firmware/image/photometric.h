@@ -1,12 +1,12 @@
 // Colour change -> surface slope, on the depth grid (one value per step x step pixels).
 //
-//   q = (M . d + 2^9) >> 10                 Q14, clamped to +-16384; M per pixel, Q12, from the coarse lattice
+//   S = sum of d over the cell's unmasked pixels, n of them
+//   q = (M . S)_Q16 / n                     Q14, clamped to +-16384; M at the cell's middle, Q12, from the coarse lattice
 //   s = table(q)                            Q12, bilinear: index (q + 16384) >> 9, 9 fraction bits
-//   s of a depth cell = mean over its unmasked pixels, rounded half up
 //
-// Pixels under a printed dot, where it rests or where it is now, carry no shading and are masked. A
-// cell with no pixel left takes the mean of the cells in a box around it that have one (radius
-// doubles until there is one; zero if the whole image is masked).
+// The mean over the cell comes before the table: what noise the cell's pixels have is halved before it is bent.
+// Pixels under a printed dot, where it rests or where it is now, carry no shading and are masked. A cell with no pixel
+// left takes what its neighbours along x and along y have, each weighted by its nearness (photometric_fill.h).
 // Frame thread; no allocation after the constructor.
 #pragma once
 
@@ -17,13 +17,9 @@
 #include "base/fixed.h"
 #include "board/settings.h"
 #include "image/markers.h"
+#include "image/photometric_fill.h"
 
 namespace ruffini {
-
-struct CellSlope {
-  Slope x;
-  Slope y;
-};
 
 // Views into the calibration, shapes as in proto/CALIBRATION.md.
 struct PhotometricTable {
@@ -32,12 +28,30 @@ struct PhotometricTable {
   std::span<const int16_t> slope;  // [65][65][2]
 };
 
+// What the cells read and write, one row of them at a time.
+struct CellRow {
+  int step_px = 1;
+  int n_cells = 0;
+  ptrdiff_t width = 0;              // pixels of a row of `change` and `keep`
+  ptrdiff_t plane = 0;              // values of a colour's plane
+  const int16_t* change = nullptr;  // planes of B, G and R
+  const int16_t* keep = nullptr;    // per pixel: -1, or 0 where masked
+  ptrdiff_t unmix_plane = 0;
+  const int16_t* unmix = nullptr;  // six planes, per cell
+  const int32_t* slope = nullptr;  // the table, x in the low half and y in the high one
+  CellSlope* out = nullptr;
+  int16_t* n_kept = nullptr;  // per cell
+};
+using CellRun = void (*)(const CellRow& row);
+
 class Photometric {
  public:
   static constexpr int kSlopeSize = 65;
 
-  Photometric(const BoardSettings& board, const PhotometricTable& table);
+  Photometric(const BoardSettings& board, const PhotometricTable& table, CellRun version);
+  Photometric(const BoardSettings& board, const PhotometricTable& table);  // the fastest that this processor runs
 
+  // `difference`: planes of B, G and R.
   void run(std::span<const RelativeChange> difference, std::span<const Marker> markers, std::span<CellSlope> out);
 
   [[nodiscard]] GridSize cells() const { return grid_; }
@@ -45,19 +59,18 @@ class Photometric {
  private:
   void mask_markers(std::span<const Marker> markers);
   void mask_disc(int64_t x_q16, int64_t y_q16);
-  [[nodiscard]] CellSlope pixel_slope(const RelativeChange* d, const int16_t* m) const;
-  void fill_masked(std::span<CellSlope> out);
 
   int width_px_;
   int height_px_;
   int step_px_;
   GridSize grid_;
   int64_t mask_radius_q16_;
-  int fill_radius_;
-  std::vector<int16_t> unmix_;      // per pixel, 6
-  std::vector<int16_t> slope_;      // copy of the table
-  std::vector<uint8_t> is_masked_;  // per pixel
-  std::vector<uint8_t> is_empty_;   // per cell
+  CellRun run_;
+  std::vector<int16_t> unmix_;   // six planes, per cell
+  std::vector<int32_t> slope_;   // the table, packed
+  std::vector<int16_t> keep_;    // per pixel
+  std::vector<int16_t> n_kept_;  // per cell
+  PhotometricFill fill_;
 };
 
 }  // namespace ruffini

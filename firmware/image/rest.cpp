@@ -5,7 +5,9 @@
 namespace ruffini {
 namespace {
 
-constexpr uint16_t kMinRest = 512;  // 32 grey levels
+constexpr uint16_t kMinRest = 512;       // 32 grey levels
+constexpr uint16_t kMaxRest = 16 * 255;  // a stored image may claim more
+constexpr uint32_t kMaxReciprocal = 32'767;
 
 }  // namespace
 
@@ -16,6 +18,7 @@ Rest::Rest(int width_px, int height_px, int n_frames)
       n_wanted_(n_frames),
       sum_(static_cast<size_t>(width_px * height_px * 3)),
       image_(sum_.size()),
+      planes8_(sum_.size()),
       reciprocal_(sum_.size()) {}
 
 void Rest::restart(int n_frames) {
@@ -45,9 +48,12 @@ bool Rest::add(const FrameView& frame) {
 }
 
 void Rest::finish() {
+  const size_t n_pixels = image_.size() / 3;
   for (size_t i = 0; i < image_.size(); ++i) {
-    const uint64_t divisor = std::max(image_[i], kMinRest);
-    reciprocal_[i] = static_cast<uint32_t>(((uint64_t{1} << 32) + divisor / 2) / divisor);
+    const size_t at = i % 3 * n_pixels + i / 3;
+    const uint32_t divisor = std::max(image_[i], kMinRest);
+    planes8_[at] = static_cast<int16_t>(8 * std::min(image_[i], kMaxRest));
+    reciprocal_[at] = static_cast<int16_t>(std::min(((uint32_t{1} << 24) + divisor / 2) / divisor, kMaxReciprocal));
   }
   is_ready_ = true;
 }

@@ -1,7 +1,7 @@
 // The untouched image: mean of the first frames, and what later stages need of it.
 //
 //   rest = (16 sum + n / 2) / n          per channel, 1/16 grey level, uint16
-//   reciprocal = (2^32 + floor / 2) / floor, floor = max(rest, 512)
+//   reciprocal = (2^24 + floor / 2) / floor, floor = max(rest, 512), at most 2^15 - 1
 //
 // Below 32 grey levels (512) a ratio says little and could leave the 16 bits of RelativeChange.
 //
@@ -29,7 +29,9 @@ class Rest {
 
   [[nodiscard]] bool is_ready() const { return is_ready_; }
   [[nodiscard]] std::span<const uint16_t> image() const { return image_; }
-  [[nodiscard]] std::span<const uint32_t> reciprocal() const { return reciprocal_; }
+  // As difference.h reads them: planes of B, G and R.
+  [[nodiscard]] std::span<const int16_t> planes8() const { return planes8_; }
+  [[nodiscard]] std::span<const int16_t> reciprocal() const { return reciprocal_; }
 
  private:
   void finish();
@@ -42,7 +44,8 @@ class Rest {
   bool is_ready_ = false;
   std::vector<uint32_t> sum_;
   std::vector<uint16_t> image_;
-  std::vector<uint32_t> reciprocal_;
+  std::vector<int16_t> planes8_;  // 8 rest
+  std::vector<int16_t> reciprocal_;
 };
 
 }  // namespace ruffini

@@ -39,36 +39,33 @@ class CoreStages:
     def cos_pi_q30(self, numerator: int, denominator: int) -> int:
         return int(self._lib.stages_cos_pi_q30(ctypes.c_int64(numerator), ctypes.c_int64(denominator)))
 
-    def rest(self, frames: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint32]]:
+    def rest(self, frames: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.int16]]:
         image = np.zeros(frames.shape[1:], np.uint16)
-        reciprocal = np.zeros(frames.shape[1:], np.uint32)
+        reciprocal = np.zeros((3, *frames.shape[1:3]), np.int16)
         assert self._lib.stages_rest(
             self._handle,
             _pointer(frames, np.uint8),
             len(frames),
             _pointer(image, np.uint16),
-            _pointer(reciprocal, np.uint32),
+            _pointer(reciprocal, np.int16),
         )
-        return image, reciprocal
+        return image, np.moveaxis(reciprocal, 0, 2)
 
     def difference(
-        self,
-        frame: npt.NDArray[np.uint8],
-        rest: npt.NDArray[np.uint16],
-        reciprocal: npt.NDArray[np.uint32],
-    ) -> tuple[npt.NDArray[np.int16], tuple[int, int]]:
-        """Relative change, (dark, full) pixel counts."""
-        out = np.zeros(frame.shape, np.int16)
+        self, frame: npt.NDArray[np.uint8]
+    ) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint16], tuple[int, int]]:
+        """Relative change against the rest learned last, grey, (dark, full) pixel counts."""
+        out = np.zeros((3, *frame.shape[:2]), np.int16)
+        grey = np.zeros(frame.shape[:2], np.uint16)
         counts = np.zeros(2, np.int32)
         self._lib.stages_difference(
             self._handle,
             _pointer(frame, np.uint8),
-            _pointer(rest, np.uint16),
-            _pointer(reciprocal, np.uint32),
             _pointer(out, np.int16),
+            _pointer(grey, np.uint16),
             _pointer(counts, np.int32),
         )
-        return out, (int(counts[0]), int(counts[1]))
+        return np.moveaxis(out, 0, 2), grey, (int(counts[0]), int(counts[1]))
 
     def dots(self, grey: npt.NDArray[np.uint16]) -> I32:
         """Rows of x, y (Q16), area."""
@@ -118,7 +115,7 @@ class CoreStages:
         out = np.zeros((*grid, 2), np.int16)
         self._lib.stages_photometric(
             self._handle,
-            _pointer(difference, np.int16),
+            _pointer(np.ascontiguousarray(np.moveaxis(difference, 2, 0)), np.int16),
             _pointer(markers, np.int32),
             _pointer(out, np.int16),
         )

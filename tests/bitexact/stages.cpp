@@ -109,7 +109,8 @@ void stages_close(Stages* stages) { delete stages; }
 
 int32_t stages_cos_pi_q30(int64_t numerator, int64_t denominator) { return cos_pi_q30(numerator, denominator); }
 
-int stages_rest(Stages* stages, const uint8_t* frames, int n_frames, uint16_t* image, uint32_t* reciprocal) {
+// `reciprocal`: planes of B, G and R.
+int stages_rest(Stages* stages, const uint8_t* frames, int n_frames, uint16_t* image, int16_t* reciprocal) {
   stages->rest.restart(n_frames);
   bool is_complete = false;
   for (int i = 0; i < n_frames; ++i) {
@@ -120,12 +121,10 @@ int stages_rest(Stages* stages, const uint8_t* frames, int n_frames, uint16_t* i
   return is_complete ? 1 : 0;
 }
 
-// `counts`: dark, full.
-void stages_difference(Stages* stages, const uint8_t* frame, const uint16_t* rest, const uint32_t* reciprocal,
-                       int16_t* out, int32_t* counts) {
+// Against the rest that stages_rest learned. `out`: planes of B, G and R; `counts`: dark, full.
+void stages_difference(Stages* stages, const uint8_t* frame, int16_t* out, uint16_t* grey, int32_t* counts) {
   std::vector<RelativeChange> change(3 * n_pixels(*stages));
-  const ExposureCounts exposure =
-      difference(view(*stages, frame), {rest, change.size()}, {reciprocal, change.size()}, change);
+  const ExposureCounts exposure = difference(view(*stages, frame), stages->rest, change, {grey, n_pixels(*stages)});
   std::ranges::transform(change, out, [](RelativeChange d) { return d.raw(); });
   counts[0] = exposure.dark;
   counts[1] = exposure.full;
@@ -171,6 +170,7 @@ void stages_set_photometric(Stages* stages, const int16_t* unmix, int n_cells_x,
       stages->board, PhotometricTable{{unmix, static_cast<size_t>(cells.count()) * 6}, cells, {slope, n_slope}});
 }
 
+// `difference_q12`: planes of B, G and R.
 void stages_photometric(Stages* stages, const int16_t* difference_q12, const int32_t* markers, int16_t* out) {
   std::vector<RelativeChange> change(3 * n_pixels(*stages));
   for (size_t i = 0; i < change.size(); ++i) change[i] = RelativeChange::from_raw(difference_q12[i]);

@@ -15,7 +15,7 @@ from mirror.dots import detect_dots
 from mirror.fixed import Saturations
 from mirror.light import difference, grey, reciprocal, rest_image
 from mirror.markers import ABSENT, DX, DY, LOST, Lattice
-from mirror.photometric import cell_slope, marker_mask, pixel_slope, upsample
+from mirror.photometric import cell_slope, marker_mask, unmix_of_cells
 from mirror.poisson import cos_pi_q30, poisson
 
 from ruffini.bench.markers import NodesOnLattice, fill_lost
@@ -79,16 +79,17 @@ def test_rest_and_difference(open_stages: OpenStages, text: str) -> None:
     rng = np.random.default_rng(1)
     frames = np.stack([random_frame(board, rng) // 2 for _ in range(5)])
     frames[:, :4] = 0  # rest black: the reciprocal's floor
-    rest, reciprocal_q32 = core.rest(frames)
+    rest, reciprocal_q24 = core.rest(frames)
     assert np.array_equal(rest, rest_image(frames))
-    assert np.array_equal(reciprocal_q32, reciprocal(rest_image(frames)))
+    assert np.array_equal(reciprocal_q24, reciprocal(rest_image(frames)))
     frame = random_frame(board, rng)
     frame[:9] = 255
     frame[9:14] = 3
-    change, counts = core.difference(frame, rest, reciprocal_q32)
+    change, grey_levels, counts = core.difference(frame)
     mirrored = rest_image(frames)
     expected, expected_counts = difference(frame, mirrored, reciprocal(mirrored))
     assert np.array_equal(change, expected)
+    assert np.array_equal(grey_levels, grey(frame))
     assert counts == expected_counts
 
 
@@ -167,10 +168,10 @@ def test_photometric(open_stages: OpenStages, text: str, limit: int) -> None:
     change = rng.integers(-32768, 32768, (height, width, 3)).astype(np.int16)
     markers = random_markers(board, rng, 200_000)
     core.set_photometric(unmix, table)
-    slope = pixel_slope(change.astype(np.int64), upsample(unmix, height, width), table)
     mask = marker_mask(board, markers)
     assert 0 < mask.mean() < 1
-    assert np.array_equal(core.photometric(change, markers, depth_grid(board)), cell_slope(board, slope, mask))
+    expected = cell_slope(board, change.astype(np.int64), mask, unmix_of_cells(board, unmix), table)
+    assert np.array_equal(core.photometric(change, markers, depth_grid(board)), expected)
 
 
 def test_photometric_with_every_pixel_masked(open_stages: OpenStages) -> None:

@@ -18,12 +18,12 @@ def rest_image(frames: npt.NDArray[np.uint8]) -> I64:
 
 def reciprocal(rest: I64) -> I64:
     limited = np.maximum(rest, 512)
-    return np.asarray(((1 << 32) + limited // 2) // limited)
+    return np.minimum(((1 << 24) + limited // 2) // limited, 32767)
 
 
-def difference(frame: npt.NDArray[np.uint8], rest: I64, reciprocal_q32: I64) -> tuple[I64, tuple[int, int]]:
+def difference(frame: npt.NDArray[np.uint8], rest: I64, reciprocal_q24: I64) -> tuple[I64, tuple[int, int]]:
     """Relative change Q12, and how many pixels are dark, full."""
-    change = round_shift((16 * frame.astype(np.int64) - rest) * reciprocal_q32, 20)
+    change = round_shift((16 * frame.astype(np.int64) - rest) * reciprocal_q24, 12)
     dark = int((frame < DARK_LEVEL).all(axis=2).sum())
     full = int((frame == 255).any(axis=2).sum())
     return change, (dark, full)

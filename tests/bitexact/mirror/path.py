@@ -16,7 +16,7 @@ from mirror.finite_strain import FiniteStrain
 from mirror.fixed import I64, Saturations
 from mirror.light import difference, grey, reciprocal, rest_image
 from mirror.markers import Lattice
-from mirror.photometric import cell_slope, marker_mask, pixel_slope, upsample
+from mirror.photometric import cell_slope, marker_mask, unmix_of_cells
 from mirror.poisson import poisson
 from mirror.program import Program
 from mirror.relaxation import Relaxation
@@ -64,8 +64,7 @@ class FramePath:
         if "relaxation.part" in tensors:
             part, time_ms = (tensors[f"relaxation.{name}"].astype(np.int32) for name in ("part", "time_ms"))
             self._relaxation = Relaxation(part, time_ms, len(self._places))
-        camera = board["camera"]
-        self._unmix = upsample(tensors["photometric.unmix"].astype(np.int16), camera["height_px"], camera["width_px"])
+        self._unmix = unmix_of_cells(board, tensors["photometric.unmix"].astype(np.int16))
         self._slope = tensors["photometric.slope"].astype(np.int16)
 
     def learn(self, frames: npt.NDArray[np.uint8]) -> int:
@@ -79,7 +78,7 @@ class FramePath:
         change, _ = difference(frame, self._rest, self._reciprocal)
         self._lattice.track(detect_dots(board, grey(frame)))
         markers = self._lattice.rows.copy()
-        slope = cell_slope(board, pixel_slope(change, self._unmix, self._slope), marker_mask(board, markers))
+        slope = cell_slope(board, change, marker_mask(board, markers), self._unmix, self._slope)
         seen_from = board
         if self._camera_map is not None:
             slope, seen_from = self._camera_map.rectify(slope), self._camera_map.ideal

@@ -1,4 +1,4 @@
-"""Colour change -> slope: unmixing, table, mean of each cell's unmasked pixels, filling."""
+"""Colour change -> slope: mean of each cell's unmasked pixels, unmixing, table, filling."""
 
 from __future__ import annotations
 
@@ -13,35 +13,36 @@ ONE = 16384  # Q14
 TABLE_LINES = 65
 
 
-def upsample(unmix: npt.NDArray[np.int16], height: int, width: int) -> I64:
-    """The coarse lattice, bilinear at each pixel: (height, width, 2, 3)."""
+def unmix_of_cells(board: Board, unmix: npt.NDArray[np.int16]) -> I64:
+    """The coarse lattice, bilinear at each cell's middle: (n_y, n_x, 2, 3)."""
     cells = unmix.astype(np.int64)
-    v, fv = _lattice_place(height, cells.shape[0])
-    u, fu = _lattice_place(width, cells.shape[1])
+    step, camera = board["depth"]["step_px"], board["camera"]
+    n_y, n_x = depth_grid(board)
+    v, fv = _lattice_place(n_y, step, camera["height_px"], cells.shape[0])
+    u, fu = _lattice_place(n_x, step, camera["width_px"], cells.shape[1])
     fu, fv = fu[None, :, None, None], fv[:, None, None, None]
     along_x = cells[:, u] * (65536 - fu) + cells[:, u + 1] * fu
     both = np.asarray(along_x[v] * (65536 - fv) + along_x[v + 1] * fv, np.int64)
     return round_shift(both, 32)
 
 
-def _lattice_place(n: int, lines: int) -> tuple[I64, I64]:
-    t = np.arange(n, dtype=np.int64) * (lines - 1) * 65536 // (n - 1)
+def _lattice_place(n_cells: int, step: int, n: int, lines: int) -> tuple[I64, I64]:
+    t = (2 * np.arange(n_cells, dtype=np.int64) * step + step - 1) * (lines - 1) * 65536 // (2 * (n - 1))
     line = np.minimum(t >> 16, lines - 2)
     return line, t - (line << 16)
 
 
-def pixel_slope(change: I64, unmix: I64, table: npt.NDArray[np.int16]) -> I64:
-    """(height, width, 2), Q12."""
-    q = round_shift((unmix * change[:, :, None, :]).sum(axis=3), 10)
+def table_slope(q: I64, table: npt.NDArray[np.int16]) -> I64:
+    """(n_y, n_x, 2), Q12, of q in Q14."""
     q = np.clip(q, -ONE, ONE) + ONE
     at = np.minimum(q >> 9, TABLE_LINES - 2)
     fx, fy = (q[..., k] - (at[..., k] << 9) for k in (0, 1))
     column, row = at[..., 0], at[..., 1]
     fx, fy = fx[..., None], fy[..., None]
     t = table.astype(np.int64)
-    upper = t[row, column] * (512 - fx) + t[row, column + 1] * fx
-    lower = t[row + 1, column] * (512 - fx) + t[row + 1, column + 1] * fx
-    return round_shift(upper * (512 - fy) + lower * fy, 18)
+    upper = round_shift(t[row, column] * (512 - fx) + t[row, column + 1] * fx, 4)
+    lower = round_shift(t[row + 1, column] * (512 - fx) + t[row + 1, column + 1] * fx, 4)
+    return round_shift(upper * (512 - fy) + lower * fy, 14)
 
 
 def marker_mask(board: Board, markers: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
@@ -56,25 +57,26 @@ def marker_mask(board: Board, markers: npt.NDArray[np.integer]) -> npt.NDArray[n
     return mask
 
 
-def cell_slope(board: Board, slope: I64, mask: npt.NDArray[np.bool_]) -> I64:
-    """Mean of each cell's unmasked pixels; empty cells from the box around them."""
+def cell_slope(board: Board, change: I64, mask: npt.NDArray[np.bool_], unmix: I64, table: npt.NDArray[np.int16]) -> I64:
+    """Slope of the mean of each cell's unmasked pixels; empty cells from their nearest neighbours along each axis."""
     step = board["depth"]["step_px"]
     n_y, n_x = depth_grid(board)
-    slope, mask = slope[: n_y * step, : n_x * step], mask[: n_y * step, : n_x * step]
+    change, mask = change[: n_y * step, : n_x * step], mask[: n_y * step, : n_x * step]
     tiles = (n_y, step, n_x, step)
     count = (~mask).reshape(tiles).sum(axis=(1, 3))
-    total = np.where(mask[..., None], 0, slope).reshape(*tiles, 2).sum(axis=(1, 3))
-    out = np.where(count[..., None] > 0, div_half_up(total, np.maximum(count, 1)[..., None]), 0)
-    radius_px = length_q16(board, board["markers"]["diameter_um"]) * 3 // 4 + 2 * 65536
-    first = max((radius_px >> 16) // step, 1)
+    total = np.where(mask[..., None], 0, change).reshape(*tiles, 3).sum(axis=(1, 3))
+    inverse = np.array([0, *(((2 << 20) + n) // (2 * n) for n in range(1, 17))])[count]
+    dot = round_shift((unmix * total[:, :, None, :]).sum(axis=3), 8)
+    out = table_slope(round_shift(dot * inverse[..., None], 22), table)
     filled = out.copy()
     for y, x in np.argwhere(count == 0):
-        r = first
-        while r < 2 * (n_x + n_y):
-            box = np.s_[max(y - r, 0) : y + r + 1, max(x - r, 0) : x + r + 1]
-            here = count[box] > 0
-            if here.any():
-                filled[y, x] = div_half_up(out[box][here].sum(axis=0), int(here.sum()))
-                break
-            r *= 2
+        weight, value = 0, np.zeros(2, np.int64)
+        for dy, dx in ((0, -1), (0, 1), (-1, 0), (1, 0)):
+            d = 1
+            while 0 <= y + d * dy < n_y and 0 <= x + d * dx < n_x and count[y + d * dy, x + d * dx] == 0:
+                d += 1
+            if 0 <= y + d * dy < n_y and 0 <= x + d * dx < n_x:
+                weight += 4096 // d
+                value += 4096 // d * out[y + d * dy, x + d * dx]
+        filled[y, x] = div_half_up(value, weight) if weight else 0
     return filled

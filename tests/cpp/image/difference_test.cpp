@@ -8,7 +8,8 @@ namespace ruffini {
 namespace {
 
 struct Outcome {
-  std::vector<RelativeChange> change;
+  std::vector<RelativeChange> change;  // planes of B, G and R
+  std::vector<uint16_t> grey;
   ExposureCounts exposure;
 };
 
@@ -18,22 +19,27 @@ Outcome run(const std::vector<uint8_t>& rest_pixels, const std::vector<uint8_t>&
   const auto stride = static_cast<ptrdiff_t>(pixels.size());
   Rest rest(width, 1, 1);
   rest.add({rest_pixels.data(), width, 1, 3, stride});
-  Outcome out{std::vector<RelativeChange>(pixels.size()), {}};
-  out.exposure = difference({pixels.data(), width, 1, 3, stride}, rest.image(), rest.reciprocal(), out.change);
+  Outcome out{std::vector<RelativeChange>(pixels.size()), std::vector<uint16_t>(pixels.size() / 3), {}};
+  out.exposure = difference({pixels.data(), width, 1, 3, stride}, rest, out.change, out.grey);
   return out;
 }
 
 TEST(Difference, IsRelativeToRest) {
   const Outcome out = run({100, 100, 100, 100, 60, 200}, {100, 200, 50, 0, 66, 250});
-  const std::vector<int> expected = {0, 4096, -2048, -4096, 410, 1024};  // 0, +100, -50, -100, +10, +25 %
+  const std::vector<int> expected = {0, -4096, 4096, 410, -2048, 1024};  // 0, -100; +100, +10; -50, +25 %
   for (size_t i = 0; i < expected.size(); ++i) EXPECT_EQ(out.change[i].raw(), expected[i]) << i;
 }
 
 TEST(Difference, DarkRestIsMeasuredAgainst32LevelsAndFits16Bits) {
   const Outcome out = run({0, 0, 16}, {255, 0, 32});
-  EXPECT_EQ(out.change[0].raw(), 32640);  // 255 / 32
+  EXPECT_EQ(out.change[0].raw(), 32639);  // 255 / 32
   EXPECT_EQ(out.change[1].raw(), 0);      // at rest, however dark
   EXPECT_EQ(out.change[2].raw(), 2048);   // 16 / 32
+}
+
+TEST(Difference, GreyIsTheSumOfColoursInSixteenths) {
+  const Outcome out = run(std::vector<uint8_t>(6, 100), {1, 2, 4, 255, 255, 255});
+  EXPECT_EQ(out.grey, (std::vector<uint16_t>{16 * 7, 16 * 765}));
 }
 
 TEST(Difference, CountsDarkAndFullPixels) {

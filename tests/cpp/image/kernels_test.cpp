@@ -74,5 +74,97 @@ TEST(Kernels, PoissonOfOneSteepPlaneSaturatesAlike) {
   }
 }
 
+struct Row {
+  std::vector<int16_t> change;
+  std::vector<uint16_t> grey;
+  ExposureCounts counts;
+};
+
+Row difference_row(const Kernels& kernels, std::span<const uint8_t> pixels, std::span<const int16_t> rest8,
+                   std::span<const int16_t> reciprocal) {
+  const size_t width = pixels.size() / 3;
+  Row out{std::vector<int16_t>(3 * width + 5), std::vector<uint16_t>(width), {}};
+  out.counts = kernels.difference({.pixels = pixels.data(),
+                                   .width = static_cast<int>(width),
+                                   .rest8 = rest8.data(),
+                                   .reciprocal = reciprocal.data(),
+                                   .plane = static_cast<ptrdiff_t>(width),
+                                   .change = out.change.data(),
+                                   .grey = out.grey.data()});
+  return out;
+}
+
+TEST(Kernels, DifferenceIsTheSameAtAnyWidthAndAlignment) {
+  std::mt19937 random(12);  // NOLINT: the same numbers on every run
+  for (size_t width = 1; width < 70; ++width) {
+    const size_t offset = random() % 16;
+    std::vector<uint8_t> pixels(3 * width + offset);
+    for (uint8_t& level : pixels) level = static_cast<uint8_t>(random() % 4 == 0 ? random() % 12 : 248 + random() % 8);
+    std::vector<int16_t> rest8(3 * width);
+    std::vector<int16_t> reciprocal(3 * width);
+    for (int16_t& r : rest8) r = static_cast<int16_t>(random() % 32'641);
+    for (int16_t& r : reciprocal) r = static_cast<int16_t>(4'112 + random() % 28'656);
+    const auto row = std::span<const uint8_t>(pixels).subspan(offset);
+    const Row reference = difference_row(kScalar, row, rest8, reciprocal);
+    for (const Version& version : versions()) {
+      const Row other = difference_row(*version.kernels, row, rest8, reciprocal);
+      EXPECT_EQ(other.change, reference.change) << version.name << " " << width;
+      EXPECT_EQ(other.grey, reference.grey) << version.name << " " << width;
+      EXPECT_EQ(other.counts.dark, reference.counts.dark) << version.name << " " << width;
+      EXPECT_EQ(other.counts.full, reference.counts.full) << version.name << " " << width;
+    }
+  }
+}
+
+struct Cells {
+  std::vector<CellSlope> slope;
+  std::vector<int16_t> n_kept;
+};
+
+TEST(Kernels, CellsAreTheSameAtAnyStepAndCount) {
+  std::mt19937 random(13);  // NOLINT: the same numbers on every run
+  const auto any = [&] { return static_cast<int16_t>(random() % 65'536 - 32'768); };
+  std::vector<int32_t> table(Photometric::kSlopeSize * Photometric::kSlopeSize);
+  for (int32_t& t : table) t = static_cast<int32_t>(random());
+  for (int step = 1; step <= 4; ++step) {
+    for (int n_cells = 1; n_cells < 30; ++n_cells) {
+      const int width = n_cells * step + static_cast<int>(random() % 4) % step;
+      const auto n_pixels = static_cast<size_t>(width * step);
+      const bool is_extreme = n_cells % 3 == 0;
+      std::vector<int16_t> change(3 * n_pixels);
+      for (int16_t& d : change) d = is_extreme ? int16_t{-32'768} : any();
+      std::vector<int16_t> keep(n_pixels);
+      for (int16_t& k : keep) k = is_extreme || random() % 3 != 0 ? int16_t{-1} : int16_t{0};
+      std::vector<int16_t> unmix(6 * static_cast<size_t>(n_cells));
+      for (int16_t& m : unmix) m = is_extreme ? int16_t{-32'768} : static_cast<int16_t>(any() >> (n_cells % 4));
+      const auto run = [&](const Kernels& kernels) {
+        Cells out{std::vector<CellSlope>(static_cast<size_t>(n_cells)),
+                  std::vector<int16_t>(static_cast<size_t>(n_cells))};
+        kernels.cells({.step_px = step,
+                       .n_cells = n_cells,
+                       .width = width,
+                       .plane = static_cast<ptrdiff_t>(n_pixels),
+                       .change = change.data(),
+                       .keep = keep.data(),
+                       .unmix_plane = n_cells,
+                       .unmix = unmix.data(),
+                       .slope = table.data(),
+                       .out = out.slope.data(),
+                       .n_kept = out.n_kept.data()});
+        return out;
+      };
+      const Cells reference = run(kScalar);
+      for (const Version& version : versions()) {
+        const Cells other = run(*version.kernels);
+        EXPECT_EQ(other.n_kept, reference.n_kept) << version.name << ", step " << step << ", " << n_cells << " cells";
+        for (size_t i = 0; i < reference.slope.size(); ++i) {
+          ASSERT_EQ(other.slope[i].x, reference.slope[i].x) << version.name << ", step " << step << ", cell " << i;
+          ASSERT_EQ(other.slope[i].y, reference.slope[i].y) << version.name << ", step " << step << ", cell " << i;
+        }
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace ruffini::kernels

@@ -36,10 +36,9 @@ struct Bench {
     slope.resize(static_cast<size_t>(stage.cells().count()));
   }
   void fill(int blue, int green) {
-    for (size_t i = 0; i < change.size(); i += 3) {
-      change[i] = RelativeChange::from_raw(static_cast<int16_t>(blue));
-      change[i + 1] = RelativeChange::from_raw(static_cast<int16_t>(green));
-    }
+    const auto n = static_cast<ptrdiff_t>(change.size() / 3);
+    std::fill_n(change.begin(), n, RelativeChange::from_raw(static_cast<int16_t>(blue)));
+    std::fill_n(change.begin() + n, n, RelativeChange::from_raw(static_cast<int16_t>(green)));
   }
 
   BoardSettings board;
@@ -83,7 +82,7 @@ TEST(Photometric, WhatADotShowsDoesNotReachTheSlope) {
         for (int y = 0; y < 120; ++y) {
           for (int x = 0; x < 160; ++x) {
             if (std::hypot(x - p.x, y - p.y) <= 3) {
-              run.change[static_cast<size_t>(y * 160 + x) * 3] = RelativeChange::from_raw(-3500);
+              run.change[static_cast<size_t>(y * 160 + x)] = RelativeChange::from_raw(-3500);
             }
           }
         }
@@ -106,12 +105,55 @@ TEST(Photometric, UnmixingIsBilinearOverTheImage) {
   tables.unmix[18] = 8192;  // lower right
   Photometric stage(board, tables.view());
   std::vector<RelativeChange> change(160 * 120 * 3);
-  for (size_t i = 0; i < change.size(); i += 3) change[i] = RelativeChange::from_raw(1000);
+  std::fill_n(change.begin(), 160 * 120, RelativeChange::from_raw(1000));
   std::vector<CellSlope> slope(160 * 120);
   stage.run(change, {}, slope);
   EXPECT_EQ(slope[0].x.raw(), 1000);
   EXPECT_EQ(slope[159].x.raw(), 2000);
   EXPECT_NEAR(slope[53].x.raw(), 1333, 1);  // one third of the way
+}
+
+// A slope that is linear along both axes, and holes in it.
+TEST(PhotometricFill, ContinuesALinearSlopeBetweenNeighbours) {
+  const GridSize grid{12, 9};
+  PhotometricFill fill(grid);
+  std::vector<int16_t> n_kept(static_cast<size_t>(grid.count()), 4);
+  std::vector<CellSlope> slope;
+  for (int i = 0; i < grid.count(); ++i) {
+    const int x = i % grid.n_x;
+    const int y = i / grid.n_x;
+    const bool is_hole = x >= 4 && x < 8 && y >= 3 && y < 6;
+    if (is_hole) n_kept[static_cast<size_t>(i)] = 0;
+    slope.push_back({Slope::from_raw(static_cast<int16_t>(is_hole ? 9999 : 100 * x)),
+                     Slope::from_raw(static_cast<int16_t>(is_hole ? -9999 : 50 * y - 70))});
+  }
+  fill.run(n_kept, slope);
+  EXPECT_NEAR(slope[4 * 12 + 5].x.raw(), 500, 20);  // the middle row: above and below say the same
+  EXPECT_EQ(slope[4 * 12 + 5].y.raw(), 130);
+  EXPECT_EQ(slope[4 * 12 + 7].y.raw(), 130);
+}
+
+TEST(PhotometricFill, WithoutAnyNeighbourItIsZero) {
+  PhotometricFill fill({3, 2});
+  const std::vector<int16_t> n_kept(6, 0);
+  std::vector<CellSlope> slope(6, {Slope::from_raw(7), Slope::from_raw(8)});
+  fill.run(n_kept, slope);
+  for (const CellSlope& s : slope) {
+    EXPECT_EQ(s.x.raw(), 0);
+    EXPECT_EQ(s.y.raw(), 0);
+  }
+}
+
+TEST(PhotometricFill, AtTheBorderItTakesTheOtherSides) {
+  PhotometricFill fill({3, 1});
+  const std::vector<int16_t> n_kept = {0, 0, 1};
+  std::vector<CellSlope> slope(3);
+  slope[2] = {Slope::from_raw(40), Slope::from_raw(-40)};
+  fill.run(n_kept, slope);
+  for (const CellSlope& s : slope) {
+    EXPECT_EQ(s.x.raw(), 40);
+    EXPECT_EQ(s.y.raw(), -40);
+  }
 }
 
 }  // namespace
