@@ -140,7 +140,8 @@ def parse_twin(text: str, where: str, board: Board) -> TwinSettings:
         kind = {"extra_forbidden": "unknown key, check the spelling or remove it",
                 "missing": "key is missing"}.get(first["type"], first["msg"])  # fmt: skip
         raise InputError(f"{where}: {key}: {kind}") from error
-    if board.markers is None and (twin.dots is not None or isinstance(twin.light, optics.Electroluminescent)):
+    has_lattice = board.markers is not None and board.markers.polarity != "texture"
+    if not has_lattice and (twin.dots is not None or isinstance(twin.light, optics.Electroluminescent)):
         raise InputError(f"{where}: dots and openings lie on the lattice of [markers], which board.toml does not have")
     if board.camera.width_px % max(len(twin.view), 1):
         raise InputError(f"{where}: {len(twin.view)} views do not share {board.camera.width_px} columns evenly")

@@ -175,12 +175,19 @@ def _write_run(folder: Path, run: Run) -> None:
 
 
 def digest(board: Board) -> str:
-    """Of all that a board's recordings follow from: board.toml, twin.toml, reproduce.toml."""
+    """Of all that a board's recordings follow from: board.toml, twin.toml, reproduce.toml.
+
+    Patches of a texture are not printed, so where they lie and that they are followed changes no recording.
+    """
     settings = load_reproduce(board)
     unused: dict[str, Any] = {} if settings.mount else {"mount": True}  # younger than the first frozen boards
     if not settings.rig.ring_force_un:
         unused["rig"] = {"ring_force_un"}
-    tree = [board.model_dump(mode="json"), load_twin(board).model_dump(mode="json"),
+    seen = board.model_dump(mode="json")
+    if board.markers is not None and board.markers.polarity == "texture":
+        seen["markers"] = None
+        seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ("markers", "displacement")]
+    tree = [seen, load_twin(board).model_dump(mode="json"),
             settings.model_dump(mode="json", exclude=unused)]  # fmt: skip
     return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
