@@ -23,7 +23,7 @@ from ruffini.sim.validation.rows import Outcome, Row
 Array = npt.NDArray[np.float64]
 
 MM = 1e-3
-TRAY = PlatformSettings(  # as on ftouch, without relaxation
+TRAY = PlatformSettings(  # a published tray, without relaxation
     n_springs=6, ring_um=13000, top_um=-7000, length_um=15000, coil_um=3500, wire_um=500, coils_1e3=8000,
     sleeve_inner_um=10500, sleeve_outer_um=15500, sleeve_modulus_pa=69000,
 )  # fmt: skip

@@ -22,7 +22,7 @@ from ruffini.sim.bodies.splines import Line, Patch
 from ruffini.sim.validation.rows import Curve, Outcome, Row
 
 MM = 1e-3
-BASE_M, HEIGHT_M, RUBBER_PA = 6 * MM, 3 * MM, 70e3  # of eltac
+BASE_M, HEIGHT_M, RUBBER_PA = 6 * MM, 3 * MM, 70e3  # of a published skin
 PANEL_M, PANEL_PA, PANEL_POISSON = 0.31 * MM, 2.5e9, 0.38
 BED_PA_M = 2e7
 PLATE_M, N_CELLS = 80 * MM, 40  # eighteen times the plate's own length (D / k)^(1/4)
