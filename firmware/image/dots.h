@@ -1,8 +1,8 @@
 // Printed dots in a grey image: sub-pixel centres of spots darker (or lighter) than their surroundings.
 //
-//   background = box sum / box area, box of radius r clipped at the border, rounded down
+//   background = (box sum x inverse + 2^31) >> 32, box of radius r clipped at the border, inverse = 2^32 / its area, half up
 //   v = background - grey (dark dots) or grey - background (light ones)
-//   weight = v - background threshold / 1000, where positive
+//   weight = v - (background (threshold 2^15 / 1000) >> 15), where positive
 //   centre = sum(weight position) / sum(weight) over a 4-connected component, Q16, rounded down
 //
 // The weight falls to zero at the component's edge, so the centre has no jumps as the dot moves over
@@ -35,11 +35,29 @@ struct DotParameters {
   int max_area_px = 0;
 };
 
+// What one row of weights is made from; `inverse` and the sums are of each pixel's box.
+struct DotRow {
+  int width = 0;
+  int box_radius_px = 0;
+  bool is_light = false;
+  int32_t threshold_q15 = 0;
+  const uint16_t* entering = nullptr;  // the row that enters the boxes, and the one that leaves them
+  const uint16_t* leaving = nullptr;
+  const uint16_t* grey = nullptr;
+  const int32_t* inverse_q32 = nullptr;
+  int32_t* column_sum = nullptr;
+  int32_t* prefix_sum = nullptr;  // box_radius_px + 1 zeros, then width sums, then room for box_radius_px
+  int16_t* weight = nullptr;
+};
+using DotRun = void (*)(const DotRow& row);
+
 class DotDetector {
  public:
+  static constexpr int kMaxBoxRadiusPx = 200;  // so that a box's sum fits 31 bits: 401^2 boxes of 16 x 765
   static constexpr int kMaxDots = 4096;
 
-  explicit DotDetector(const DotParameters& parameters);
+  DotDetector(const DotParameters& parameters, DotRun version);
+  explicit DotDetector(const DotParameters& parameters);  // the fastest that this processor runs
 
   // Dots of `grey` (width x height) in order of their first pixel; valid until the next call.
   std::span<const Dot> detect(std::span<const uint16_t> grey);
@@ -55,16 +73,22 @@ class DotDetector {
     int64_t weight_y = 0;
   };
 
+  void start(std::span<const uint16_t> grey);
   void weigh_row(std::span<const uint16_t> grey, int y);
-  void move_box(std::span<const uint16_t> grey, int y);
+  void invert_areas(int n_rows);
+  void label_row(int y);
   int find(int component);
   int join(int a, int b);
 
   DotParameters p_;
-  std::vector<int64_t> column_sum_;  // grey over the rows of the box
-  std::vector<int64_t> prefix_sum_;  // of column_sum_, width + 1
-  std::vector<int32_t> weight_;      // of the current row
-  std::vector<int32_t> label_;       // of the row above, overwritten by the current one; -1 = none
+  DotRun run_;
+  std::vector<uint16_t> no_row_;      // zeros: what enters and leaves beyond the border
+  std::vector<int32_t> inverse_q32_;  // of the area of each pixel's box, for n_box_rows_ rows
+  int n_box_rows_ = 0;
+  std::vector<int32_t> column_sum_;  // grey over the rows of the box
+  std::vector<int32_t> prefix_sum_;
+  std::vector<int16_t> weight_;  // of the current row
+  std::vector<int32_t> label_;   // of the row above, overwritten by the current one; -1 = none
   std::vector<Component> components_;
   int n_components_ = 0;
   std::vector<Dot> dots_;

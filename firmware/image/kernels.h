@@ -3,6 +3,7 @@
 #pragma once
 
 #include "image/difference.h"
+#include "image/dots.h"
 #include "image/photometric.h"
 #include "image/poisson.h"
 
@@ -10,6 +11,7 @@ namespace ruffini::kernels {
 
 struct Kernels {
   DifferenceRun difference;
+  DotRun dots;
   CellRun cells;
   PoissonRun poisson;
 };

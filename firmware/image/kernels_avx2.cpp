@@ -1,4 +1,5 @@
 #include "image/difference_avx2.h"
+#include "image/dot_weights.h"
 #include "image/kernels.h"
 #include "image/lanes_avx2.h"
 #include "image/lanes_scalar.h"
@@ -8,6 +9,7 @@
 namespace ruffini::kernels {
 
 const Kernels kAvx2 = {.difference = difference_row_avx2,
+                       .dots = DotWeights<Avx2Lanes>::run,
                        .cells = PhotometricCells<Avx2Lanes>::run,
                        .poisson = PoissonSteps<Avx2Lanes>::run};
 

@@ -1,4 +1,5 @@
 #include "image/difference_neon.h"
+#include "image/dot_weights.h"
 #include "image/kernels.h"
 #include "image/lanes_neon.h"
 #include "image/lanes_scalar.h"
@@ -8,6 +9,7 @@
 namespace ruffini::kernels {
 
 const Kernels kNeon = {.difference = difference_row_neon,
+                       .dots = DotWeights<NeonLanes>::run,
                        .cells = PhotometricCells<NeonLanes>::run,
                        .poisson = PoissonSteps<NeonLanes>::run};
 

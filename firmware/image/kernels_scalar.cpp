@@ -1,3 +1,4 @@
+#include "image/dot_weights.h"
 #include "image/kernels.h"
 #include "image/lanes_scalar.h"
 #include "image/photometric_cells.h"
@@ -6,6 +7,7 @@
 namespace ruffini::kernels {
 
 const Kernels kScalar = {.difference = [](const DifferenceRow& row) { return difference_row_scalar(row, 0); },
+                         .dots = DotWeights<ScalarLanes>::run,
                          .cells = PhotometricCells<ScalarLanes>::run,
                          .poisson = PoissonSteps<ScalarLanes>::run};
 

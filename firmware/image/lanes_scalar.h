@@ -29,7 +29,8 @@ struct ScalarLanes {
   static V same(int32_t x) { return x; }
 
   static V add(V a, V b) { return a + b; }
-  static V sub(V a, V b) { return a - b; }
+  // Modulo 2^32.
+  static V sub(V a, V b) { return static_cast<V>(static_cast<uint32_t>(a) - static_cast<uint32_t>(b)); }
   static V min(V a, V b) { return std::min(a, b); }
   static V max(V a, V b) { return std::max(a, b); }
   static V abs(V a) { return a < 0 ? -a : a; }

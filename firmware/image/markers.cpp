@@ -30,7 +30,7 @@ DotParameters dot_parameters(const BoardSettings& board) {
   const int64_t area = ((diameter * diameter >> 16) * 201 / 256) >> 16;
   return {.width_px = board.camera.width_px,
           .height_px = board.camera.height_px,
-          .box_radius_px = static_cast<int>(std::max<int64_t>(pitch * 6 / 10 >> 16, 2)),
+          .box_radius_px = static_cast<int>(std::clamp<int64_t>(pitch * 6 / 10 >> 16, 2, DotDetector::kMaxBoxRadiusPx)),
           .threshold_1e3 = static_cast<int>(m.threshold_1e3),
           .polarity = m.polarity,
           .min_area_px = static_cast<int>(std::max<int64_t>(area / 4, 4)),

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mirror.board import Board, length_q16
-from mirror.fixed import I64
+from mirror.fixed import I64, round_shift
 
 MAX_DOTS = 4096
 
@@ -44,9 +44,10 @@ def _weight(grey: I64, radius: int, threshold_1e3: int, polarity: str) -> I64:
     left = np.maximum(np.arange(width) - radius, 0)[None, :]
     right = np.minimum(np.arange(width) + radius, width - 1)[None, :] + 1
     total = table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left]
-    background = total // ((bottom - top) * (right - left))
+    area = (bottom - top) * (right - left)
+    background = round_shift(total * (((1 << 33) + area) // (2 * area)), 32)
     contrast = background - grey if polarity == "dark" else grey - background
-    return np.asarray(np.maximum(contrast - background * threshold_1e3 // 1000, 0))
+    return np.asarray(np.maximum(contrast - (background * (threshold_1e3 * 32768 // 1000) >> 15), 0))
 
 
 def _components(is_dot: npt.NDArray[np.bool_]) -> I64:

@@ -116,6 +116,42 @@ TEST(Kernels, DifferenceIsTheSameAtAnyWidthAndAlignment) {
   }
 }
 
+TEST(Kernels, WeightsOfDotsAreTheSameAtAnyWidth) {
+  std::mt19937 random(14);  // NOLINT: the same numbers on every run
+  for (int width = 1; width < 60; ++width) {
+    const int radius = 2 + width % 7;
+    const auto n = static_cast<size_t>(width);
+    std::vector<uint16_t> rows[3];
+    for (auto& row : rows) {
+      for (size_t i = 0; i < n; ++i) row.push_back(static_cast<uint16_t>(random() % 12'241));
+    }
+    const std::vector<int32_t> inverse(n, (1 << 29) / (width + 1));
+    const auto run = [&](const Kernels& kernels, bool is_light) {
+      std::vector<int32_t> sums(n, 300'000);
+      std::vector<int32_t> prefix(n + 2 * static_cast<size_t>(radius) + 1);
+      std::vector<int16_t> weight(n, -1);
+      kernels.dots({.width = width,
+                    .box_radius_px = radius,
+                    .is_light = is_light,
+                    .threshold_q15 = 3'932,
+                    .entering = rows[0].data(),
+                    .leaving = rows[1].data(),
+                    .grey = rows[2].data(),
+                    .inverse_q32 = inverse.data(),
+                    .column_sum = sums.data(),
+                    .prefix_sum = prefix.data(),
+                    .weight = weight.data()});
+      return std::pair{sums, weight};
+    };
+    for (const bool is_light : {false, true}) {
+      const auto reference = run(kScalar, is_light);
+      for (const Version& version : versions()) {
+        EXPECT_EQ(run(*version.kernels, is_light), reference) << version.name << ", width " << width;
+      }
+    }
+  }
+}
+
 struct Cells {
   std::vector<CellSlope> slope;
   std::vector<int16_t> n_kept;

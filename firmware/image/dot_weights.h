@@ -1,0 +1,58 @@
+// A row of weights of dots.h, on lanes (lanes_scalar.h). Bounds: a box's sum below 2^31 (kMaxBoxRadiusPx), its inverse
+// below 2^29 (no box is smaller than 3 x 3), background and grey at most 12,240, threshold below 2^15.
+#pragma once
+
+#include <algorithm>
+
+#include "image/dots.h"
+#include "image/lanes_scalar.h"
+
+namespace ruffini {
+
+template <typename L>
+class DotWeights {
+ public:
+  static void run(const DotRow& row) {
+    const int whole = row.width / L::kCount * L::kCount;
+    move<L>(row, 0, whole);
+    move<ScalarLanes>(row, whole, row.width);
+    int32_t* sums = row.prefix_sum + row.box_radius_px + 1;
+    uint32_t sum = 0;  // may pass 32 bits: differences do not
+    for (int x = 0; x < row.width; ++x) {
+      sum += static_cast<uint32_t>(row.column_sum[x]);
+      sums[x] = static_cast<int32_t>(sum);
+    }
+    std::fill_n(sums + row.width, row.box_radius_px, static_cast<int32_t>(sum));
+    weigh<L>(row, 0, whole);
+    weigh<ScalarLanes>(row, whole, row.width);
+  }
+
+ private:
+  template <typename Some>
+  static typename Some::V level(const uint16_t* grey) {
+    return Some::load_16(reinterpret_cast<const int16_t*>(grey));
+  }
+
+  template <typename Some>
+  static void move(const DotRow& row, int from, int to) {
+    for (int x = from; x < to; x += Some::kCount) {
+      const auto moved = Some::sub(level<Some>(row.entering + x), level<Some>(row.leaving + x));
+      Some::store(row.column_sum + x, Some::add(Some::load(row.column_sum + x), moved));
+    }
+  }
+
+  template <typename Some>
+  static void weigh(const DotRow& row, int from, int to) {
+    const int32_t* high = row.prefix_sum + 2 * row.box_radius_px + 1;
+    for (int x = from; x < to; x += Some::kCount) {
+      const auto box = Some::sub(Some::load(high + x), Some::load(row.prefix_sum + x));
+      const auto background = Some::narrow(Some::mul(box, Some::load(row.inverse_q32 + x)), 32);
+      const auto threshold = Some::template right<15>(Some::times(background, Some::same(row.threshold_q15)));
+      const auto darker = Some::sub(background, level<Some>(row.grey + x));
+      const auto v = row.is_light ? Some::sub(Some::same(0), darker) : darker;
+      Some::store_16(row.weight + x, Some::max(Some::sub(v, threshold), Some::same(0)));
+    }
+  }
+};
+
+}  // namespace ruffini
