@@ -59,7 +59,9 @@ void FramePath::learn_markers() {
   if (!has(Stage::kMarkers)) return;
   const std::span<const uint16_t> rest = rest_.image();
   for (size_t i = 0; i < state_.difference.grey.size(); ++i) {
-    state_.difference.grey[i] = static_cast<uint16_t>(rest[3 * i] + rest[3 * i + 1] + rest[3 * i + 2]);
+    // As of a frame (image/difference.h), from 1/16 levels.
+    const int sum = rest[3 * i] + 2 * rest[3 * i + 1] + rest[3 * i + 2];
+    state_.difference.grey[i] = static_cast<uint16_t>((3 * sum + 2) >> 2);
   }
   const std::span<const uint16_t> grey = state_.difference.grey;
   n_markers_at_rest_ = flow_ ? flow_->learn(grey) : lattice_.learn(dots_.detect(grey));

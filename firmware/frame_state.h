@@ -63,7 +63,7 @@ struct FrameState {
 
   struct {
     std::vector<RelativeChange> change;  // planes of B, G and R, height x width each
-    std::vector<uint16_t> grey;          // B + G + R, 1/16 levels
+    std::vector<uint16_t> grey;          // of three channels together, 1/16 levels
     ExposureCounts exposure;
   } difference;
   struct {

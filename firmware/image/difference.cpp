@@ -13,7 +13,7 @@ ExposureCounts difference_row_scalar(const DifferenceRow& row, int first) {
     const uint8_t most = std::max({pixel[0], pixel[1], pixel[2]});
     counts.dark += static_cast<int>(most < kDarkLevel);
     counts.full += static_cast<int>(most == 255);
-    row.grey[x] = static_cast<uint16_t>(16 * (pixel[0] + pixel[1] + pixel[2]));
+    row.grey[x] = static_cast<uint16_t>(12 * (pixel[0] + 2 * pixel[1] + pixel[2]));
     for (int c = 0; c < 3; ++c) {
       const ptrdiff_t at = c * row.plane + x;
       const int32_t moved8 = 128 * pixel[c] - row.rest8[at];

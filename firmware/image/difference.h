@@ -1,8 +1,9 @@
 // Relative change of each pixel against rest, and its grey; flat field and difference in one step.
 //
 //   d = ((16 I - rest) 8 reciprocal + 2^14) >> 15         Q12: 4096 = +100 %
-//   grey = 16 (B + G + R)
+//   grey = 12 (B + 2 G + R)                               1/16 levels of three channels, 0..12240
 //
+// Weighted as luma is, nearly: cameras that send compressed or raw frames know green best, and blue and red hardly.
 // rest in 1/16 grey levels, reciprocal = 2^24 / max(rest, 512) (rest.h): exactly zero at rest, and |d| < 8. Everything
 // fits 16 bits. Also counts dark and full pixels, which the flags need. Frame thread; no allocation.
 #pragma once

@@ -39,14 +39,15 @@ inline ExposureCounts difference_row_avx2(const DifferenceRow& row) {
       const __m128i level = every_third(bytes, c);
       most = _mm_max_epu8(most, level);
       const __m256i wide = _mm256_cvtepu8_epi16(level);
-      sum = _mm256_add_epi16(sum, wide);
+      sum = _mm256_add_epi16(sum, c == 1 ? _mm256_slli_epi16(wide, 1) : wide);
       const ptrdiff_t i = c * row.plane + x;
       const __m256i rest8 = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(row.rest8 + i));
       const __m256i reciprocal = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(row.reciprocal + i));
       const __m256i moved8 = _mm256_sub_epi16(_mm256_slli_epi16(wide, 7), rest8);
       _mm256_storeu_si256(reinterpret_cast<__m256i*>(row.change + i), _mm256_mulhrs_epi16(moved8, reciprocal));
     }
-    _mm256_storeu_si256(reinterpret_cast<__m256i*>(row.grey + x), _mm256_slli_epi16(sum, 4));
+    const __m256i grey = _mm256_add_epi16(_mm256_slli_epi16(sum, 3), _mm256_slli_epi16(sum, 2));
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(row.grey + x), grey);
     const __m128i dark = _mm_cmpeq_epi8(_mm_subs_epu8(most, _mm_set1_epi8(kDarkLevel - 1)), _mm_setzero_si128());
     const __m128i full = _mm_cmpeq_epi8(most, _mm_set1_epi8(-1));
     counts.dark += __builtin_popcount(static_cast<unsigned>(_mm_movemask_epi8(dark)));

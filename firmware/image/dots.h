@@ -7,7 +7,7 @@
 //
 // The weight falls to zero at the component's edge, so the centre has no jumps as the dot moves over
 // the pixel grid. Components that touch the border, or whose area is outside [min, max], are dropped.
-// Grey is B + G + R in 1/16 levels. Frame thread; no allocation after the constructor.
+// Grey is in 1/16 levels of three channels together (image/difference.h). Frame thread; no allocation after the constructor.
 #pragma once
 
 #include <cstdint>

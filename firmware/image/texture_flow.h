@@ -28,7 +28,7 @@ class TextureFlow {
 
   explicit TextureFlow(const BoardSettings& board);
 
-  // Templates from the rest image, B + G + R in 1/16 grey levels. Number of patches with texture enough.
+  // Templates from the rest image, grey as of image/difference.h. Number of patches with texture enough.
   int learn(std::span<const uint16_t> grey);
   // Number of patches lost that were there at rest.
   int track(std::span<const uint16_t> grey);

@@ -23,7 +23,7 @@ MAX_STEP = 1 << 16  # Q16 px
 
 
 def pyramid(grey: npt.NDArray[np.integer]) -> list[I64]:
-    """Levels 0 to 2 of B + G + R in 1/16 grey levels, as mean level Q4, smoothed."""
+    """Levels 0 to 2 of grey in 1/16 levels of three channels, as mean level Q4, smoothed."""
     mean = (grey.astype(np.int64) * 85 + 128) >> 8
     wide = np.pad(mean, 1, mode="edge")
     rows = wide[:, :-2] + 2 * wide[:, 1:-1] + wide[:, 2:]

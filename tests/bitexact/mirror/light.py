@@ -30,5 +30,10 @@ def difference(frame: npt.NDArray[np.uint8], rest: I64, reciprocal_q24: I64) -> 
 
 
 def grey(frame: npt.NDArray[np.uint8]) -> I64:
-    """B + G + R in 1/16 levels."""
-    return np.asarray(16 * frame.sum(axis=2, dtype=np.int64))
+    """B + 2 G + R in 1/16 levels of three channels."""
+    return np.asarray(12 * (frame @ np.array([1, 2, 1], np.int64)))
+
+
+def grey_of_rest(rest: npt.NDArray[np.uint16]) -> I64:
+    """The same of a rest image in 1/16 levels."""
+    return np.asarray((3 * (rest @ np.array([1, 2, 1], np.int64)) + 2) >> 2)

@@ -14,7 +14,7 @@ from mirror.dots import detect_dots
 from mirror.estimators import contact_areas, wrench
 from mirror.finite_strain import FiniteStrain
 from mirror.fixed import I64, Saturations
-from mirror.light import difference, grey, reciprocal, rest_image
+from mirror.light import difference, grey, grey_of_rest, reciprocal, rest_image
 from mirror.markers import Lattice
 from mirror.photometric import cell_slope, marker_mask, unmix_of_cells
 from mirror.poisson import poisson
@@ -71,7 +71,7 @@ class FramePath:
         """Rest from untouched frames; number of markers found."""
         rest = rest_image(frames)
         self._rest, self._reciprocal = rest, reciprocal(rest)
-        return self._lattice.learn(detect_dots(self.board, rest.sum(axis=2)))
+        return self._lattice.learn(detect_dots(self.board, grey_of_rest(rest)))
 
     def process(self, frame: npt.NDArray[np.uint8], capture_us: int) -> Outcome:
         board, saturations = self.board, self.saturations

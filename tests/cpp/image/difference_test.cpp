@@ -37,9 +37,9 @@ TEST(Difference, DarkRestIsMeasuredAgainst32LevelsAndFits16Bits) {
   EXPECT_EQ(out.change[2].raw(), 2048);   // 16 / 32
 }
 
-TEST(Difference, GreyIsTheSumOfColoursInSixteenths) {
+TEST(Difference, GreyCountsGreenTwice) {
   const Outcome out = run(std::vector<uint8_t>(6, 100), {1, 2, 4, 255, 255, 255});
-  EXPECT_EQ(out.grey, (std::vector<uint16_t>{16 * 7, 16 * 765}));
+  EXPECT_EQ(out.grey, (std::vector<uint16_t>{12 * 9, 12 * 1020}));
 }
 
 TEST(Difference, CountsDarkAndFullPixels) {
