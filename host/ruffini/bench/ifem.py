@@ -66,7 +66,8 @@ class Scores:
         true, error = state.force, force - state.force
         size = float(np.linalg.norm(true))
         if state.recipe.is_pure:
-            self.false_shear.append(float(np.linalg.norm(force[..., :2]) / np.linalg.norm(force[..., 2])))
+            # At finite strain even a slippery ball pushes sideways, along its normal: that is no false shear.
+            self.false_shear.append(float(np.linalg.norm(error[..., :2]) / np.linalg.norm(force[..., 2])))
         else:
             # Against the state's own shear: a ball pressed straight has little, and counts as much.
             self.x.append(_relative(error[..., 0], true[..., 0], size))
@@ -347,8 +348,8 @@ def tables(result: dict[str, Any]) -> str:
         f"{result['board']}, SIMULATED, truth at {'finite' if result['truth'] == 'finite' else 'small'} strain: "
         f"{result['states']} states of at least {LIGHT_N} N, {result['seeds']} seeds; "
         f"own best weights: ridge {weights['ridge']:g}, sparse {weights['sparse']:g}",
-        "tangential, normal: relative L2 error of the nodal forces; false shear: tangential over normal force under "
-        "pure normal load",
+        "tangential, normal: relative L2 error of the nodal forces; false shear: tangential error over normal force "
+        "under pure normal load",
     ]
     columns = {"tangential": 11, "normal": 9, "false shear": 13, "resultant": 11, "moment": 11, "shape": 8, "peak": 7}
     head = " " * 18 + "".join(f"{name:>{width}}" for name, width in columns.items())
