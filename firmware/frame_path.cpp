@@ -159,7 +159,11 @@ void FramePath::run_memory(uint64_t capture_us) {
 
 void FramePath::run_estimators() {
   if (!operator_) return;
-  timed(Stage::kWrench, [&] { state_.wrench = sum_wrench(nodes_, state_.solve.force, board_.force_lsb_un); });
+  timed(Stage::kWrench, [&] {
+    state_.wrench = sum_wrench(nodes_, state_.solve.force, board_.force_lsb_un);
+    if (!finite_strain_) return;
+    move_arms(state_.solve.force, state_.displacement.node, board_.force_lsb_un, state_.wrench, state_.saturations);
+  });
   timed(Stage::kContacts, [&] {
     state_.contacts = contacts_.find(state_.solve.mask, state_.solve.force, state_.displacement.node);
     slip_.track(state_.contacts, contacts_.component(), state_.solve.force, state_.displacement.node);

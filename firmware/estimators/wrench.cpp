@@ -1,6 +1,7 @@
 #include "estimators/wrench.h"
 
 #include "base/fixed.h"
+#include "solve/block_float.h"
 
 namespace ruffini {
 
@@ -69,6 +70,27 @@ Wrench sum_wrench(const NodeGrid& grid, std::span<const NodeForce> force, int64_
           .torque_x_un_um = grid.to_um_y(y_fz * force_lsb_un),
           .torque_y_un_um = -grid.to_um_x(x_fz * force_lsb_un),
           .torque_z_un_um = grid.to_um_x(x_fy * force_lsb_un) - grid.to_um_y(y_fx * force_lsb_un)};
+}
+
+void move_arms(std::span<const NodeForce> force, std::span<const NodeDisplacement> displacement, int64_t force_lsb_un,
+               Wrench& wrench, SaturationCounter& saturations) {
+  int64_t x = 0;
+  int64_t y = 0;
+  int64_t z = 0;
+  for (size_t i = 0; i < force.size(); ++i) {  // |sums| < 2^14 nodes 2 2^15 2^31 < 2^62
+    const NodeForce& f = force[i];
+    const NodeDisplacement& u = displacement[i];
+    x += int64_t{u.y.raw()} * f.z - int64_t{u.z.raw()} * f.y;
+    y += int64_t{u.z.raw()} * f.x - int64_t{u.x.raw()} * f.z;
+    z += int64_t{u.x.raw()} * f.y - int64_t{u.y.raw()} * f.x;
+  }
+  const int64_t limit = (int64_t{1} << 61) / force_lsb_un;
+  const auto gained = [&](int64_t sum) {
+    return block_float::limited(round_shift(sum, DisplacementUm::kFrac), saturations, limit) * force_lsb_un;
+  };
+  wrench.torque_x_un_um += gained(x);
+  wrench.torque_y_un_um += gained(y);
+  wrench.torque_z_un_um += gained(z);
 }
 
 }  // namespace ruffini

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from mirror.block_float import limited
 from mirror.board import Board, observed_nodes
-from mirror.fixed import I64
+from mirror.fixed import I64, Saturations
 
 
 def grid_steps(board: Board, axis: str) -> tuple[I64, int, int]:
@@ -35,6 +36,14 @@ def wrench(board: Board, force: I64) -> list[int]:
 
     total = [int(t) * lsb for t in force.sum(axis=0)]
     return [*total, arm_y(2), -arm_x(2), arm_x(1) - arm_y(0)]
+
+
+def moved_arms(board: Board, force: I64, u: I64, saturations: Saturations) -> list[int]:
+    """Moment (uN um) that forces (n_nodes, 3) gain by the nodes' displacement (n_nodes, 3), as Python's integers."""
+    lsb = board["field"]["force_lsb_un"]
+    limit = (1 << 61) // lsb
+    arms = np.cross(u.reshape(-1, 3).astype(object), force.reshape(-1, 3).astype(object)).sum(axis=0)
+    return [limited((int(a) + 4) >> 3, saturations, limit) * lsb for a in arms]
 
 
 def contact_areas(board: Board, mask: npt.NDArray[np.bool_], force: I64) -> list[int]:

@@ -11,7 +11,7 @@ from mirror.board import Board, observed_nodes
 from mirror.camera_map import CameraMap
 from mirror.displacement import displacement
 from mirror.dots import detect_dots
-from mirror.estimators import contact_areas, wrench
+from mirror.estimators import contact_areas, moved_arms, wrench
 from mirror.finite_strain import FiniteStrain
 from mirror.fixed import I64, Saturations
 from mirror.light import difference, grey, grey_of_rest, reciprocal, rest_image
@@ -89,8 +89,15 @@ class FramePath:
             force = self._relaxation.run(capture_us, mask, force, saturations)
         return Outcome(
             change, markers, slope, depth, u, mask, force,
-            wrench(board, force), contact_areas(board, mask, force),
+            self._wrench(u, force), contact_areas(board, mask, force),
         )  # fmt: skip
+
+    def _wrench(self, u: I64, force: I64) -> list[int]:
+        total = wrench(self.board, force)
+        if self._finite_strain is None:
+            return total
+        arms = moved_arms(self.board, force, u, self.saturations)
+        return [*total[:3], *(t + a for t, a in zip(total[3:], arms, strict=True))]
 
     def solve(self, u: I64) -> tuple[I64, I64]:
         """Force steps (n_nodes, 3) and contact mask of one displacement field."""

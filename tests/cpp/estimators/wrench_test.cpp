@@ -28,6 +28,23 @@ TEST(Wrench, OneForceAtOneNode) {
   EXPECT_EQ(w.torque_z_un_um, -4'000'000);  // X fy - Y fx = -6e6 + 2e6
 }
 
+TEST(Wrench, MovedNodesHaveMovedArms) {
+  Pad pad;
+  pad.at(11, 4) = {100, -200, -300};  // 1, -2, -3 mN
+  std::vector<NodeDisplacement> u(pad.force.size());
+  const auto um = [](int value) { return DisplacementUm::from_raw(static_cast<int16_t>(8 * value)); };
+  u[4 * 17 + 11] = {um(500), um(-100), um(-400)};
+  const Wrench still = sum_wrench(pad.grid, pad.force, 10);
+  Wrench w = still;
+  SaturationCounter saturations;
+  move_arms(pad.force, u, 10, w, saturations);
+  EXPECT_EQ(w.torque_x_un_um - still.torque_x_un_um, 300'000 - 800'000);     // uy fz - uz fy
+  EXPECT_EQ(w.torque_y_un_um - still.torque_y_un_um, -400'000 + 1'500'000);  // uz fx - ux fz
+  EXPECT_EQ(w.torque_z_un_um - still.torque_z_un_um, -1'000'000 + 100'000);  // ux fy - uy fx
+  EXPECT_EQ(w.force_z_un, still.force_z_un);
+  EXPECT_EQ(saturations.count, 0U);
+}
+
 TEST(Wrench, ACoupleHasNoForce) {
   Pad pad;
   pad.at(8, 2).x = 50;
