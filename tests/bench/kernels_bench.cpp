@@ -17,6 +17,7 @@
 
 #include "board/parse.h"
 #include "frame_path.h"
+#include "link/messages.h"
 
 namespace {
 
@@ -70,18 +71,45 @@ struct Input {
   }
 };
 
-// The whole frame; each stage's mean nanoseconds as a counter of its name.
+double median(std::vector<uint64_t>& values) {
+  const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return static_cast<double>(*middle);
+}
+
+// The whole frame, from pixels to encoded packets; medians in nanoseconds as counters: each stage's by its name.
 void frame(benchmark::State& state, const Input& input) {
   const auto path = value_or_exit(FramePath::configure(input.board, input.calibration, now_ns));
   for (int i = 0; i < input.board.n_rest_frames; ++i) path->process(input.view(input.rest));
-  std::vector<double> total(kStageCount);
+  MessageEncoder encoder(*path, 0);
+  size_t n_bytes = 0;
+  const auto count = [&](ruffini_MessageType, std::span<const uint8_t> bytes) { n_bytes += bytes.size(); };
+  std::vector<std::vector<uint64_t>> stage_ns(kStageCount);
+  std::vector<uint64_t> encode_ns;
+  std::vector<uint64_t> frame_ns;
+  FrameStamp stamp;
   for (auto _ : state) {
-    const FrameState& s = path->process(input.view(input.pressed));
-    for (size_t i = 0; i < kStageCount; ++i) total[i] += static_cast<double>(s.stage_ns[i]);
+    stamp.frame += 1;
+    stamp.capture_us = 16'667 * stamp.frame;
+    n_bytes = 0;
+    const uint64_t start = now_ns();
+    const FrameState& s = path->process(input.view(input.pressed), stamp.capture_us);
+    const uint64_t processed = now_ns();
+    for (const ruffini_MessageType type :
+         {ruffini_MessageType_MESSAGE_TYPE_WRENCH, ruffini_MessageType_MESSAGE_TYPE_FIELD,
+          ruffini_MessageType_MESSAGE_TYPE_DEPTH, ruffini_MessageType_MESSAGE_TYPE_CONTACTS,
+          ruffini_MessageType_MESSAGE_TYPE_MARKERS}) {
+      encoder.encode(type, *path, input.view(input.pressed), stamp, count);
+    }
+    const uint64_t end = now_ns();
+    encode_ns.push_back(end - processed);
+    frame_ns.push_back(end - start);
+    for (size_t i = 0; i < kStageCount; ++i) stage_ns[i].push_back(s.stage_ns[i]);
   }
-  for (size_t i = 0; i < kStageCount; ++i) {
-    state.counters[known_stages()[i]] = benchmark::Counter(total[i], benchmark::Counter::kAvgIterations);
-  }
+  for (size_t i = 0; i < kStageCount; ++i) state.counters[known_stages()[i]] = median(stage_ns[i]);
+  state.counters["packets"] = median(encode_ns);
+  state.counters["whole_frame"] = median(frame_ns);
+  state.counters["packet_bytes"] = static_cast<double>(n_bytes);
   const auto& mask = path->state().solve.mask;
   state.counters["touched_nodes"] =
       static_cast<double>(std::ssize(mask) - std::count(mask.begin(), mask.end(), uint8_t{0}));
