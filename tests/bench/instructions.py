@@ -1,0 +1,77 @@
+"""Instructions of each stage on 64-bit ARM, counted under qemu, and what cores of three kinds may take for them.
+
+    cmake -S . -B BUILD -DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF -DRUFFINI_TESTS=OFF
+    cmake --build BUILD --target ruffini_one_frame
+    tests/bench/instructions.py --binary BUILD/ruffini_one_frame FOLDER...
+
+FOLDER: as tests/bench/run.py leaves it in build/bench. The counts are exact. The times are estimates, not measurements:
+instructions over clock and over instructions a cycle as such cores reach on integer vector code; memory is not in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+# Name, clock in GHz (Raspberry Pi 3, 4 and 5), instructions a cycle that are assumed.
+CORES = (("Cortex-A53", 1.4, 0.7), ("Cortex-A72", 1.8, 1.4), ("Cortex-A76", 2.4, 2.2))
+# In the order of the frame path; its last stretch is the stated uncertainty, where the calibration has an error model.
+STAGES = (
+    "difference", "markers", "photometric", "poisson", "displacement",
+    "operator", "support", "wrench", "contacts", "uncertainty",
+)  # fmt: skip
+BLOCK = re.compile(r"^0x([0-9a-f]+):")
+RUN = re.compile(r"^Trace \d+: 0x[0-9a-f]+ \[[0-9a-f]+/([0-9a-f]+)/")
+
+
+def count(binary: Path, folder: Path) -> list[int]:
+    """Instructions between each pair of calls of the clock."""
+    command = ["qemu-aarch64", "-L", "/usr/aarch64-linux-gnu", "-d", "in_asm,exec,nochain", "-D", "/dev/stdout"]
+    size: Counter[int] = Counter()  # instructions of the block that starts there
+    stretches: list[int] = []
+    start, now = None, 0
+    with subprocess.Popen([*command, str(binary), str(folder)], stdout=subprocess.PIPE, text=True) as traced:
+        assert traced.stdout is not None
+        is_new = False
+        for line in traced.stdout:
+            if found := RUN.match(line):
+                if "stage_boundary" in line:
+                    stretches.append(now)
+                    now = 0
+                now += size[int(found[1], 16)]
+            elif line.startswith("IN:"):
+                is_new, start = True, None
+            elif is_new and (found := BLOCK.match(line)):
+                if start is None:
+                    start = int(found[1], 16)
+                    size[start] = 0
+                size[start] += 1
+            elif not line.strip():
+                is_new = False
+    if traced.returncode:
+        sys.exit(f"{binary} {folder}: ended with {traced.returncode}")
+    return stretches[1::2]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--binary", type=Path, required=True, help="ruffini_one_frame for aarch64")
+    parser.add_argument("folder", type=Path, nargs="+", help="a board and its pictures")
+    arguments = parser.parse_args()
+    for folder in arguments.folder:
+        counts = dict(zip(STAGES, count(arguments.binary, folder), strict=False))
+        counts["sum"] = sum(counts.values())
+        print(f"{folder.name}: thousands of aarch64 instructions of one frame; ESTIMATED milliseconds")
+        print(f"  {'':14}{'counted':>9}" + "".join(f"{name:>12}" for name, _, _ in CORES))
+        for stage, n in counts.items():
+            times = "".join(f"{n / (ghz * ipc) / 1e6:12.2f}" for _, ghz, ipc in CORES)
+            print(f"  {stage:14}{n / 1e3:9.0f}{times}")
+    print("estimates: " + ", ".join(f"{name} at {ghz} GHz and {ipc} a cycle" for name, ghz, ipc in CORES))
+
+
+if __name__ == "__main__":
+    main()
