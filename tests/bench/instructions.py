@@ -39,7 +39,7 @@ def count(binary: Path, folder: Path) -> list[int]:
         is_new = False
         for line in traced.stdout:
             if found := RUN.match(line):
-                if "stage_boundary" in line:
+                if line.split()[-1] == "stage_boundary":
                     stretches.append(now)
                     now = 0
                 now += size[int(found[1], 16)]
