@@ -1,0 +1,94 @@
+"""Wrenches that another program wrote to a CSV: a column of time, and columns named by axis and unit."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.errors import InputError
+from ruffini.rig.reference import AXES
+from ruffini.rig.units import force_factor, torque_factor
+
+Array = npt.NDArray[np.float64]
+
+COLUMN = re.compile(r"(f|t)([xyz])\s*(?:_|\[|\()\s*([A-Za-z·-]+)\s*[\])]?", re.IGNORECASE)
+TIME = re.compile(r"(?:time|t|timestamp)\s*(?:_|\[|\()\s*(s|ms|us|ns)\s*[\])]?", re.IGNORECASE)
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+class WrenchLog(NamedTuple):
+    """Times (t,), s, of the log's own clock, rising, and wrenches (t, 6), N and N m; NaN where there is no column."""
+
+    time_s: Array
+    wrench: Array
+
+
+def read_csv_log(path: Path) -> WrenchLog:
+    """Read columns such as time_s, fz_N, tx_Nmm or "Fz [lbf]".
+
+    Raises
+    ------
+    InputError
+        Unreadable, no time, no force, a column without unit, times that do not rise, or a cell that is no number.
+    """
+    try:
+        with path.open(newline="") as stream:
+            header, *rows = [row for row in csv.reader(stream) if row]
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as CSV: {error}") from error
+    time_column, scale = _time(path, header)
+    columns = _columns(path, header)
+    wanted = [time_column, *columns]
+    table = np.array([_numbers(path, i + 2, row, wanted) for i, row in enumerate(rows)]).reshape(-1, len(wanted))
+    if len(table) < 2:
+        raise InputError(f"{path}: has {len(table)} rows of numbers: a log needs at least two")
+    time_s = table[:, 0] * scale
+    back = np.flatnonzero(np.diff(time_s) <= 0)
+    if len(back):
+        raise InputError(f"{path}, line {back[0] + 3}: time stands still or goes back: one recording a file")
+    wrench = np.full((len(table), 6), np.nan)
+    for place, (axis, factor) in enumerate(columns.values(), start=1):
+        wrench[:, axis] = table[:, place] * factor
+    return WrenchLog(time_s, wrench)
+
+
+def _time(path: Path, header: list[str]) -> tuple[int, float]:
+    for i, name in enumerate(header):
+        match = TIME.fullmatch(name.strip())
+        if match:
+            return i, SECONDS[match[1].lower()]
+    raise InputError(f"{path}: no column of time among {', '.join(header)}: a log needs time_s (or _ms, _us, _ns), "
+                     "the time at which each row was measured")  # fmt: skip
+
+
+def _columns(path: Path, header: list[str]) -> dict[int, tuple[int, float]]:
+    """Axis and factor to N or N m by column."""
+    found: dict[int, tuple[int, float]] = {}
+    for i, name in enumerate(header):
+        match = COLUMN.fullmatch(name.strip())
+        if match:
+            kind, axis, unit = match[1].lower(), match[2].lower(), match[3]
+            found[i] = AXES.index(kind + axis), (force_factor if kind == "f" else torque_factor)(unit)
+        elif name.strip().lower() in AXES:
+            raise InputError(f"{path}: column {name.strip()!r} has no unit: name it e.g. {name.strip()}_N or _lbf")
+    axes = [axis for axis, _ in found.values()]
+    if 2 not in axes:
+        raise InputError(f"{path}: no column of the normal force, e.g. fz_N, among {', '.join(header)}")
+    if len(set(axes)) < len(axes):
+        raise InputError(f"{path}: an axis has two columns among {', '.join(header)}: leave one")
+    return found
+
+
+def _numbers(path: Path, line: int, row: list[str], columns: list[int]) -> list[float]:
+    try:
+        values = [float(row[i]) for i in columns]
+    except (ValueError, IndexError):
+        values = []
+    if not values or not np.isfinite(values).all():
+        raise InputError(f"{path}, line {line}: a cell is missing or no number: {','.join(row)!r}")
+    return values

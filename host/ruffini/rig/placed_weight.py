@@ -1,0 +1,39 @@
+"""The simplest reference: a weight that a person places on the level pad."""
+
+from __future__ import annotations
+
+import time
+
+from ruffini.errors import InputError
+from ruffini.rig.reference import Facts, Reading, pressing
+from ruffini.rig.units import GRAVITY_M_S2
+
+MAX_GRAMS = 20000.0
+PAUSE_S = 0.02
+RATE_HZ = 1 / PAUSE_S
+
+
+class PlacedWeight:
+    """Nothing, until `place(grams)` says that a weight stands there now; `place(0)` takes it away."""
+
+    def __init__(self, sigma_grams: float, *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
+        if not 0 < sigma_grams < MAX_GRAMS:
+            raise InputError(
+                f"{sigma_grams:g} g is no uncertainty of a weight: weigh it on a scale, and give its error"
+            )
+        self._gravity, self._grams = gravity_m_s2, 0.0
+        to_n = 1e-3 * gravity_m_s2
+        self.facts = Facts.of_one_axis("placed weight", MAX_GRAMS * to_n, sigma_grams * to_n, RATE_HZ, "g")
+
+    def place(self, grams: float) -> None:
+        """From now on this weight is on the pad."""
+        if not 0 <= grams < MAX_GRAMS:
+            raise InputError(f"{grams:g} g is no weight for a pad: give grams, 0 to {MAX_GRAMS:g}")
+        self._grams = grams
+
+    def read(self, timeout_s: float) -> list[Reading]:
+        time.sleep(min(PAUSE_S, timeout_s))
+        return [Reading(time.monotonic(), pressing(-1e-3 * self._gravity * self._grams))]
+
+    def close(self) -> None:
+        self._grams = 0.0

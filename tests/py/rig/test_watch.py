@@ -1,0 +1,102 @@
+"""A watched reference: tare, silence, saturation, rate, units and axes."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from ruffini.errors import InputError, NoDeviceError, RefusedError
+from ruffini.rig.reference import Facts, Reading, pressing
+from ruffini.rig.watch import Watch, check_axes, check_unit
+
+FACTS = Facts.of_one_axis("cell", 10, 0.01, 100, "N")
+
+
+class Scripted:
+    """A reference whose force is what the test says; None = silent."""
+
+    facts = FACTS
+
+    def __init__(self, force_n: float | None = 0.3, noise_n: float = 0.002, period_s: float = 0.01) -> None:
+        self.force_n, self.noise_n, self.period_s, self.is_saturated = force_n, noise_n, period_s, False
+        self.is_closed = False
+        self._rng = np.random.default_rng(1)
+
+    def read(self, timeout_s: float) -> list[Reading]:
+        time.sleep(self.period_s)
+        pressed_n = self.force_n
+        if pressed_n is None:
+            time.sleep(timeout_s)
+            raise NoDeviceError("cell sends nothing")
+        force = pressed_n + self.noise_n * self._rng.normal()
+        return [Reading(time.monotonic(), pressing(force), self.is_saturated)]
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def test_tare_makes_rest_zero_and_is_kept():
+    cell = Scripted()
+    with Watch(cell) as watch:
+        assert watch.tare(0.2)[2] == pytest.approx(0.3, abs=0.005)
+        cell.force_n = -0.7
+        time.sleep(0.05)
+        assert watch.latest().wrench[2] == pytest.approx(-1, abs=0.02)
+        assert np.isnan(watch.latest().wrench[0])
+    assert cell.is_closed
+
+
+def test_restless_reference_is_not_tared():
+    with Watch(Scripted(noise_n=0.2)) as watch, pytest.raises(RefusedError, match=r"moves by .* on fz while nothing"):
+        watch.tare(0.2)
+
+
+def test_saturated_and_silent_references_are_not_believed():
+    cell = Scripted()
+    with Watch(cell) as watch:
+        watch.latest()
+        cell.is_saturated = True
+        time.sleep(0.05)
+        with pytest.raises(RefusedError, match=r"saturated \(range fz 10\)"):
+            watch.latest()
+        cell.force_n = None
+        time.sleep(0.6)
+        with pytest.raises(NoDeviceError, match=r"silent|sends nothing"):
+            watch.latest()
+
+
+def test_slow_reference_is_named():
+    with Watch(Scripted(period_s=0.05)) as watch:
+        readings = watch.collect(0.4)
+        with pytest.raises(RefusedError, match="instead of 100"):
+            watch.check_rate(readings)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "unit"), [(1 / 4.4482, "lb"), (1 / 9.80665, "kg"), (1 / 9.80665e-3, "g"), (1000, "mN")]
+)
+def test_wrong_unit_is_recognised(ratio, unit):
+    with pytest.raises(InputError, match=f"counts in {unit}, not in N"):
+        check_unit(FACTS, 2 * ratio, 2)
+
+
+def test_right_unit_passes_and_a_wrong_scale_is_not_taken_for_a_unit():
+    check_unit(FACTS, 2.1, 2)
+    with pytest.raises(RefusedError, match="no other unit explains it"):
+        check_unit(FACTS, 3.1, 2)
+
+
+@pytest.mark.parametrize(
+    ("force", "sentence"),
+    [([1, 0, 0.1], r"on \+x instead of -z"), ([0, -1, 0], "on -y"), ([0, 0, 1], "as \\+z"), ([0.7, 0, -0.7], "askew")],
+)
+def test_swapped_axes_are_named(force, sentence):
+    with pytest.raises(InputError, match=sentence):
+        check_axes(FACTS, np.array([*force, 0, 0, 0], float))
+
+
+def test_right_axes_pass():
+    check_axes(FACTS, np.array([0.1, 0, -1, 0, 0, 0]))
+    check_axes(FACTS, pressing(-1))
