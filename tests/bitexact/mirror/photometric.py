@@ -48,7 +48,7 @@ def table_slope(q: I64, table: npt.NDArray[np.int16]) -> I64:
 def marker_mask(board: Board, markers: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
     """Pixels under a marker where it rests or where it is."""
     camera = board["camera"]
-    radius = length_q16(board, board["markers"]["diameter_um"]) * 3 // 4 + 2 * 65536
+    radius = length_q16(board, board["markers"]["diameter_um"]) * 5 // 8 + 65536
     y, x = np.mgrid[: camera["height_px"], : camera["width_px"]].astype(np.int64) << 16
     mask = np.zeros(x.shape, bool)
     for m in markers.astype(np.int64):

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "support/dot_picture.h"
 #include "support/test_board.h"
 
@@ -96,6 +98,15 @@ TEST(Photometric, WhatADotShowsDoesNotReachTheSlope) {
       ASSERT_EQ(s.y.raw(), 100);
     }
   }
+}
+
+TEST(Photometric, BesideADotShadingIsRead) {
+  Bench run(test::round_board());  // dots of 6 px
+  const test::Place dot = test::nominal_dots(run.board)[0];
+  const auto at = static_cast<size_t>(std::lround(dot.y) * 160 + std::lround(std::ceil(dot.x)) + 5);
+  run.change[at] = RelativeChange::from_raw(640);
+  run.stage.run(run.change, run.lattice.markers(), run.slope);
+  EXPECT_EQ(run.slope[at].x.raw(), 640);
 }
 
 TEST(Photometric, UnmixingIsBilinearOverTheImage) {

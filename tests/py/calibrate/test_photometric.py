@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
+from ruffini.calibrate.photometric import collect_samples, fit_photometric, simplest_good, tabulate
 from ruffini.calibrate.presses import load_presses
 from ruffini.errors import InputError
 
@@ -55,6 +55,18 @@ def test_presses_left_out_are_predicted(folder: Path) -> None:
     tables = tabulate(fit.model)
     assert tables["photometric.unmix"].dtype == np.int16
     assert tables["photometric.slope"].dtype == np.int16
+
+
+def test_a_correction_must_be_demanded_by_the_presses() -> None:
+    noise = np.random.default_rng(1).normal(0, 0.3, (3, 32))
+    plain, corrected, coarse = 2.40 + noise[0], 2.38 + noise[1], 2.90 + noise[2]
+    assert simplest_good(np.stack([coarse, plain, corrected]), [6, 18, 36]) == 1  # 0.02 better is no better
+    assert simplest_good(np.stack([coarse, plain + 0.5, corrected]), [6, 18, 36]) == 2
+
+
+def test_lambertian_light_is_fitted_without_a_correction(folder: Path) -> None:
+    fit = fit_photometric(collect_samples(load_presses(folder), None))
+    assert (fit.model.unmix_order, fit.model.slope_order) == (0, 0)
 
 
 BAD = {
