@@ -234,12 +234,14 @@ def fit_relaxation_of_log(
 
 @app.command("photometric")
 def photometric(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Ball presses: reference.png, images, presses.csv.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Ball presses: reference.png, images.")],
     board: BoardOption,
     out: OutOption,
     ball_mm: Annotated[float | None, typer.Option(help="Diameter of the ball (default: presses.toml).")] = None,
     px_per_mm: Annotated[float | None, typer.Option(help="Scale of the images (default: presses.toml).")] = None,
-    truth: Annotated[Path | None, typer.Option(help="CSV of contact circles (default: DIR/presses.csv).")] = None,
+    truth: Annotated[
+        Path | None, typer.Option(help="CSV of contact circles (default: DIR/presses.csv; without one they are found).")
+    ] = None,
     foreign: Annotated[
         bool,
         typer.Option("--foreign", help="The presses come from other optics than the board's: z stays UNCALIBRATED."),
@@ -253,7 +255,7 @@ def photometric(
     from ruffini.calibrate.presses import Pinhole, load_presses
 
     found = find_board(board)
-    presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth)
+    presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, may_find=True)
     height, width = presses.reference.shape[:2]
     if not foreign and (width, height) != (found.camera.width_px, found.camera.height_px):
         raise InputError(f"{folder}: images are {width}x{height}, board {found.name!r} has {found.resolution}: "
@@ -264,14 +266,15 @@ def photometric(
     )
     with progress_bar("fit") as progress:
         fit = fit_photometric(collect_samples(presses, None if foreign else view), progress=progress)
-    report = fit.report()
+    report = {**fit.report(), "circles": "found" if presses.is_found else "marked"}
     metadata = {**container.base_metadata(found), "residuals": json.dumps(report)}
     if foreign:
         metadata["optics"] = "foreign"
     container.write(out, container.pack({**tabulate(fit.model)}, metadata))
     emit({"file": str(out), **report}, json_,
          f"{out}: normals of presses left out of the fit: median {report['held_out_normal_median_deg']:.2f} deg, "
-         f"worst press {report['held_out_normal_worst_deg']:.2f} deg ({report['n_presses']} presses)")  # fmt: skip
+         f"worst press {report['held_out_normal_worst_deg']:.2f} deg ({report['n_presses']} presses, "
+         f"circles {report['circles']})")  # fmt: skip
 
 
 @app.command("merge")
