@@ -1,0 +1,143 @@
+"""Machines that run GRBL 1.1: lines answered with ok or error, realtime characters for state, hold and reset."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import time
+
+from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
+from ruffini.rig.gcode_line import GcodeLine
+from ruffini.rig.stage import Guard, Place, nobody
+
+BAUD = 115200
+START_S, ANSWER_S, HOME_S, REPORT_S, HOLD_S = 3.0, 5.0, 120.0, 0.02, 2.0
+ARRIVED_M = 5e-6
+REPORT = re.compile(r"<(\w+(?::\d+)?)\|MPos:(-?[\d.]+),(-?[\d.]+),(-?[\d.]+)")
+ALARMS = {
+    "1": "a limit switch was hit and steps were lost",
+    "2": "the move leads out of its own soft limits",
+    "3": "it was reset while it moved and steps were lost",
+    "6": "it was reset while it homed",
+    "8": "a limit switch did not open while it homed",
+    "9": "no limit switch was found while it homed",
+}
+ERRORS = {"9": "it is locked by an alarm", "15": "the jog leads out of its own soft limits", "22": "no speed was given"}
+
+
+class Grbl:
+    """One machine; raises NoDeviceError where nothing answers as GRBL does."""
+
+    def __init__(self, port: str, *, baud: int = BAUD, name: str = "GRBL machine") -> None:
+        self.name = f"{name} on {port}"
+        self._line = GcodeLine(port, baud)
+        self._is_homed = False
+        try:
+            self._reset()
+        except BaseException:
+            self._line.close()
+            raise
+
+    def _reset(self) -> None:
+        """Empty its buffer; where it stands still its position stays known."""
+        self._line.send(b"\x18")
+        deadline = time.monotonic() + START_S
+        while time.monotonic() < deadline:
+            line = self._line.next_line()
+            if line is not None and line.startswith("Grbl"):
+                self._line.drain(0.05)
+                return
+        raise NoDeviceError(f"{self.name} does not answer a reset: is it switched on, and does it run GRBL?")
+
+    def close(self) -> None:
+        self._line.close()
+
+    def home(self) -> None:
+        self._command("$H", HOME_S)
+        for text in ("G21", "G90"):
+            self._command(text, ANSWER_S)
+        self._is_homed = True
+
+    def position(self) -> Place:
+        return self._report()[1]
+
+    def move(self, place: Place, speed_m_s: float, guard: Guard = nobody) -> None:
+        if not self._is_homed:
+            raise RefusedError(f"{self.name} is not homed: it does not know where it is: home it first")
+        x, y, z = (1e3 * v for v in place)
+        distance = self.position().distance(place)
+        try:
+            self._command(f"G53 G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{60e3 * speed_m_s:.1f}", ANSWER_S, guard)
+            self._arrive(place, ANSWER_S + 2 * distance / speed_m_s, guard)
+        except BaseException:
+            if self._is_homed:  # it still knows where it is: the guard, or Ctrl-C, wants it to stand still
+                with contextlib.suppress(RuffiniError):
+                    self.halt()
+            raise
+
+    def _arrive(self, place: Place, timeout_s: float, guard: Guard) -> None:
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            guard()
+            state, here = self._report()
+            if state == "Idle":
+                if here.distance(place) > ARRIVED_M:
+                    raise NoDeviceError(f"{self.name} stands at {here}, not at {place}: a move was lost: home it again")
+                return
+            if state not in ("Run", "Jog"):
+                raise RefusedError(
+                    f"{self.name} went into state {state} on the way to {place}: clear it at the machine"
+                )
+            time.sleep(REPORT_S / 2)
+        raise NoDeviceError(f"{self.name} does not arrive at {place} within {timeout_s:.0f} s: is it blocked?")
+
+    def halt(self) -> None:
+        self._line.send(b"!")
+        deadline = time.monotonic() + HOLD_S
+        while time.monotonic() < deadline:
+            state, _ = self._report()
+            if state in ("Hold:0", "Idle"):
+                self._reset()  # what was left of the move is forgotten
+                for text in ("G21", "G90"):
+                    self._command(text, ANSWER_S)
+                return
+        raise NoDeviceError(f"{self.name} does not hold within {HOLD_S:g} s: switch it off")
+
+    def _report(self) -> tuple[str, Place]:
+        self._line.send(b"?")
+        deadline = time.monotonic() + ANSWER_S
+        while time.monotonic() < deadline:
+            line = self._line.next_line()
+            if line is None:
+                continue
+            match = REPORT.match(line)
+            if match:
+                return match[1], Place(*(1e-3 * float(v) for v in match.groups()[1:]))
+            self._check(line)
+        raise NoDeviceError(f"{self.name} does not report its state for {ANSWER_S:g} s: is it plugged in?")
+
+    def _command(self, text: str, timeout_s: float, guard: Guard = nobody) -> None:
+        self._line.send(text.encode() + b"\n")
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            guard()
+            line = self._line.next_line()
+            if line == "ok":
+                return
+            if line is not None:
+                self._check(line)
+        raise NoDeviceError(f"{self.name} does not answer {text!r} for {timeout_s:g} s: is it plugged in?")
+
+    def _check(self, line: str) -> None:
+        kind, _, code = line.partition(":")
+        if kind == "ALARM":
+            self._is_homed = False
+            why = ALARMS.get(code, "see its manual")
+            raise RefusedError(f"{self.name} raised alarm {code} ({why}): clear the way, then home it again")
+        if kind == "error":
+            raise RefusedError(f"{self.name} refuses with error {code} ({ERRORS.get(code, 'see its manual')}): home it")
+        if line.startswith("Grbl"):
+            self._is_homed = False
+            raise NoDeviceError(
+                f"{self.name} was reset: it does not know where it is any more: lift the tip, home again"
+            )

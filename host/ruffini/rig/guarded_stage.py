@@ -1,0 +1,199 @@
+"""A stage over a pad: soft limits, guards on force, slow approach, and a safe way out of every failure."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.errors import InputError, RefusedError, RuffiniError
+from ruffini.rig.stage import Guard, Place, Stage
+
+Array = npt.NDArray[np.float64]
+ForceOf = Callable[[], Array]  # force ON the pad, (3,) or more, N; NaN where it is not measured
+
+APPROACH_M_S, PRESS_M_S = 0.010, 0.001
+CONTACT_N = 0.09
+STEP_M = 1e-4
+APPROACH_STEP_M = 2e-4  # what a machine that cannot be stopped within a move still goes
+LOST_STEPS_M = 1e-4  # the pad is not where it was
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where the tip may go, from the pad's centre on its undeformed surface, and how hard it may press."""
+
+    half_x_m: float
+    half_y_m: float
+    top_m: float
+    bottom_m: float  # below the surface where the first contact is looked for: negative
+    deepest_m: float  # below the contact: positive
+    max_force_n: float
+
+    def check(self, place: Place) -> None:
+        """Raises RefusedError where the tip must not go."""
+        if abs(place.x_m) > self.half_x_m or abs(place.y_m) > self.half_y_m:
+            raise RefusedError(f"{place} is beside the pad: within +-{1e3 * self.half_x_m:g} x "
+                               f"+-{1e3 * self.half_y_m:g} mm only")  # fmt: skip
+        if not self.bottom_m <= place.z_m <= self.top_m:
+            raise RefusedError(f"{place} is out of the soft limits: z between {1e3 * self.bottom_m:g} and "
+                               f"{1e3 * self.top_m:g} mm only")  # fmt: skip
+
+
+def force_guard(name: str, force_of: ForceOf, max_force_n: float) -> Guard:
+    """A guard that raises RefusedError where a force is larger than it may be."""
+
+    def check() -> None:
+        force_n = float(np.linalg.norm(np.nan_to_num(force_of()[:3])))
+        if force_n > max_force_n:
+            raise RefusedError(
+                f"{name} measures {force_n:.2f} N, more than the {max_force_n:g} N allowed: stopped and lifted"
+            )
+
+    return check
+
+
+class GuardedStage:
+    """Moves in the pad's frame. `force_of` finds contacts; every one of `guards` watches every move."""
+
+    def __init__(
+        self, stage: Stage, origin: Place, limits: Limits, force_of: ForceOf, guards: Sequence[Guard] = ()
+    ) -> None:
+        if not (limits.bottom_m < 0 < limits.top_m and limits.deepest_m > 0 and limits.max_force_n > CONTACT_N):
+            raise InputError(f"limits {limits} leave no way to the pad and back: bottom < 0 < top, deepest > 0")
+        self.stage, self.limits = stage, limits
+        self._origin, self._force_of = origin, force_of
+        self._guards = [force_guard("the reference", force_of, limits.max_force_n), *guards]
+        self._contacts: dict[tuple[float, float], float] = {}
+
+    def place(self) -> Place:
+        """Where the tip is."""
+        return self.stage.position().minus(self._origin)
+
+    def lift(self) -> None:
+        """Straight up and out of the way, whatever the forces say."""
+        here = self.place()
+        self.stage.move(Place(here.x_m, here.y_m, self.limits.top_m).plus(self._origin), APPROACH_M_S)
+
+    def go_above(self, x_m: float, y_m: float) -> None:
+        """Lift, then over a place of the pad."""
+        self.limits.check(Place(x_m, y_m, self.limits.top_m))
+        self.lift()
+        self._move(Place(x_m, y_m, self.limits.top_m), APPROACH_M_S)
+
+    def approach(self, x_m: float, y_m: float) -> float:
+        """Down until it touches; height of the contact.
+
+        Raises
+        ------
+        RefusedError
+            It touches before it moves, nothing is there, or the pad is not where it was at this place: lost steps.
+        """
+        self.go_above(x_m, y_m)
+        rest_n = self._pressed_n()
+        if rest_n > CONTACT_N:
+            raise RefusedError(f"something presses with {rest_n:.2f} N above the pad at {self.place()}: "
+                               "tare the reference, and look what hangs on it")  # fmt: skip
+        z_m = self.limits.top_m
+        while self._pressed_n() < CONTACT_N:
+            z_m -= APPROACH_STEP_M
+            if z_m < self.limits.bottom_m:
+                raise RefusedError(
+                    f"no contact at {self.place()}: is the pad below the tip, and the reference connected to it?"
+                )
+            self._move(Place(x_m, y_m, z_m), APPROACH_M_S)
+        known_m = self._contacts.setdefault((x_m, y_m), z_m)
+        if abs(known_m - z_m) > LOST_STEPS_M + APPROACH_STEP_M:
+            raise RefusedError(f"the pad is touched at {1e3 * z_m:.2f} mm, before at {1e3 * known_m:.2f} mm: "
+                               "the machine lost steps or the pad moved: home it again")  # fmt: skip
+        return z_m
+
+    def press(self, x_m: float, y_m: float, contact_z_m: float, depth_m: float) -> Iterator[float]:
+        """From a contact deeper in steps of 0.1 mm; yields the depth at which it stands."""
+        if not 0 < depth_m <= self.limits.deepest_m:
+            raise RefusedError(f"a depth of {1e3 * depth_m:g} mm is not within 0 to {1e3 * self.limits.deepest_m:g} mm")
+        n = max(1, round(depth_m / STEP_M))
+        for step in range(1, n + 1):
+            depth = depth_m * step / n
+            self._move(Place(x_m, y_m, contact_z_m - depth), PRESS_M_S)
+            yield depth
+
+    def slide_to(self, place: Place) -> Iterator[Place]:
+        """Sideways in contact, in steps of 0.1 mm; yields where it stands."""
+        start = self.place()
+        n = max(1, int(np.ceil(start.distance(place) / STEP_M - 1e-9)))
+        for step in range(1, n + 1):
+            here = Place(*(a + (b - a) * step / n for a, b in zip(start, place, strict=True)))
+            self._move(here, PRESS_M_S)
+            yield here
+
+    @contextlib.contextmanager
+    def safely(self) -> Iterator[None]:
+        """Whatever goes wrong inside, Ctrl-C too, lifts the tip before it is told."""
+        try:
+            yield
+        except BaseException as error:
+            try:
+                self.lift()
+            except RuffiniError as second:
+                error.add_note(f"THE TIP WAS NOT LIFTED: {second}")
+            raise
+
+    def _pressed_n(self) -> float:
+        force = self._force_of()
+        return max(0.0, -float(force[2]))
+
+    def _move(self, place: Place, speed_m_s: float) -> None:
+        self.limits.check(place)
+        for guard in self._guards:
+            guard()
+        self.stage.move(place.plus(self._origin), speed_m_s, self._watch)
+
+    def _watch(self) -> None:
+        for guard in self._guards:
+            guard()
+
+
+class DryStage:
+    """Goes everywhere at once and keeps what it was told: what a dry run drives."""
+
+    name = "dry run"
+
+    def __init__(self, start: Place) -> None:
+        self._place = start
+        self.moves: list[Place] = []
+        self.duration_s = 0.0
+
+    def home(self) -> None:
+        self.moves.clear()
+
+    def position(self) -> Place:
+        return self._place
+
+    def move(self, place: Place, speed_m_s: float, guard: Guard = lambda: None) -> None:
+        guard()
+        self.duration_s += self._place.distance(place) / speed_m_s
+        self._place = place
+        self.moves.append(place)
+
+    def halt(self) -> None:
+        self.moves.append(self._place)
+
+    def close(self) -> None:
+        self.moves.append(self._place)
+
+
+def settle(force_of: ForceOf, tolerance_n: float, timeout_s: float, pause_s: float = 0.02) -> None:
+    """Wait until a force stands still; raises RefusedError where it does not."""
+    deadline, before = time.monotonic() + timeout_s, force_of()
+    while time.monotonic() < deadline:
+        time.sleep(pause_s)
+        now = force_of()
+        if np.nan_to_num(abs(now - before))[:3].max() < tolerance_n:
+            return
+        before = now
+    raise RefusedError(f"the force does not settle to {tolerance_n:g} N within {timeout_s:g} s: is something loose?")

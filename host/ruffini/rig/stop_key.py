@@ -1,0 +1,35 @@
+"""A key that stops the stage: any key on the terminal, while it is in use."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+
+from ruffini.errors import RefusedError
+from ruffini.rig.stage import Guard, nobody
+
+
+@contextlib.contextmanager
+def stop_key(descriptor: int | None = None) -> Iterator[Guard]:
+    """A guard that raises RefusedError once a key was pressed; lets everything pass where there is no terminal."""
+    terminal = sys.stdin.fileno() if descriptor is None else descriptor
+    if not os.isatty(terminal):
+        yield nobody
+        return
+
+    def check() -> None:
+        if select.select([terminal], [], [], 0)[0]:
+            os.read(terminal, 1024)
+            raise RefusedError("stopped by a key: what was collected is kept, the same command goes on from there")
+
+    before = termios.tcgetattr(terminal)
+    tty.setcbreak(terminal)
+    try:
+        yield check
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)

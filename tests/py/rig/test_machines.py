@@ -1,0 +1,159 @@
+"""G-code machines on a pty: Marlin and GRBL, their errors, resets and alarms."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from ruffini.errors import NoDeviceError, RefusedError
+from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
+from ruffini.rig.emulated_machine import EmulatedMachine
+from ruffini.rig.grbl import Grbl
+from ruffini.rig.marlin import Marlin
+from ruffini.rig.stage import Place
+
+A, B = Place(0.01, 0.02, 0.04), Place(0.011, 0.02, 0.0395)
+KINDS = {"marlin": (EmulatedMarlin, Marlin), "grbl": (EmulatedGrbl, Grbl)}
+
+
+@pytest.fixture(params=KINDS)
+def pair(request):
+    """A machine, homed, and what drives it."""
+    emulated, driver = KINDS[request.param]
+    with emulated(bottom_z_m=0.01) as machine:
+        stage = driver(machine.port)
+        stage.home()
+        yield machine, stage
+        stage.close()
+
+
+def later(delay_s: float, act) -> None:
+    threading.Timer(delay_s, act).start()
+
+
+def test_it_stands_where_it_was_sent_when_the_move_returns(pair):
+    machine, stage = pair
+    stage.move(A, 0.5)
+    assert machine.place().distance(A) < 1e-6
+    start = time.monotonic()
+    stage.move(B, 0.01)
+    assert time.monotonic() - start >= A.distance(B) / 0.01  # it does not return before it stands
+    assert machine.place().distance(B) < 1e-6
+    assert stage.position().distance(B) < 1e-6
+
+
+def test_not_homed_is_refused():
+    for emulated, driver in KINDS.values():
+        with emulated() as machine:
+            stage = driver(machine.port)
+            with pytest.raises(RefusedError, match="not homed"):
+                stage.move(A, 0.1)
+            stage.close()
+            assert not any("G1" in line for line in machine.received)
+
+
+def test_guard_halts_within_the_move_and_the_next_move_works(pair):
+    machine, stage = pair
+    stage.move(A, 0.5)
+    deadline = time.monotonic() + 0.1
+
+    def guard() -> None:
+        if time.monotonic() > deadline:
+            raise RefusedError("too much force")
+
+    with pytest.raises(RefusedError, match="too much force"):
+        stage.move(Place(0.06, 0.02, 0.04), 0.05, guard)
+    stopped = machine.place()
+    assert 0.013 < stopped.x_m < 0.04
+    time.sleep(0.05)
+    assert machine.place() == stopped
+    stage.move(A, 0.5)
+    assert machine.place().distance(A) < 1e-6
+
+
+def test_reset_on_the_way_is_told_and_nothing_moves_until_it_is_homed(pair):
+    machine, stage = pair
+    stage.move(A, 0.5)
+    later(0.05, machine.power_glitch)
+    with pytest.raises(NoDeviceError, match="was reset: it does not know where it is"):
+        stage.move(Place(0.06, 0.02, 0.04), 0.05)
+    with pytest.raises(RefusedError, match="not homed"):
+        stage.move(A, 0.5)
+    stage.home() if isinstance(stage, Grbl) else None
+
+
+def test_limit_switch_stops_it(pair):
+    machine, stage = pair
+    stage.move(A, 0.5)
+    with pytest.raises(RefusedError, match=r"alarm 1 \(a limit switch|ran into a switch"):
+        stage.move(Place(0.01, 0.02, 0.0), 0.5)
+    assert machine.place().z_m == pytest.approx(0.01)
+    with pytest.raises(RefusedError, match="not homed"):
+        stage.move(A, 0.5)
+
+
+def test_unplugged_is_told(pair):
+    machine, stage = pair
+    later(0.05, machine.unplug)
+    with pytest.raises(NoDeviceError, match=r"unplugged|does not answer"):
+        stage.move(Place(0.06, 0.02, 0.04), 0.05)
+
+
+def test_marlin_sends_again_what_was_garbled():
+    with EmulatedMarlin() as machine:
+        stage = Marlin(machine.port)
+        stage.home()
+        machine.garble = 2
+        stage.move(A, 0.5)
+        assert machine.place().distance(A) < 1e-6
+        machine.garble = 50
+        with pytest.raises(NoDeviceError, match=r"does not understand .* after 6 tries"):
+            stage.move(B, 0.5)
+        stage.close()
+
+
+def test_marlin_without_emergency_parser_halts_at_the_end_of_the_move():
+    with EmulatedMarlin(has_emergency_parser=False) as machine:
+        stage = Marlin(machine.port)
+        stage.home()
+        stage.move(A, 0.5)
+
+        def guard() -> None:
+            if sum("M400" in line for line in machine.received) == 2:  # the second move waits for its end
+                raise RefusedError("too much force")
+
+        with pytest.raises(RefusedError, match="too much force"):
+            stage.move(B, 0.01, guard)
+        assert machine.place().distance(B) < 1e-6
+        stage.move(A, 0.5)
+        stage.close()
+
+
+def test_grbl_alarm_lock_is_named():
+    with EmulatedGrbl() as machine:
+        stage = Grbl(machine.port)
+        stage.home()
+        machine._alarm(9)
+        with pytest.raises(RefusedError, match=r"alarm 9 \(no limit switch was found|error 9"):
+            stage.move(A, 0.5)
+        stage.home()
+        stage.move(A, 0.5)
+        stage.close()
+
+
+def test_nothing_there(tmp_path):
+    for driver in (Marlin, Grbl):
+        with pytest.raises(NoDeviceError, match="cannot be opened"):
+            driver(str(tmp_path / "none"))
+
+
+def test_the_wrong_dialect_is_told(monkeypatch):
+    monkeypatch.setattr("ruffini.rig.grbl.START_S", 0.3)
+    monkeypatch.setattr("ruffini.rig.marlin.START_S", 0.3)
+    machine: EmulatedMachine
+    with EmulatedMarlin() as machine, pytest.raises(NoDeviceError, match="does it run GRBL"):
+        Grbl(machine.port)
+    with EmulatedGrbl() as machine, pytest.raises(NoDeviceError, match="does it run Marlin"):
+        Marlin(machine.port)
