@@ -47,8 +47,12 @@ def operator(
     ] = "support",
     noise_um: Annotated[str, typer.Option(help="Noise of the displacement along x,y,z, micrometres.")] = "5,5,20",
     gauge_um: Annotated[
-        float, typer.Option(help="Uncertainty of the depth's free constant (optimal, support).")
-    ] = 100.0,
+        float | None,
+        typer.Option(
+            help="Uncertainty of the depth's free constant (optimal, support). Without: what the board's [depth] gauge "
+            "is off by under simulated touches."
+        ),
+    ] = None,
     tilt_um: Annotated[
         float, typer.Option(help="Uncertainty of the depth's tilt at the edge (optimal, support).")
     ] = 30.0,
@@ -77,6 +81,7 @@ def operator(
     """Solve the inverse FEM of a board and compile it to the board's integers."""
     from ruffini.boards import find_board
     from ruffini.calibrate import container
+    from ruffini.calibrate.gauge import gauge_uncertainty_m
     from ruffini.calibrate.material import read_material
     from ruffini.calibrate.operator import Material, board_slab, make_operator
     from ruffini.calibrate.relaxation import read_relaxation
@@ -87,8 +92,9 @@ def operator(
         raise InputError(f"--strain {strain!r}: choose linear or finite")
     found = find_board(board)
     x, y, z = _micrometres(noise_um)
-    noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_um * 1e-6, tilt_m=tilt_um * 1e-6)
     known = None if material is None else read_material(material, found)
+    gauge_m = gauge_uncertainty_m(found, known) if gauge_um is None else gauge_um * 1e-6
+    noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_m, tilt_m=tilt_um * 1e-6)
     memory = None if relaxation is None else read_relaxation(relaxation, found)
     if memory is not None and method != "support":
         raise InputError(f"--relaxation works on the second pass: --method support, not {method}")
@@ -109,7 +115,7 @@ def operator(
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in 1024 bytes
     result = {"file": str(out), "board": found.name, "method": method, "strain": strain,
               "grid": [int(kind.metadata["operator.n_x"]), int(kind.metadata["operator.n_y"])],
-              "rounding_error": error, "bytes": len(file.data),
+              "rounding_error": error, "bytes": len(file.data), "gauge_um": gauge_m * 1e6,
               "form": kind.metadata["operator.form"], "seconds": seconds, "peak_mb": peak_mb,
               "worst_error_un": [int(v) for v in kind.metadata["operator.worst_error_un"].split(",")],
               "material": kind.metadata["operator.material"], **said,

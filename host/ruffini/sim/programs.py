@@ -118,6 +118,26 @@ def random_touch(board: Board, rng: np.random.Generator) -> Touch:
     return Touch(Indenter(shape, radius), poses + away, judged + [False] * len(away))
 
 
+def sheared_and_turned(board: Board, n: int, rng: np.random.Generator) -> list[Step]:
+    """n presses for judging, an untouched frame after each: a ball of 4-8 mm or a flat of 3-6 mm, 0.3-1.0 mm deep,
+    all of them sheared by 0.1 to 0.5 of the depth, half turned by 0.03 to 0.12 rad as well. The last frame is judged.
+    """
+    story: list[Step] = [Rest(board.pipeline.n_rest_frames + 2)]
+    half_x, half_y, margin = board.pad.size_x_um * 5e-7, board.pad.size_y_um * 5e-7, 4 * MM
+    for _ in range(n):
+        is_ball = rng.random() < 0.6
+        indenter = Indenter("sphere", rng.uniform(2, 4) * MM) if is_ball else Indenter("flat", rng.uniform(1.5, 3) * MM)
+        depth = rng.uniform(0.3, 1.0) * MM
+        x, y = rng.uniform(-1, 1) * (half_x - margin), rng.uniform(-1, 1) * (half_y - margin)
+        angle, shift = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.5) * depth
+        turn = rng.choice([-1, 1]) * rng.uniform(0.03, 0.12) if rng.random() < 0.5 else 0.0
+        down = Pose(x, y, depth)
+        held = Pose(x + shift * np.cos(angle), y + shift * np.sin(angle), depth, turn)
+        poses = _ramp(Pose(x, y, 0.0), down, 4) + _ramp(down, held, 3)
+        story += [Touch(indenter, poses, [False] * (len(poses) - 1) + [True]), Rest(1)]
+    return story
+
+
 def grid(board: Board, n: int, rng: np.random.Generator) -> list[Step]:
     """n independent presses, each followed by two untouched frames."""
     return [Rest(board.pipeline.n_rest_frames + 2), *_presses(board, n, rng)]
