@@ -11,7 +11,7 @@ namespace {
 constexpr std::array kErrorTensors = {"support.error_reported", "support.error_quiet", "support.error_local",
                                       "support.error_wrench"};
 constexpr uint32_t kWrongFlags =
-    kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark | kFlagOverexposed;
+    kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark | kFlagOverexposed | kFlagLight;
 constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board's pad
 
 int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
@@ -30,6 +30,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
   } else {
     timed(Stage::kDifference, [&] { run_difference(frame); });
     timed(Stage::kMarkers, [&] { run_markers(frame); });
+    follow_light();
     run_depth();
     timed(Stage::kDisplacement, [&] { run_displacement(); });
     judge_input();
@@ -56,6 +57,7 @@ void FramePath::learn(const FrameView& frame) {
 }
 
 void FramePath::learn_markers() {
+  light_.learn(rest_.image());
   if (!has(Stage::kMarkers)) return;
   const std::span<const uint16_t> rest = rest_.image();
   for (size_t i = 0; i < state_.difference.grey.size(); ++i) {
@@ -76,6 +78,15 @@ void FramePath::run_markers(const FrameView& frame) {
   if (!has(Stage::kDifference)) run_difference(frame);  // grey is made there
   const std::span<const uint16_t> grey = state_.difference.grey;
   state_.markers.n_lost = flow_ ? flow_->track(grey) : lattice_.track(dots_.detect(grey));
+}
+
+// From the next frame on; this one is as it was compared. Its time counts as the difference's.
+void FramePath::follow_light() {
+  if (!photometric_) return;
+  const uint64_t start = clock_();
+  light_.run(state_.difference.change, has(Stage::kMarkers) ? markers() : std::span<const Marker>(), rest_);
+  if (light_.is_off()) state_.flags |= kFlagLight;
+  state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;
 }
 
 void FramePath::run_depth() {
@@ -240,6 +251,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       depth_grid_{board.camera.width_px / board.depth.step_px, board.camera.height_px / board.depth.step_px},
       nodes_(board),
       rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
+      light_(board.camera.width_px, board.camera.height_px),
       dots_(dot_parameters(board)),
       lattice_(board),
       poisson_(board),

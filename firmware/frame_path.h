@@ -10,6 +10,7 @@
 #include "base/result.h"
 #include "frame_state.h"
 #include "image/camera_map.h"
+#include "image/light.h"
 #include "image/poisson.h"
 #include "image/rest.h"
 #include "image/texture_flow.h"
@@ -78,6 +79,7 @@ class FramePath {
   void learn_markers();
   void run_difference(const FrameView& frame);
   void run_markers(const FrameView& frame);
+  void follow_light();
   void run_depth();
   void run_displacement();
   void run_solve(bool with_support);
@@ -97,6 +99,7 @@ class FramePath {
   GridSize depth_grid_;
   NodeGrid nodes_;
   Rest rest_;
+  LightTracker light_;  // where colours become depth
   DotDetector dots_;
   MarkerLattice lattice_;
   std::optional<TextureFlow> flow_;  // in place of dots and lattice where the board's markers are patches of a texture

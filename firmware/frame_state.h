@@ -34,6 +34,7 @@ enum Flag : uint32_t {
   kFlagDark = 64,
   kFlagOverexposed = 128,
   kFlagWindowBorder = 512,
+  kFlagLight = 1024,
 };
 
 // Numbers are those of Validity in ruffini.proto.

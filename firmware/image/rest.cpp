@@ -8,6 +8,7 @@ namespace {
 constexpr uint16_t kMinRest = 512;       // 32 grey levels
 constexpr uint16_t kMaxRest = 16 * 255;  // a stored image may claim more
 constexpr uint32_t kMaxReciprocal = 32'767;
+constexpr int64_t kMax16 = 32'767;
 
 }  // namespace
 
@@ -19,7 +20,8 @@ Rest::Rest(int width_px, int height_px, int n_frames)
       sum_(static_cast<size_t>(width_px * height_px * 3)),
       image_(sum_.size()),
       planes8_(sum_.size()),
-      reciprocal_(sum_.size()) {}
+      reciprocal_(sum_.size()),
+      unit_reciprocal_(sum_.size()) {}
 
 void Rest::restart(int n_frames) {
   n_wanted_ = n_frames > 0 ? n_frames : n_frames_;
@@ -50,12 +52,25 @@ bool Rest::add(const FrameView& frame) {
 void Rest::finish() {
   const size_t n_pixels = image_.size() / 3;
   for (size_t i = 0; i < image_.size(); ++i) {
-    const size_t at = i % 3 * n_pixels + i / 3;
     const uint32_t divisor = std::max(image_[i], kMinRest);
-    planes8_[at] = static_cast<int16_t>(8 * std::min(image_[i], kMaxRest));
-    reciprocal_[at] = static_cast<int16_t>(std::min(((uint32_t{1} << 24) + divisor / 2) / divisor, kMaxReciprocal));
+    unit_reciprocal_[i % 3 * n_pixels + i / 3] =
+        static_cast<int16_t>(std::min(((uint32_t{1} << 24) + divisor / 2) / divisor, kMaxReciprocal));
   }
+  set_gain(unit_gain());
   is_ready_ = true;
+}
+
+void Rest::set_gain(const Gain& gain) {
+  const size_t n_pixels = image_.size() / 3;
+  for (size_t c = 0; c < 3; ++c) {
+    const int64_t inverse_q14 = ((int64_t{1} << 34) + gain[c] / 2) / gain[c];
+    for (size_t i = 0; i < n_pixels; ++i) {
+      const int64_t rest8 = (int64_t{8} * std::min(image_[3 * i + c], kMaxRest) * gain[c] + kUnitGain / 2) >> 20;
+      const int64_t reciprocal = (unit_reciprocal_[c * n_pixels + i] * inverse_q14 + (1 << 13)) >> 14;
+      planes8_[c * n_pixels + i] = static_cast<int16_t>(std::min(rest8, kMax16));
+      reciprocal_[c * n_pixels + i] = static_cast<int16_t>(std::min(reciprocal, kMax16));
+    }
+  }
 }
 
 }  // namespace ruffini

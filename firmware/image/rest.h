@@ -3,11 +3,13 @@
 //   rest = (16 sum + n / 2) / n          per channel, 1/16 grey level, uint16
 //   reciprocal = (2^24 + floor / 2) / floor, floor = max(rest, 512), at most 2^15 - 1
 //
-// Below 32 grey levels (512) a ratio says little and could leave the 16 bits of RelativeChange.
+// Below 32 grey levels (512) a ratio says little and could leave the 16 bits of RelativeChange. A gain per channel
+// (image/light.h) makes it the image under other light: rest gain, reciprocal / gain.
 //
 // Frame thread; no allocation after the constructor.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -18,6 +20,10 @@ namespace ruffini {
 
 class Rest {
  public:
+  using Gain = std::array<int32_t, 3>;  // of B, G, R, Q20; from 0.75 to 1.25
+  static constexpr int32_t kUnitGain = 1 << 20;
+  static constexpr Gain unit_gain() { return {kUnitGain, kUnitGain, kUnitGain}; }
+
   Rest(int width_px, int height_px, int n_frames);
 
   // Learn anew from the next n frames (0 = the number given at construction).
@@ -26,6 +32,9 @@ class Rest {
   void load(std::span<const uint16_t> image);
   // One more untouched frame; true when this one completed the mean.
   bool add(const FrameView& frame);
+
+  // The light is this many times what it was; a new image starts from 1 again.
+  void set_gain(const Gain& gain);
 
   [[nodiscard]] bool is_ready() const { return is_ready_; }
   [[nodiscard]] std::span<const uint16_t> image() const { return image_; }
@@ -46,6 +55,7 @@ class Rest {
   std::vector<uint16_t> image_;
   std::vector<int16_t> planes8_;  // 8 rest
   std::vector<int16_t> reciprocal_;
+  std::vector<int16_t> unit_reciprocal_;  // at gain 1
 };
 
 }  // namespace ruffini

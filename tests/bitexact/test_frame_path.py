@@ -23,7 +23,7 @@ ALL_STAGES = (
     '["difference", "markers", "photometric", "poisson", "displacement", "operator", "support", "wrench", "contacts"]'
 )
 N_REST = 3
-VALID, WINDOW_BORDER = 1, 512  # of Validity and FlagBit
+VALID, WINDOW_BORDER, LIGHT = 1, 512, 1024  # of Validity and FlagBit
 
 
 def board_with_all_stages(step: int) -> str:
@@ -115,6 +115,34 @@ def test_every_stage_over_a_recording(step: int, has_camera_map: bool) -> None:
             n_at_border += bool(result.flags & WINDOW_BORDER)
     assert 3 <= n_touched < 10, n_touched  # the recording has both: touched and untouched frames
     assert 0 < n_at_border < n_touched, n_at_border  # the dent walks over the window's border
+
+
+def test_drifting_light_is_followed_while_nothing_touches() -> None:
+    text = board_with_all_stages(2)
+    typed, board = parse_board(text.encode(), "small"), read_board(text)
+    rng = np.random.default_rng(3)
+    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    file = pack({**kind.tensors, **photometric_tables(rng)}, {**base_metadata(typed), **kind.metadata})
+    mirror = FramePath(board, file.tensors, file.metadata)
+    rest = np.stack([render(board, rng, 0.0) for _ in range(N_REST)])
+    n_off, gains = 0, []
+    with Pipeline(typed, file.data) as core:
+        for frame in rest:
+            core.process(frame)
+        mirror.learn(rest)
+        for t in range(180):
+            light = 1 + np.array([0.0004, -0.0003, 0.0002]) * min(t, 100) + (0.08 if 60 <= t < 64 else 0)
+            touch = dent(board, 8) if 70 <= t < 80 else np.zeros(rest[0].shape)
+            moved = render(board, rng, 0.6 if touch.any() else 0.0) * light * (1 + touch)
+            frame = np.clip(np.round(moved), 0, 255).astype(np.uint8)
+            result, expected = core.process(frame), mirror.process(frame, 1)
+            assert np.array_equal(core.raw("change"), expected.change), t
+            assert bool(result.flags & LIGHT) == mirror.light.is_off, t
+            n_off += mirror.light.is_off
+            gains.append(mirror.light.gain.copy())
+    assert np.array_equal(gains[70], gains[79])  # the contact is not learned
+    assert 3 <= n_off < 20, n_off  # the step is said
+    assert np.allclose(mirror.light.gain / (1 << 20), light, atol=0.005)  # of 4 %
 
 
 @pytest.mark.parametrize("is_finite", [False, True])

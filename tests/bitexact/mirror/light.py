@@ -1,4 +1,4 @@
-"""rest, difference, grey: what happens to pixels before anything is recognised."""
+"""rest, difference, grey, drift of the light: what happens to pixels before anything is recognised."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mirror.fixed import I64, round_shift
+from mirror.markers import DX, DY, LOST
 
 DARK_LEVEL = 8
 
@@ -23,10 +24,15 @@ def reciprocal(rest: I64) -> I64:
 
 def difference(frame: npt.NDArray[np.uint8], rest: I64, reciprocal_q24: I64) -> tuple[I64, tuple[int, int]]:
     """Relative change Q12, and how many pixels are dark, full."""
-    change = round_shift((16 * frame.astype(np.int64) - rest) * reciprocal_q24, 12)
+    change = relative_change(frame, 8 * rest, reciprocal_q24)
     dark = int((frame < DARK_LEVEL).all(axis=2).sum())
     full = int((frame == 255).any(axis=2).sum())
     return change, (dark, full)
+
+
+def relative_change(frame: npt.NDArray[np.uint8], rest8: I64, reciprocal_q24: I64) -> I64:
+    """Q12, against rest in 1/128 grey levels."""
+    return round_shift((128 * frame.astype(np.int64) - rest8) * reciprocal_q24, 15)
 
 
 def grey(frame: npt.NDArray[np.uint8]) -> I64:
@@ -37,3 +43,50 @@ def grey(frame: npt.NDArray[np.uint8]) -> I64:
 def grey_of_rest(rest: npt.NDArray[np.uint16]) -> I64:
     """The same of a rest image in 1/16 levels."""
     return np.asarray((3 * (rest @ np.array([1, 2, 1], np.int64)) + 2) >> 2)
+
+
+UNIT_GAIN = 1 << 20
+
+
+def _is_usable(row: I64) -> bool:
+    least, most = row.min(axis=0), row.max(axis=0)
+    return bool(((least >= 16 * 32) & (most <= 16 * 220) & (4 * least >= 3 * most)).all())
+
+
+class Light:
+    """Rest (h, w, 3) under the light of now: gain (3,) Q20, followed while nothing touches."""
+
+    def __init__(self, rest: I64) -> None:
+        height, width, _ = rest.shape
+        self._unit = np.minimum(rest, 16 * 255), reciprocal(rest)
+        samples = [(y, x) for y in range(4, height - 1, 8) for x in range(4, width - 7, 16)]
+        self._samples = [(y, x) for y, x in samples if all(_is_usable(row) for row in rest[y : y + 2, x : x + 8])]
+        self.gain = np.full(3, UNIT_GAIN)
+        self._n_still = 0
+        self.is_off = False
+        self._set()
+
+    def _set(self) -> None:
+        image, unit = self._unit
+        self._in_force = self.gain.copy()
+        inverse_q14 = ((1 << 34) + self.gain // 2) // self.gain
+        self.rest8 = np.minimum(round_shift(8 * image * self.gain, 20), 32767)
+        self.reciprocal = np.minimum(round_shift(unit * inverse_q14, 14), 32767)
+
+    def follow(self, change: I64, markers: I64) -> None:
+        """One frame's change (h, w, 3) Q12 and its markers."""
+        if not self._samples:
+            return
+        sample = np.array([(change[y : y + 2, x : x + 8].sum(axis=(0, 1)) + 8) >> 4 for y, x in self._samples])
+        n = len(sample)
+        median = np.sort(sample, axis=0)[n // 2]
+        n_level = int((np.abs(sample - median) <= 61).sum(axis=0).min())
+        seen = markers[markers[:, LOST] == 0]
+        is_still = 8 * n_level >= 7 * n and bool((np.abs(seen[:, [DX, DY]]) <= 16384).all())
+        self.is_off = (is_still and np.abs(median).max() > 164) or (2 * n_level >= n and abs(median.sum()) > 738)
+        self._n_still = min(self._n_still + 1, 16) if is_still else 0
+        if self._n_still == 16:
+            step = np.clip(median, -32, 32) * 16
+            self.gain = np.clip(self.gain + step, UNIT_GAIN * 3 // 4, UNIT_GAIN * 5 // 4)
+            if (np.abs(self.gain - self._in_force) >= UNIT_GAIN // 2048).any():
+                self._set()

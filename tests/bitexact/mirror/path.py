@@ -14,7 +14,7 @@ from mirror.dots import detect_dots
 from mirror.estimators import contact_areas, moved_arms, wrench
 from mirror.finite_strain import FiniteStrain
 from mirror.fixed import I64, Saturations
-from mirror.light import difference, grey, grey_of_rest, reciprocal, rest_image
+from mirror.light import Light, grey, grey_of_rest, relative_change, rest_image
 from mirror.markers import Lattice
 from mirror.photometric import cell_slope, marker_mask, unmix_of_cells
 from mirror.poisson import poisson
@@ -70,14 +70,15 @@ class FramePath:
     def learn(self, frames: npt.NDArray[np.uint8]) -> int:
         """Rest from untouched frames; number of markers found."""
         rest = rest_image(frames)
-        self._rest, self._reciprocal = rest, reciprocal(rest)
+        self.light = Light(rest)
         return self._lattice.learn(detect_dots(self.board, grey_of_rest(rest)))
 
     def process(self, frame: npt.NDArray[np.uint8], capture_us: int) -> Outcome:
         board, saturations = self.board, self.saturations
-        change, _ = difference(frame, self._rest, self._reciprocal)
+        change = relative_change(frame, self.light.rest8, self.light.reciprocal)
         self._lattice.track(detect_dots(board, grey(frame)))
         markers = self._lattice.rows.copy()
+        self.light.follow(change, markers)
         slope = cell_slope(board, change, marker_mask(board, markers), self._unmix, self._slope)
         seen_from = board
         if self._camera_map is not None:

@@ -28,6 +28,7 @@ static_assert(uint32_t{kFlagOverRange} == uint32_t{ruffini_FlagBit_FLAG_OVER_RAN
 static_assert(uint32_t{kFlagDark} == uint32_t{ruffini_FlagBit_FLAG_DARK});
 static_assert(uint32_t{kFlagOverexposed} == uint32_t{ruffini_FlagBit_FLAG_OVEREXPOSED});
 static_assert(uint32_t{kFlagWindowBorder} == uint32_t{ruffini_FlagBit_FLAG_WINDOW_BORDER});
+static_assert(uint32_t{kFlagLight} == uint32_t{ruffini_FlagBit_FLAG_LIGHT});
 static_assert(static_cast<int>(Validity::kNotMeasured) == ruffini_Validity_VALIDITY_NOT_MEASURED);
 static_assert(static_cast<int>(Validity::kValid) == ruffini_Validity_VALIDITY_VALID);
 static_assert(static_cast<int>(Validity::kUncalibrated) == ruffini_Validity_VALIDITY_UNCALIBRATED);

@@ -1,0 +1,120 @@
+#include "image/light.h"
+
+#include <algorithm>
+#include <cstdlib>
+
+namespace ruffini {
+namespace {
+
+constexpr int kSamplePx = 8;
+constexpr int kStepX = 16;
+constexpr int kStepY = 8;
+constexpr int kFirst = 4;
+constexpr uint16_t kUsableLow = 16 * 32;  // as where a ratio says little (rest.h)
+constexpr uint16_t kUsableHigh = 16 * 220;
+constexpr int kLevelQ12 = 61;            // 1.5 %: three times what a sample of a usual camera has of noise
+constexpr int kMaxStepQ12 = 32;          // 1/128
+constexpr int kStepShift = 8 - 4;        // Q12 to Q20, a sixteenth
+constexpr int kStillFrames = 16;         // a quarter of a second at 60 Hz
+constexpr int kStillPxQ16 = 65'536 / 4;  // six times the noise of a marker
+constexpr int kOffStillQ12 = 164;        // 4 %
+constexpr int kOffAllQ12 = 3 * 246;      // 6 % of each of three channels
+constexpr int32_t kMinGain = Rest::kUnitGain * 3 / 4;
+constexpr int32_t kMaxGain = Rest::kUnitGain * 5 / 4;
+constexpr int32_t kSettled = Rest::kUnitGain / 2'048;
+
+bool is_at_rest(std::span<const Marker> markers) {
+  return std::all_of(markers.begin(), markers.end(), [](const Marker& m) {
+    return m.is_lost ||
+           (std::abs(m.displacement_x.raw()) <= kStillPxQ16 && std::abs(m.displacement_y.raw()) <= kStillPxQ16);
+  });
+}
+
+// A row of a sample: bright enough, not full, and without the edge of a dot.
+bool is_usable(std::span<const uint16_t> pixels) {
+  for (size_t c = 0; c < 3; ++c) {
+    uint16_t least = pixels[c];
+    uint16_t most = pixels[c];
+    for (size_t i = c; i < pixels.size(); i += 3) {
+      least = std::min(least, pixels[i]);
+      most = std::max(most, pixels[i]);
+    }
+    if (least < kUsableLow || most > kUsableHigh || 4 * least < 3 * most) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+LightTracker::LightTracker(int width_px, int height_px)
+    : width_px_(width_px), height_px_(height_px), gain_(Rest::unit_gain()), in_force_(gain_) {
+  const int n_x = (width_px + kStepX - kFirst - kSamplePx) / kStepX;
+  const int n_y = (height_px + kStepY - kFirst - 2) / kStepY;
+  sample_at_.resize(static_cast<size_t>(n_x * n_y));
+  sample_.resize(sample_at_.size());
+}
+
+void LightTracker::learn(std::span<const uint16_t> rest) {
+  n_samples_ = 0;
+  const auto row = [&](int x, int y) {
+    return rest.subspan(size_t{3} * static_cast<size_t>(y * width_px_ + x), size_t{3} * kSamplePx);
+  };
+  for (int y = kFirst; y + 1 < height_px_; y += kStepY) {
+    for (int x = kFirst; x + kSamplePx <= width_px_; x += kStepX) {
+      if (is_usable(row(x, y)) && is_usable(row(x, y + 1))) sample_at_[n_samples_++] = y * width_px_ + x;
+    }
+  }
+  n_still_ = 0;
+  is_off_ = false;
+  gain_ = in_force_ = Rest::unit_gain();
+}
+
+LightTracker::Level LightTracker::level_of(std::span<const RelativeChange> plane) {
+  for (size_t i = 0; i < n_samples_; ++i) {
+    const auto* upper = &plane[static_cast<size_t>(sample_at_[i])];
+    const auto* lower = upper + width_px_;
+    int sum = kSamplePx;
+    for (int k = 0; k < kSamplePx; ++k) sum += upper[k].raw() + lower[k].raw();
+    sample_[i] = static_cast<int16_t>(sum >> 4);
+  }
+  const auto end = sample_.begin() + static_cast<ptrdiff_t>(n_samples_);
+  const auto middle = sample_.begin() + static_cast<ptrdiff_t>(n_samples_ / 2);
+  std::nth_element(sample_.begin(), middle, end);
+  const int median = *middle;
+  const auto n = std::count_if(sample_.begin(), end, [&](int16_t d) { return std::abs(d - median) <= kLevelQ12; });
+  return {median, static_cast<size_t>(n)};
+}
+
+void LightTracker::run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest) {
+  is_off_ = false;
+  if (n_samples_ == 0) return;
+  const size_t n_pixels = change.size() / 3;
+  std::array<Level, 3> level;
+  size_t n_level = n_samples_;
+  int all = 0;
+  int most = 0;
+  for (size_t c = 0; c < 3; ++c) {
+    level[c] = level_of(change.subspan(c * n_pixels, n_pixels));
+    n_level = std::min(n_level, level[c].n_level);
+    all += level[c].median;
+    most = std::max(most, std::abs(level[c].median));
+  }
+  const bool is_still = 8 * n_level >= 7 * n_samples_ && is_at_rest(markers);
+  is_off_ = (is_still && most > kOffStillQ12) || (2 * n_level >= n_samples_ && std::abs(all) > kOffAllQ12);
+  n_still_ = is_still ? std::min(n_still_ + 1, kStillFrames) : 0;
+  if (n_still_ == kStillFrames) follow(level, rest);
+}
+
+void LightTracker::follow(const std::array<Level, 3>& level, Rest& rest) {
+  bool has_moved = false;
+  for (size_t c = 0; c < 3; ++c) {
+    const int step = std::clamp(level[c].median, -kMaxStepQ12, kMaxStepQ12) * (1 << kStepShift);
+    gain_[c] = std::clamp(gain_[c] + step, kMinGain, kMaxGain);
+    has_moved = has_moved || std::abs(gain_[c] - in_force_[c]) >= kSettled;
+  }
+  if (!has_moved) return;
+  in_force_ = gain_;
+  rest.set_gain(gain_);
+}
+
+}  // namespace ruffini

@@ -1,0 +1,58 @@
+// Drift of lamps and exposure: one gain per channel, followed while nothing touches.
+//
+//   sample = mean of d over 8 x 2 pixels, one per 16 x 8; m = median of a channel's samples
+//   level:   at least 7/8 of the samples of every channel within 1.5 % of its m
+//   still:   level, and no marker further than 1/4 px from its rest
+//   gain_c += gain of Q20: clamp(m_c, +-1/128) / 16 a frame, after 16 still frames in a row; 0.75 <= gain <= 1.25
+//
+// Three numbers hold no contact's shape, and what moves a marker or shades an eighth of the picture stops them: a held
+// contact is never learned. At 60 Hz they follow 2.9 % a second. `is_off`: the light is not what the calibration saw and
+// not yet followed: untouched by more than 4 %, else (half of the samples level) by more than 6 % over all channels,
+// which no slope of the surface makes: it takes from one lamp what it gives to another.
+//
+// Frame thread; no allocation after the constructor. Not in the papers.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/fixed.h"
+#include "image/markers.h"
+#include "image/rest.h"
+
+namespace ruffini {
+
+class LightTracker {
+ public:
+  LightTracker(int width_px, int height_px);
+
+  // A new rest image is in force: which samples tell anything.
+  void learn(std::span<const uint16_t> rest);
+  // `change`: planes of B, G and R against `rest`, whose gain this sets when it has moved by 1/2048.
+  void run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest);
+
+  [[nodiscard]] bool is_off() const { return is_off_; }
+  [[nodiscard]] const Rest::Gain& gain() const { return gain_; }
+
+ private:
+  struct Level {
+    int median = 0;      // Q12
+    size_t n_level = 0;  // samples near it
+  };
+  [[nodiscard]] Level level_of(std::span<const RelativeChange> plane);
+  void follow(const std::array<Level, 3>& level, Rest& rest);
+
+  int width_px_;
+  int height_px_;
+  std::vector<int32_t> sample_at_;  // first pixel of each usable sample
+  std::vector<int16_t> sample_;
+  size_t n_samples_ = 0;
+  int n_still_ = 0;  // frames in a row
+  bool is_off_ = false;
+  Rest::Gain gain_;
+  Rest::Gain in_force_;
+};
+
+}  // namespace ruffini

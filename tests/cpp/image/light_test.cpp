@@ -1,0 +1,106 @@
+#include "image/light.h"
+
+#include <gtest/gtest.h>
+
+namespace ruffini {
+namespace {
+
+constexpr int kWidth = 64;
+constexpr int kHeight = 48;
+constexpr size_t kPixels = size_t{kWidth} * kHeight;
+
+// A pad of one grey, and frames of it under other light.
+struct Pad {
+  Pad() {
+    rest.load(std::vector<uint16_t>(3 * kPixels, 16 * 100));
+    light.learn(rest.image());
+  }
+  // One frame with B, G, R times `gain` (1/4096), its left `n_touched` columns darker by 20 %.
+  void show(std::array<int, 3> gain, int n_touched = 0, std::span<const Marker> markers = {}) {
+    std::vector<RelativeChange> change(3 * kPixels);
+    for (size_t i = 0; i < change.size(); ++i) {
+      const bool is_touched = static_cast<int>(i % kWidth) < n_touched;
+      const int seen = gain[i / kPixels] * (is_touched ? 4 : 5) / 5;
+      const int64_t now8 = int64_t{12'800} * seen / 4096;  // 100 levels
+      change[i] = RelativeChange::from_raw(
+          static_cast<int16_t>(((now8 - rest.planes8()[i]) * rest.reciprocal()[i] + (1 << 14)) >> 15));
+    }
+    light.run(change, markers, rest);
+  }
+  [[nodiscard]] double gain(size_t channel) const { return light.gain()[channel] / double{Rest::kUnitGain}; }
+
+  Rest rest{kWidth, kHeight, 1};
+  LightTracker light{kWidth, kHeight};
+};
+
+Marker moved_by(double px) {
+  return {.displacement_x = ImagePx::from_raw(static_cast<int32_t>(px * 65'536)), .is_lost = false, .is_absent = false};
+}
+
+constexpr std::array<int, 3> kBluer = {4096 * 110 / 100, 4096, 4096 * 95 / 100};
+
+TEST(LightTracker, FollowsEachChannelOfAnUntouchedPadAndThenTheChangeIsZero) {
+  Pad pad;
+  for (int i = 0; i < 16; ++i) pad.show(kBluer);
+  EXPECT_TRUE(pad.light.is_off());
+  EXPECT_NEAR(pad.gain(0), 1.0005, 1e-4);  // it waits for 16 still frames, then takes 1/2048 a frame
+  for (int i = 0; i < 400; ++i) pad.show(kBluer);
+  EXPECT_FALSE(pad.light.is_off());
+  EXPECT_NEAR(pad.gain(0), 1.10, 0.001);
+  EXPECT_NEAR(pad.gain(1), 1.00, 0.001);
+  EXPECT_NEAR(pad.gain(2), 0.95, 0.001);
+  EXPECT_NEAR(pad.rest.planes8()[0], 14'080, 14);
+  EXPECT_NEAR(pad.rest.reciprocal()[0], 9'533, 10);
+}
+
+TEST(LightTracker, AHeldContactIsNeverLearned) {
+  Pad pad;
+  for (int i = 0; i < 20'000; ++i) pad.show({4096, 4096, 4096}, kWidth / 4);
+  EXPECT_EQ(pad.light.gain(), Rest::unit_gain());
+  EXPECT_FALSE(pad.light.is_off());
+  // One that shades everything alike, by its markers.
+  const std::vector<Marker> markers = {moved_by(0.1), moved_by(-0.3)};
+  for (int i = 0; i < 20'000; ++i) pad.show({4000, 4000, 4000}, 0, markers);
+  EXPECT_EQ(pad.light.gain(), Rest::unit_gain());
+}
+
+TEST(LightTracker, MarkersAtRestOrLostDoNotStopIt) {
+  Pad pad;
+  std::vector<Marker> markers = {moved_by(0.2), moved_by(3)};
+  markers[1].is_lost = true;
+  for (int i = 0; i < 400; ++i) pad.show(kBluer, 0, markers);
+  EXPECT_NEAR(pad.gain(0), 1.10, 0.001);
+}
+
+TEST(LightTracker, ExposureThatChangesDuringAContactIsSaidAndNotFollowed) {
+  Pad pad;
+  const std::vector<Marker> markers = {moved_by(2)};
+  pad.show({4400, 4400, 4400}, kWidth / 4, markers);  // 7.4 %
+  EXPECT_TRUE(pad.light.is_off());
+  pad.show({4200, 4200, 4200}, kWidth / 4, markers);
+  EXPECT_FALSE(pad.light.is_off());
+  pad.show({4600, 3590, 4096}, kWidth / 4, markers);  // a tilted surface: one lamp gains what another loses
+  EXPECT_FALSE(pad.light.is_off());
+  EXPECT_EQ(pad.light.gain(), Rest::unit_gain());
+}
+
+TEST(LightTracker, StopsAtAQuarterAndGoesOnSayingSo) {
+  Pad pad;
+  for (int i = 0; i < 1'200; ++i) pad.show({4096 * 3 / 2, 4096 * 3 / 2, 4096 * 3 / 2});
+  EXPECT_EQ(pad.gain(1), 1.25);
+  EXPECT_TRUE(pad.light.is_off());
+  pad.light.learn(pad.rest.image());
+  EXPECT_EQ(pad.gain(1), 1.0);
+}
+
+TEST(LightTracker, WithoutAPixelThatTellsAnythingItSaysNothing) {
+  Pad pad;
+  pad.rest.load(std::vector<uint16_t>(3 * kPixels, 16 * 20));  // too dark
+  pad.light.learn(pad.rest.image());
+  for (int i = 0; i < 100; ++i) pad.show(kBluer);
+  EXPECT_EQ(pad.light.gain(), Rest::unit_gain());
+  EXPECT_FALSE(pad.light.is_off());
+}
+
+}  // namespace
+}  // namespace ruffini
