@@ -2,9 +2,11 @@
 
 The estimator's wrench W(u; E, nu, h) is linear in E and smooth in (nu, h). It is computed with the board's own
 second pass on a 3 x 3 grid of (nu, h) around the board's numbers and interpolated there; a robust least-squares fit
-moves (E, nu, h) until it meets the reference. The three trade off against each other; where the log leaves that open,
-the board's numbers decide (PRIOR). What the images get wrong by a constant factor is fitted with it, so
-these are the numbers with which this sensor measures best, and near the material's own where the images are right.
+moves (E, nu, h) until it meets the reference. In the wrench the three trade off against each other. What tells them
+apart is the shape of the displacement around the contact: the misfit (u - C F)^T R^-1 (u - C F) of the second pass,
+which depends on nu and h and not on E, is fitted with it. Where the log still leaves something open, the board's
+numbers decide (PRIOR). What the images get wrong by a constant factor is fitted with it, so these are the numbers with
+which this sensor measures best, and near the material's own where the images are right.
 
 Confidence intervals come from leaving out one touch at a time (jackknife): frames of one touch are not independent.
 """
@@ -47,6 +49,8 @@ FARTHEST = 100.0  # factor from the board's E and thickness: beyond it a materia
 # Of the board's numbers (E, nu, h): what a datasheet and a caliper know. It decides only where the log does not.
 PRIOR = (0.3, 0.03, 0.05)
 DEVIATION = 0.02  # of the estimator's wrench from the reference, part of the log's spread
+SHAPE_DEVIATION = 0.01  # of the displacement from any pad's, part of what touches explain of it (L2)
+SHAPE_LINES = 41  # along nu and h, on which the least misfit is looked for
 LARGEST_UNEXPLAINED = 0.3  # part of the reference wrench (L2)
 LARGEST_INTERVAL = 0.5  # of the value: beyond this the log does not tell the number
 
@@ -184,12 +188,13 @@ class _Predictor:
         ]
         arms = _arms(board, slab)
         self.at_grid = np.empty((3, 3, len(u), 6))
+        self.misfit = np.empty((3, 3, len(u)))
         for i, poisson in enumerate(self.poisson):
             for j, thickness in enumerate(self.thickness):
                 system = support_system(
                     condense(replace(slab, poisson=poisson, thickness_m=thickness)), noise, observed, operator
                 )
-                self.at_grid[i, j] = _wrenches(system, u, linear, masks, arms, threshold_n)
+                self.at_grid[i, j], self.misfit[i, j] = _wrenches(system, u, linear, masks, arms, threshold_n)
                 progress((3 * i + j + 1) / 9)
 
     def wrench(self, values: Array) -> Array:
@@ -198,6 +203,23 @@ class _Predictor:
         along_h = _lagrange(self.thickness, values[2])
         per_modulus = np.einsum("i,j,ijtc->tc", along_nu, along_h, self.at_grid) / self.nominal[0]
         return np.asarray(per_modulus * values[0])
+
+
+class _Shape:
+    """How much worse (nu, h) explain the displacement of some frames than the best pad does, in standard deviations."""
+
+    def __init__(self, predictor: _Predictor, used: npt.NDArray[np.bool_]) -> None:
+        self._poisson, self._thickness = predictor.poisson, predictor.thickness
+        self._misfit = predictor.misfit[:, :, used].mean(axis=2)
+        lines = [np.linspace(axis[0], axis[2], SHAPE_LINES) for axis in (self._poisson, self._thickness)]
+        self._least = min(self._at(nu, h) for nu in lines[0] for h in lines[1])
+
+    def _at(self, poisson: float, thickness: float) -> float:
+        return float(_lagrange(self._poisson, poisson) @ self._misfit @ _lagrange(self._thickness, thickness))
+
+    def deviation(self, values: Array) -> float:
+        explained = max(-self._least, 1e-9)  # of u^T R^-1 u, which is the same for all pads
+        return float(np.sqrt(max(self._at(values[1], values[2]) - self._least, 0.0) / explained) / SHAPE_DEVIATION)
 
 
 def _poisson_grid(poisson: float) -> Array:
@@ -220,12 +242,17 @@ def _arms(board: Board, slab: Slab) -> Array:
 
 def _wrenches(
     system: SupportSystem, u: Array, linear: Array, masks: list[Array], arms: Array, threshold_n: float
-) -> Array:
-    out = np.empty((len(u), 6))
+) -> tuple[Array, Array]:
+    """Wrench of each frame, and (u - C F)^T R^-1 (u - C F) less u^T R^-1 u."""
+    wrench, misfit = np.empty((len(u), 6)), np.empty(len(u))
     for k, (u_k, start, mask) in enumerate(zip(u, linear, masks, strict=True)):
-        force = solve_on_support(system, u_k, start, mask, threshold_n=threshold_n).reshape(-1, 3)
-        out[k] = np.concatenate([force.sum(axis=0), np.cross(arms, force).sum(axis=0)])
-    return out
+        force = solve_on_support(system, u_k, start, mask, threshold_n=threshold_n)
+        index = np.flatnonzero(force)
+        y = force[index] / system.scale_n[index]
+        misfit[k] = y @ (system.normal[np.ix_(index, index)] @ y - 2 * (system.project[index] @ u_k))
+        nodal = force.reshape(-1, 3)
+        wrench[k] = np.concatenate([nodal.sum(axis=0), np.cross(arms, nodal).sum(axis=0)])
+    return wrench, misfit
 
 
 def _lagrange(nodes: Array, at: float) -> Array:
@@ -254,9 +281,12 @@ def fit_material(board: Board, log: MaterialLog, noise: Noise, *, progress: Prog
         # The six numbers of the frames of one touch err together: a touch counts once.
         deviation = DEVIATION * spread * np.sqrt(6 * used.sum() / len(np.unique(log.touch[used])))
 
+        shape = _Shape(predictor, used)
+
         def residual(relative: Array) -> Array:
-            difference = (predictor.wrench(relative * predictor.nominal) - log.wrench)[used] * scale
-            return np.concatenate([difference.ravel() / deviation, (relative - 1) / PRIOR])
+            values = relative * predictor.nominal
+            difference = (predictor.wrench(values) - log.wrench)[used] * scale
+            return np.concatenate([difference.ravel() / deviation, (relative - 1) / PRIOR, [shape.deviation(values)]])
 
         start = np.clip(np.ones(3), lower / predictor.nominal * 1.001, upper / predictor.nominal * 0.999)
         found = least_squares(

@@ -182,6 +182,7 @@ def material(
 ) -> None:
     """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
     from ruffini.calibrate import container
+    from ruffini.calibrate.gauge import gauge_uncertainty_m
     from ruffini.calibrate.material import fit_material, log_from_recording
     from ruffini.calibrate.reference_log import write_fit
     from ruffini.fem.operators import Noise
@@ -191,7 +192,8 @@ def material(
     with progress_bar("frames") as progress:
         frames = log_from_recording(found, file, log, reference, progress=progress)
     with progress_bar("fit") as progress:
-        fit = fit_material(found, frames, Noise((5e-6, 5e-6, 20e-6), gauge_m=100e-6, tilt_m=30e-6), progress=progress)
+        noise = Noise((5e-6, 5e-6, 20e-6), gauge_m=gauge_uncertainty_m(found), tilt_m=30e-6)
+        fit = fit_material(found, frames, noise, progress=progress)
     report = fit.report()
     write_fit(out, found, report)
     e, nu, h = fit.values

@@ -66,6 +66,13 @@ def test_finds_the_pad_and_its_uncertainty(board: Board) -> None:
     assert after < 0.25 * before
 
 
+def test_the_shape_of_the_displacement_tells_ratio_and_thickness_apart(board: Board) -> None:
+    """Five touches, whose wrenches alone leave 1.2 % of nu and 3.2 % of the thickness open."""
+    u, wrench = touches(board, 5, np.random.default_rng(10))
+    fit = fit_material(board, log_from_frames(u, wrench), NOISE)
+    assert (np.abs(fit.values / TRUE - 1) < [0.03, 0.01, 0.015]).all()
+
+
 def test_a_log_without_variation_is_refused(board: Board) -> None:
     u, wrench = touches(board, 2, np.random.default_rng(1))
     with pytest.raises(InputError, match="2 touches"):
