@@ -115,7 +115,7 @@ class _Unmix:
             gram = gram + features.T @ features / len(features)
             right = right + features.T @ target / len(features)
         gram = gram + 1e-5 * np.trace(gram) / len(gram) * np.eye(len(gram))
-        return cls(np.linalg.solve(gram, right), order)
+        return cls(np.asarray(np.linalg.solve(gram, right), dtype=np.float64), order)
 
     def improve(self, change: Array, circle: Circle, ball_px: float) -> tuple[Circle, float]:
         """The circle by this map, and the median error of q in it."""

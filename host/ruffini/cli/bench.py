@@ -82,6 +82,18 @@ def held(board: BoardOption, json_: JsonFlag = False) -> None:
     emit(result, json_, benchmark.table(result))
 
 
+@app.command("light")
+def light(board: BoardOption, json_: JsonFlag = False) -> None:
+    """Drifting lamps before and after they are followed, a contact held for minutes, and how late a touch is seen."""
+    from ruffini.bench import light as benchmark
+    from ruffini.boards import find_board
+
+    found = find_board(board)
+    with progress_bar("light") as progress:
+        result = benchmark.run(found, progress=progress)
+    emit(result, json_, benchmark.table(result))
+
+
 @app.command("presses")
 def presses(
     folder: Annotated[Path, typer.Argument(help="Recorded ball presses: reference.png, presses.csv, images.")],

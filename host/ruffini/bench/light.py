@@ -1,0 +1,174 @@
+"""Lamps that drift, a contact held under them, and the first frame that says contact. SIMULATED.
+
+The twin's frames, times a gain per channel, go through the board's own front end and solve: once with the light changed
+at a stroke between rest and press (nothing can be followed: "before"), once with the same change as a ramp on the
+untouched pad ("after"). A contact is held for two minutes under steady light: nothing of it may be learned.
+The first touch: a ball comes down by STEP_UM a frame; frames from the first that truly touches to the first that
+reports a contact, and the true force then. Reports on untouched frames are counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.bench.fitted import NOISE, colours_of
+from ruffini.boards import Board
+from ruffini.calibrate import container
+from ruffini.calibrate.operator import make_operator
+from ruffini.core.pipeline import Frame, Pipeline
+from ruffini.sim.contact import Indenter, Pose
+from ruffini.sim.surface import wrench_of
+from ruffini.sim.unit import TwinUnit
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+
+DRIFTS = (0.0, 0.02, 0.05, 0.10)
+WAY = np.array([1.0, -0.6, 0.3])  # of B, G, R: lamps age apart
+RAMP_FRAMES, SETTLE_FRAMES, HELD_FRAMES, N_UNTOUCHED = 300, 100, 7_200, 200  # held: two minutes at 60 Hz
+PRESS_MM, BALL_MM, STEP_UM, APPROACHES = 0.6, 4.0, 2.0, 5
+SEED = 20_261_131
+
+
+class _Scene:
+    """Frames of one unit, untouched and pressed, under any light."""
+
+    def __init__(self, board: Board) -> None:
+        self.unit = TwinUnit.build(board)
+        self.rng = np.random.default_rng(SEED)
+        self._renderer = self.unit.renderer()
+        self.pressed, self.force_n = self.press(Pose(1e-3, -1e-3, PRESS_MM * 1e-3))
+
+    def press(self, pose: Pose) -> tuple[Array, float]:
+        """Displacement and true normal force of the ball at a pose."""
+        solver = self.unit.solver(Indenter("sphere", BALL_MM * 1e-3))
+        solver.advance(pose)
+        return solver.displacement, -float(wrench_of(self.unit.model, solver.nodal_force)[2])
+
+    def frame(self, displacement: Array | None = None, gain: Array | float = 1.0) -> npt.NDArray[np.uint8]:
+        """With the camera's noise; half a level of dither, as the light is scaled and not the picture."""
+        image = self._renderer.image(self.unit.at_rest() if displacement is None else displacement, self.rng)
+        lit = (image + self.rng.uniform(-0.5, 0.5, image.shape)) * gain
+        return np.asarray(np.clip(np.round(lit), 0, 255), dtype=np.uint8)
+
+    def learn(self, pipeline: Pipeline) -> None:
+        """Rest, under the light of the calibration."""
+        while not pipeline.process(self.frame()).has_reference:
+            pass
+
+
+def _calibration(board: Board) -> bytes:
+    kind = make_operator(board, method="support", noise=NOISE, n_touches=0)
+    return container.pack(
+        {**kind.tensors, **colours_of(board)}, {**container.base_metadata(board), **kind.metadata}
+    ).data
+
+
+def _drifts(board: Board, calibration: bytes, scene: _Scene, progress: Progress) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    for drift in DRIFTS:
+        for is_followed in (False, True):
+            gain = 1 + drift * WAY
+            with Pipeline(board, calibration) as pipeline:
+                scene.learn(pipeline)
+                for i in range(RAMP_FRAMES + SETTLE_FRAMES if is_followed else 0):
+                    pipeline.process(scene.frame(gain=1 + drift * WAY * min(i / RAMP_FRAMES, 1)))
+                still = pipeline.process(scene.frame(gain=gain))
+                depth_um = float(np.sqrt((pipeline.depth_m() ** 2).mean()) * 1e6)
+                press = pipeline.process(scene.frame(scene.pressed, gain))
+            rows.append({
+                "drift": drift, "is_followed": is_followed, "untouched_depth_um": depth_um,
+                "untouched_force_n": float(np.linalg.norm(still.wrench[:3])),
+                "press_error_n": -float(press.wrench[2]) - scene.force_n, "flags": still.flags | press.flags,
+            })  # fmt: skip
+            progress(len(rows) / (2 * len(DRIFTS)))
+    return rows
+
+
+def _held(board: Board, calibration: bytes, scene: _Scene) -> dict[str, float]:
+    """Reported force of a contact when it begins and after it was held; the light is steady."""
+    pictures = [scene.frame(scene.pressed) for _ in range(16)]
+
+    def force(frames: list[Frame]) -> float:
+        return float(np.mean([-f.wrench[2] for f in frames]))
+
+    with Pipeline(board, calibration) as pipeline:
+        scene.learn(pipeline)
+        first = force([pipeline.process(p) for p in pictures])
+        for i in range(HELD_FRAMES):
+            pipeline.process(pictures[i % len(pictures)])
+        last = force([pipeline.process(p) for p in pictures])
+    return {"frames": HELD_FRAMES, "first_n": first, "last_n": last}
+
+
+def _first_touch(board: Board, calibration: bytes, scene: _Scene) -> dict[str, Any]:
+    """Frames and true force from the first true touch to the first report; false reports before."""
+    late: list[int] = []
+    force_n: list[float] = []
+    with Pipeline(board, calibration) as pipeline:
+        scene.learn(pipeline)
+        n_false = sum(pipeline.process(scene.frame()).n_contacts > 0 for _ in range(N_UNTOUCHED))
+        for _ in range(APPROACHES):
+            x, y = scene.rng.uniform(-3e-3, 3e-3, 2)
+            solver = scene.unit.solver(Indenter("sphere", BALL_MM * 1e-3))
+            for step in range(1, 400):
+                solver.advance(Pose(float(x), float(y), step * STEP_UM * 1e-6))
+                if pipeline.process(scene.frame(solver.displacement)).n_contacts > 0:
+                    late.append(step - 1)
+                    force_n.append(-float(wrench_of(scene.unit.model, solver.nodal_force)[2]))
+                    break
+    return {"n_untouched": N_UNTOUCHED, "n_false": n_false, "step_um": STEP_UM, "n_approaches": APPROACHES,
+            "frames_late": late, "force_n": force_n}  # fmt: skip
+
+
+def run(board: Board, *, progress: Progress = lambda _: None) -> dict[str, Any]:
+    """All of it.
+
+    Raises
+    ------
+    InputError
+        The board has no twin, or its displacement does not come from dots and colours.
+    """
+    scene = _Scene(board)
+    calibration = _calibration(board)
+    progress(0.2)
+    rows = _drifts(board, calibration, scene, lambda done: progress(0.2 + 0.4 * done))
+    held = _held(board, calibration, scene)
+    progress(0.8)
+    touch = _first_touch(board, calibration, scene)
+    progress(1.0)
+    return {"board": board.name, "simulated": True, "force_n": scene.force_n, "drift": rows, "held": held,
+            "first_touch": touch}  # fmt: skip
+
+
+def table(result: dict[str, Any]) -> str:
+    """The result as text."""
+    held, touch = result["held"], result["first_touch"]
+    lines = [
+        f"{result['board']}, SIMULATED: light that drifts (B, G, R {WAY[0]:+g}, {WAY[1]:+g}, {WAY[2]:+g} times the "
+        f"drift); a press of {result['force_n']:.3f} N",
+        f"{'drift':>6}  {'':22}{'untouched depth':>16}{'untouched force':>17}{'press, error':>14}  flags",
+    ]
+    for row in result["drift"]:
+        how = "followed, untouched" if row["is_followed"] else "at a stroke"
+        lines.append(
+            f"{100 * row['drift']:5.0f} %  {how:22}"
+            f"{row['untouched_depth_um']:13.1f} um{row['untouched_force_n']:15.3f} N"
+            f"{row['press_error_n']:+12.3f} N  {row['flags']}"
+        )
+    lines.append(f"held for {held['frames']} frames: {held['first_n']:.4f} N at first, {held['last_n']:.4f} N at last")
+    late = touch["frames_late"]
+    found = "not found"
+    if late:
+        n, force_mn = len(late), [1e3 * f for f in touch["force_n"]]
+        found = f"{min(late)} to {max(late)} frames late, at {min(force_mn):.0f} to {max(force_mn):.0f} mN"
+        found += f", {n} of {touch['n_approaches']} found"
+    lines.append(
+        f"untouched: {touch['n_false']} of {touch['n_untouched']} frames report a contact; first touch, "
+        f"{touch['step_um']:g} um a frame: {found}"
+    )
+    return "\n".join(lines)
