@@ -77,12 +77,12 @@ fuzz: setup  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the sess
 	  ruffini_fuzz_frame ruffini_fuzz_dense ruffini_fuzz_calibration ruffini_fuzz_board)
 	@.ci/fuzz-parsers $(BUILD) $(FUZZ_S)
 
-bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses
+bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
 	@$(PYTHON) tests/bench/run.py --build $(BUILD)
-	@$(PYTHON) tests/bench/scaling.py --build $(BUILD)
-	@$(PYTHON) tests/bench/building.py
-	@$(PYTHON) tests/bench/accuracy.py
+	@$(PYTHON) tests/bench/scaling.py --build $(BUILD) $(if $(QUICK),--quick)
+	@$(PYTHON) tests/bench/building.py $(if $(QUICK),--quick)
+	@$(PYTHON) tests/bench/accuracy.py $(if $(QUICK),--presses 6)
 	@$(PYTHON) tests/bench/twin.py
 
 aarch64: setup  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu
