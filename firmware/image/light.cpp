@@ -21,7 +21,7 @@ constexpr int kOffStillQ12 = 164;        // 4 %
 constexpr int kOffAllQ12 = 3 * 246;      // 6 % of each of three channels
 constexpr int32_t kMinGain = Rest::kUnitGain * 3 / 4;
 constexpr int32_t kMaxGain = Rest::kUnitGain * 5 / 4;
-constexpr int32_t kSettled = Rest::kUnitGain / 8'192;  // one lamp: a few um of depth
+constexpr int32_t kSettled = Rest::kUnitGain / 4'096;  // four times what noise moves the gain by
 
 bool is_at_rest(std::span<const Marker> markers) {
   return std::all_of(markers.begin(), markers.end(), [](const Marker& m) {

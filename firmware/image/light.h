@@ -30,7 +30,7 @@ class LightTracker {
 
   // A new rest image is in force: which samples tell anything.
   void learn(std::span<const uint16_t> rest);
-  // `change`: planes of B, G and R against `rest`, whose gain this sets when it has moved by 1/8192.
+  // `change`: planes of B, G and R against `rest`, whose gain this sets when it has moved by 1/4096.
   void run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest);
 
   [[nodiscard]] bool is_off() const { return is_off_; }

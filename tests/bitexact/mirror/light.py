@@ -88,5 +88,5 @@ class Light:
         if self._n_still == 16:
             step = np.clip(median, -32, 32) * 16
             self.gain = np.clip(self.gain + step, UNIT_GAIN * 3 // 4, UNIT_GAIN * 5 // 4)
-            if (np.abs(self.gain - self._in_force) >= UNIT_GAIN // 8192).any():
+            if (np.abs(self.gain - self._in_force) >= UNIT_GAIN // 4096).any():
                 self._set()
