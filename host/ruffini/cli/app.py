@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from ruffini.cli import bench, board, cal, camera, demo, device, evaluate, offline, sim
+from ruffini.cli import bench, board, cal, camera, collect, demo, device, evaluate, offline, sim
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -22,6 +22,7 @@ app.command("track")(offline.track)
 app.command("depth")(offline.depth)
 app.command("field")(offline.field)
 cal.app.command("camera")(camera.camera)
+cal.app.command("collect")(collect.collect)
 app.add_typer(cal.app, name="cal")
 app.add_typer(sim.app, name="sim")
 app.add_typer(bench.app, name="bench")

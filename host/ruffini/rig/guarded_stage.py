@@ -58,15 +58,20 @@ def force_guard(name: str, force_of: ForceOf, max_force_n: float) -> Guard:
 
 
 class GuardedStage:
-    """Moves in the pad's frame. `force_of` finds contacts; every one of `guards` watches every move."""
+    """Moves in the pad's frame. `force_of` is the reference's newest force; every one of `guards` watches every move.
+
+    `fresh_force_of` waits for a force that was measured after it was asked for: an approach goes no faster than that,
+    whatever the reference's rate.
+    """
 
     def __init__(
-        self, stage: Stage, origin: Place, limits: Limits, force_of: ForceOf, guards: Sequence[Guard] = ()
-    ) -> None:
+        self, stage: Stage, origin: Place, limits: Limits, force_of: ForceOf, guards: Sequence[Guard] = (), *,
+        fresh_force_of: ForceOf | None = None,
+    ) -> None:  # fmt: skip
         if not (limits.bottom_m < 0 < limits.top_m and limits.deepest_m > 0 and limits.max_force_n > CONTACT_N):
             raise InputError(f"limits {limits} leave no way to the pad and back: bottom < 0 < top, deepest > 0")
         self.stage, self.limits = stage, limits
-        self._origin, self._force_of = origin, force_of
+        self._origin, self._fresh_force_of = origin, fresh_force_of or force_of
         self._guards = [force_guard("the reference", force_of, limits.max_force_n), *guards]
         self._contacts: dict[tuple[float, float], float] = {}
 
@@ -144,7 +149,7 @@ class GuardedStage:
             raise
 
     def _pressed_n(self) -> float:
-        force = self._force_of()
+        force = self._fresh_force_of()
         return max(0.0, -float(force[2]))
 
     def _move(self, place: Place, speed_m_s: float) -> None:

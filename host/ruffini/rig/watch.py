@@ -20,6 +20,7 @@ MIN_SILENCE_S = 0.5
 MIN_TARE_READINGS = 5
 RESTLESS_SIGMAS = 6  # spread of an untouched reference, over its stated uncertainty
 SLOW = 0.5  # of the stated rate is too slow
+FRESH_READINGS = 2  # the first may have been under way
 AXIS_DOMINATES = 0.8  # part of the force that a straight press puts on z
 
 
@@ -89,6 +90,17 @@ class Watch:
                 f"{self.facts.name} is saturated (range {self._range()}): press less, or take a larger one"
             )
         return self._tared(newest)
+
+    def fresh(self, n: int = FRESH_READINGS) -> Reading:
+        """The n-th reading from now on: it was measured after this call as a whole; raises as `latest`."""
+        with self._changed:
+            wanted = len(self._readings) + n
+        deadline = time.monotonic() + n * self.silence_s
+        while len(self._readings) < wanted and time.monotonic() < deadline:
+            self.latest()
+            with self._changed:
+                self._changed.wait(0.01)
+        return self.latest()
 
     def since(self, host_s: float) -> list[Reading]:
         """Readings received after `host_s`, tare taken off."""
