@@ -16,7 +16,7 @@ def main() -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except RuffiniError as error:
-        print(f"ruffini: {error}", file=sys.stderr)
+        print(f"ruffini: {error}", *_notes(error), sep="\n", file=sys.stderr)
         return error.exit_code
     except OSError as error:  # a path of the command line that no verb could use
         what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
@@ -25,3 +25,8 @@ def main() -> int:
     except KeyboardInterrupt:
         return 130
     return 0
+
+
+def _notes(error: BaseException) -> list[str]:
+    """What was added on the way up, e.g. that a stage could not be brought to safety."""
+    return getattr(error, "__notes__", [])

@@ -169,8 +169,9 @@ def faults_of(arrays: dict[str, Any], facts: dict[str, Any], bad_flags: dict[int
     is_seen = (reference_s > facts["held_host_s"]) & (reference_s < facts["lifted_host_s"])
     if is_seen.sum() < MIN_READINGS:
         return [*found, f"{is_seen.sum()} readings of the reference while it was held, {MIN_READINGS} are needed"]
-    if -wrench[is_seen, 2].mean() < CONTACT_N:
-        found.append(f"the reference saw only {-wrench[is_seen, 2].mean():.3f} N")
+    pressed_n = 0.0 - wrench[is_seen, 2].mean()
+    if pressed_n < CONTACT_N:
+        found.append(f"the reference saw only {pressed_n:.3f} N")
     if abs(wrench[-1, 2]) > FREE_N:
         found.append(
             f"{-wrench[-1, 2]:.3f} N stayed after the tip was lifted: the reference drifted, or the tip sticks"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.errors import InputError, RefusedError, RuffiniError
+from ruffini.errors import InputError, NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.stage import Guard, Place, Stage
 
 Array = npt.NDArray[np.float64]
@@ -145,7 +145,10 @@ class GuardedStage:
             try:
                 self.lift()
             except RuffiniError as second:
-                error.add_note(f"THE TIP WAS NOT LIFTED: {second}")
+                told = f"THE TIP WAS NOT LIFTED: {second}"
+                if not isinstance(error, RuffiniError):  # Ctrl-C says nothing by itself
+                    raise NoDeviceError(told) from error
+                error.add_note(told)
             raise
 
     def _pressed_n(self) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from ruffini.boards import Board
 from ruffini.errors import InputError
 
-BORDER = 0.25  # of the pad's half side stays untouched: there the operator sees a part only
+BORDER = 0.25  # of the window's half side stays untouched: there the camera sees a part of the dent only
 PROGRAMS = ("grid", "balls")
 
 
@@ -33,9 +33,12 @@ class Span(NamedTuple):
 
 
 def span_of(board: Board, deepest_m: float, shear_m: float) -> Span:
-    """The part of a board's pad that is touched."""
-    pad = board.pad
-    return Span((1 - BORDER) * pad.size_x_um * 0.5e-6, (1 - BORDER) * pad.size_y_um * 0.5e-6, deepest_m, shear_m)
+    """The part of a board's pad that is touched: about its centre, well inside what the camera sees."""
+    pad, window = board.pad, board.window
+    half_x_um = min(pad.size_x_um / 2 - window.min_x_um, window.max_x_um - pad.size_x_um / 2)
+    half_y_um = min(pad.size_y_um / 2 - window.min_y_um, window.max_y_um - pad.size_y_um / 2)
+    inside = 1e-6 * (1 - BORDER)
+    return Span(inside * half_x_um, inside * half_y_um, deepest_m, shear_m)
 
 
 def plan(program: str, span: Span, n: int, seed: int) -> list[Touch]:

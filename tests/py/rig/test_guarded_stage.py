@@ -125,6 +125,18 @@ def test_ctrl_c_and_a_lost_reference_lift_too(dry):
         assert rig.place().z_m == pytest.approx(LIMITS.top_m)
 
 
+def test_ctrl_c_whose_lift_fails_is_told(dry, monkeypatch):
+    stage, _, rig = dry
+
+    def fail(*_):
+        raise NoDeviceError("unplugged")
+
+    rig.approach(0, 0)
+    monkeypatch.setattr(stage, "move", fail)
+    with pytest.raises(NoDeviceError, match="THE TIP WAS NOT LIFTED: unplugged"), rig.safely():
+        raise KeyboardInterrupt
+
+
 def test_it_is_told_when_the_tip_could_not_be_lifted():
     with EmulatedMarlin() as machine:
         stage = Marlin(machine.port)
