@@ -34,7 +34,10 @@ struct Pad {
 };
 
 Marker moved_by(double px) {
-  return {.displacement_x = ImagePx::from_raw(static_cast<int32_t>(px * 65'536)), .is_lost = false, .is_absent = false};
+  Marker marker;
+  marker.displacement_x = ImagePx::from_raw(static_cast<int32_t>(px * 65'536));
+  marker.is_lost = marker.is_absent = false;
+  return marker;
 }
 
 constexpr std::array<int, 3> kBluer = {4096 * 110 / 100, 4096, 4096 * 95 / 100};
