@@ -119,7 +119,11 @@ class PoissonWaves {
       for (size_t j = 0; j < kLanes; ++j) L::store(b_.row_f(y + j) + x, in[x + j]);
     }
   }
-  V* work() { return reinterpret_cast<V*>((reinterpret_cast<uintptr_t>(b_.work.data()) + 31) / 32 * 32); }
+  // From the first address that vectors may lie at; `work` has room for it.
+  V* work() {
+    auto* const bytes = reinterpret_cast<char*>(b_.work.data());
+    return reinterpret_cast<V*>(bytes + (32 - reinterpret_cast<uintptr_t>(bytes) % 32) % 32);
+  }
 
   static int bit_width(int64_t x) { return static_cast<int>(std::bit_width(static_cast<uint64_t>(x))); }
 

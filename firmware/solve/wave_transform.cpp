@@ -4,8 +4,9 @@
 #include <bit>
 #include <utility>
 
-// Compiled twice, AVX2 where the processor has it. Integers: equal bit for bit.
-#if defined(__x86_64__)
+// Compiled twice, AVX2 where the processor has it. Integers: equal bit for bit. The choice is made while the program is
+// loaded, before the thread sanitizer's run time is there.
+#if defined(__x86_64__) && !defined(__SANITIZE_THREAD__)
 #define RUFFINI_AVX2_TOO __attribute__((target_clones("avx2", "default")))
 #else
 #define RUFFINI_AVX2_TOO
