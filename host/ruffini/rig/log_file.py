@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import h5py
@@ -27,7 +29,19 @@ ARRAYS = {  # name: columns (None = one-dimensional), unit
     "reference_s": (None, "s"), "reference_wrench": (6, "N, N m"),
     "stage_s": (None, "s"), "stage_place": (3, "m"),
 }  # fmt: skip
-OPTIONAL = {"field_s": "s", "field_displacement": "m"}
+OPTIONAL = {  # clock: array, number of dimensions, unit; a unit of None is facts["marker_unit"], px or m
+    "field_s": ("field_displacement", 4, "m"),
+    "rest_field_s": ("rest_field_displacement", 4, "m"),
+    "marker_s": ("marker_displacement", 3, None),
+    "image_s": ("image", 4, ""),
+}
+MARKER_PLACE = "marker_place"
+UNITS = {
+    **{name: unit for name, (_, unit) in ARRAYS.items()},
+    **{clock: "s" for clock in OPTIONAL},
+    **{name: unit for name, _, unit in OPTIONAL.values()},
+    MARKER_PLACE: None,
+}
 
 
 class TouchRecord(NamedTuple):
@@ -73,27 +87,43 @@ class LogWriter:
             _put(file, record)
         write_whole(self._folder / f"{number:05d}.h5", stream.getvalue())
 
-    def finish(self) -> None:
-        """Make the log of its touches, and remove them."""
-        parts = sorted(self._folder.glob("[0-9]*.h5"))
-        stream = io.BytesIO()
-        with h5py.File(stream, "w") as file:
-            file.attrs["format"], file.attrs["format_version"] = FORMAT, FORMAT_VERSION
-            file.attrs["facts"] = json.dumps(self._facts)
-            for part in parts:
-                with h5py.File(part) as one:
-                    _put(file.create_group(f"touch/{part.stem}"), _get(one))
-        write_whole(self.path, stream.getvalue())
-        for part in [*parts, self._folder / "log.json"]:
+    def touches(self) -> dict[int, TouchRecord]:
+        """The touches that are there, by number."""
+        return {int(p.stem): _get_file(p) for p in sorted(self._folder.glob("[0-9]*.h5"))}
+
+    def side_file(self, name: str) -> Path:
+        """A file that is kept beside the touches until the log is whole."""
+        return self._folder / name
+
+    def finish(self, found: dict[str, Any] | None = None) -> None:
+        """Make the log of its touches, with what was estimated from all of them, and remove them."""
+        write_log(self.path, Log(self._facts, list(self.touches().values()), found or {}))
+        for part in self._folder.iterdir():
             part.unlink()
         self._folder.rmdir()
 
 
-def _put(group: h5py.Group, record: TouchRecord) -> None:
+def write_log(path: Path, log: Log) -> None:
+    """A whole log at once."""
+    stream = io.BytesIO()
+    with h5py.File(stream, "w") as file:
+        file.attrs["format"], file.attrs["format_version"] = FORMAT, FORMAT_VERSION
+        file.attrs["facts"], file.attrs["found"] = json.dumps(log.facts), json.dumps(dict(log.found))
+        for number, touch in enumerate(log.touches):
+            _put(file.create_group(f"touch/{number:05d}"), touch, log.facts.get("marker_unit", "px"))
+    write_whole(path, stream.getvalue())
+
+
+def _put(group: h5py.Group, record: TouchRecord, marker_unit: str = "px") -> None:
     group.attrs["facts"] = json.dumps(record.facts)
     for name, array in record.arrays.items():
         data = group.create_dataset(name, data=array, compression="gzip" if np.size(array) > 1000 else None)
-        data.attrs["unit"] = ARRAYS[name][1] if name in ARRAYS else OPTIONAL[name]
+        data.attrs["unit"] = marker_unit if UNITS[name] is None else UNITS[name]
+
+
+def _get_file(path: Path) -> TouchRecord:
+    with h5py.File(path) as file:
+        return _get(file)
 
 
 def _get(group: h5py.Group) -> TouchRecord:
@@ -101,10 +131,11 @@ def _get(group: h5py.Group) -> TouchRecord:
 
 
 class Log(NamedTuple):
-    """A log as read."""
+    """A log as read; `found` is what was estimated and checked over all touches, empty in logs that do not say."""
 
     facts: dict[str, Any]
     touches: list[TouchRecord]
+    found: Mapping[str, Any] = MappingProxyType({})
 
 
 def read_log(path: Path) -> Log:
@@ -120,6 +151,7 @@ def read_log(path: Path) -> Log:
             if file.attrs.get("format") != FORMAT or file.attrs.get("format_version") != FORMAT_VERSION:
                 raise InputError(f"{path} is no {FORMAT} of version {FORMAT_VERSION}")
             facts = json.loads(file.attrs["facts"])
+            found = json.loads(file.attrs.get("found", "{}"))
             touches = [_get(file["touch"][name]) for name in sorted(file.get("touch", {}))]
     except (OSError, KeyError, ValueError) as error:
         if isinstance(error, InputError):
@@ -129,7 +161,7 @@ def read_log(path: Path) -> Log:
         raise InputError(f"{path} has no touch")
     for i, touch in enumerate(touches):
         _check(f"{path}, touch {i}", touch.arrays)
-    return Log(facts, touches)
+    return Log(facts, touches, found)
 
 
 def _check(where: str, arrays: dict[str, npt.NDArray[Any]]) -> None:
@@ -141,6 +173,16 @@ def _check(where: str, arrays: dict[str, npt.NDArray[Any]]) -> None:
         wanted = (len(arrays[clock]),) if columns is None else (len(arrays[clock]), columns)
         if arrays[name].shape != wanted:
             raise InputError(f"{where}: {name} is {arrays[name].shape}, {clock} asks for {wanted}")
+    for clock, (name, n_dimensions, _) in OPTIONAL.items():
+        if (clock in arrays) != (name in arrays):
+            raise InputError(f"{where}: {clock} and {name} belong together: give both or none")
+        if name in arrays and (arrays[name].ndim, len(arrays[name])) != (n_dimensions, len(arrays[clock])):
+            raise InputError(f"{where}: {name} is {arrays[name].shape}, {clock} asks for {len(arrays[clock])} in "
+                             f"{n_dimensions} dimensions")  # fmt: skip
+    if MARKER_PLACE in arrays:
+        n_markers = arrays["marker_displacement"].shape[1] if "marker_displacement" in arrays else 0
+        if arrays[MARKER_PLACE].shape != (n_markers, 2):
+            raise InputError(f"{where}: marker_place is {arrays[MARKER_PLACE].shape}, {(n_markers, 2)} is asked for")
     for clock in ("stream_s", "reference_s"):
         if not np.isfinite(arrays[clock]).all() or (np.diff(arrays[clock]) <= 0).any():
             raise InputError(f"{where}: {clock} stands still or goes back: its stamps cannot be used")

@@ -1,0 +1,109 @@
+"""What a whole log tells beyond its touches: the clocks, and where the reference stands.
+
+Both are estimated when the log is finished, kept in its `found`, and used by whoever reads it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.errors import InputError
+from ruffini.rig.clock import fit_clock
+from ruffini.rig.frame_fit import FrameFit, fit_frame
+from ruffini.rig.log_file import Log, TouchRecord
+
+Array = npt.NDArray[np.float64]
+
+SETTLED_PART = 0.5  # of the hold, its end: the pad has stopped creeping fast
+SCALARS = ("force_rmse_n", "torque_rmse_nm")  # of FrameFit
+REST_S = 0.15  # of a touch's first and last readings: nothing touches then
+
+
+def is_held(times: Array, facts: dict[str, Any], *, part: float = 1.0) -> npt.NDArray[np.bool_]:
+    """Which host times lie in the last `part` of a touch's hold."""
+    start = facts["lifted_host_s"] - part * (facts["lifted_host_s"] - facts["held_host_s"])
+    return np.asarray((times > start) & (times < facts["lifted_host_s"]))
+
+
+def estimate(touches: list[TouchRecord], reference: dict[str, Any]) -> dict[str, Any]:
+    """`clocks` and `frame` of a log; where one cannot be told, `why_not` says why.
+
+    Parameters
+    ----------
+    reference : dict
+        `found["reference"]`: its stated uncertainty is used.
+    """
+    sessions = sorted({str(t.facts.get("session", "")) for t in touches})
+    clocks = [{"session": s, **_clock([t for t in touches if str(t.facts.get("session", "")) == s])} for s in sessions]
+    return {"clocks": clocks, "frame": _frame(touches, np.array(reference["sigma"], dtype=float))}
+
+
+def _clock(touches: list[TouchRecord]) -> dict[str, Any]:
+    touches = sorted(touches, key=lambda t: float(t.arrays["stream_s"][0]))
+    stream_s, host_s, force_n, reference_s, reference_n = (
+        np.concatenate([t.arrays[name] if t.arrays[name].ndim == 1 else t.arrays[name][:, 2] for t in touches])
+        for name in ("stream_s", "stream_host_s", "stream_wrench", "reference_s", "reference_wrench")
+    )
+    if np.isnan(force_n).any():
+        return {"why_not": "the stream does not measure the normal force: nothing to compare with the reference"}
+    rough_s = float(np.median(host_s - stream_s))
+    try:
+        fit = fit_clock(stream_s + rough_s, force_n, reference_s, reference_n)
+    except InputError as error:
+        return {"why_not": str(error)}
+    return {
+        "offset_s": rough_s + fit.offset_s, "sigma_s": fit.offset_sigma_s, "drift": fit.drift,
+        "drift_sigma": fit.drift_sigma, "middle_s": fit.middle_s - rough_s, "correlation": fit.correlation,
+        "late_s": fit.offset_s,
+    }  # fmt: skip
+
+
+def _frame(touches: list[TouchRecord], sigma: Array) -> dict[str, Any]:
+    rows = [_settled(t) for t in touches if len(t.arrays["stage_place"])]
+    if not rows:
+        return {"why_not": "no stage pressed: the places of the contacts are not known well enough"}
+    rest = np.vstack([_rest(t) for t in touches])
+    reading, place, direction = (np.array(column) for column in zip(*rows, strict=True))
+    if np.isnan(direction).any():
+        return {"why_not": "the stream does not measure all of the force: its direction is not known"}
+    try:
+        fit = fit_frame(rest, reading, place, direction, sigma)
+    except InputError as error:
+        return {"why_not": str(error)}
+    return {name: np.asarray(value).tolist() for name, value in fit._asdict().items()}
+
+
+def _settled(touch: TouchRecord) -> tuple[Array, Array, Array]:
+    """Reading of the reference, place of the tip and force as the sensor has it, at the end of the hold."""
+    a, f = touch.arrays, touch.facts
+    reading = a["reference_wrench"][is_held(a["reference_s"], f, part=SETTLED_PART)].mean(axis=0)
+    direction = a["stream_wrench"][is_held(a["stream_host_s"], f, part=SETTLED_PART), :3].mean(axis=0)
+    return reading, a["stage_place"][-1], direction
+
+
+def _rest(touch: TouchRecord) -> Array:
+    """Readings before the tip came down."""
+    t = touch.arrays["reference_s"]
+    return np.asarray(touch.arrays["reference_wrench"][t < t[0] + REST_S])
+
+
+def reference_in_pad(log: Log, touch: TouchRecord) -> Array:
+    """The reference's wrench ON the pad about its centre, (m, 6): turned and moved as the log found, else as it is."""
+    frame, wrench = log.found.get("frame", {}), touch.arrays["reference_wrench"]
+    if "rotation" not in frame:
+        return np.asarray(wrench)
+    fit = FrameFit(**{name: value if name in SCALARS else np.array(value) for name, value in frame.items()})
+    return fit.to_pad(wrench)
+
+
+def on_reference_clock(log: Log, touch: TouchRecord) -> Array:
+    """When each frame was taken, (n,), on the reference's clock; where no clock was found, when it arrived."""
+    session = str(touch.facts.get("session", ""))
+    clock = next((c for c in log.found.get("clocks", []) if c["session"] == session and "offset_s" in c), None)
+    stream_s = touch.arrays["stream_s"]
+    if clock is None:
+        return np.asarray(touch.arrays["stream_host_s"])
+    return np.asarray(stream_s + clock["offset_s"] + clock["drift"] * (stream_s - clock["middle_s"]))
