@@ -198,7 +198,9 @@ def material(
     write_fit(out, found, report)
     e, nu, h = fit.values
     e_i, nu_i, h_i = fit.interval
-    before, after = (1e3 * sum(v**2 for v in report[k][:3]) ** 0.5 for k in ("rmse_before_n_nm", "rmse_after_n_nm"))
+    before, after = (
+        1e3 * sum((v or 0.0) ** 2 for v in report[k][:3]) ** 0.5 for k in ("rmse_before_n_nm", "rmse_after_n_nm")
+    )
     text = (
         f"{out}: E {e / 1e3:.1f} +- {e_i / 1e3:.1f} kPa, Poisson's ratio {nu:.4f} +- {nu_i:.4f}, "
         f"thickness {1e3 * h:.3f} +- {1e3 * h_i:.3f} mm (95 %, {fit.n_touches} touches); "

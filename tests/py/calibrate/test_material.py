@@ -15,6 +15,7 @@ from ruffini.calibrate.material import (
     read_material,
 )
 from ruffini.calibrate.operator import Material, board_slab
+from ruffini.calibrate.prior import Prior, board_prior, fleet_prior, next_gel_prior, read_prior, write_prior
 from ruffini.calibrate.reference_log import read_wrench_csv, write_fit
 from ruffini.errors import InputError
 from ruffini.fem.condense import condense, surface_stiffness
@@ -71,6 +72,56 @@ def test_the_shape_of_the_displacement_tells_ratio_and_thickness_apart(board: Bo
     u, wrench = touches(board, 5, np.random.default_rng(10))
     fit = fit_material(board, log_from_frames(u, wrench), NOISE)
     assert (np.abs(fit.values / TRUE - 1) < [0.03, 0.01, 0.015]).all()
+
+
+def test_a_reference_of_one_axis_is_enough(board: Board) -> None:
+    """A kitchen scale under the pad: what it does not measure is NaN."""
+    u, wrench = touches(board, 12, np.random.default_rng(4))
+    wrench[:, [0, 1, 3, 4, 5]] = np.nan
+    fit = fit_material(board, log_from_frames(u, wrench), NOISE)
+    assert (np.abs(fit.values / TRUE - 1) < [0.05, 0.02, 0.04]).all()
+    report = fit.report()
+    assert report["rmse_after_n_nm"][0] is None
+    assert report["rmse_after_n_nm"][2] < 0.3 * report["rmse_before_n_nm"][2]
+    wrench[3, 2] = np.nan
+    with pytest.raises(InputError, match="NaN or infinity"):
+        log_from_frames(u, wrench)
+    wrench[:, 2] = np.nan
+    with pytest.raises(InputError, match="no force along z"):
+        log_from_frames(u, wrench)
+
+
+def test_two_presses_are_enough_where_the_pad_before_is_known(board: Board) -> None:
+    """The gel before was 3 % off the new one; without it two presses leave far more open."""
+    u, wrench = touches(board, 2, np.random.default_rng(12))
+    log = log_from_frames(u, wrench, at_least=1)
+    before = Material(TRUE.modulus_pa * 1.03, TRUE.poisson * 0.997, TRUE.thickness_m * 0.99)
+    informed = fit_material(board, log, NOISE, prior=next_gel_prior(before))
+    alone = fit_material(board, log, NOISE)
+    assert (np.abs(informed.values / TRUE - 1) < [0.03, 0.01, 0.02]).all()
+    assert (informed.interval < alone.interval).all()
+    assert np.abs(informed.values / TRUE - 1).max() < np.abs(np.array(before) / TRUE - 1).max()
+
+
+def test_a_fleets_prior_has_its_mean_and_spread(board: Board, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    units = [Material(*(np.array(TRUE) * (1 + rng.normal(0, [0.08, 0.005, 0.02])))) for _ in range(200)]
+    prior = fleet_prior(units)
+    assert prior.mean == pytest.approx(TRUE, rel=0.02)
+    assert np.sqrt(np.diag(prior.covariance)) == pytest.approx([0.08, 0.005, 0.02], rel=0.15)
+    path = tmp_path / "prior.json"
+    write_prior(path, board, prior)
+    again = read_prior(path, board)
+    assert isinstance(again, Prior)
+    assert again.covariance == pytest.approx(prior.covariance)
+    with pytest.raises(InputError, match="3 units tell no spread"):
+        fleet_prior(units[:3])
+    with pytest.raises(InputError, match="board 'sample', not 'gelslim'"):
+        read_prior(path, find_board("gelslim"))
+    path.write_text(path.read_text().replace(json.dumps(prior.covariance[0, 0]), "-1.0"))
+    with pytest.raises(InputError, match="not positive definite"):
+        read_prior(path, board)
+    assert not board_prior(board).is_informed
 
 
 def test_a_log_without_variation_is_refused(board: Board) -> None:
