@@ -95,7 +95,8 @@ def reference_in_pad(log: Log, touch: TouchRecord) -> Array:
     frame, wrench = log.found.get("frame", {}), touch.arrays["reference_wrench"]
     if "rotation" not in frame:
         return np.asarray(wrench)
-    fit = FrameFit(**{name: value if name in SCALARS else np.array(value) for name, value in frame.items()})
+    values: dict[str, Any] = {n: v if n in SCALARS else np.array(v) for n, v in frame.items()}
+    fit = FrameFit(**values)
     return fit.to_pad(wrench)
 
 
