@@ -13,6 +13,7 @@ from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 def reproduce(
     board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="Folder; run the same command again to go on with it.")],
+    bench: Annotated[str, typer.Option(help="Another bench of that form in the board's folder.")] = "reproduce.toml",
     quick: Annotated[bool, typer.Option("--quick", help="The quick subset: the same runs, fewer of them.")] = False,
     workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
     json_: JsonFlag = False,
@@ -22,7 +23,7 @@ def reproduce(
     from ruffini.sim.reproduce.make import reproduce as make
 
     with progress_bar("runs") as progress:
-        outcome = make(find_board(board), out, quick=quick, n_workers=workers, progress=progress)
+        outcome = make(find_board(board), out, bench=bench, quick=quick, n_workers=workers, progress=progress)
     for key, reason in outcome.failed.items():
         note(f"{key} is left out: {reason}")
     result = {"folder": str(out), "made": outcome.n_made, "kept": outcome.n_kept, "failed": outcome.failed,

@@ -16,7 +16,7 @@ import shutil
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
 from ruffini.sim.recording import record_touches
 from ruffini.sim.reproduce.runs import Run, readings_rng, runs_of
-from ruffini.sim.reproduce.settings import MountSettings, ReproduceSettings, RigSettings, load_reproduce
+from ruffini.sim.reproduce.settings import PAPER_BENCH, MountSettings, ReproduceSettings, RigSettings, load_reproduce
 from ruffini.sim.reproduce.solved import KeptMoment, aged, slowed, solved
 from ruffini.sim.rig import Unit
 from ruffini.sim.settings import load_twin
@@ -51,34 +51,41 @@ class Outcome:
 
 
 def reproduce(
-    board: Board, out: Path, *, quick: bool = False, n_workers: int = 1, progress: Progress = lambda _: None
+    board: Board,
+    out: Path,
+    *,
+    bench: str = PAPER_BENCH,
+    quick: bool = False,
+    n_workers: int = 1,
+    progress: Progress = lambda _: None,
 ) -> Outcome:
-    """Make the runs that are not there yet.
+    """Make the runs of a bench that are not there yet.
 
     Raises
     ------
     InputError
         The board has no paper, or the folder holds something else or cannot be written.
     """
-    settings = load_reproduce(board)
-    _claim(out, board, settings)
+    settings = load_reproduce(board, bench)
+    _claim(out, board, bench)
     runs = runs_of(settings, quick=quick)
     missing = [run for run in runs if not (out / run.key / "run.json").is_file()]
     failed: dict[str, str] = {}
-    for done, (run, reason) in enumerate(_made(board, missing, out, n_workers), 1):
+    for done, (run, reason) in enumerate(_made(board, missing, out, bench, n_workers), 1):
         if reason:
             failed[run.key] = reason
         progress((len(runs) - len(missing) + done) / len(runs))
     return Outcome(len(missing) - len(failed), len(runs) - len(missing), failed)
 
 
-def _made(board: Board, runs: list[Run], out: Path, n_workers: int) -> Iterable[tuple[Run, str]]:
+def _made(board: Board, runs: list[Run], out: Path, bench: str, n_workers: int) -> Iterable[tuple[Run, str]]:
     name = str(board.folder or board.name)
     if n_workers == 1 or len(runs) < 2:
-        yield from ((run, _make_one(name, run, out)) for run in runs)
+        yield from ((run, _make_one(name, run, out, bench)) for run in runs)
         return
     with ProcessPoolExecutor(n_workers, mp_context=get_context("spawn")) as pool:
-        yield from zip(runs, pool.map(_make_one, [name] * len(runs), runs, [out] * len(runs)), strict=True)
+        make_one = partial(_make_one, name, out=out, bench=bench)
+        yield from zip(runs, pool.map(make_one, runs), strict=True)
 
 
 @lru_cache(maxsize=1)
@@ -86,10 +93,10 @@ def _unit(board: str) -> Unit:
     return build_unit(find_board(board))
 
 
-def _make_one(board: str, run: Run, out: Path) -> str:
+def _make_one(board: str, run: Run, out: Path, bench: str) -> str:
     """Make one run; the reason where its mechanics has no solution, else nothing."""
     unit = _unit(board)
-    settings = load_reproduce(unit.board)
+    settings = load_reproduce(unit.board, bench)
     unit = slowed(aged(unit, settings.aging, run.n_pressed_before), run)
     try:
         moments = solved(unit, run)
@@ -98,13 +105,13 @@ def _make_one(board: str, run: Run, out: Path) -> str:
     except RuffiniError as error:
         return str(error)
     folder = out / run.key
-    partial = folder.with_name(f"{folder.name}.part")
-    for rest in (partial, folder):  # of a run that was stopped
+    begun = folder.with_name(f"{folder.name}.part")
+    for rest in (begun, folder):  # of a run that was stopped
         shutil.rmtree(rest, ignore_errors=True)
-    record_touches(unit, run.story(unit.board), partial, seed=run.seed, program=run.key, moments=moments)
-    _write_rig(partial, run, moments, settings, unit.board.camera.rate_mhz * 1e-3)
-    _write_run(partial, run)
-    partial.rename(folder)
+    record_touches(unit, run.story(unit.board), begun, seed=run.seed, program=run.key, moments=moments)
+    _write_rig(begun, run, moments, settings, unit.board.camera.rate_mhz * 1e-3)
+    _write_run(begun, run)
+    begun.rename(folder)
     return ""
 
 
@@ -174,12 +181,12 @@ def _write_run(folder: Path, run: Run) -> None:
     write_whole(folder / "run.json", json.dumps(tree, indent=1).encode(), is_durable=False)
 
 
-def digest(board: Board) -> str:
-    """Of all that a board's recordings follow from: board.toml, twin.toml, reproduce.toml.
+def digest(board: Board, bench: str = PAPER_BENCH) -> str:
+    """Of all that a board's recordings follow from: board.toml, twin.toml, the bench.
 
     Patches of a texture are not printed, so where they lie and that they are followed changes no recording.
     """
-    settings = load_reproduce(board)
+    settings = load_reproduce(board, bench)
     unused: dict[str, Any] = {} if settings.mount else {"mount": True}  # younger than the first frozen boards
     if not settings.rig.ring_force_un:
         unused["rig"] = {"ring_force_un"}
@@ -187,15 +194,19 @@ def digest(board: Board) -> str:
     if board.markers is not None and board.markers.polarity == "texture":
         seen["markers"] = None
         seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ("markers", "displacement")]
-    tree = [seen, load_twin(board).model_dump(mode="json"),
-            settings.model_dump(mode="json", exclude=unused)]  # fmt: skip
+    told = settings.model_dump(mode="json", exclude=unused)
+    for pair in (one["second"] for one in told["set_"] if one["second"]):
+        if not pair["turn_mrad"]:  # younger too
+            del pair["turn_mrad"]
+    tree = [seen, load_twin(board).model_dump(mode="json"), told]
     return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 
-def _claim(out: Path, board: Board, settings: ReproduceSettings) -> None:
+def _claim(out: Path, board: Board, bench: str) -> None:
     """Make the folder ours, or go on in it. Raises InputError where it holds something else."""
     card = out / "reproduce.json"
-    ours = {"simulated": True, "board": board.name, "paper": settings.paper, "settings": digest(board),
+    paper = load_reproduce(board, bench).paper
+    ours = {"simulated": True, "board": board.name, "paper": paper, "settings": digest(board, bench),
             "ruffini": __version__}  # fmt: skip
     try:
         if card.is_file():

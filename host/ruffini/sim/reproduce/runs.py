@@ -56,10 +56,11 @@ class Run:
         assert isinstance(s, PressSet)
         step_um = float(str(self.chosen["speed_um_s"])) / rate_hz if "speed_um_s" in self.chosen else s.step_um
         n = max(1, round(s.depth_um / step_um))
-        down = [Pose(x * UM, y * UM, s.depth_um * UM * (i + 1) / n, 0.0, roll, pitch) for i in range(n)]
+        facing = s.second.turn_mrad * 1e-3 if s.second else 0.0
+        down = [Pose(x * UM, y * UM, s.depth_um * UM * (i + 1) / n, facing, roll, pitch) for i in range(n)]
         poses, last = list(down), down[-1]
         if dx or dy or turn:
-            end = Pose((x + dx) * UM, (y + dy) * UM, s.depth_um * UM, turn, roll, pitch)
+            end = Pose((x + dx) * UM, (y + dy) * UM, s.depth_um * UM, facing + turn, roll, pitch)
             poses += [last.towards(end, (i + 1) / s.side_steps) for i in range(s.side_steps)]
         poses += [poses[-1]] * s.hold_frames
         if s.returns:

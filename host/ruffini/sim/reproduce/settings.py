@@ -36,6 +36,7 @@ from pydantic import Field, ValidationError, model_validator
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
 
+PAPER_BENCH = "reproduce.toml"
 Um = Annotated[int, Field(ge=-200_000, le=200_000)]
 Positive = Annotated[int, Field(ge=1, le=200_000)]
 Place = Annotated[list[Um], Field(min_length=2, max_length=2)]
@@ -91,6 +92,7 @@ class SecondSettings(Section):
     radius_um: Positive
     distance_um: Positive
     lift_um: Um = 0
+    turn_mrad: Um = 0  # of the pair, from the first frame on
 
 
 class Lists(Section):
@@ -189,17 +191,18 @@ class ReproduceSettings(Section):
         return self
 
 
-def load_reproduce(board: Board) -> ReproduceSettings:
-    """reproduce.toml beside the board's board.toml.
+def load_reproduce(board: Board, bench: str = PAPER_BENCH) -> ReproduceSettings:
+    """reproduce.toml, or another bench of that form, beside the board's board.toml.
 
     Raises
     ------
     InputError
         The board has none, or the file is not as it should be.
     """
-    path = (board.folder or Path()) / "reproduce.toml"
+    path = (board.folder or Path()) / bench
     if not path.is_file():
-        raise InputError(f"board {board.name!r} has no paper to reproduce: {path} does not exist")
+        what = "no paper to reproduce" if bench == PAPER_BENCH else f"no bench {bench!r}"
+        raise InputError(f"board {board.name!r} has {what}: {path} does not exist")
     try:
         return parse_reproduce(tomllib.loads(path.read_text("utf-8")), str(path))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
