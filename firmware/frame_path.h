@@ -101,7 +101,7 @@ class FramePath {
   Rest rest_;
   LightTracker light_;  // where colours become depth
   DotDetector dots_;
-  MarkerLattice lattice_;
+  MarkerTracker lattice_;
   std::optional<TextureFlow> flow_;  // in place of dots and lattice where the board's markers are patches of a texture
   int n_markers_at_rest_ = 0;
   std::optional<CameraMap> camera_map_;

@@ -45,8 +45,16 @@ struct WindowSettings {
   int64_t max_y_um = 0;
 };
 
+// From the pad's corner.
+struct PadPlace {
+  int64_t x_um = 0;
+  int64_t y_um = 0;
+};
+
 struct MarkerSettings {
   Polarity polarity = Polarity::kDark;
+  bool is_scattered = false;     // not on the lattice, which then only counts them
+  std::vector<PadPlace> places;  // of scattered ones, where they are listed
   GridSize lattice;
   int64_t pitch_x_um = 0;
   int64_t pitch_y_um = 0;

@@ -1,9 +1,6 @@
 #include "image/markers.h"
 
 #include <algorithm>
-
-#include "image/lattice_fill.h"
-
 namespace ruffini {
 namespace {
 
@@ -19,6 +16,25 @@ constexpr int64_t kApartWeight = 16;    // neighbours that part, over the same m
 constexpr int64_t kMissingWeight = 16;  // pitches squared
 constexpr int64_t kLeftWeight = 8;      // pitches squared
 constexpr int kDoubtPercent = 33;       // of the pitch
+
+// The place nearest to the mean of those that `is_free` holds; it is free no longer.
+int take_middle(std::span<const ImagePoint> places, std::span<uint8_t> is_free) {
+  ImagePoint mean;
+  int n = 0;
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (is_free[i] == 0) continue;
+    mean = {mean.x + places[i].x, mean.y + places[i].y};
+    ++n;
+  }
+  if (n == 0) return 0;
+  mean = {floor_div(mean.x, n), floor_div(mean.y, n)};
+  size_t best = 0;
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (is_free[i] != 0 && (is_free[best] == 0 || distance2(places[i], mean) < distance2(places[best], mean))) best = i;
+  }
+  is_free[best] = 0;
+  return static_cast<int>(best);
+}
 
 }  // namespace
 
@@ -37,9 +53,12 @@ DotParameters dot_parameters(const BoardSettings& board) {
           .max_area_px = static_cast<int>(std::max<int64_t>(area * 3, 16))};
 }
 
-MarkerLattice::MarkerLattice(const BoardSettings& board) : size_(board.markers.lattice), settings_(board.markers) {
+MarkerTracker::MarkerTracker(const BoardSettings& board)
+    : size_(board.markers.lattice),
+      graph_(size_),
+      is_listed_(!board.markers.is_scattered || !board.markers.places.empty()) {
   const CameraSettings& camera = board.camera;
-  const int64_t pitch = length_q16(camera, std::min(settings_.pitch_x_um, settings_.pitch_y_um));
+  const int64_t pitch = length_q16(camera, std::min(board.markers.pitch_x_um, board.markers.pitch_y_um));
   const auto squared_share = [pitch](int64_t percent) { return (pitch * percent / 100) * (pitch * percent / 100); };
   gate2_ = squared_share(45);
   seed_gate2_ = squared_share(60);  // 0.4 pitch along both axes
@@ -48,10 +67,7 @@ MarkerLattice::MarkerLattice(const BoardSettings& board) : size_(board.markers.l
   search2_ = squared_share(110);
   pitch2_q8_ = (pitch >> 8) * (pitch >> 8);
   view_ = {int64_t{camera.width_px} << 16, int64_t{camera.height_px} << 16};
-  edge_ = length_q16(camera, settings_.diameter_um);
-  um_to_px_q32_ = floor_div(camera.focal_mpx * (int64_t{1} << 32), camera.standoff_um * 1000);
-  corner_ = {px_q16(camera.center_x_mpx) - (board.pad.size_x_um * um_to_px_q32_ >> 17),
-             px_q16(camera.center_y_mpx) - (board.pad.size_y_um * um_to_px_q32_ >> 17)};
+  edge_ = length_q16(camera, board.markers.diameter_um);
   const auto n = static_cast<size_t>(size_.count());
   markers_.resize(n);
   expected_.resize(n);
@@ -63,18 +79,38 @@ MarkerLattice::MarkerLattice(const BoardSettings& board) : size_(board.markers.l
   last_.resize(n);
   best_.resize(n);
   best_known_.resize(n);
+  nominal_.resize(n);
   marker_of_dot_.resize(DotDetector::kMaxDots);
   is_dot_taken_.resize(DotDetector::kMaxDots);
+  if (is_listed_ && n > 0) place_nominal(board);
 }
 
-MarkerLattice::Point MarkerLattice::nominal(int index) const {
-  const int64_t x_um = settings_.first_x_um + (index % size_.n_x) * settings_.pitch_x_um;
-  const int64_t y_um = settings_.first_y_um + (index / size_.n_x) * settings_.pitch_y_um;
-  return {corner_.x + (x_um * um_to_px_q32_ >> 16), corner_.y + (y_um * um_to_px_q32_ >> 16)};
+// Lattice or list, as seen from the board's camera, and the markers that growth may begin with.
+void MarkerTracker::place_nominal(const BoardSettings& board) {
+  const MarkerSettings& m = board.markers;
+  const CameraSettings& camera = board.camera;
+  const int64_t um_to_px_q32 = floor_div(camera.focal_mpx * (int64_t{1} << 32), camera.standoff_um * 1000);
+  const Point corner{px_q16(camera.center_x_mpx) - (board.pad.size_x_um * um_to_px_q32 >> 17),
+                     px_q16(camera.center_y_mpx) - (board.pad.size_y_um * um_to_px_q32 >> 17)};
+  for (int i = 0; i < size_.count(); ++i) {
+    const PadPlace at = m.is_scattered ? m.places[static_cast<size_t>(i)]
+                                       : PadPlace{m.first_x_um + (i % size_.n_x) * m.pitch_x_um,
+                                                  m.first_y_um + (i / size_.n_x) * m.pitch_y_um};
+    nominal_[static_cast<size_t>(i)] = {corner.x + (at.x_um * um_to_px_q32 >> 16),
+                                        corner.y + (at.y_um * um_to_px_q32 >> 16)};
+  }
+  if (!m.is_scattered) {
+    const int middle = (size_.n_y / 2) * size_.n_x + size_.n_x / 2;
+    seeds_ = {middle, middle - 1, middle - size_.n_x, middle - size_.n_x - 1};
+    return;
+  }
+  std::fill(known_.begin(), known_.end(), uint8_t{1});
+  graph_.connect(nominal_, known_);
+  for (int& seed : seeds_) seed = take_middle(nominal_, known_);
 }
 
 // Mutual nearest neighbours within the gate, among open markers and dots not taken.
-void MarkerLattice::match(std::span<const Dot> dots, int64_t gate2) {
+void MarkerTracker::match(std::span<const Dot> dots, int64_t gate2) {
   const int n_dots = static_cast<int>(dots.size());
   std::fill(dot_of_marker_.begin(), dot_of_marker_.end(), Nearest{-1, gate2});
   std::fill_n(marker_of_dot_.begin(), n_dots, Nearest{-1, gate2});
@@ -85,11 +121,11 @@ void MarkerLattice::match(std::span<const Dot> dots, int64_t gate2) {
     for (int j = 0; j < n_dots; ++j) {
       const int64_t dx = dots[static_cast<size_t>(j)].x.raw() - place.x;
       const int64_t dy = dots[static_cast<size_t>(j)].y.raw() - place.y;
-      const int64_t distance2 = dx * dx + dy * dy;
+      const int64_t apart2 = dx * dx + dy * dy;
       if (is_dot_taken_[static_cast<size_t>(j)] != 0) continue;
-      if (distance2 < mine.distance2) mine = {j, distance2};
+      if (apart2 < mine.distance2) mine = {j, apart2};
       Nearest& theirs = marker_of_dot_[static_cast<size_t>(j)];
-      if (distance2 < theirs.distance2) theirs = {i, distance2};
+      if (apart2 < theirs.distance2) theirs = {i, apart2};
     }
   }
   for (int i = 0; i < size_.count(); ++i) {
@@ -99,22 +135,38 @@ void MarkerLattice::match(std::span<const Dot> dots, int64_t gate2) {
 }
 
 // The nearest free dot closer than sqrt(limit2) to `place`; -1 = none.
-int MarkerLattice::nearest_free(std::span<const Dot> dots, const Point& place, int64_t limit2) const {
+int MarkerTracker::nearest_free(std::span<const Dot> dots, const Point& place, int64_t limit2) const {
   int best = -1;
   for (size_t j = 0; j < dots.size(); ++j) {
     const int64_t dx = dots[j].x.raw() - place.x;
     const int64_t dy = dots[j].y.raw() - place.y;
-    const int64_t distance2 = dx * dx + dy * dy;
-    if (is_dot_taken_[j] != 0 || distance2 >= limit2) continue;
+    const int64_t apart2 = dx * dx + dy * dy;
+    if (is_dot_taken_[j] != 0 || apart2 >= limit2) continue;
     best = static_cast<int>(j);
-    limit2 = distance2;
+    limit2 = apart2;
   }
   return best;
 }
 
+// Each dot is a marker, as many as there is room for; places left over lie outside the picture.
+int MarkerTracker::take_all(std::span<const Dot> dots) {
+  const size_t n = std::min(dots.size(), markers_.size());
+  for (size_t i = 0; i < markers_.size(); ++i) {
+    Marker& marker = markers_[i] = Marker{};
+    marker.is_absent = marker.is_lost = i >= n;
+    known_[i] = i < n ? 1 : 0;
+    marker.rest_x = i < n ? dots[i].x : ImagePx::from_raw(static_cast<int32_t>(-edge_));
+    marker.rest_y = i < n ? dots[i].y : ImagePx::from_raw(static_cast<int32_t>(-edge_));
+    nominal_[i] = {marker.rest_x.raw(), marker.rest_y.raw()};
+  }
+  graph_.connect(nominal_, known_);
+  middle_ = take_middle(nominal_, known_);
+  return static_cast<int>(n);
+}
+
 // Assigns dots outwards from `seed`: each neighbour is looked for one nominal step from a marker that
 // has its dot. Number of markers found.
-int MarkerLattice::grow(std::span<const Dot> dots, int seed) {
+int MarkerTracker::grow(std::span<const Dot> dots, int seed) {
   std::fill(dot_of_marker_.begin(), dot_of_marker_.end(), Nearest{-1, 0});
   std::fill(is_dot_taken_.begin(), is_dot_taken_.end(), uint8_t{0});
   int n_found = 0;
@@ -124,32 +176,26 @@ int MarkerLattice::grow(std::span<const Dot> dots, int seed) {
     is_dot_taken_[static_cast<size_t>(dot)] = 1;
     queue_[static_cast<size_t>(n_found++)] = marker;
   };
-  assign(seed, nearest_free(dots, nominal(seed), seed_gate2_));
+  assign(seed, nearest_free(dots, nominal_[static_cast<size_t>(seed)], seed_gate2_));
   for (int next = 0; next < n_found; ++next) {
     const int at = queue_[static_cast<size_t>(next)];
     const Dot& dot = dots[static_cast<size_t>(dot_of_marker_[static_cast<size_t>(at)].index)];
-    const Point from = nominal(at);
-    const auto look = [&](int neighbour) {
-      if (dot_of_marker_[static_cast<size_t>(neighbour)].index >= 0) return;
-      const Point to = nominal(neighbour);
+    const Point& from = nominal_[static_cast<size_t>(at)];
+    for (const int neighbour : graph_.beside(static_cast<size_t>(at))) {
+      if (dot_of_marker_[static_cast<size_t>(neighbour)].index >= 0) continue;
+      const Point& to = nominal_[static_cast<size_t>(neighbour)];
       assign(neighbour, nearest_free(dots, {dot.x.raw() + to.x - from.x, dot.y.raw() + to.y - from.y}, step_gate2_));
-    };
-    const int x = at % size_.n_x;
-    const int y = at / size_.n_x;
-    if (x > 0) look(at - 1);
-    if (x + 1 < size_.n_x) look(at + 1);
-    if (y > 0) look(at - size_.n_x);
-    if (y + 1 < size_.n_y) look(at + size_.n_x);
+    }
   }
   return n_found;
 }
 
-int MarkerLattice::learn(std::span<const Dot> dots) {
+int MarkerTracker::learn(std::span<const Dot> dots) {
+  if (!is_listed_) return take_all(dots);
   // The seed decides which dot is which; one of the middle markers may have no dot, or dust for one.
-  const int middle = (size_.n_y / 2) * size_.n_x + size_.n_x / 2;
-  int best_seed = middle;
+  int best_seed = seeds_[0];
   int best_found = 0;
-  for (const int seed : {middle, middle - 1, middle - size_.n_x, middle - size_.n_x - 1}) {
+  for (const int seed : seeds_) {
     const int n_found = grow(dots, seed);
     if (n_found > best_found) {
       best_found = n_found;
@@ -161,13 +207,13 @@ int MarkerLattice::learn(std::span<const Dot> dots) {
   for (int n = 0; n < best_found; ++n) {
     const int i = queue_[static_cast<size_t>(n)];
     const Dot& dot = dots[static_cast<size_t>(dot_of_marker_[static_cast<size_t>(i)].index)];
-    shift.x += dot.x.raw() - nominal(i).x;
-    shift.y += dot.y.raw() - nominal(i).y;
+    shift.x += dot.x.raw() - nominal_[static_cast<size_t>(i)].x;
+    shift.y += dot.y.raw() - nominal_[static_cast<size_t>(i)].y;
   }
   if (best_found > 0) shift = {floor_div(shift.x, best_found), floor_div(shift.y, best_found)};
   for (int i = 0; i < size_.count(); ++i) {
     const int j = dot_of_marker_[static_cast<size_t>(i)].index;
-    const Point place = nominal(i);
+    const Point& place = nominal_[static_cast<size_t>(i)];
     Marker& marker = markers_[static_cast<size_t>(i)];
     marker = Marker{};
     marker.is_absent = marker.is_lost = j < 0;
@@ -178,43 +224,17 @@ int MarkerLattice::learn(std::span<const Dot> dots) {
   return best_found;
 }
 
-int MarkerLattice::mean_around(int index, Point& mean) const {
-  return neighbour_mean(markers_, size_, known_, index, mean.x, mean.y);
-}
-
-int MarkerLattice::on_lines(int index, Point& mean) const {
-  const int x = index % size_.n_x;
-  const int y = index / size_.n_x;
-  int count = 0;
-  mean = {0, 0};
-  const auto line = [&](bool is_inside, int step) {
-    if (!is_inside) return;
-    const auto near = static_cast<size_t>(index + step);
-    const auto far = static_cast<size_t>(index + 2 * step);
-    if (known_[near] == 0 || known_[far] == 0) return;
-    ++count;
-    mean.x += int64_t{2} * markers_[near].displacement_x.raw() - markers_[far].displacement_x.raw();
-    mean.y += int64_t{2} * markers_[near].displacement_y.raw() - markers_[far].displacement_y.raw();
-  };
-  line(x >= 2, -1);
-  line(x + 2 < size_.n_x, 1);
-  line(y >= 2, -size_.n_x);
-  line(y + 2 < size_.n_y, size_.n_x);
-  if (count > 0) mean = {floor_div(mean.x, count), floor_div(mean.y, count)};
-  return count;
-}
-
-void MarkerLattice::expect_with_neighbours() {
-  for (int i = 0; i < size_.count(); ++i) {
-    const Marker& marker = markers_[static_cast<size_t>(i)];
-    Point mean{};
-    if (is_open_[static_cast<size_t>(i)] == 0 || (on_lines(i, mean) == 0 && mean_around(i, mean) == 0)) continue;
-    expected_[static_cast<size_t>(i)] = {marker.rest_x.raw() + mean.x, marker.rest_y.raw() + mean.y};
+void MarkerTracker::expect_with_neighbours() {
+  for (size_t i = 0; i < markers_.size(); ++i) {
+    Point mean;
+    if (is_open_[i] == 0) continue;
+    if (!graph_.mean_on_lines(markers_, known_, i, mean) && !graph_.mean_around(markers_, known_, i, mean)) continue;
+    expected_[i] = {markers_[i].rest_x.raw() + mean.x, markers_[i].rest_y.raw() + mean.y};
   }
 }
 
 // Gives every open marker its matched dot. How many.
-int MarkerLattice::accept(std::span<const Dot> dots) {
+int MarkerTracker::accept(std::span<const Dot> dots) {
   int n_accepted = 0;
   for (size_t i = 0; i < markers_.size(); ++i) {
     const int j = dot_of_marker_[i].index;
@@ -233,7 +253,7 @@ int MarkerLattice::accept(std::span<const Dot> dots) {
 
 // Assigns dots around rest + start(marker), then where the neighbours went.
 template <typename Start>
-void MarkerLattice::look(std::span<const Dot> dots, Start start, int64_t gate2) {
+void MarkerTracker::look(std::span<const Dot> dots, Start start, int64_t gate2) {
   std::fill(is_dot_taken_.begin(), is_dot_taken_.end(), uint8_t{0});
   std::fill(known_.begin(), known_.end(), uint8_t{0});
   auto n_open = std::ssize(markers_);
@@ -260,7 +280,7 @@ void MarkerLattice::look(std::span<const Dot> dots, Start start, int64_t gate2) 
 }
 
 // Sums stay below 2^62: displacements are at most 2^21 in Q8, markers 4,096.
-MarkerLattice::Verdict MarkerLattice::judge(size_t n_dots) const {
+MarkerTracker::Verdict MarkerTracker::judge(size_t n_dots) const {
   Verdict verdict;
   const auto apart2 = [&](size_t i, size_t j) {
     if (known_[i] == 0 || known_[j] == 0) return int64_t{0};
@@ -268,12 +288,13 @@ MarkerLattice::Verdict MarkerLattice::judge(size_t n_dots) const {
     const int64_t y = (markers_[i].displacement_y.raw() - int64_t{markers_[j].displacement_y.raw()}) >> 8;
     return x * x + y * y;
   };
-  const auto n_x = static_cast<size_t>(size_.n_x);
   for (size_t i = 0; i < markers_.size(); ++i) {
-    const int64_t right = (i + 1) % n_x != 0 ? apart2(i, i + 1) : 0;
-    const int64_t below = i + n_x < markers_.size() ? apart2(i, i + n_x) : 0;
-    verdict.cost += kApartWeight * (right + below);
-    verdict.widest2 = std::max({verdict.widest2, right, below});
+    for (const int neighbour : graph_.beside(i)) {
+      const auto j = static_cast<size_t>(neighbour);
+      const int64_t apart = j > i ? apart2(i, j) : 0;  // each pair once
+      verdict.cost += kApartWeight * apart;
+      verdict.widest2 = std::max(verdict.widest2, apart);
+    }
     if (known_[i] != 0) {
       const int64_t x = markers_[i].displacement_x.raw() >> 8;
       const int64_t y = markers_[i].displacement_y.raw() >> 8;
@@ -290,7 +311,7 @@ MarkerLattice::Verdict MarkerLattice::judge(size_t n_dots) const {
   return verdict;
 }
 
-bool MarkerLattice::is_doubtful(const Verdict& verdict) const {
+bool MarkerTracker::is_doubtful(const Verdict& verdict) const {
   const int64_t limit2 = pitch2_q8_ * (kDoubtPercent * kDoubtPercent) / 10'000;
   if (verdict.n_missing > 0 || verdict.widest2 > limit2 || 2 * verdict.n_left >= std::min(size_.n_x, size_.n_y))
     return true;
@@ -303,7 +324,7 @@ bool MarkerLattice::is_doubtful(const Verdict& verdict) const {
 }
 
 // Lays the lattice on the dots without memory; keeps the cheapest assignment, the present one among them.
-void MarkerLattice::search(std::span<const Dot> dots, int64_t cost_so_far) {
+void MarkerTracker::search(std::span<const Dot> dots, int64_t cost_so_far) {
   const auto keep = [&] {
     for (size_t i = 0; i < markers_.size(); ++i) {
       best_[i] = {markers_[i].displacement_x.raw(), markers_[i].displacement_y.raw()};
@@ -332,7 +353,7 @@ void MarkerLattice::search(std::span<const Dot> dots, int64_t cost_so_far) {
   }
 }
 
-int MarkerLattice::track(std::span<const Dot> dots) {
+int MarkerTracker::track(std::span<const Dot> dots) {
   for (size_t i = 0; i < markers_.size(); ++i) {
     last_[i] = {markers_[i].displacement_x.raw(), markers_[i].displacement_y.raw()};
   }
@@ -344,7 +365,7 @@ int MarkerLattice::track(std::span<const Dot> dots) {
     markers_[i].is_lost = known_[i] == 0;
     n_lost += static_cast<int>(known_[i] == 0 && !markers_[i].is_absent);
   }
-  fill_from_neighbours(markers_, size_, known_, known_next_);
+  graph_.fill(markers_, known_, known_next_);
   return n_lost;
 }
 

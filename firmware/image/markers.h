@@ -1,8 +1,8 @@
-// Which dot is which marker: identity on the board's lattice, displacement always against rest.
+// Which dot is which marker: identity on the board's lattice or on scattered places, displacement always against rest.
 //
 // A marker is looked for at rest + its last displacement; marker and dot must be each other's nearest
-// within the gate. What stays without a dot is looked for where its lattice neighbours went, ring by ring: on the
-// line through two in a row, or where the mean of those around it is.
+// within the gate. What stays without a dot is looked for where its neighbours (image/marker_graph.h) went, ring by
+// ring: on the line through two in a row, or where the mean of those around it is.
 // Still lost: the displacement is the mean of the neighbours' (nearest ring first), and marked.
 //
 // Frames may be far apart. Where the outcome is doubtful (a marker missing inside the view, dots left over, neighbours
@@ -12,10 +12,11 @@
 //   cost = 16 sum |d_i - d_j|^2 over neighbours + sum |d_i|^2
 //          + 16 pitch^2 (markers missing inside the view) + 8 pitch^2 (dots left over)
 //
-// so a torn lattice or a missing row costs most, and of two equal ones a whole pitch apart the nearer to rest wins.
+// so torn neighbours or a missing row costs most, and of two equal ones a whole pitch apart the nearer to rest wins.
 // Frame thread; no allocation after the constructor.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -23,6 +24,7 @@
 #include "base/fixed.h"
 #include "board/settings.h"
 #include "image/dots.h"
+#include "image/marker_graph.h"
 
 namespace ruffini {
 
@@ -35,13 +37,13 @@ struct Marker {
   bool is_absent = true;  // was not seen at rest either
 };
 
-class MarkerLattice {
+class MarkerTracker {
  public:
-  explicit MarkerLattice(const BoardSettings& board);
+  explicit MarkerTracker(const BoardSettings& board);
 
-  // Assign the dots of the rest image to the nominal lattice, outwards from its middle. The nominal
-  // lattice may be off by 0.4 pitch along each axis in the middle, its step by 0.35 pitch, locally (scale,
-  // rotation, lens distortion). Number of markers found.
+  // Assign the dots of the rest image to the board's lattice or listed places, outwards from their middle. These may
+  // be off by 0.4 pitch along each axis in the middle, their steps by 0.35 pitch, locally (scale, rotation, lens
+  // distortion). Scattered and not listed: each dot is a marker, in the order of the dots. Number of markers found.
   int learn(std::span<const Dot> dots);
   // Follow the dots of one frame. Number of markers lost that were there at rest.
   int track(std::span<const Dot> dots);
@@ -50,10 +52,7 @@ class MarkerLattice {
   [[nodiscard]] GridSize size() const { return size_; }
 
  private:
-  struct Point {
-    int64_t x;
-    int64_t y;
-  };
+  using Point = ImagePoint;
   struct Nearest {
     int index = -1;
     int64_t distance2 = 0;
@@ -67,7 +66,8 @@ class MarkerLattice {
     int n_left = 0;  // dots
   };
 
-  [[nodiscard]] Point nominal(int index) const;
+  void place_nominal(const BoardSettings& board);
+  int take_all(std::span<const Dot> dots);
   [[nodiscard]] int nearest_free(std::span<const Dot> dots, const Point& place, int64_t limit2) const;
   int grow(std::span<const Dot> dots, int seed);
   void match(std::span<const Dot> dots, int64_t gate2);
@@ -78,24 +78,21 @@ class MarkerLattice {
   [[nodiscard]] bool is_doubtful(const Verdict& verdict) const;
   void search(std::span<const Dot> dots, int64_t cost_so_far);
   void expect_with_neighbours();
-  // Mean displacement of the 8 neighbours that `known_` holds; count 0 = none.
-  [[nodiscard]] int mean_around(int index, Point& mean) const;
-  // Mean displacement on the lines through two neighbours in a row; count 0 = none.
-  [[nodiscard]] int on_lines(int index, Point& mean) const;
 
   GridSize size_;
-  MarkerSettings settings_;
-  int64_t gate2_;         // squared, Q16 px: dot from the place where it is expected
-  int64_t tight_gate2_;   // the same where nothing is remembered
-  int64_t search2_;       // a middle marker's dot from its rest place
-  int64_t pitch2_q8_;     // squared, Q8 px
-  Point view_{};          // size of the picture, Q16 px
-  int64_t edge_;          // a marker this near to the picture's border may be cut, Q16 px
-  int middle_ = 0;        // marker that the search begins with
-  int64_t seed_gate2_;    // the first dot from its nominal place
-  int64_t step_gate2_;    // a dot from one nominal step beside its neighbour
-  int64_t um_to_px_q32_;  // image pixels per micrometre at the undeformed surface
-  Point corner_;          // image position of the pad's corner, Q16
+  MarkerGraph graph_;
+  bool is_listed_;              // where the markers are is known before rest is
+  int64_t gate2_;               // squared, Q16 px: dot from the place where it is expected
+  int64_t tight_gate2_;         // the same where nothing is remembered
+  int64_t search2_;             // a middle marker's dot from its rest place
+  int64_t pitch2_q8_;           // squared, Q8 px
+  Point view_{};                // size of the picture, Q16 px
+  int64_t edge_;                // a marker this near to the picture's border may be cut, Q16 px
+  int middle_ = 0;              // marker that the search begins with
+  int64_t seed_gate2_;          // the first dot from its nominal place
+  int64_t step_gate2_;          // a dot from one nominal step beside its neighbour
+  std::vector<Point> nominal_;  // the board's own places, where it lists them
+  std::array<int, 4> seeds_{};  // markers in the middle of them
   std::vector<Marker> markers_;
   std::vector<Point> expected_;
   std::vector<Nearest> dot_of_marker_;

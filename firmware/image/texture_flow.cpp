@@ -1,9 +1,6 @@
 #include "image/texture_flow.h"
 
 #include <algorithm>
-
-#include "image/lattice_fill.h"
-
 namespace ruffini {
 namespace {
 
@@ -37,6 +34,7 @@ int32_t median_of(std::array<int32_t, 9> v) {
 
 TextureFlow::TextureFlow(const BoardSettings& board)
     : lattice_(board.markers.lattice),
+      graph_(lattice_),
       coarse_lattice_{(lattice_.n_x + 1) / 2, (lattice_.n_y + 1) / 2},
       threshold_1e3_(static_cast<int>(board.markers.threshold_1e3)),
       mean_(static_cast<size_t>(board.camera.width_px) + 2),
@@ -197,7 +195,7 @@ int TextureFlow::track(std::span<const uint16_t> grey) {
     marker.is_lost = known_[i] == 0;
     n_lost += marker.is_lost && !marker.is_absent ? 1 : 0;
   }
-  fill_from_neighbours(markers_, lattice_, known_, known_next_);
+  graph_.fill(markers_, known_, known_next_);
   return n_lost;
 }
 

@@ -18,6 +18,7 @@
 
 #include "board/settings.h"
 #include "image/flow_templates.h"
+#include "image/marker_graph.h"
 #include "image/markers.h"
 
 namespace ruffini {
@@ -50,6 +51,7 @@ class TextureFlow {
   void spread();
 
   GridSize lattice_;
+  MarkerGraph graph_;
   GridSize coarse_lattice_;
   int threshold_1e3_;
   std::array<Picture, kLevels> picture_;

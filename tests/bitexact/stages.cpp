@@ -39,7 +39,7 @@ struct Stages {
   BoardSettings board;
   Rest rest;
   DotDetector dots;
-  MarkerLattice lattice;
+  MarkerTracker lattice;
   std::optional<Photometric> photometric;
   Poisson poisson;
   Displacement displacement;

@@ -29,7 +29,7 @@ std::vector<Place> moved(std::vector<Place> places, Move move) {
 }
 
 // Every marker rests exactly where its own dot is.
-void expect_identity(const MarkerLattice& lattice, const std::vector<Place>& places) {
+void expect_identity(const MarkerTracker& lattice, const std::vector<Place>& places) {
   for (size_t i = 0; i < places.size(); ++i) {
     const Marker& m = lattice.markers()[i];
     EXPECT_FALSE(m.is_absent);
@@ -38,10 +38,10 @@ void expect_identity(const MarkerLattice& lattice, const std::vector<Place>& pla
   }
 }
 
-TEST(MarkerLattice, LearnsAPadThatSitsFourTenthsOfAPitchAskew) {
+TEST(MarkerTracker, LearnsAPadThatSitsFourTenthsOfAPitchAskew) {
   for (const double sx : {-0.4, 0.0, 0.4}) {
     for (const double sy : {-0.4, 0.0, 0.4}) {
-      MarkerLattice lattice(test::round_board());
+      MarkerTracker lattice(test::round_board());
       const auto places = moved(nominal_dots(test::round_board()),
                                 [&](Place p) { return Place{p.x + sx * kPitchPx, p.y + sy * kPitchPx}; });
       EXPECT_EQ(lattice.learn(exact_dots(places)), kCount);
@@ -50,7 +50,7 @@ TEST(MarkerLattice, LearnsAPadThatSitsFourTenthsOfAPitchAskew) {
   }
 }
 
-TEST(MarkerLattice, LearnsATurnedAndScaledPad) {
+TEST(MarkerTracker, LearnsATurnedAndScaledPad) {
   const double angle = 4 * std::numbers::pi / 180;
   const auto places = moved(nominal_dots(test::round_board()), [&](Place p) {
     const double x = (p.x - 79.5) * 1.05;
@@ -58,23 +58,23 @@ TEST(MarkerLattice, LearnsATurnedAndScaledPad) {
     return Place{79.5 + x * std::cos(angle) - y * std::sin(angle) + 4,
                  59.5 + x * std::sin(angle) + y * std::cos(angle)};
   });
-  MarkerLattice lattice(test::round_board());
+  MarkerTracker lattice(test::round_board());
   EXPECT_EQ(lattice.learn(exact_dots(places)), kCount);
   expect_identity(lattice, places);
 }
 
-TEST(MarkerLattice, ADotThatIsMissingAtRestIsAbsentAndCannotBeLost) {
+TEST(MarkerTracker, ADotThatIsMissingAtRestIsAbsentAndCannotBeLost) {
   auto dots = exact_dots(nominal_dots(test::round_board()));
   dots.erase(dots.begin() + kMiddle);
-  MarkerLattice lattice(test::round_board());
+  MarkerTracker lattice(test::round_board());
   EXPECT_EQ(lattice.learn(dots), kCount - 1);
   EXPECT_TRUE(lattice.markers()[kMiddle].is_absent);
   EXPECT_EQ(lattice.track(dots), 0);
   EXPECT_TRUE(lattice.markers()[kMiddle].is_lost);
 }
 
-TEST(MarkerLattice, KeepsIdentityOverTwentyPixelsInSmallSteps) {
-  MarkerLattice lattice(test::round_board());
+TEST(MarkerTracker, KeepsIdentityOverTwentyPixelsInSmallSteps) {
+  MarkerTracker lattice(test::round_board());
   const auto rest = nominal_dots(test::round_board());
   lattice.learn(exact_dots(rest));
   // Shear that grows towards the middle, there and back: the pitch is 15 px, the motion up to 20.
@@ -96,8 +96,8 @@ TEST(MarkerLattice, KeepsIdentityOverTwentyPixelsInSmallSteps) {
   }
 }
 
-TEST(MarkerLattice, LostMarkersTakeTheirNeighboursMeanAndSaySo) {
-  MarkerLattice lattice(test::round_board());
+TEST(MarkerTracker, LostMarkersTakeTheirNeighboursMeanAndSaySo) {
+  MarkerTracker lattice(test::round_board());
   const auto rest = nominal_dots(test::round_board());
   lattice.learn(exact_dots(rest));
   // Motion linear in x: the mean of the eight neighbours is exactly the lost marker's own.
@@ -111,8 +111,8 @@ TEST(MarkerLattice, LostMarkersTakeTheirNeighboursMeanAndSaySo) {
       std::count_if(lattice.markers().begin(), lattice.markers().end(), [](const Marker& m) { return m.is_lost; }), 1);
 }
 
-TEST(MarkerLattice, FindsAMarkerAgainWhereItsNeighboursWent) {
-  MarkerLattice lattice(test::round_board());
+TEST(MarkerTracker, FindsAMarkerAgainWhereItsNeighboursWent) {
+  MarkerTracker lattice(test::round_board());
   const auto rest = nominal_dots(test::round_board());
   lattice.learn(exact_dots(rest));
   // The middle marker is hidden while the whole field walks 12 px, nearly a pitch, then shows again.
@@ -125,10 +125,10 @@ TEST(MarkerLattice, FindsAMarkerAgainWhereItsNeighboursWent) {
   EXPECT_NEAR(moved_x(lattice.markers()[kMiddle]), 12, 1e-4);
 }
 
-TEST(MarkerLattice, KeepsIdentityWhenFramesAreFarApart) {
+TEST(MarkerTracker, KeepsIdentityWhenFramesAreFarApart) {
   const auto rest = nominal_dots(test::round_board());
   // The middle moves by 20 px, more than a pitch, the rim hardly; in single jumps.
-  MarkerLattice lattice(test::round_board());
+  MarkerTracker lattice(test::round_board());
   lattice.learn(exact_dots(rest));
   for (const double peak : {20.0, -20.0, 0.0, 14.0, -17.0, 20.0, 1.0}) {
     const auto now = moved(rest, [&](Place p) {
@@ -142,8 +142,8 @@ TEST(MarkerLattice, KeepsIdentityWhenFramesAreFarApart) {
   }
 }
 
-TEST(MarkerLattice, FollowsAJumpOfTheWholePadBeyondHalfAPitch) {
-  MarkerLattice lattice(test::round_board());
+TEST(MarkerTracker, FollowsAJumpOfTheWholePadBeyondHalfAPitch) {
+  MarkerTracker lattice(test::round_board());
   const auto rest = nominal_dots(test::round_board());
   lattice.learn(exact_dots(rest));
   for (const double jump : {0.8, 0.0, -0.7}) {
@@ -155,8 +155,8 @@ TEST(MarkerLattice, FollowsAJumpOfTheWholePadBeyondHalfAPitch) {
   }
 }
 
-TEST(MarkerLattice, AFrameWithoutDotsLosesAllAndKeepsTheLastMotion) {
-  MarkerLattice lattice(test::round_board());
+TEST(MarkerTracker, AFrameWithoutDotsLosesAllAndKeepsTheLastMotion) {
+  MarkerTracker lattice(test::round_board());
   const auto rest = nominal_dots(test::round_board());
   lattice.learn(exact_dots(rest));
   lattice.track(exact_dots(moved(rest, [](Place p) { return Place{p.x + 2, p.y}; })));

@@ -45,7 +45,7 @@ struct Bench {
 
   BoardSettings board;
   Tables tables;
-  MarkerLattice lattice;
+  MarkerTracker lattice;
   Photometric stage;
   std::vector<RelativeChange> change;
   std::vector<CellSlope> slope;
