@@ -140,7 +140,8 @@ void FramePath::run_solve(bool with_support) {
   if (!support_ || !with_support) return;
   timed(Stage::kSupport, [&] {
     const std::span<const NodeForce> beyond = add_finite_strain();
-    support_->run(state_.solve.u, beyond, state_.solve.mask, state_.solve.force, state_.saturations);
+    support_->run(state_.solve.u, beyond, state_.solve.mask, mask_.threshold_lsb(), state_.solve.force,
+                  state_.saturations);
   });
 }
 
@@ -333,8 +334,12 @@ Status FramePath::load_tables() {
     if (!op) return op.error();
     operator_ = std::move(op).value();
   }
+  if (operator_ && c.has_kind("contact")) {
+    const Status noise = mask_.load_noise(c, board_.force_lsb_un);
+    if (!noise) return noise.error();
+  }
   if (has(Stage::kSupport) && operator_ && c.has_kind("support")) {
-    auto support = SupportSolver::load(c, nodes_.size(), nodes_.places(), contact_threshold_lsb_);
+    auto support = SupportSolver::load(c, nodes_.size(), nodes_.places());
     if (!support) return support.error();
     support_.emplace(std::move(support).value());
     const auto is_there = [&](const char* name) { return c.tensor(name) != nullptr; };

@@ -4,11 +4,25 @@
 #include <iterator>
 
 namespace ruffini {
+namespace {
+
+constexpr int kStrongestShift = 3;  // T is an eighth of the strongest
+constexpr int32_t kMaxNoiseUn = 100'000'000;
+
+// How far beyond a threshold, 0 to kFull at twice the threshold, rounded up.
+uint8_t surely(int64_t pressure, int64_t threshold) {
+  const int64_t beyond = std::clamp<int64_t>(pressure - threshold, 0, threshold);
+  return static_cast<uint8_t>((beyond * ContactMask::kFull + threshold - 1) / threshold);
+}
+
+}  // namespace
 
 ContactMask::ContactMask(GridSize nodes, int64_t threshold_lsb, int64_t min_nodes)
     : nodes_(nodes),
       threshold_lsb_(threshold_lsb),
       min_nodes_(min_nodes),
+      least_lsb_(threshold_lsb),
+      frame_threshold_lsb_(threshold_lsb),
       pressed_(static_cast<size_t>(nodes.count())),
       opened_(static_cast<size_t>(nodes.count())),
       mask_(static_cast<size_t>(nodes.count())) {}
@@ -16,10 +30,12 @@ ContactMask::ContactMask(GridSize nodes, int64_t threshold_lsb, int64_t min_node
 std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force) {
   std::fill(opened_.begin(), opened_.end(), uint8_t{0});
   std::fill(mask_.begin(), mask_.end(), uint8_t{0});
-  for (size_t i = 0; i < pressed_.size(); ++i) {
-    const int64_t beyond = std::clamp<int64_t>(-int64_t{force[i].z} - threshold_lsb_, 0, threshold_lsb_);
-    pressed_[i] = static_cast<uint8_t>((beyond * kFull + threshold_lsb_ - 1) / threshold_lsb_);
-  }
+  const auto strongest =
+      std::min_element(force.begin(), force.end(), [](const NodeForce& a, const NodeForce& b) { return a.z < b.z; });
+  const int64_t strongest_lsb = -int64_t{strongest->z};
+  frame_threshold_lsb_ = std::max(least_lsb_, std::min(threshold_lsb_, strongest_lsb >> kStrongestShift));
+  std::transform(force.begin(), force.end(), pressed_.begin(),
+                 [&](const NodeForce& f) { return surely(-int64_t{f.z}, frame_threshold_lsb_); });
   const auto at = [&](int x, int y) { return static_cast<size_t>(y * nodes_.n_x + x); };
   const auto raise = [](uint8_t& value, uint8_t to) { value = std::max(value, to); };
   for (int y = 0; y + 1 < nodes_.n_y; ++y) {
@@ -29,7 +45,10 @@ std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force) {
       for (const size_t i : {at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)}) raise(opened_[i], smallest);
     }
   }
-  if (std::ssize(opened_) - std::count(opened_.begin(), opened_.end(), uint8_t{0}) < min_nodes_) return mask_;
+  if (std::ssize(opened_) - std::count(opened_.begin(), opened_.end(), uint8_t{0}) < min_nodes_) {
+    std::fill(opened_.begin(), opened_.end(), uint8_t{0});
+  }
+  raise(opened_[static_cast<size_t>(strongest - force.begin())], surely(strongest_lsb, alone_lsb_));
   for (int y = 0; y < nodes_.n_y; ++y) {
     for (int x = 0; x < nodes_.n_x; ++x) {
       if (opened_[at(x, y)] == 0) continue;
@@ -41,6 +60,20 @@ std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force) {
     }
   }
   return mask_;
+}
+
+Status ContactMask::load_noise(const Calibration& calibration, int64_t force_lsb_un) {
+  const auto found = calibration.tensor("contact.noise_un", Tensor::Type::kI32, {2});
+  if (!found) return found.error();
+  const auto noise_un = found.value()->as<int32_t>();
+  if (std::any_of(noise_un.begin(), noise_un.end(), [](int32_t v) { return v < 1 || v > kMaxNoiseUn; })) {
+    return Error{ErrorKind::kBadInput,
+                 "calibration file: contact.noise_un is not from 1 to 100000000 uN: make it again with `ruffini cal "
+                 "contact`"};
+  }
+  least_lsb_ = std::max<int64_t>(noise_un[0] / force_lsb_un, 1);
+  alone_lsb_ = std::max<int64_t>(noise_un[1] / force_lsb_un, 1);
+  return Unit{};
 }
 
 }  // namespace ruffini

@@ -19,7 +19,7 @@ bool is_shear(uint32_t unknown) { return unknown % 3 != 2; }
 }  // namespace
 
 Result<SupportSolver> SupportSolver::load(const Calibration& calibration, GridSize nodes,
-                                          std::span<const NodePlace> places, int64_t threshold_lsb) {
+                                          std::span<const NodePlace> places) {
   const int n = 3 * nodes.count();
   auto normal = BlockProgram::load(calibration, "support.normal", n, n);
   if (!normal) return normal.error();
@@ -33,7 +33,6 @@ Result<SupportSolver> SupportSolver::load(const Calibration& calibration, GridSi
   out.normal_ = std::move(normal).value();
   out.project_ = std::move(project).value();
   out.scale_ = scale.value()->as<int32_t>();
-  out.threshold_lsb_ = threshold_lsb;
   for (const int32_t d : out.scale_) {
     if (d <= 0) return Error{ErrorKind::kBadInput, "calibration file: support.scale is not positive: make it again"};
   }
@@ -109,10 +108,10 @@ void SupportSolver::add_to_b(std::span<const NodeForce> beyond, SaturationCounte
 }
 
 // w and y times clamp(-f_z / T, 0, 1), node by node: index_ holds x, y, z of each node in turn.
-void SupportSolver::weaken_pull() {
+void SupportSolver::weaken_pull(int64_t threshold_lsb) {
   for (size_t i = 0; i < index_.size(); i += 3) {
     const int64_t pressure = -round_shift(y_[i + 2] * scale_[index_[i + 2]], kForceFraction);
-    const int64_t keep = std::clamp<int64_t>(pressure, 0, threshold_lsb_) * ContactMask::kFull / threshold_lsb_;
+    const int64_t keep = std::clamp<int64_t>(pressure, 0, threshold_lsb) * ContactMask::kFull / threshold_lsb;
     for (size_t c = i; c < i + 3; ++c) {
       weight_[c] = (weight_[c] * keep) >> ContactMask::kFraction;
       y_[c] = round_shift(y_[c] * keep, ContactMask::kFraction);
@@ -170,14 +169,14 @@ bool SupportSolver::step(Energy& current, SaturationCounter& saturations) {
 }
 
 void SupportSolver::run(std::span<const int16_t> u, std::span<const NodeForce> beyond, std::span<const uint8_t> mask,
-                        std::span<NodeForce> force, SaturationCounter& saturations) {
+                        int64_t threshold_lsb, std::span<NodeForce> force, SaturationCounter& saturations) {
   gather(mask);
   std::fill(p16_.begin(), p16_.end(), int16_t{0});
   start(u, force, saturations);
   if (!beyond.empty()) add_to_b(beyond, saturations);
   modes_.assign(mask, index_);
   for (int i = 0; i < kRounds; ++i) {
-    if (i > 0) weaken_pull();
+    if (i > 0) weaken_pull(threshold_lsb);
     modes_.learn(y_, weight_);
     if (i == 0) modes_.shrink(y_, weight_);
     round(saturations);

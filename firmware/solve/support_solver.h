@@ -2,7 +2,7 @@
 //
 // Solves H_SS y = b_S, F = d y (host/ruffini/fem/support.py has the derivation), from the linear
 // estimate, in kRounds rounds of kSteps conjugate-gradient steps. Each unknown has a weight w: the
-// contact mask at first, and in each later round times clamp(-f_z / T, 0, 1), T the contact threshold, so
+// contact mask at first, and in each later round times clamp(-f_z / T, 0, 1), T the contact mask's threshold, so
 // that nodes which would pull lose their force and their freedom. Shear has half the freedom of pressure,
 // but for the modes that contacts mostly carry (shear_modes.h), renewed every round. In block-floating integers:
 //
@@ -37,15 +37,14 @@ class SupportSolver {
   static constexpr int kRounds = 3;
   static constexpr int kSteps = 2;
 
-  // threshold_lsb: the contact threshold T in force steps, above zero.
   [[nodiscard]] static Result<SupportSolver> load(const Calibration& calibration, GridSize nodes,
-                                                  std::span<const NodePlace> places, int64_t threshold_lsb);
+                                                  std::span<const NodePlace> places);
 
-  // `u`: displacement, xyz interleaved. `mask`: ContactMask's. `force`: linear estimate in,
+  // `u`: displacement, xyz interleaved. `mask`, `threshold_lsb`: ContactMask's. `force`: linear estimate in,
   // second pass out (zero outside the mask). `beyond`: what finite strain adds to the linear forces of u
   // (finite_strain.h), in `force` already; empty without.
   void run(std::span<const int16_t> u, std::span<const NodeForce> beyond, std::span<const uint8_t> mask,
-           std::span<NodeForce> force, SaturationCounter& saturations);
+           int64_t threshold_lsb, std::span<NodeForce> force, SaturationCounter& saturations);
 
  private:
   struct Energy {
@@ -58,7 +57,7 @@ class SupportSolver {
   void gather(std::span<const uint8_t> mask);
   void start(std::span<const int16_t> u, std::span<const NodeForce> force, SaturationCounter& saturations);
   void add_to_b(std::span<const NodeForce> beyond, SaturationCounter& saturations);
-  void weaken_pull();
+  void weaken_pull(int64_t threshold_lsb);
   void round(SaturationCounter& saturations);
   bool step(Energy& current, SaturationCounter& saturations);
   Energy precondition();
@@ -69,7 +68,6 @@ class SupportSolver {
   BlockProgram normal_;
   BlockProgram project_;
   std::span<const int32_t> scale_;
-  int64_t threshold_lsb_ = 1;
   ShearModes modes_;
   std::vector<uint32_t> index_;  // unknowns of the support
   std::vector<int16_t> p16_;     // all unknowns

@@ -23,6 +23,7 @@ ALL_STAGES = (
     '["difference", "markers", "photometric", "poisson", "displacement", "operator", "support", "wrench", "contacts"]'
 )
 N_REST = 3
+NOISE_UN = (700, 900)  # below the board's threshold, of 2 x 2 nodes and of one alone
 VALID, WINDOW_BORDER, LIGHT = 1, 512, 1024  # of Validity and FlagBit
 
 
@@ -81,8 +82,9 @@ def test_every_stage_over_a_recording(step: int, has_camera_map: bool) -> None:
     memory = RelaxationFit(1.0, ((0.1, 0.05), (0.15, 1.5)), 0.0, 0.0)
     relaxation, relaxation_metadata = memory.tensors() if step == 2 else ({}, {})
     camera, camera_metadata = camera_tables(board, rng) if has_camera_map else ({}, {})
+    noise = {} if has_camera_map else {"contact.noise_un": np.array(NOISE_UN, np.int32)}
     file = pack(
-        {**kind.tensors, **photometric_tables(rng), **relaxation, **camera},
+        {**kind.tensors, **photometric_tables(rng), **relaxation, **camera, **noise},
         {**base_metadata(typed), **kind.metadata, **relaxation_metadata, **camera_metadata},
     )
     rest = np.stack([render(board, np.random.default_rng(7), 0.0) for _ in range(N_REST)])

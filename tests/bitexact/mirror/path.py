@@ -21,7 +21,7 @@ from mirror.poisson import poisson
 from mirror.program import Program
 from mirror.relaxation import Relaxation
 from mirror.shear_modes import node_places
-from mirror.solve import contact_mask, linear_force
+from mirror.solve import contact_mask, frame_threshold, linear_force
 from mirror.support import SupportTables, support_force
 
 Tensors = dict[str, npt.NDArray[np.generic]]
@@ -64,6 +64,10 @@ class FramePath:
         if "relaxation.part" in tensors:
             part, time_ms = (tensors[f"relaxation.{name}"].astype(np.int32) for name in ("part", "time_ms"))
             self._relaxation = Relaxation(part, time_ms, len(self._places))
+        self._noise: tuple[int, int] | None = None
+        if "contact.noise_un" in tensors:
+            steps = [max(int(v) // board["field"]["force_lsb_un"], 1) for v in tensors["contact.noise_un"]]
+            self._noise = (steps[0], steps[1])
         self._unmix = unmix_of_cells(board, tensors["photometric.unmix"].astype(np.int16))
         self._slope = tensors["photometric.slope"].astype(np.int16)
 
@@ -106,11 +110,12 @@ class FramePath:
         force = linear_force(self._operator, u, self.saturations)
         shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
         threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
-        mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"])
+        mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"], self._noise)
         beyond = None
         if self._finite_strain is not None and mask.any():
             beyond = self._finite_strain.force(u, self.saturations)
             force = self.saturations.int32(force.reshape(-1, 3) + beyond)
-            mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"])
+            mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"], self._noise)
+        threshold = frame_threshold(force, threshold, self._noise)
         solved = support_force(self._support, self._places, u, beyond, mask, force, threshold, self.saturations)
         return solved, mask

@@ -15,10 +15,22 @@ def linear_force(program: Program, u: I64, saturations: Saturations) -> I64:
     return saturations.int32(program.times(u.ravel())).reshape(-1, 3)
 
 
-def contact_mask(force: I64, shape: tuple[int, int], threshold_lsb: int, min_nodes: int) -> I64:
+def _surely(pressure: I64, threshold_lsb: int) -> I64:
+    return np.asarray(-(-np.clip(pressure - threshold_lsb, 0, threshold_lsb) * FULL // threshold_lsb))
+
+
+def frame_threshold(force: I64, threshold_lsb: int, noise_lsb: tuple[int, int] | None) -> int:
+    """What counts as pressed in this frame; noise_lsb: of 2 x 2 nodes together, and of one alone."""
+    least = threshold_lsb if noise_lsb is None else noise_lsb[0]
+    return max(least, min(threshold_lsb, int(-force[:, 2].min()) >> 3))
+
+
+def contact_mask(
+    force: I64, shape: tuple[int, int], threshold_lsb: int, min_nodes: int, noise_lsb: tuple[int, int] | None = None
+) -> I64:
     """How surely each node is touched, 0..128: grey opening by 2 x 2 nodes, grey growth by one."""
-    beyond = np.clip(-force[:, 2].reshape(shape) - threshold_lsb, 0, threshold_lsb)
-    pressed = -(-beyond * FULL // threshold_lsb)
+    pressure = -force[:, 2].reshape(shape)
+    pressed = _surely(pressure, frame_threshold(force, threshold_lsb, noise_lsb))
     square = np.minimum(np.minimum(pressed[1:, 1:], pressed[:-1, 1:]), np.minimum(pressed[1:, :-1], pressed[:-1, :-1]))
     opened = np.zeros(shape, np.int64)
     for dy in (0, 1):
@@ -26,7 +38,10 @@ def contact_mask(force: I64, shape: tuple[int, int], threshold_lsb: int, min_nod
             at = np.s_[dy : dy + shape[0] - 1, dx : dx + shape[1] - 1]
             opened[at] = np.maximum(opened[at], square)
     if np.count_nonzero(opened) < min_nodes:
-        return np.zeros(shape, np.int64)
+        opened[:] = 0
+    if noise_lsb is not None:
+        strongest = np.unravel_index(pressure.argmax(), shape)
+        opened[strongest] = max(opened[strongest], int(_surely(pressure[strongest], noise_lsb[1])))
     padded = np.pad(opened, 1)
     grown = [padded[dy : dy + shape[0], dx : dx + shape[1]] for dy in range(3) for dx in range(3)]
     return np.asarray(np.max(grown, axis=0))

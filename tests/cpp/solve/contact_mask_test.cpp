@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cstring>
 #include <string>
+
+#include "calibration_bytes.h"
 
 namespace ruffini {
 namespace {
@@ -78,6 +81,64 @@ TEST(ContactMask, IsEmptyBelowTheLeastNumberOfNodes) {
             "###...."
             "......."
             ".......");
+}
+
+// A file with kind `contact`, in uN; steps of 10 uN.
+class Noise {
+ public:
+  Noise(int32_t of_four_un, int32_t alone_un) {
+    const std::vector<uint8_t> bytes =
+        test::CalibrationBytes()
+            .meta("kinds", "contact")
+            .tensor("contact.noise_un", "I32", {2}, std::vector<int32_t>{of_four_un, alone_un})
+            .bytes();
+    storage_.resize((bytes.size() + 7) / 8);
+    std::memcpy(storage_.data(), bytes.data(), bytes.size());
+    auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
+    EXPECT_TRUE(parsed.has_value()) << (parsed ? "" : parsed.error().message);
+    calibration_ = std::move(parsed).value();
+  }
+  [[nodiscard]] Status into(ContactMask& stage) const { return stage.load_noise(calibration_, 10); }
+
+ private:
+  std::vector<uint64_t> storage_;
+  Calibration calibration_;
+};
+
+TEST(ContactMask, SeesWhatTheNoiseOfTheUnitAllows) {
+  ContactMask stage(kNodes, 300, 4);
+  ASSERT_TRUE(Noise(500, 700).into(stage).has_value());  // 50 and 70 steps
+  std::vector<NodeForce> force(35);
+  const auto touch = [&](int32_t four, int32_t other) {
+    for (const size_t i : {8U, 9U, 15U, 16U}) force[i].z = -four;
+    force[33].z = -other;
+    const std::span<const uint8_t> mask = stage.find(force);
+    return std::pair{int{mask[8]}, int{mask[33]}};
+  };
+  EXPECT_EQ(touch(50, 0), (std::pair{0, 0}));
+  EXPECT_EQ(touch(75, 0), (std::pair{64, 0}));  // beyond 50 by half of it
+  EXPECT_EQ(touch(0, 70), (std::pair{0, 0}));   // one node: beyond 70
+  EXPECT_EQ(touch(0, 105), (std::pair{0, 64}));
+  EXPECT_EQ(touch(90, 800), (std::pair{0, 128}));  // beside a strong one: an eighth of it
+  EXPECT_EQ(stage.threshold_lsb(), 100);
+  EXPECT_EQ(touch(450, 8'000), (std::pair{64, 128}));  // never more than the board's threshold
+  EXPECT_EQ(stage.threshold_lsb(), 300);
+}
+
+TEST(ContactMask, NoiseBeyondTheBoardsThresholdRaisesIt) {
+  ContactMask stage(kNodes, 300, 4);
+  ASSERT_TRUE(Noise(4'000, 5'000).into(stage).has_value());
+  EXPECT_EQ(int{stage.find(std::vector<NodeForce>(35, {0, 0, -400}))[17]}, 0);
+  EXPECT_EQ(int{stage.find(std::vector<NodeForce>(35, {0, 0, -500}))[17]}, 32);
+}
+
+TEST(ContactMask, RefusesNoiseThatIsNone) {
+  ContactMask stage(kNodes, 300, 4);
+  for (const int32_t wrong : {0, -5, 100'000'001}) {
+    const Status loaded = Noise(wrong, 700).into(stage);
+    ASSERT_FALSE(loaded.has_value());
+    EXPECT_NE(loaded.error().message.find("contact.noise_un"), std::string::npos);
+  }
 }
 
 }  // namespace

@@ -80,7 +80,7 @@ class Loaded {
     EXPECT_TRUE(parsed.has_value()) << (parsed ? "" : parsed.error().message);
     calibration_ = std::move(parsed).value();
     const std::vector<NodePlace> places = {{-1500, 0}, {-500, 0}, {500, 0}, {1500, 0}};
-    auto loaded = SupportSolver::load(calibration_, {kNodes, 1}, places, kThreshold);
+    auto loaded = SupportSolver::load(calibration_, {kNodes, 1}, places);
     EXPECT_TRUE(loaded.has_value()) << (loaded ? "" : loaded.error().message);
     solver_.emplace(std::move(loaded).value());
   }
@@ -111,7 +111,7 @@ TEST(SupportSolver, SolvesTheSupportAndLeavesZeroOutside) {
   const std::vector<double> y = eliminate(h, b, support);
   std::vector<NodeForce> force(kNodes, {77, 77, -77});  // a bad first guess
   SaturationCounter saturations;
-  loaded.solver().run(u, {}, mask, force, saturations);
+  loaded.solver().run(u, {}, mask, kThreshold, force, saturations);
   double largest = 0;
   for (const double value : y) largest = std::max(largest, std::abs(value));
   for (size_t i = 0; i < support.size(); ++i) {
@@ -133,7 +133,7 @@ TEST(SupportSolver, ANodeThatWouldPullLosesItsForce) {
   u[3 * 2 + 2] = 9'000;
   std::vector<NodeForce> force(kNodes, {0, 0, -50});
   SaturationCounter saturations;
-  loaded.solver().run(u, {}, std::vector<uint8_t>{0, kSurely, kSurely, 0}, force, saturations);
+  loaded.solver().run(u, {}, std::vector<uint8_t>{0, kSurely, kSurely, 0}, kThreshold, force, saturations);
   EXPECT_NEAR(force[1].x, force_of(64 * 9'000), 1);
   EXPECT_NEAR(force[1].z, force_of(-64 * 9'000), 1);
   EXPECT_EQ(force[2].x, 0);
@@ -148,7 +148,7 @@ TEST(SupportSolver, ANodeBelowTheThresholdKeepsItsFreedomWhileItPresses) {
   u[3 * 2 + 2] = -320;  // a pressure of half the threshold
   std::vector<NodeForce> force(kNodes);
   SaturationCounter saturations;
-  loaded.solver().run(u, {}, std::vector<uint8_t>{0, kSurely, kSurely, 0}, force, saturations);
+  loaded.solver().run(u, {}, std::vector<uint8_t>{0, kSurely, kSurely, 0}, kThreshold, force, saturations);
   EXPECT_NEAR(force_of(-64 * 320), -0.5 * kThreshold, 0.01);
   EXPECT_NEAR(force[2].x, force_of(64 * 9'000), 1);
 }
@@ -157,7 +157,8 @@ TEST(SupportSolver, AnEmptyMaskIsNoForce) {
   Loaded loaded(tridiagonal(0.3));
   std::vector<NodeForce> force(kNodes, {5, 6, -7});
   SaturationCounter saturations;
-  loaded.solver().run(std::vector<int16_t>(kUnknowns, 100), {}, std::vector<uint8_t>(kNodes), force, saturations);
+  loaded.solver().run(std::vector<int16_t>(kUnknowns, 100), {}, std::vector<uint8_t>(kNodes), kThreshold, force,
+                      saturations);
   for (const NodeForce& f : force) EXPECT_EQ(std::max({std::abs(f.x), std::abs(f.y), std::abs(f.z)}), 0);
 }
 
@@ -167,8 +168,8 @@ TEST(SupportSolver, StaysBoundedWhenTheTablesAreNotPositive) {
   Loaded loaded(h);
   std::vector<NodeForce> force(kNodes, {100, 100, -100});
   SaturationCounter saturations;
-  loaded.solver().run(std::vector<int16_t>(kUnknowns, 32767), {}, std::vector<uint8_t>(kNodes, kSurely), force,
-                      saturations);
+  loaded.solver().run(std::vector<int16_t>(kUnknowns, 32767), {}, std::vector<uint8_t>(kNodes, kSurely), kThreshold,
+                      force, saturations);
   for (const NodeForce& f : force) EXPECT_EQ(f.z, -100);
 }
 
