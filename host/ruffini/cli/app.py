@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from ruffini.cli import bench, board, cal, camera, collect, demo, device, evaluate, offline, sim
+from ruffini.cli import bench, board, cal, camera, collect, contact, demo, device, evaluate, offline, sim, train
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -22,10 +22,12 @@ app.command("track")(offline.track)
 app.command("depth")(offline.depth)
 app.command("field")(offline.field)
 cal.app.command("camera")(camera.camera)
+cal.app.command("contact")(contact.contact)
 cal.app.command("collect")(collect.collect)
 app.add_typer(cal.app, name="cal")
 app.add_typer(sim.app, name="sim")
 app.add_typer(bench.app, name="bench")
 app.add_typer(evaluate.app, name="eval")
 app.add_typer(board.app, name="board")
+app.add_typer(train.app, name="train")
 app.command("demo")(demo.demo)

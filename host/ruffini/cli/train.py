@@ -1,0 +1,60 @@
+"""Verbs that train networks on the digital twin; they need the extra [train]."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.errors import InputError
+
+app = typer.Typer(no_args_is_help=True, help="Train networks on the digital twin (pip install 'ruffini[train]').")
+
+
+@app.callback()
+def train() -> None:
+    """Float peers of what the device computes."""
+
+
+@app.command("displacement")
+def displacement(
+    board: BoardOption,
+    out: Annotated[Path, typer.Option("--out", help="Folder; run the same command again to go on with it.")],
+    presses: Annotated[int, typer.Option(min=10, help="Simulated presses, every frame of each a sample.")] = 600,
+    passes: Annotated[int, typer.Option(min=1, help="Passes over all samples.")] = 12,
+    seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 5,
+    threads: Annotated[int, typer.Option(min=1, help="Threads of PyTorch; 1 gives the same weights every time.")] = 1,
+    json_: JsonFlag = False,
+) -> None:
+    """A U-Net from pictures to the displacement of all nodes, the iFEM 2.0 paper's way; ONNX for OpenCV."""
+    try:
+        import torch
+    except ImportError as error:
+        raise InputError("PyTorch is not installed: pip install 'ruffini[train]'") from error
+    from ruffini.boards import find_board
+    from ruffini.train.export import export
+    from ruffini.train.fit import Plan, Trainer
+    from ruffini.train.presses import make_samples
+
+    torch.set_num_threads(threads)
+    found = find_board(board)
+    with progress_bar("presses") as progress:
+        rest, samples = make_samples(found, presses, seed, progress=progress)
+    trainer = Trainer(found, Plan(presses, passes, seed), rest, samples, out)
+    start, n_kept = time.monotonic(), len(trainer.passes)
+    with progress_bar("training") as progress:
+        for done in trainer.run(progress):
+            note(f"pass {done.number} of {passes}: loss {done.loss:.4f}, presses left out {done.text()}")
+    file = export(trainer.net, (rest.shape[0], rest.shape[1]), out)
+    result = {
+        "network": str(file), "simulated": True, "frames": len(samples.press), "passes_kept": n_kept,
+        "took_s": time.monotonic() - start, "passes": [asdict(p) for p in trainer.passes],
+    }  # fmt: skip
+    text = (
+        f"{file}: {len(samples.press)} frames, moved nodes of presses left out {trainer.passes[-1].text()}, SIMULATED"
+    )
+    emit(result, json_, text)
