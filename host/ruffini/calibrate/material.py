@@ -35,8 +35,6 @@ from ruffini.errors import InputError
 from ruffini.fem.operators import Noise
 from ruffini.fem.slab import HIGHEST_POISSON
 
-__all__ = ["MaterialLog"]
-
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[float], None]
@@ -93,31 +91,44 @@ class MaterialFit:
 
 
 def log_from_frames(displacement: Array, wrench: Array, *, at_least: int = MIN_TOUCHES) -> MaterialLog:
+    """The frames that count of a recording, in which untouched frames lie between the touches; as `log_of_touches`."""
+    if len(displacement) != len(wrench) or wrench.shape[1:] != (6,):
+        raise InputError(f"the log has {len(displacement)} frames and a reference of shape {wrench.shape}: (frames, 6)")
+    touched = force_size(wrench) > TOUCHED_N
+    return log_of_touches(displacement, wrench, np.cumsum(np.diff(touched.astype(int), prepend=0) == 1) - 1, at_least)
+
+
+def force_size(wrench: Array) -> Array:
+    """(t,) N of what a reference measures of the force."""
+    return np.asarray(np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1))
+
+
+def log_of_touches(
+    displacement: Array, wrench: Array, touch: npt.NDArray[np.int64], at_least: int = MIN_TOUCHES
+) -> MaterialLog:
     """Choose the frames that count: touched ones, at most MAX_FRAMES_A_TOUCH of each touch, strongest last.
 
     Parameters
     ----------
     displacement : (t, m, 3) float64, metres
     wrench : (t, 6) float64, N and N m about the undeformed pad centre, force on the pad; a column of NaN = not measured
+    touch : (t,) number of the touch that a frame belongs to
     at_least : touches that are needed; fewer than MIN_TOUCHES are enough where pads were measured before
 
     Raises
     ------
     InputError
-        NaN in some frames, other lengths, too few touches, or always the same load.
+        NaN in some frames, too few touches, or always the same load.
     """
-    if len(displacement) != len(wrench) or wrench.shape[1:] != (6,):
-        raise InputError(f"the log has {len(displacement)} frames and a reference of shape {wrench.shape}: (frames, 6)")
     measured = np.asarray(np.isfinite(wrench).any(axis=0))
     if not np.isfinite(wrench[:, measured]).all() or not np.isfinite(displacement).all():
         raise InputError("the log holds NaN or infinity: cut these frames out")
     if not measured[2]:
         raise InputError("the reference has no force along z: without it nothing tells how stiff the pad is")
-    size = np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1)
-    touched = size > TOUCHED_N
-    number = np.cumsum(np.diff(touched.astype(int), prepend=0) == 1) - 1
+    size = force_size(wrench)
     chosen: list[int] = []
-    touches = [np.flatnonzero(touched & (number == i)) for i in range(int(number.max(initial=-1)) + 1)]
+    touches = [np.flatnonzero((size > TOUCHED_N) & (touch == i)) for i in np.unique(touch)]
+    touches = [frames for frames in touches if len(frames)]
     for frames in touches:
         chosen += frames[np.unique(np.linspace(0, len(frames) - 1, MAX_FRAMES_A_TOUCH).astype(int))].tolist()
     if len(touches) < at_least:
@@ -131,7 +142,7 @@ def log_from_frames(displacement: Array, wrench: Array, *, at_least: int = MIN_T
             f"the reference reads {load.mean():.3g} N within {100 * load.std() / load.mean():.1f} % in every touch: "
             "a log without load variation determines no material; press with different forces"
         )
-    return MaterialLog(displacement[chosen], wrench[chosen], number[chosen])
+    return MaterialLog(displacement[chosen], wrench[chosen], touch[chosen])
 
 
 def log_from_recording(

@@ -1,0 +1,180 @@
+"""Touches with a reference beside them, as the stages of a fit need them, whatever file they came in.
+
+Two kinds of file: the log of `ruffini cal collect` (host/ruffini/rig/README.md), which holds what the sensor measured
+while each touch was held, and a recording (a folder of frames with wrench.csv, or with a simulation's truth), which is
+run through the board's own front end.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.material import TOUCHED_N, force_size
+from ruffini.calibrate.reference_log import VALID, reference_wrench
+from ruffini.core.pipeline import Pipeline
+from ruffini.errors import InputError
+from ruffini.frames import read_frames
+from ruffini.rig.found import is_held, on_reference_clock, reference_in_pad
+from ruffini.rig.log_file import Log, TouchRecord, read_log
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+
+SETTLED_PART = 0.5  # of a hold, its end
+UNTOUCHED_N = 0.01  # of the reference: a frame of a recording in which nothing presses
+
+
+@dataclass(frozen=True)
+class Series:
+    """One touch over time: s, what the device said and what the reference said, (t, 6) N and N m."""
+
+    time_s: Array
+    device: Array
+    reference: Array
+
+
+@dataclass(frozen=True)
+class TouchLog:
+    """Frames of held touches and untouched frames.
+
+    displacement (t, m, 3) m at the observed nodes, wrench (t, 6) N and N m on the pad about its centre (NaN = not
+    measured), touch (t,) number; rest (k, m, 3) m of untouched frames; `device` (t, 6) is what the sensor said with the
+    calibration that was in force, NaN where unknown.
+    """
+
+    displacement: Array
+    wrench: Array
+    touch: npt.NDArray[np.int64]
+    rest: Array
+    device: Array
+    series: list[Series] = field(default_factory=list)
+    sources: dict[str, Any] = field(default_factory=dict)  # file name: SHA-256
+    facts: list[dict[str, Any]] = field(default_factory=list)  # of each file: what it says of itself
+    found: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def n_touches(self) -> int:
+        """Number of touches."""
+        return len(np.unique(self.touch))
+
+
+def read_touch_log(
+    paths: list[Path], board: Board, calibration: CalibrationFile | None, *, progress: Progress = lambda _: None
+) -> TouchLog:
+    """All touches of one unit, from one file or several.
+
+    calibration : what turns the pictures of a recording into displacement (camera, colours); logs of the rig need none.
+
+    Raises
+    ------
+    InputError
+        A file is neither, is of another board, holds no displacement, or a recording comes without calibration.
+    """
+    parts = []
+    for i, path in enumerate(paths):
+        if path.is_dir() or path.suffix in (".mp4", ".avi", ".mkv"):
+            parts.append(_of_recording(path, board, calibration, lambda d, i=i: progress((i + d) / len(paths))))
+        else:
+            parts.append(_of_log(path, board))
+        progress((i + 1) / len(paths))
+    return _joined(parts)
+
+
+def _joined(parts: list[TouchLog]) -> TouchLog:
+    numbers, n = [], 0
+    for part in parts:
+        _, order = np.unique(part.touch, return_inverse=True)
+        numbers.append(order + n)
+        n += part.n_touches
+    return TouchLog(
+        np.concatenate([p.displacement for p in parts]), np.concatenate([p.wrench for p in parts]),
+        np.concatenate(numbers), np.concatenate([p.rest for p in parts]), np.concatenate([p.device for p in parts]),
+        [s for p in parts for s in p.series], {k: v for p in parts for k, v in p.sources.items()},
+        [f for p in parts for f in p.facts], [f for p in parts for f in p.found],
+    )  # fmt: skip
+
+
+def _of_log(path: Path, board: Board) -> TouchLog:
+    log = read_log(path)
+    if log.facts.get("board") != board.name:
+        raise InputError(f"{path} was collected on board {log.facts.get('board')!r}, not {board.name!r}")
+    rows, columns = board.observed
+    shape = (rows.stop - rows.start, columns.stop - columns.start, 3)
+    n_nodes = shape[0] * shape[1]
+    held: list[tuple[Array, Array, int, Array]] = []
+    rest = [np.zeros((0, n_nodes, 3))]
+    for number, touch in enumerate(log.touches):
+        fields = touch.arrays.get("field_displacement")
+        if fields is None:
+            continue
+        if fields.shape[1:] != shape:
+            raise InputError(f"{path}, touch {number}: displacement at {fields.shape[1:]}, the board has {shape}")
+        wrench, device = _held(log, touch)
+        flat = fields.astype(np.float64).reshape(len(fields), n_nodes, 3)
+        held += [(u, wrench, number, device) for u in flat]
+        if "rest_field_displacement" in touch.arrays:
+            rest.append(touch.arrays["rest_field_displacement"].astype(np.float64).reshape(-1, n_nodes, 3))
+    if not held:
+        raise InputError(f"{path} holds no displacement: the sensor measured none (no colours in its calibration?)")
+    displacement, wrenches, numbers, devices = zip(*held, strict=True)
+    return TouchLog(
+        np.array(displacement), np.array(wrenches), np.array(numbers), np.concatenate(rest), np.array(devices),
+        [_series(log, touch) for touch in log.touches], {path.name: _sha256(path)}, [log.facts], [dict(log.found)],
+    )  # fmt: skip
+
+
+def _held(log: Log, touch: TouchRecord) -> tuple[Array, Array]:
+    """What the reference and the device said at the end of the hold, (6,) each."""
+    a, f = touch.arrays, touch.facts
+    settled = is_held(a["reference_s"], f, part=SETTLED_PART)
+    seen = is_held(a["stream_host_s"], f, part=SETTLED_PART)
+    return reference_in_pad(log, touch)[settled].mean(axis=0), a["stream_wrench"][seen].mean(axis=0)
+
+
+def _series(log: Log, touch: TouchRecord) -> Series:
+    time_s, reference = on_reference_clock(log, touch), reference_in_pad(log, touch)
+    at = [np.interp(time_s, touch.arrays["reference_s"], column) for column in reference.T]
+    return Series(time_s, touch.arrays["stream_wrench"], np.stack(at, axis=1))
+
+
+def _of_recording(path: Path, board: Board, calibration: CalibrationFile | None, progress: Progress) -> TouchLog:
+    if calibration is None:
+        raise InputError(f"{path} is a recording: its pictures need a calibration with colours")
+    wrench, frames = reference_wrench(path, None), read_frames(path)
+    if len(frames) != len(wrench):
+        raise InputError(f"{path} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")
+    kept, fields = [], []
+    with Pipeline(board, calibration.data) as pipeline:
+        for i, image in enumerate(frames):
+            frame = pipeline.process(image)
+            if frame.has_reference and frame.depth_validity == VALID:
+                kept.append(i)
+                fields.append(pipeline.displacement_m().reshape(-1, 3))
+            progress((i + 1) / len(frames))
+    if not kept:
+        raise InputError(f"{path}: no frame shows depth: is it this board, with its colours calibrated?")
+    size = force_size(wrench)
+    number = np.cumsum(np.diff((size > TOUCHED_N).astype(int), prepend=0) == 1) - 1
+    displacement, wrench, size, number = np.array(fields), wrench[kept], size[kept], number[kept]
+    touched, free = size > TOUCHED_N, size < UNTOUCHED_N
+    unknown = np.full((int(touched.sum()), 6), np.nan)
+    return TouchLog(displacement[touched], wrench[touched], number[touched], displacement[free], unknown,
+                    sources={path.name: _sha256(path)}, facts=[{"board": board.name}], found=[{}])  # fmt: skip
+
+
+def _sha256(path: Path) -> str:
+    """Of a file, or of a recording's settings and reference."""
+    files = [path] if path.is_file() else [p for p in sorted(path.iterdir()) if p.is_file()]
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
