@@ -1,10 +1,8 @@
-"""Lamps that drift, a contact held under them, and the first frame that says contact. SIMULATED.
+"""Lamps that drift, and a contact held under them. SIMULATED.
 
 The twin's frames, times a gain per channel, go through the board's own front end and solve: once with the light changed
 at a stroke between rest and press (nothing can be followed: "before"), once with the same change as a ramp on the
 untouched pad ("after"). A contact is held for two minutes under steady light: nothing of it may be learned.
-The first touch: a ball comes down by STEP_UM a frame; frames from the first that truly touches to the first that
-reports a contact, and the true force then. Reports on untouched frames are counted.
 """
 
 from __future__ import annotations
@@ -29,12 +27,12 @@ Progress = Callable[[float], None]
 
 DRIFTS = (0.0, 0.02, 0.05, 0.10)
 WAY = np.array([1.0, -0.6, 0.3])  # of B, G, R: lamps age apart
-RAMP_FRAMES, SETTLE_FRAMES, HELD_FRAMES, N_UNTOUCHED = 300, 100, 7_200, 200  # held: two minutes at 60 Hz
-PRESS_MM, BALL_MM, STEP_UM, APPROACHES = 0.6, 4.0, 2.0, 5
+RAMP_FRAMES, SETTLE_FRAMES, HELD_FRAMES = 300, 100, 7_200  # held: two minutes at 60 Hz
+PRESS_MM, BALL_MM = 0.6, 4.0
 SEED = 20_261_131
 
 
-class _Scene:
+class Scene:
     """Frames of one unit, untouched and pressed, under any light."""
 
     def __init__(self, board: Board) -> None:
@@ -61,14 +59,15 @@ class _Scene:
             pass
 
 
-def _calibration(board: Board) -> bytes:
+def fitted_calibration(board: Board) -> bytes:
+    """Operator, support and colours of the twin, no error model."""
     kind = make_operator(board, method="support", noise=NOISE, n_touches=0)
     return container.pack(
         {**kind.tensors, **colours_of(board)}, {**container.base_metadata(board), **kind.metadata}
     ).data
 
 
-def _drifts(board: Board, calibration: bytes, scene: _Scene, progress: Progress) -> list[dict[str, Any]]:
+def _drifts(board: Board, calibration: bytes, scene: Scene, progress: Progress) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for drift in DRIFTS:
         for is_followed in (False, True):
@@ -89,7 +88,7 @@ def _drifts(board: Board, calibration: bytes, scene: _Scene, progress: Progress)
     return rows
 
 
-def _held(board: Board, calibration: bytes, scene: _Scene) -> dict[str, float]:
+def _held(board: Board, calibration: bytes, scene: Scene) -> dict[str, float]:
     """Reported force of a contact when it begins and after it was held; the light is steady."""
     pictures = [scene.frame(scene.pressed) for _ in range(16)]
 
@@ -105,26 +104,6 @@ def _held(board: Board, calibration: bytes, scene: _Scene) -> dict[str, float]:
     return {"frames": HELD_FRAMES, "first_n": first, "last_n": last}
 
 
-def _first_touch(board: Board, calibration: bytes, scene: _Scene) -> dict[str, Any]:
-    """Frames and true force from the first true touch to the first report; false reports before."""
-    late: list[int] = []
-    force_n: list[float] = []
-    with Pipeline(board, calibration) as pipeline:
-        scene.learn(pipeline)
-        n_false = sum(pipeline.process(scene.frame()).n_contacts > 0 for _ in range(N_UNTOUCHED))
-        for _ in range(APPROACHES):
-            x, y = scene.rng.uniform(-3e-3, 3e-3, 2)
-            solver = scene.unit.solver(Indenter("sphere", BALL_MM * 1e-3))
-            for step in range(1, 400):
-                solver.advance(Pose(float(x), float(y), step * STEP_UM * 1e-6))
-                if pipeline.process(scene.frame(solver.displacement)).n_contacts > 0:
-                    late.append(step - 1)
-                    force_n.append(-float(wrench_of(scene.unit.model, solver.nodal_force)[2]))
-                    break
-    return {"n_untouched": N_UNTOUCHED, "n_false": n_false, "step_um": STEP_UM, "n_approaches": APPROACHES,
-            "frames_late": late, "force_n": force_n}  # fmt: skip
-
-
 def run(board: Board, *, progress: Progress = lambda _: None) -> dict[str, Any]:
     """All of it.
 
@@ -133,21 +112,18 @@ def run(board: Board, *, progress: Progress = lambda _: None) -> dict[str, Any]:
     InputError
         The board has no twin, or its displacement does not come from dots and colours.
     """
-    scene = _Scene(board)
-    calibration = _calibration(board)
+    scene = Scene(board)
+    calibration = fitted_calibration(board)
     progress(0.2)
     rows = _drifts(board, calibration, scene, lambda done: progress(0.2 + 0.4 * done))
     held = _held(board, calibration, scene)
-    progress(0.8)
-    touch = _first_touch(board, calibration, scene)
     progress(1.0)
-    return {"board": board.name, "simulated": True, "force_n": scene.force_n, "drift": rows, "held": held,
-            "first_touch": touch}  # fmt: skip
+    return {"board": board.name, "simulated": True, "force_n": scene.force_n, "drift": rows, "held": held}
 
 
 def table(result: dict[str, Any]) -> str:
     """The result as text."""
-    held, touch = result["held"], result["first_touch"]
+    held = result["held"]
     lines = [
         f"{result['board']}, SIMULATED: light that drifts (B, G, R {WAY[0]:+g}, {WAY[1]:+g}, {WAY[2]:+g} times the "
         f"drift); a press of {result['force_n']:.3f} N",
@@ -161,14 +137,4 @@ def table(result: dict[str, Any]) -> str:
             f"{row['press_error_n']:+12.3f} N  {row['flags']}"
         )
     lines.append(f"held for {held['frames']} frames: {held['first_n']:.4f} N at first, {held['last_n']:.4f} N at last")
-    late = touch["frames_late"]
-    found = "not found"
-    if late:
-        n, force_mn = len(late), [1e3 * f for f in touch["force_n"]]
-        found = f"{min(late)} to {max(late)} frames late, at {min(force_mn):.0f} to {max(force_mn):.0f} mN"
-        found += f", {n} of {touch['n_approaches']} found"
-    lines.append(
-        f"untouched: {touch['n_false']} of {touch['n_untouched']} frames report a contact; first touch, "
-        f"{touch['step_um']:g} um a frame: {found}"
-    )
     return "\n".join(lines)

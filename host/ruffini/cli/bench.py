@@ -82,6 +82,17 @@ def held(board: BoardOption, json_: JsonFlag = False) -> None:
     emit(result, json_, benchmark.table(result))
 
 
+@app.command("touch")
+def touch(board: BoardOption, json_: JsonFlag = False) -> None:
+    """First touch: frames and newtons until it is reported, and false contacts on the untouched pad."""
+    from ruffini.bench import first_touch as benchmark
+    from ruffini.boards import find_board
+
+    with progress_bar("touch") as progress:
+        result = benchmark.run(find_board(board), progress=progress)
+    emit(result, json_, benchmark.table(result))
+
+
 @app.command("light")
 def light(board: BoardOption, json_: JsonFlag = False) -> None:
     """Drifting lamps before and after they are followed, a contact held for minutes, and how late a touch is seen."""

@@ -12,7 +12,7 @@ from ruffini.errors import InputError
 
 def test_a_drift_that_is_followed_changes_the_colours_of_rest_tenfold_less():
     board, gain = find_board("gelslim"), 1 + 0.05 * light.WAY
-    scene = light._Scene(board)
+    scene = light.Scene(board)
     table = {
         "photometric.unmix": np.zeros((4, 5, 2, 3), np.int16),
         "photometric.slope": np.zeros((65, 65, 2), np.int16),
@@ -42,12 +42,9 @@ def test_a_board_without_a_twin_is_refused():
 def test_the_table_says_every_part():
     row = {"drift": 0.05, "is_followed": True, "untouched_depth_um": 5.0, "untouched_force_n": 0.0,
            "press_error_n": -0.02, "flags": 0}  # fmt: skip
-    touch = {"n_untouched": 200, "n_false": 0, "step_um": 2.0, "n_approaches": 5, "frames_late": [3, 9],
-             "force_n": [0.01, 0.031]}  # fmt: skip
     held = {"frames": 7200, "first_n": 0.8, "last_n": 0.8}
-    result = {"board": "b", "simulated": True, "force_n": 0.84, "drift": [row], "held": held, "first_touch": touch}
+    result = {"board": "b", "simulated": True, "force_n": 0.84, "drift": [row], "held": held}
     text = light.table(result)
     assert "SIMULATED" in text
     assert "followed" in text
-    assert "3 to 9 frames late, at 10 to 31 mN, 2 of 5 found" in text
-    assert "not found" in light.table({**result, "first_touch": {**touch, "frames_late": []}})
+    assert "held for 7200 frames: 0.8000 N at first" in text
