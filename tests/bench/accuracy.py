@@ -4,7 +4,8 @@ Four pads whose E, Poisson's ratio and thickness are each 3 % off the board's nu
 Of each pad, colours come from its own ball presses and E, Poisson's ratio and thickness from `cal material` on a log of
 other presses; nothing is given. Judged: balls of 4-8 mm and flats of 3-6 mm, 0.3-1.0 mm deep, all sheared, half turned.
 Then where the error comes from: the same frames solved again with one part of the displacement, or the material,
-replaced by the truth. `--development` plays other seeds, for whoever looks for something better.
+replaced by the truth. `--development` plays other seeds, for whoever looks for something better. `--network` judges a
+network of `ruffini train displacement` on the same frames, with the same operator in float64.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from ruffini.fem.operators import Noise
 from ruffini.frames import read_frames
 from ruffini.sim import programs
 from ruffini.sim.recording import PadError, TwinUnit, record_balls, record_touches
+from ruffini.train.predict import DisplacementNetwork
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "bitexact"))
 from mirror.path import FramePath as MirrorPath
@@ -55,6 +57,8 @@ STRONG = 0.1  # frames above this part of the largest force are compared with fl
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 ANY = Recipe("press", ())
 MEASURED = "as measured"
+NETWORK = "trained network, float"
+NETWORK_FILE = Path(__file__).parents[2] / "out" / "train"  # BOARD/displacement.onnx: judged where it is there
 
 
 @dataclass
@@ -69,6 +73,7 @@ class Frames:
     true_wrench: Array
     frame_ms: list[float]
     sum_difference_un: int
+    network_u: Array | None = None  # (k, n_y, n_x, 3), metres
 
 
 @dataclass
@@ -98,7 +103,7 @@ class Total:
 
     rows: dict[str, Row] = field(default_factory=dict)
     wrench_error: list[Array] = field(default_factory=list)
-    displacement_error_um: list[Array] = field(default_factory=list)  # rms of each pad's touched nodes
+    displacement_error_um: dict[str, list[Array]] = field(default_factory=dict)  # rms of each pad's touched nodes
     gauge_um: list[float] = field(default_factory=list)  # mean error of u_z, of each frame
     frame_ms: list[float] = field(default_factory=list)
     float_error: list[float] = field(default_factory=list)
@@ -141,6 +146,14 @@ def play(board: Board, file: container.CalibrationFile, recording: Path) -> Fram
         np.array(u), np.array(steps), np.array(wrench), truth["displacement"][judged], truth["force"][judged],
         truth["wrench"][judged], frame_ms, difference_un,
     )  # fmt: skip
+
+
+def network_displacement(board: Board, network: Path, recording: Path) -> Array:
+    """What a trained network makes of the judged frames; rest is the mean of the untouched first ones."""
+    judged = np.load(recording / "truth.npz")["judged"]
+    frames = list(read_frames(recording))
+    net = DisplacementNetwork(network, board, np.mean(frames[: board.pipeline.n_rest_frames], axis=0))
+    return np.array([net.displacement_m(frames[i]) for i in np.flatnonzero(judged)])
 
 
 def solved(pipeline: Pipeline, u: Integers) -> Array:
@@ -201,9 +214,17 @@ def judge(
                 add("all true, true material", solved(pipeline, in_steps(frames.true_u)))
     check_integers(board, frames, own, files["fitted"], into)
     into.wrench_error += list(frames.wrench - frames.true_wrench)
-    error_um = (frames.u * DISPLACEMENT_LSB_M - frames.true_u) * 1e6
     touched = frames.true_force[..., 2] < -1e-6 * board.contact.threshold_un
-    into.displacement_error_um.append(np.sqrt((error_um[touched] ** 2).mean(axis=0)))
+    displacements = {MEASURED: frames.u * DISPLACEMENT_LSB_M}
+    if frames.network_u is not None:
+        assert own.support is not None
+        estimate = second_pass(board, own.matrix, own.support)
+        add(NETWORK, np.array([estimate(u)[0] for u in frames.network_u]))
+        displacements[NETWORK] = frames.network_u
+    for name, u_m in displacements.items():
+        square_um = ((u_m - frames.true_u)[touched] * 1e6) ** 2
+        into.displacement_error_um.setdefault(name, []).append(np.sqrt(square_um.mean(axis=0)))
+    error_um = (frames.u * DISPLACEMENT_LSB_M - frames.true_u) * 1e6
     into.gauge_um += error_um[..., 2].mean(axis=(1, 2)).tolist()
     into.frame_ms += frames.frame_ms
     into.sum_difference_un = max(into.sum_difference_un, frames.sum_difference_un)
@@ -234,8 +255,9 @@ def noise_of(board: Board, material: Material | None = None) -> Noise:
 
 
 def run_pad(
-    board: Board, believed: OperatorKind, number: int, n_presses: int, seed: int, folder: Path, into: Total
-) -> None:
+    board: Board, believed: OperatorKind, number: int, n_presses: int, seed: int, network: Path | None, folder: Path,
+    into: Total,
+) -> None:  # fmt: skip
     """Simulate, calibrate and judge one pad."""
     error = PadError(*(1 + OFF * s for s in SIGNS[number]))
     unit = TwinUnit.build(board, error)
@@ -256,7 +278,10 @@ def run_pad(
         name: packed(board, kind, colours)
         for name, kind in (("fitted", own), ("true material", ideal), ("the board's material", believed))
     }
-    judge(board, play(board, files["fitted"], folder / "touches"), own, files, into)
+    frames = play(board, files["fitted"], folder / "touches")
+    if network is not None:
+        frames.network_u = network_displacement(board, network, folder / "touches")
+    judge(board, frames, own, files, into)
 
 
 def summary(total: Total) -> dict[str, Any]:
@@ -265,7 +290,7 @@ def summary(total: Total) -> dict[str, Any]:
         "presses": len(total.wrench_error),
         "rows": {name: row.summary() for name, row in total.rows.items()},
         "wrench_rmse": dict(zip(AXES, np.sqrt((np.array(total.wrench_error) ** 2).mean(axis=0)).tolist(), strict=True)),
-        "displacement_rms_um": np.mean(total.displacement_error_um, axis=0).tolist(),
+        "displacement_rms_um": {k: np.mean(v, axis=0).tolist() for k, v in total.displacement_error_um.items()},
         "gauge_um": [float(np.mean(total.gauge_um)), float(np.std(total.gauge_um))],
         "material_percent": total.material_percent,
         "frame_ms_median": float(np.median(total.frame_ms)),
@@ -290,13 +315,15 @@ def tables(board: Board, s: dict[str, Any]) -> str:
         f"{r['within_percent']:6.0f} %{r['worst_over_wanted']:7.2f}"
         for name, r in s["rows"].items()
     ]
-    x, y, z = s["displacement_rms_um"]
     mean, spread = s["gauge_um"]
     lines += [
         f"  wanted: tangential <= {WANTED['tangential']}, normal <= {WANTED['normal']}, resultant within "
         f"{100 * READING:.0f} % of reading + {FLOOR_N} N (worst: error over that)",
-        f"  displacement of touched nodes off by {x:.1f}, {y:.1f}, {z:.1f} um rms; mean depth by {mean:+.1f} +- "
-        f"{spread:.1f} um",
+        *(
+            f"  displacement of touched nodes off by {x:.1f}, {y:.1f}, {z:.1f} um rms, {name}"
+            for name, (x, y, z) in s["displacement_rms_um"].items()
+        ),
+        f"  mean depth off by {mean:+.1f} +- {spread:.1f} um",
         "  wrench rmse: " + ", ".join(f"{axis} {1e3 * v:.1f}" for axis, v in s["wrench_rmse"].items()) + " mN and N mm",
         "  fitted E, nu, thickness off by: "
         + "; ".join("/".join(f"{v:+.1f}" for v in pad) + " %" for pad in s["material_percent"]),
@@ -312,15 +339,19 @@ def main() -> None:
     parser.add_argument("--board", default="gelslim")
     parser.add_argument("--presses", type=int, default=25, help="on each of the four pads")
     parser.add_argument("--development", action="store_true", help="presses that are not judged")
+    parser.add_argument("--network", type=Path, help="displacement.onnx (default: out/train/BOARD's, if it is there)")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")
     arguments = parser.parse_args()
     board = find_board(arguments.board)
+    network = arguments.network or NETWORK_FILE / board.name / "displacement.onnx"
+    if arguments.network is None and not network.is_file():
+        network = None
     believed = make_operator(board, method="support", noise=noise_of(board))
     seed = DEVELOPMENT_SEED if arguments.development else JUDGED_SEED
     total = Total()
     with tempfile.TemporaryDirectory(prefix="ruffini-accuracy-") as scratch:
         for number in range(len(SIGNS)):
-            run_pad(board, believed, number, arguments.presses, seed, Path(scratch) / str(number), total)
+            run_pad(board, believed, number, arguments.presses, seed, network, Path(scratch) / str(number), total)
             print(f"pad {number + 1} of {len(SIGNS)} done", file=sys.stderr)
     s = summary(total)
     print(json.dumps(s) if arguments.json else tables(board, s))
