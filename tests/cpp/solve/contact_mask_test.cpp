@@ -5,7 +5,7 @@
 #include <cstring>
 #include <string>
 
-#include "calibration_bytes.h"
+#include "support/calibration_bytes.h"
 
 namespace ruffini {
 namespace {
