@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,11 +83,15 @@ def read_touch_log(
     parts = []
     for i, path in enumerate(paths):
         if path.is_dir() or path.suffix in (".mp4", ".avi", ".mkv"):
-            parts.append(_of_recording(path, board, calibration, lambda d, i=i: progress((i + d) / len(paths))))
+            parts.append(_of_recording(path, board, calibration, partial(_part, progress, i, len(paths))))
         else:
             parts.append(_of_log(path, board))
         progress((i + 1) / len(paths))
     return _joined(parts)
+
+
+def _part(progress: Progress, number: int, n: int, done: float) -> None:
+    progress((number + done) / n)
 
 
 def _joined(parts: list[TouchLog]) -> TouchLog:

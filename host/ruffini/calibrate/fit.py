@@ -1,0 +1,79 @@
+"""`ruffini cal fit`: stage after stage over a job, then one file that carries its own report."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from ruffini.calibrate import container
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.gates import Gate, gates_of, judged
+from ruffini.calibrate.stages import STAGES
+from ruffini.calibrate.stages.job import Job, Outcome
+from ruffini.errors import InputError, RuffiniError
+
+Tell = Callable[[str, Outcome, float], None]  # stage, how it ended, seconds
+Progress = Callable[[str, float], None]
+
+
+def run_stages(
+    job: Job, skip: frozenset[str], *, tell: Tell, progress: Progress = lambda *_: None
+) -> dict[str, Outcome]:
+    """Every stage that the board needs; what each says, by name.
+
+    Raises
+    ------
+    InputError
+        No such stage to skip, or one cannot do its work; the text names the stage.
+    """
+    unknown = skip - {stage.name for stage in STAGES}
+    if unknown:
+        names = ", ".join(stage.name for stage in STAGES)
+        raise InputError(f"--skip {', '.join(sorted(unknown))}: there is no such stage; there are {names}")
+    outcomes: dict[str, Outcome] = {}
+    for stage in STAGES:
+        if not stage.is_needed(job):
+            continue
+        start = time.monotonic()
+        try:
+            if stage.name in skip:
+                outcomes[stage.name] = stage.keep(job)
+            else:
+                outcomes[stage.name] = stage.run(job, partial(progress, stage.name))
+        except RuffiniError as error:
+            error.add_note(f"in stage {stage.name}; --skip {stage.name} goes on without it")
+            raise
+        tell(stage.name, outcomes[stage.name], time.monotonic() - start)
+    if not job.tensors:
+        raise InputError(f"no stage made anything for board {job.board.name!r}: its pipeline needs no calibration")
+    return outcomes
+
+
+def finished(job: Job, outcomes: dict[str, Outcome], serial: str = "*") -> tuple[CalibrationFile, list[Gate]]:
+    """The calibration file with stages, gates and origin in its manifest, and the gates."""
+    log = job.log()
+    metadata = {**job.header(), "sensor_serial": serial}
+    previous = judged(job.board, job.previous, log) if job.previous is not None else None
+    now = judged(job.board, container.pack(job.tensors, metadata), log)
+    gates = gates_of(job.board, log, outcomes, job.fit, now, previous)
+    residuals: dict[str, Any] = {
+        "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
+        "gates": [gate._asdict() for gate in gates], "logs": log.sources,
+    }  # fmt: skip
+    return container.pack(job.tensors, {**metadata, "residuals": _ascii(residuals)}), gates
+
+
+def _ascii(tree: dict[str, Any]) -> str:
+    """JSON of plain ASCII, numbers to six digits: the manifest has little room."""
+
+    def short(value: Any) -> Any:
+        if isinstance(value, float):
+            return float(f"{value:.6g}")
+        if isinstance(value, dict):
+            return {k: short(v) for k, v in value.items()}
+        return [short(v) for v in value] if isinstance(value, list | tuple) else value
+
+    return json.dumps(short(tree)).encode("ascii", "replace").decode()

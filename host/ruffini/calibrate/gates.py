@@ -1,0 +1,189 @@
+"""Whether a calibration is good enough to be flashed: each gate a number, a limit and a sentence.
+
+Gates are judged by touch, each touch by a fit that did not see it, and on the board's own integers. They travel in the
+file's manifest, so that `ruffini cal flash` can refuse a file wherever it comes from.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.error_model import node_places
+from ruffini.calibrate.material import MIN_TOUCHES, MaterialFit
+from ruffini.calibrate.operator import board_slab
+from ruffini.calibrate.stages.job import HELD_S, Outcome, left_after
+from ruffini.calibrate.stages.material import left_out_figures
+from ruffini.calibrate.touch_log import TouchLog
+from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+
+Array = npt.NDArray[np.float64]
+
+MIN_PRESSES = 10  # without a fleet or a previous calibration behind it
+MIN_COVERAGE = 0.5  # of CELLS x CELLS parts of the window: what was never pressed is not calibrated
+CELLS = 3
+MAX_ERROR = 0.05  # of the largest force: 95th percentile of touches left out; the main job's own limit
+MAX_GAIN_ERROR = 0.03
+MAX_INTERVAL = 0.10  # of E, 95 %, half width
+MAX_WORSE = 1.10  # times the previous calibration's error on the same touches
+MAX_REST_N = 0.02  # force of an untouched frame, 99th percentile
+MAX_NORMAL_DEG = 7.0  # of ball presses left out, median: what recorded presses of a good unit reach
+
+
+class Gate(NamedTuple):
+    """One condition; `ok` is None where it could not be judged (it does not refuse then)."""
+
+    name: str
+    ok: bool | None
+    value: float | None
+    limit: float | None
+    text: str
+
+
+class Judged(NamedTuple):
+    """What a calibration makes of a log: wrench of each held frame (t, 6), force of each untouched one (k, 3)."""
+
+    wrench: Array
+    rest_n: Array
+
+
+def judged(board: Board, file: CalibrationFile, log: TouchLog) -> Judged | None:
+    """The board's own integers on a log's displacements; None where the file has no operator."""
+    if "operator" not in file.kinds:
+        return None
+    places = node_places(board_slab(board), board.observed)
+    shape = (len(places.y_m), len(places.x_m), 3)
+    # Single frames carry no time: what a held touch has lost by then is taken off as a whole.
+    left = left_after(file.tensors, HELD_S)
+    with Pipeline(board, file.data) as pipeline:
+
+        def forces(u: Array) -> Array:
+            steps = np.clip(np.round(u / DISPLACEMENT_LSB_M), -32767, 32767).astype(np.int16)
+            lsb_n = board.field.force_lsb_un * 1e-6
+            return np.asarray(pipeline.solve(steps) * (lsb_n * left)).reshape(len(u), *shape)
+
+        wrench = [places.wrench(f, np.zeros(2)) for f in forces(log.displacement)]
+        rest = forces(log.rest).sum(axis=(1, 2)) if len(log.rest) else np.zeros((0, 3))
+    return Judged(np.array(wrench), rest)
+
+
+def gates_of(
+    board: Board, log: TouchLog, outcomes: dict[str, Outcome], fit: MaterialFit | None, now: Judged | None,
+    previous: Judged | None,
+) -> list[Gate]:  # fmt: skip
+    """All that can be judged of a fit."""
+    gates = [*_of_log(board, log, fit), *_of_reference(log)]
+    if fit is not None:
+        gates += _of_material(fit)
+    if now is not None:
+        gates += _of_forces(log, now, previous)
+    colours = outcomes.get("photometric")
+    if colours is not None and "held_out_normal_median_deg" in colours.report:
+        value = float(colours.report["held_out_normal_median_deg"])
+        gates.append(_at_most("normals", value, MAX_NORMAL_DEG, "deg, median of ball presses left out"))
+    return gates
+
+
+def _at_most(name: str, value: float, limit: float, what: str) -> Gate:
+    return Gate(name, bool(value <= limit), value, limit, f"{value:.3g} {what}, at most {limit:.3g}")
+
+
+def _at_least(name: str, value: float, limit: float, what: str) -> Gate:
+    return Gate(name, bool(value >= limit), value, limit, f"{value:.3g} {what}, at least {limit:.3g}")
+
+
+def contact_places(board: Board, log: TouchLog) -> Array:
+    """Where each touch dents the pad most, (touches, 2) m from the pad's centre; depth (m) as third column."""
+    places = node_places(board_slab(board), board.observed)
+    x, y = np.meshgrid(places.x_m, places.y_m)
+    rows = []
+    for t in np.unique(log.touch):
+        dent = np.maximum(-log.displacement[np.flatnonzero(log.touch == t)[-1]][:, 2], 0)
+        weight = np.where(dent > 0.5 * dent.max(), dent, 0)
+        total = max(float(weight.sum()), 1e-12)
+        rows.append((float(weight @ x.ravel()) / total, float(weight @ y.ravel()) / total, float(dent.max())))
+    return np.array(rows)
+
+
+def coverage(board: Board, places: Array) -> npt.NDArray[np.int64]:
+    """Touches in each of CELLS x CELLS parts of the middle of the window, (rows, columns)."""
+    pad, window = board.pad, board.window
+    half = np.array([min(pad.size_x_um / 2 - window.min_x_um, window.max_x_um - pad.size_x_um / 2),
+                     min(pad.size_y_um / 2 - window.min_y_um, window.max_y_um - pad.size_y_um / 2)]) * 1e-6  # fmt: skip
+    # Presses keep clear of the rim, so its part of the window counts to the cells inside it.
+    cell = np.clip(((places[:, :2] / (0.75 * half) + 1) / 2 * CELLS).astype(int), 0, CELLS - 1)
+    count = np.zeros((CELLS, CELLS), np.int64)
+    np.add.at(count, (cell[:, 1], cell[:, 0]), 1)
+    return count
+
+
+def _of_log(board: Board, log: TouchLog, fit: MaterialFit | None) -> list[Gate]:
+    informed = fit is not None and fit.prior.is_informed
+    gates = [_at_least("touches", log.n_touches, 1 if informed else MIN_PRESSES, "touches")]
+    if not informed:
+        covered = float((coverage(board, contact_places(board, log)) > 0).mean())
+        gates.append(_at_least("coverage", covered, MIN_COVERAGE, "of the pad's parts pressed"))
+    return gates
+
+
+def _of_reference(log: TouchLog) -> list[Gate]:
+    gates = []
+    for found in log.found:
+        for name, check in found.get("checks", {}).items():
+            if isinstance(check, dict) and "ok" in check:
+                gates.append(Gate(f"reference {name}", check["ok"], None, None, str(check.get("text", ""))))
+    return gates
+
+
+def _of_material(fit: MaterialFit) -> list[Gate]:
+    gates = [_at_most("interval of E", float(fit.interval[0] / fit.values[0]), MAX_INTERVAL, "of E, 95 %")]
+    if fit.n_touches < MIN_TOUCHES:
+        return gates  # nothing to leave out: the prior's word counts
+    figures = left_out_figures(fit)
+    part = figures["force_p95_n"] / figures["largest_force_n"]
+    return [
+        *gates,
+        _at_most("error", part, MAX_ERROR, "of the largest force: 95th percentile of touches left out"),
+        _at_most("gain", abs(figures["gain"] - 1), MAX_GAIN_ERROR, "off in the size of forces left out"),
+    ]
+
+
+def _of_forces(log: TouchLog, now: Judged, previous: Judged | None) -> list[Gate]:
+    error = force_rmse_n(log, now.wrench)
+    largest = float(np.nanmax(np.abs(log.wrench[:, :3])))
+    gates = [_at_most("on the board", error / largest, MAX_ERROR, "of the largest force: RMS of the board's integers")]
+    if previous is not None:
+        ratio = error / max(force_rmse_n(log, previous.wrench), 1e-9)
+        gates.append(_at_most("against the previous", ratio, MAX_WORSE, "times the previous calibration's error"))
+    if len(now.rest_n):
+        quiet = float(np.percentile(np.linalg.norm(now.rest_n, axis=1), 99))
+        gates.append(_at_most("rest", quiet, MAX_REST_N, "N said of untouched frames, 99th percentile"))
+    return gates
+
+
+def force_rmse_n(log: TouchLog, wrench: Array) -> float:
+    """Root mean square over touches of the force's error, of what the reference measures."""
+    seen = np.isfinite(log.wrench[:, :3]).all(axis=0)
+    error = (wrench - log.wrench)[:, :3][:, seen]
+    by_touch = [np.linalg.norm(error[log.touch == t].mean(axis=0)) for t in np.unique(log.touch)]
+    return float(np.sqrt(np.mean(np.square(by_touch))))
+
+
+def failed(gates: list[Gate]) -> list[Gate]:
+    """Those that refuse."""
+    return [gate for gate in gates if gate.ok is False]
+
+
+def gates_in(file: CalibrationFile) -> list[Gate] | None:
+    """What a file's manifest says of its gates; None where it says nothing."""
+    try:
+        tree: Any = json.loads(file.metadata.get("residuals", "{}"))
+        rows = tree.get("gates") if isinstance(tree, dict) else None
+        return None if rows is None else [Gate(**row) for row in rows]
+    except (ValueError, TypeError):
+        return None
