@@ -98,15 +98,16 @@ class Shape:
     def __init__(self, predictor: Predictor, used: npt.NDArray[np.bool_]) -> None:
         self._poisson, self._thickness = predictor.poisson, predictor.thickness
         self._misfit = predictor.misfit[:, :, used].mean(axis=2)
-        lines = [np.linspace(axis[0], axis[2], SHAPE_LINES) for axis in (self._poisson, self._thickness)]
-        self._least = min(self._at(nu, h) for nu in lines[0] for h in lines[1])
-
-    def _at(self, poisson: float, thickness: float) -> float:
-        return float(_lagrange(self._poisson, poisson) @ self._misfit @ _lagrange(self._thickness, thickness))
+        along = [
+            _lagrange(axis, np.linspace(axis[0], axis[2], SHAPE_LINES)) for axis in (self._poisson, self._thickness)
+        ]
+        self._least = float((along[0].T @ self._misfit @ along[1]).min())
 
     def deviation(self, values: Array) -> float:
+        """Zero where they explain it as well as any pad."""
+        at = float(_lagrange(self._poisson, values[1]) @ self._misfit @ _lagrange(self._thickness, values[2]))
         explained = max(-self._least, 1e-9)  # of u^T R^-1 u, which is the same for all pads
-        return float(np.sqrt(max(self._at(values[1], values[2]) - self._least, 0.0) / explained) / SHAPE_DEVIATION)
+        return float(np.sqrt(max(at - self._least, 0.0) / explained) / SHAPE_DEVIATION)
 
 
 def _poisson_grid(poisson: float) -> Array:
@@ -142,6 +143,11 @@ def _wrenches(
     return wrench, misfit
 
 
-def _lagrange(nodes: Array, at: float) -> Array:
-    """Weights of the quadratic through three nodes."""
-    return np.array([np.prod([(at - nodes[j]) / (nodes[i] - nodes[j]) for j in range(3) if j != i]) for i in range(3)])
+def _lagrange(nodes: Array, at: float | Array) -> Array:
+    """Weights of the quadratic through three nodes, (3,) or (3, n)."""
+    a, b, c = nodes
+    return np.array([
+        (at - b) * (at - c) / ((a - b) * (a - c)),
+        (at - a) * (at - c) / ((b - a) * (b - c)),
+        (at - a) * (at - b) / ((c - a) * (c - b)),
+    ])  # fmt: skip

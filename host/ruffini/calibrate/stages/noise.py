@@ -12,6 +12,7 @@ import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from ruffini.boards import Board
+from ruffini.calibrate.material import force_size
 from ruffini.calibrate.operator import board_slab, board_window_m, observed_unknowns, second_pass
 from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage
 from ruffini.calibrate.stages.material import material_noise
@@ -25,7 +26,7 @@ Array = npt.NDArray[np.float64]
 
 MIN_REST = 10  # untouched frames
 LEAST_M = 0.5e-6  # four steps of the displacement: what rounding and interpolation leave at best
-MAX_TOUCHES = 60  # the last frame of each: more tell no more
+MAX_TOUCHES = 60  # the strongest frame of each: more tell no more
 
 
 def run(job: Job, progress: Progress) -> Outcome:
@@ -58,7 +59,9 @@ def unexplained_m(job: Job, log: TouchLog, noise: Noise) -> Array:
     rows, columns = board.observed
     shape = (rows.stop - rows.start, columns.stop - columns.start, 3)
     plane = _planes(board)
-    last = [np.flatnonzero(log.touch == t)[-1] for t in np.unique(log.touch)]
+    strength = force_size(log.wrench)
+    frames = [np.flatnonzero(log.touch == t) for t in np.unique(log.touch)]
+    last = [touch[strength[touch].argmax()] for touch in frames]
     chosen = [last[i] for i in np.unique(np.linspace(0, len(last) - 1, MAX_TOUCHES).astype(int))]
     left = []
     for u in log.displacement[chosen]:
