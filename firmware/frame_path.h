@@ -14,6 +14,7 @@
 #include "image/poisson.h"
 #include "image/rest.h"
 #include "image/texture_flow.h"
+#include "image/views.h"
 #include "solve/block_program.h"
 #include "solve/finite_strain.h"
 #include "solve/relaxation.h"
@@ -58,6 +59,10 @@ class FramePath {
 
   [[nodiscard]] const FrameState& state() const { return state_; }
   [[nodiscard]] std::span<const Marker> markers() const { return flow_ ? flow_->markers() : lattice_.markers(); }
+  // Of a frame that holds several views; no stage reads them.
+  [[nodiscard]] const std::optional<ViewMaps>& views() const { return views_; }
+  // Whether Marker::quality says something.
+  [[nodiscard]] bool are_markers_graded() const { return flow_.has_value(); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
   // Which calibration this path computes with: goes into every stamp. 0 = none.
   void set_calibration_id(uint32_t id) { calibration_id_ = id; }
@@ -100,11 +105,13 @@ class FramePath {
   NodeGrid nodes_;
   Rest rest_;
   LightTracker light_;  // where colours become depth
+  bool is_light_steady_ = true;
   DotDetector dots_;
   MarkerTracker lattice_;
   std::optional<TextureFlow> flow_;  // in place of dots and lattice where the board's markers are patches of a texture
   int n_markers_at_rest_ = 0;
   std::optional<CameraMap> camera_map_;
+  std::optional<ViewMaps> views_;
   std::optional<Photometric> photometric_;
   bool is_foreign_optics_ = false;
   Poisson poisson_;

@@ -152,6 +152,26 @@ int ruffini_get_markers(const ruffini_pipeline* pipeline, int32_t* rest_q16, int
   return 0;
 }
 
+int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_q16, int32_t n, int32_t* out) {
+  const auto& views = pipeline->path->views();
+  if (!views) return fail("the calibration holds no views of this board: make them with `ruffini cal camera --views`");
+  for (int32_t i = 0; i < n; ++i, places_q16 += 4, out += 4) {
+    const ruffini::Meeting met =
+        meet(views->at(0, places_q16[0], places_q16[1]), views->at(1, places_q16[2], places_q16[3]));
+    const int64_t values[4] = {met.x_q8, met.y_q8, met.z_q8, met.gap_q8};
+    std::transform(values, values + 4, out, [&](int64_t v) {
+      return met.is_found ? static_cast<int32_t>(std::clamp<int64_t>(v, -INT32_MAX, INT32_MAX)) : INT32_MIN;
+    });
+  }
+  return 0;
+}
+
+int ruffini_get_marker_quality(const ruffini_pipeline* pipeline, uint8_t* out) {
+  if (!pipeline->path->are_markers_graded()) return fail("the markers of this board are not graded");
+  for (const ruffini::Marker& m : pipeline->path->markers()) *out++ = m.quality;
+  return 0;
+}
+
 int ruffini_get_change(const ruffini_pipeline* pipeline, int16_t* out) {
   const std::vector<ruffini::RelativeChange>& planes = pipeline->path->state().difference.change;
   const size_t n = planes.size() / 3;

@@ -51,6 +51,10 @@ RUFFINI_API int ruffini_layout(const ruffini_pipeline* pipeline, ruffini_layout_
 /* B, G, R, width x height of the board. capture_us: time of capture, for the pad's relaxation; 0 leaves that out. */
 RUFFINI_API int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t width_px, int32_t height_px,
                                 uint64_t capture_us, ruffini_result_t* out);
+/* Of a calibration with kind `views`: places [n][4] px Q16 of the frame, x and y in the first view, x and y in the
+ * second, to [n][4] um Q8: x, y, z, and the gap between the two rays; INT32_MIN four times where they do not meet. */
+RUFFINI_API int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_q16, int32_t n,
+                                    int32_t* out);
 RUFFINI_API int ruffini_zero(ruffini_pipeline* pipeline, int32_t n_frames);
 /* Rest image [height][width][3] in 1/16 grey levels, in force at once. */
 RUFFINI_API int ruffini_set_rest(ruffini_pipeline* pipeline, const uint16_t* image);
@@ -62,6 +66,8 @@ RUFFINI_API int ruffini_solve(ruffini_pipeline* pipeline, const int16_t* displac
 /* Of the last processed frame. */
 RUFFINI_API int ruffini_get_markers(const ruffini_pipeline* pipeline, int32_t* rest_q16, int32_t* displacement_q16,
                                     uint8_t* lost); /* [marker][2], [marker][2], [marker]: 1 lost, 2 absent */
+/* [marker]: 255 / (1 + (expected error / 0.1 px)^2), 0 lost. 1 with ruffini_error() where they are not graded. */
+RUFFINI_API int ruffini_get_marker_quality(const ruffini_pipeline* pipeline, uint8_t* out);
 RUFFINI_API int ruffini_get_change(const ruffini_pipeline* pipeline, int16_t* out);       /* [h][w][3] Q12 */
 RUFFINI_API int ruffini_get_slope(const ruffini_pipeline* pipeline, int16_t* out);        /* [dy][dx][2] Q12 */
 RUFFINI_API int ruffini_get_depth(const ruffini_pipeline* pipeline, int16_t* out);        /* [dy][dx] 125 nm */

@@ -3,8 +3,7 @@
 //   a point of the deformed surface at height z that is seen at pixel p lies at   X = A(p) + S(p) z
 //
 // Through a clear gel with a flat back the ray inside it is straight, so this is exact for pinhole, fisheye, a camera
-// mounted askew and a plane mirror alike. A (Q8 um, from the pad's centre) and S (Q20) stand on a lattice over the
-// image, one line each 2^k pixels, and are read bilinearly.
+// mounted askew and a plane mirror alike (image/ray_table.h).
 //
 // Depth is computed in the view of an ideal pinhole above the pad's centre, of the board's scale and principal point
 // (focal length and distance grow together with the refraction): the slopes are brought there, bilinearly between depth
@@ -19,17 +18,10 @@
 #include "base/result.h"
 #include "board/settings.h"
 #include "image/photometric.h"
+#include "image/ray_table.h"
 #include "store/calibration.h"
 
 namespace ruffini {
-
-// A ray of the camera in the pad's frame.
-struct PadRay {
-  int64_t x_q8 = 0;  // micrometres, at z = 0
-  int64_t y_q8 = 0;
-  int64_t slope_x_q20 = 0;  // dx/dz
-  int64_t slope_y_q20 = 0;
-};
 
 class CameraMap {
  public:
@@ -37,7 +29,7 @@ class CameraMap {
   [[nodiscard]] static Result<CameraMap> load(const Calibration& calibration, const BoardSettings& board);
 
   // The ray through an image place, pixels; the border's beyond the image.
-  [[nodiscard]] PadRay at(int64_t px_x_q16, int64_t px_y_q16) const;
+  [[nodiscard]] PadRay at(int64_t px_x_q16, int64_t px_y_q16) const { return rays_.at(px_x_q16, px_y_q16); }
   // Slopes of the depth cells as the image has them -> as the ideal pinhole has them.
   void rectify(std::span<CellSlope> slope);
 
@@ -53,10 +45,8 @@ class CameraMap {
   Status load_sources(const Calibration& calibration);
 
   BoardSettings ideal_;
-  int shift_ = 0;  // log2 of the lattice step, pixels
-  GridSize lattice_;
   GridSize cells_;
-  std::vector<int32_t> rays_;    // [y][x][4]
+  RayTable rays_;
   std::vector<Source> sources_;  // of each depth cell
   std::vector<CellSlope> seen_;  // the image's slopes, while they are moved
 };

@@ -14,6 +14,7 @@ using flow_kernel::kSide;
 
 constexpr int64_t kMinContrast = 576;     // squared Q4 gradient per sample: 1.5 grey levels a pixel
 constexpr int64_t kMaxStep = 1 << 16;     // Q16 px
+constexpr int64_t kHalfError2 = 10'486;   // (0.1 px)^2, Q20
 constexpr int64_t kMaxInverse = 1 << 30;  // K times a sum of 2^31, twice, stays below 2^62
 
 int64_t div_round(int64_t a, int64_t n) { return floor_div(2 * a + n, 2 * n); }
@@ -179,8 +180,17 @@ void FlowTemplates::step(const GreyView& picture, std::span<FlowVector> u, std::
   }
 }
 
+// `unexplained`: R, four for a squared grey level, below 2^22.
+uint8_t FlowTemplates::quality_of(const Patch& patch, int64_t unexplained) const {
+  if (patch.shift == 0) return 0;
+  // K 2^-shift takes Q8 products to Q16 px, shift at least 17: gain R 2^(14 - shift) is error^2 / 4, Q20.
+  const int64_t gain = std::max<int64_t>(int64_t{patch.k[0]} + patch.k[3], 0);
+  const int64_t error2_q20 = (gain * std::max<int64_t>(unexplained, 0) >> (patch.shift - 16)) / shape_.n_samples();
+  return static_cast<uint8_t>(std::max<int64_t>(255 * kHalfError2 / (kHalfError2 + error2_q20), 1));
+}
+
 void FlowTemplates::compare(const GreyView& picture, std::span<const FlowVector> u, int threshold_1e3,
-                            std::span<uint8_t> is_alike) const {
+                            std::span<uint8_t> quality) const {
   const auto n = static_cast<size_t>(shape_.n_samples());
   const int64_t share = int64_t{threshold_1e3} * threshold_1e3;
   for (size_t i = 0; i < patch_.size(); ++i) {
@@ -196,7 +206,9 @@ void FlowTemplates::compare(const GreyView& picture, std::span<const FlowVector>
     const int64_t spread = (square - value * value / static_cast<int64_t>(n)) >> 10;
     // t's own sum is what rounding its mean left.
     const int64_t common = (product - floor_div(value * patch_[i].t_sum, static_cast<int64_t>(n))) >> 10;
-    is_alike[i] = common > 0 && common * common * 1'000'000 >= share * (patch_[i].tt >> 10) * spread ? 1 : 0;
+    const int64_t tt = patch_[i].tt >> 10;
+    const bool is_alike = common > 0 && common * common * 1'000'000 >= share * tt * spread;
+    quality[i] = is_alike && tt > 0 ? quality_of(patch_[i], spread - common * common / tt) : uint8_t{0};
   }
 }
 

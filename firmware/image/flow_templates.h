@@ -6,6 +6,9 @@
 // One step in a frame I, sampled at the patch's place + u:  u -= K (sum h I - S_0), at most one pixel. Inverse
 // compositional: all but the samples is made once, at rest. The patch speaks for its centre of texture (mean of h . g).
 // Without contrast, or with contrast along one direction only, a patch is not sound.
+//
+// What of a frame's samples the template does not explain, R = I . I - (I . t)^2 / t . t, moves a step by
+//   error^2 = 4 (K_xx + K_yy) R / N     px^2; 4: the smoothing makes neighbouring samples err alike
 #pragma once
 
 #include <cstdint>
@@ -48,9 +51,9 @@ class FlowTemplates {
   void search(const GreyView& picture, std::span<FlowVector> u) const;
   // One step each; is_cut: 1 where it would have been longer than a pixel.
   void step(const GreyView& picture, std::span<FlowVector> u, std::span<uint8_t> is_cut) const;
-  // 1 where the samples at u correlate with the template by at least threshold / 1000.
+  // Marker's quality where the samples at u correlate with the template by at least threshold / 1000; else 0.
   void compare(const GreyView& picture, std::span<const FlowVector> u, int threshold_1e3,
-               std::span<uint8_t> is_alike) const;
+               std::span<uint8_t> quality) const;
 
   [[nodiscard]] bool is_sound(size_t patch) const { return patch_[patch].shift != 0; }
   // The centre of texture, Q16 px.
@@ -71,6 +74,7 @@ class FlowTemplates {
   void learn_patch(const GreyView& picture, size_t patch);
   void invert(Patch& patch, std::span<const int32_t> gx, std::span<const int32_t> gy, const int16_t* h) const;
   void blind(std::span<const int32_t> g, const int16_t* t, int64_t tt, size_t axis, int16_t* h) const;
+  [[nodiscard]] uint8_t quality_of(const Patch& patch, int64_t unexplained) const;
   [[nodiscard]] flow_kernel::Block block(const GreyView& picture, const Patch& patch, const FlowVector& u,
                                          int number) const;
 

@@ -35,6 +35,7 @@ struct Marker {
   ImagePx displacement_y;
   bool is_lost = true;    // displacement estimated from neighbours
   bool is_absent = true;  // was not seen at rest either
+  uint8_t quality = 0;    // 255 / (1 + (expected error / 0.1 px)^2), at least 1; 0: lost, or not graded
 };
 
 class MarkerTracker {

@@ -190,6 +190,7 @@ int TextureFlow::track(std::span<const uint16_t> grey) {
   for (size_t i = 0; i < markers_.size(); ++i) {
     Marker& marker = markers_[i];
     if (marker.is_absent || is_cut_[i] != 0) known_[i] = 0;
+    marker.quality = known_[i];
     marker.displacement_x = ImagePx::from_raw(u_[i].x_q16);
     marker.displacement_y = ImagePx::from_raw(u_[i].y_q16);
     marker.is_lost = known_[i] == 0;

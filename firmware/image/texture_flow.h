@@ -5,7 +5,7 @@
 //              median again
 //   level 1    8 x 8 px, every lattice point from its nearest coarse one: a step
 //   level 0    16 px x 8 rows two apart: a step; correlation with rest below threshold_1e3 / 1000, or a step of more
-//              than a pixel: lost, filled from its neighbours
+//              than a pixel: lost, filled from its neighbours; else a quality from what the template leaves
 //
 // Always forward, rest against frame, from nothing remembered: no drift, no history. Not in any of the papers.
 // Frame thread; no allocation after the constructor.

@@ -27,13 +27,14 @@ ContactMask::ContactMask(GridSize nodes, int64_t threshold_lsb, int64_t min_node
       opened_(static_cast<size_t>(nodes.count())),
       mask_(static_cast<size_t>(nodes.count())) {}
 
-std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force) {
+std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force, bool is_steady) {
   std::fill(opened_.begin(), opened_.end(), uint8_t{0});
   std::fill(mask_.begin(), mask_.end(), uint8_t{0});
   const auto strongest =
       std::min_element(force.begin(), force.end(), [](const NodeForce& a, const NodeForce& b) { return a.z < b.z; });
   const int64_t strongest_lsb = -int64_t{strongest->z};
-  frame_threshold_lsb_ = std::max(least_lsb_, std::min(threshold_lsb_, strongest_lsb >> kStrongestShift));
+  const int64_t wanted = is_steady ? strongest_lsb >> kStrongestShift : threshold_lsb_;
+  frame_threshold_lsb_ = std::max(least_lsb_, std::min(threshold_lsb_, wanted));
   std::transform(force.begin(), force.end(), pressed_.begin(),
                  [&](const NodeForce& f) { return surely(-int64_t{f.z}, frame_threshold_lsb_); });
   const auto at = [&](int x, int y) { return static_cast<size_t>(y * nodes_.n_x + x); };
@@ -48,7 +49,8 @@ std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force) {
   if (std::ssize(opened_) - std::count(opened_.begin(), opened_.end(), uint8_t{0}) < min_nodes_) {
     std::fill(opened_.begin(), opened_.end(), uint8_t{0});
   }
-  raise(opened_[static_cast<size_t>(strongest - force.begin())], surely(strongest_lsb, alone_lsb_));
+  raise(opened_[static_cast<size_t>(strongest - force.begin())],
+        is_steady ? surely(strongest_lsb, alone_lsb_) : uint8_t{0});
   for (int y = 0; y < nodes_.n_y; ++y) {
     for (int x = 0; x < nodes_.n_x; ++x) {
       if (opened_[at(x, y)] == 0) continue;

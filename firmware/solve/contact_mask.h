@@ -8,7 +8,7 @@
 //   mask    = largest opened of the node and its 8 neighbours
 //
 // `least` and `alone` are what the noise of untouched frames of this unit hardly ever reaches (kind `contact` of
-// proto/CALIBRATION.md); without them T is the board's threshold. The eighth: what the linear estimate leaves around a
+// proto/CALIBRATION.md); without them, and while the light drifts, T is the board's threshold. The eighth: what the linear estimate leaves around a
 // strong contact is no second one.
 //
 // Every step is continuous in the force, so that a node at the threshold cannot flip the second pass.
@@ -43,8 +43,8 @@ class ContactMask {
   // What noise hardly ever reaches, from kind `contact`. Errors: kBadInput.
   Status load_noise(const Calibration& calibration, int64_t force_lsb_un);
 
-  // One value a node; valid until the next call.
-  std::span<const uint8_t> find(std::span<const NodeForce> force);
+  // One value a node; valid until the next call. is_steady: the noise is what it was when it was measured.
+  std::span<const uint8_t> find(std::span<const NodeForce> force, bool is_steady = true);
   // T of the last field.
   [[nodiscard]] int64_t threshold_lsb() const { return frame_threshold_lsb_; }
 

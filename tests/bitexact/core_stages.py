@@ -86,19 +86,20 @@ class CoreStages:
 
     def flow(
         self, rest: npt.NDArray[np.uint16], grey: npt.NDArray[np.uint16], n_markers: int
-    ) -> tuple[I32, I32, tuple[int, int]]:
-        """Marker rows at rest and of one frame of a textured board; found, lost."""
+    ) -> tuple[I32, I32, npt.NDArray[np.uint8], tuple[int, int]]:
+        """Marker rows at rest and of one frame of a textured board, their qualities; found, lost."""
         learned, tracked = np.zeros((2, n_markers, MARKER_COLUMNS), np.int32)
-        counts = np.zeros(2, np.int32)
+        counts, quality = np.zeros(2, np.int32), np.zeros(n_markers, np.uint8)
         self._lib.stages_flow(
             self._handle,
             _pointer(rest, np.uint16),
             _pointer(grey, np.uint16),
             _pointer(learned, np.int32),
             _pointer(tracked, np.int32),
+            _pointer(quality, np.uint8),
             _pointer(counts, np.int32),
         )
-        return learned, tracked, (int(counts[0]), int(counts[1]))
+        return learned, tracked, quality, (int(counts[0]), int(counts[1]))
 
     def set_photometric(self, unmix: npt.NDArray[np.int16], slope: npt.NDArray[np.int16]) -> None:
         self._lib.stages_set_photometric(

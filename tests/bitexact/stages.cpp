@@ -155,12 +155,13 @@ int stages_track_markers(Stages* stages, const int32_t* dots, int n_dots, int32_
 
 // Learns from `rest`, tracks one frame: rows of markers of both. Returns how many were found and lost.
 void stages_flow(Stages* stages, const uint16_t* rest, const uint16_t* grey, int32_t* learned, int32_t* tracked,
-                 int32_t* counts) {
+                 uint8_t* quality, int32_t* counts) {
   TextureFlow flow(stages->board);
   counts[0] = flow.learn({rest, n_pixels(*stages)});
   put_markers(flow.markers(), learned);
   counts[1] = flow.track({grey, n_pixels(*stages)});
   put_markers(flow.markers(), tracked);
+  for (const Marker& m : flow.markers()) *quality++ = m.quality;
 }
 
 void stages_set_photometric(Stages* stages, const int16_t* unmix, int n_cells_x, int n_cells_y, const int16_t* slope) {

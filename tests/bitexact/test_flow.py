@@ -45,17 +45,21 @@ def test_flow(open_stages: OpenStages, width: int, height: int, soft: int) -> No
         speckle(rng, (height, width), soft),  # another texture: all are lost
         np.full_like(rest, 3000),
     ]
-    lost = []
+    lost: list[int] = []
+    mean_quality: list[float] = []
     for frame in frames:
         flow = Flow(board)
-        learned, tracked, (n_found, n_lost) = core.flow(rest, np.ascontiguousarray(frame), n)
+        learned, tracked, quality, (n_found, n_lost) = core.flow(rest, np.ascontiguousarray(frame), n)
         assert n_found == flow.learn(rest) == n
         assert np.array_equal(learned, flow.rows)
         assert n_lost == flow.track(frame)
         assert np.array_equal(tracked, flow.rows)
+        assert np.array_equal(quality, flow.quality)
+        mean_quality.append(quality.mean())
         lost.append(n_lost)
     assert lost[0] == 0
     assert lost[-1] == n
+    assert mean_quality[0] > mean_quality[1] > mean_quality[-1] == 0
 
 
 def test_patches_without_contrast_are_absent(open_stages: OpenStages) -> None:
@@ -66,9 +70,11 @@ def test_patches_without_contrast_are_absent(open_stages: OpenStages) -> None:
     rest[:, :40] = 5000
     rest[:, 90:] = np.arange(39) * 100 + 3000  # contrast along x alone
     flow = Flow(board)
-    learned, tracked, (n_found, _) = core.flow(rest, rest, n)
+    learned, tracked, quality, (n_found, _) = core.flow(rest, rest, n)
     assert n_found == flow.learn(rest)
     assert 0 < n_found < n
     assert np.array_equal(learned, flow.rows)
     flow.track(rest)
     assert np.array_equal(tracked, flow.rows)
+    assert np.array_equal(quality, flow.quality)
+    assert (quality > 0).sum() == n_found

@@ -124,10 +124,12 @@ def test_drifting_light_is_followed_while_nothing_touches() -> None:
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(3)
     kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
-    file = pack({**kind.tensors, **photometric_tables(rng)}, {**base_metadata(typed), **kind.metadata})
+    noise = {"contact.noise_un": np.array(NOISE_UN, np.int32)}
+    file = pack({**kind.tensors, **photometric_tables(rng), **noise}, {**base_metadata(typed), **kind.metadata})
     mirror = FramePath(board, file.tensors, file.metadata)
     rest = np.stack([render(board, rng, 0.0) for _ in range(N_REST)])
     n_off, gains = 0, []
+    n_unsteady = 0
     with Pipeline(typed, file.data) as core:
         for frame in rest:
             core.process(frame)
@@ -140,11 +142,14 @@ def test_drifting_light_is_followed_while_nothing_touches() -> None:
             result, expected = core.process(frame), mirror.process(frame, 1)
             assert np.array_equal(core.raw("change"), expected.change), t
             assert bool(result.flags & LIGHT) == mirror.light.is_off, t
+            assert np.array_equal(core.raw("mask"), expected.mask), t
+            n_unsteady += not mirror.is_light_steady
             n_off += mirror.light.is_off
             gains.append(mirror.light.gain.copy())
     assert np.array_equal(gains[70], gains[79])  # the contact is not learned
     assert 3 <= n_off < 20, n_off  # the step is said
     assert np.allclose(mirror.light.gain / (1 << 20), light, atol=0.005)  # of 4 %
+    assert 10 < n_unsteady < 170, n_unsteady
 
 
 @pytest.mark.parametrize("is_finite", [False, True])

@@ -297,6 +297,53 @@ class Pipeline:
         )  # fmt: skip
         return rest / 65536, moved / 65536, lost
 
+    def triangulate(
+        self, first_px: npt.NDArray[np.float64], second_px: npt.NDArray[np.float64]
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Points that two views of one frame see, by the calibration's kind `views`.
+
+        Parameters
+        ----------
+        first_px, second_px : (n, 2) float64
+            Places of the same points in the first and in the second view, in the frame's pixels.
+
+        Returns
+        -------
+        point_m : (n, 3) float64
+            In the pad's frame; NaN where the rays do not meet.
+        gap_m : (n,) float64
+            Between the two rays at that height, the larger of x and y.
+
+        Raises
+        ------
+        InputError
+            The calibration has no views.
+        """
+        places = np.ascontiguousarray(np.round(np.hstack([first_px, second_px]) * 65536).astype(np.int32))
+        out = np.zeros((len(places), 4), np.int32)
+        self._check(
+            self._lib.ruffini_triangulate(
+                self._pointer,
+                places.ctypes.data_as(ctypes.c_void_p),
+                len(places),
+                out.ctypes.data_as(ctypes.c_void_p),
+            )
+        )
+        metres = np.where(out == np.iinfo(np.int32).min, np.nan, out / 256e6)
+        return metres[:, :3], metres[:, 3]
+
+    def marker_quality(self) -> npt.NDArray[np.uint8]:
+        """How sure each marker of the last frame is, (n_y, n_x): 255 / (1 + (expected error / 0.1 px)^2), 0 lost.
+
+        Raises
+        ------
+        InputError
+            The board's markers are not graded.
+        """
+        quality = np.zeros((self.layout.marker_n_y, self.layout.marker_n_x), np.uint8)
+        self._check(self._lib.ruffini_get_marker_quality(self._pointer, quality.ctypes.data_as(ctypes.c_void_p)))
+        return quality
+
     def force_n(self) -> npt.NDArray[np.float64]:
         """Nodal force of the last frame, (n_y, n_x, 3), newtons, on the observed nodes."""
         return np.asarray(self.raw("force") * (self.layout.force_lsb_un * 1e-6))

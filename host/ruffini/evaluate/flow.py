@@ -32,6 +32,7 @@ MARGIN_PX = 20
 REPEATS = 5  # of each timed call, the median counts
 PITCH_PX = 8
 SIZE = (240, 320)  # of generated textures
+HALF_QUALITY_PX = 0.1  # expected error of a patch of quality 128
 DIS = ("ultrafast", "fast", "medium")
 
 # One pixel is 0.1 mm: the lattice below is in pixels.
@@ -144,6 +145,26 @@ class Errors:
         }  # fmt: skip
 
 
+def graded(quality: Array, error: Array) -> dict[str, float]:
+    """Whether quality foretells the error of the patches, px RMS: what it states, of all and of its best and worst
+
+    quarter what it was; and Spearman's correlation of quality and error.
+    """
+    order = np.argsort(quality, kind="stable")
+    quarter = max(len(order) // 4, 1)
+    ranks = [np.argsort(np.argsort(v, kind="stable")) for v in (quality, error)]
+    expected2 = HALF_QUALITY_PX**2 * (255 / quality - 1)
+
+    def rms(values: Array) -> float:
+        return float(np.sqrt(np.square(values).mean()))
+
+    return {
+        "stated_px": float(np.sqrt(expected2.mean())), "rms_px": rms(error),
+        "best_quarter_px": rms(error[order[-quarter:]]),
+        "worst_quarter_px": rms(error[order[:quarter]]), "rank_correlation": float(np.corrcoef(*ranks)[0, 1]),
+    }  # fmt: skip
+
+
 def _dis(preset: str, still: Picture, moved: Picture) -> tuple[Array, float]:
     """OpenCV's dense flow (h, w, 2), and the median milliseconds of a call on one thread, grey pictures given."""
     import cv2
@@ -172,6 +193,7 @@ def judge(
     """Errors and times of all methods; `still_of` gives the texture of each field."""
     errors = {name: Errors([], [], []) for name in ("ruffini", *DIS)}
     n_lost, n_patches, largest = 0, 0, 0.0
+    qualities: list[Array] = []
     for number in range(n_fields):
         still = still_of(number)
         height, width = still.shape[:2]
@@ -182,7 +204,8 @@ def judge(
         pixels = np.column_stack([x.ravel(), y.ravel()])
         truth = warp.forward(pixels)
         largest = max(largest, float(np.linalg.norm(truth, axis=1).max()))
-        places, found, lost, spent = followed(board or board_for(still), still, moved)
+        places, found, quality, spent = followed(board or board_for(still), still, moved)
+        lost = quality == 0
         inner = ((places >= MARGIN_PX) & (places < np.array([width, height]) - MARGIN_PX)).all(axis=1)
         n_lost, n_patches = n_lost + int((lost & inner).sum()), n_patches + int(inner.sum())
         seen = inner & ~lost
@@ -195,25 +218,29 @@ def judge(
         ours.at_patches.append(np.linalg.norm(found[seen] - aim, axis=1))
         ours.dense.append(np.linalg.norm(dense[held] - truth[held], axis=1))
         ours.ms.append(spent)
+        qualities.append(quality[seen])
         for name in DIS:
             flow, peer_ms = _dis(name, still, moved)
             errors[name].at_patches.append(np.linalg.norm(_at(flow, places[seen]) - aim, axis=1))
             errors[name].dense.append(np.linalg.norm(_at(flow, pixels[held]) - truth[held], axis=1))
             errors[name].ms.append(peer_ms)
         progress((number + 1) / n_fields)
-    return {"fields": n_fields, "largest_px": largest, "patches": n_patches // n_fields,
-            "lost": n_lost / n_fields, **{name: e.row() for name, e in errors.items()}}  # fmt: skip
+    quality_row = graded(np.concatenate(qualities), np.concatenate(errors["ruffini"].at_patches))
+    counts = {"fields": n_fields, "patches": n_patches // n_fields, "lost": n_lost / n_fields}
+    rows = {name: e.row() for name, e in errors.items()}
+    return {**counts, "largest_px": largest, "quality": quality_row, **rows}
 
 
-def followed(board: Board, still: Picture, moved: Picture) -> tuple[Array, Array, npt.NDArray[np.bool_], float]:
-    """Places, displacements (n, 2) px, which are lost, and the median milliseconds of the stage."""
+def followed(board: Board, still: Picture, moved: Picture) -> tuple[Array, Array, Array, float]:
+    """Places, displacements (n, 2) px, qualities (0: lost), and the median milliseconds of the stage."""
     spent = []
     with Pipeline(board) as pipeline:
         pipeline.set_rest(still)
         for _ in range(REPEATS):
             spent.append(pipeline.process(moved).stage_ns["markers"] * 1e-6)
-        rest, displacement, state = pipeline.markers()
-    return rest.reshape(-1, 2), displacement.reshape(-1, 2), state.ravel() > 0, float(np.median(spent))
+        rest, displacement, _ = pipeline.markers()
+        quality = pipeline.marker_quality().ravel().astype(float)
+    return rest.reshape(-1, 2), displacement.reshape(-1, 2), quality, float(np.median(spent))
 
 
 def check(picture: Picture, board: Board | None) -> None:
@@ -273,6 +300,12 @@ def table(result: dict[str, Any]) -> str:
         )
         lines.append("                        at patches           all pixels")
         lines.append("                     RMS px  worst px        RMS px   median ms")
+        q = row["quality"]
+        lines.append(
+            f"quality of patches states {q['stated_px']:.4f} px RMS; of its best quarter the error is "
+            f"{q['best_quarter_px']:.4f}, of its worst {q['worst_quarter_px']:.4f}; rank correlation with the error "
+            f"{q['rank_correlation']:.2f}"
+        )
         for name in ("ruffini", *DIS):
             r = row[name]
             label = name if name == "ruffini" else f"OpenCV DIS {name}"

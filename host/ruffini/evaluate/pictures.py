@@ -83,7 +83,8 @@ def flow_errors(path: Path, picture: Picture | None, board: Board | None, result
     height, width = still.shape[:2]
     warp = Warp.random(rng, (width, height), flow.LARGEST_PX)
     moved = warp.render(still, rng)
-    places, found, lost, _ = flow.followed(board or flow.board_for(still), still, moved)
+    places, found, quality, _ = flow.followed(board or flow.board_for(still), still, moved)
+    lost = quality == 0
     left.imshow(moved[..., ::-1])
     seen = ~lost
     left.quiver(*places[seen].T, *found[seen].T, angles="xy", scale_units="xy", scale=1, color="#F0E442", width=0.003)

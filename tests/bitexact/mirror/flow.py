@@ -20,6 +20,7 @@ BLOCKS = (2, 1, 1)
 H_LIMIT = 2047
 MIN_CONTRAST = 576  # squared Q4 gradient per pixel
 MAX_STEP = 1 << 16  # Q16 px
+HALF_ERROR2 = 10486  # (0.1 px)^2, Q20: a quality of one half
 
 
 def pyramid(grey: npt.NDArray[np.integer]) -> list[I64]:
@@ -181,17 +182,24 @@ class Flow:
         u = _median(coarse.step(pictures[2], u)[0], self.coarse_shape)
         u = middle.step(pictures[1], 2 * u[self._parent])[0]
         u, is_cut = fine.step(pictures[0], 2 * u)
-        known = fine.is_sound & ~is_cut & self._alike(fine, fine.sample(pictures[0], u))
+        self.quality = np.where(fine.is_sound & ~is_cut, self._graded(fine, fine.sample(pictures[0], u)), 0)
+        known = self.quality > 0
         self.rows[:, [DX, DY]] = u
         self.rows[:, LOST] = ~known
         self._fill(known)
         return int((~known & (self.rows[:, ABSENT] == 0)).sum())
 
-    def _alike(self, fine: Templates, seen: I64) -> Bools:
+    def _graded(self, fine: Templates, seen: I64) -> I64:
+        """0 for what is not the template, else 255 / (1 + expected error^2 / 0.01 px^2)."""
         n = seen.shape[1]
         product = ((fine.t * seen).sum(axis=1) - seen.sum(axis=1) * fine.t.sum(axis=1) // n) >> 10
         spread = ((seen**2).sum(axis=1) - (seen.sum(axis=1) ** 2 >> (n.bit_length() - 1))) >> 10
-        return (product > 0) & (product**2 * 1_000_000 >= self.threshold**2 * (fine.tt >> 10) * spread)
+        tt = fine.tt >> 10
+        is_alike = (product > 0) & (tt > 0) & (product**2 * 1_000_000 >= self.threshold**2 * tt * spread)
+        unexplained = np.maximum(spread - product**2 // np.maximum(tt, 1), 0)
+        gain = np.maximum(fine.k[:, 0] + fine.k[:, 3], 0)
+        error2_q20 = (gain * unexplained >> np.maximum(fine.shift - 16, 0)) // n
+        return np.where(is_alike, np.maximum(255 * HALF_ERROR2 // (HALF_ERROR2 + error2_q20), 1), 0)
 
     def _fill(self, known: Bools) -> None:
         n_y, n_x = self.shape

@@ -21,7 +21,7 @@ from mirror.poisson import poisson
 from mirror.program import Program
 from mirror.relaxation import Relaxation
 from mirror.shear_modes import node_places
-from mirror.solve import contact_mask, frame_threshold, linear_force
+from mirror.solve import Noise, contact_mask, frame_threshold, linear_force
 from mirror.support import SupportTables, support_force
 
 Tensors = dict[str, npt.NDArray[np.generic]]
@@ -64,7 +64,8 @@ class FramePath:
         if "relaxation.part" in tensors:
             part, time_ms = (tensors[f"relaxation.{name}"].astype(np.int32) for name in ("part", "time_ms"))
             self._relaxation = Relaxation(part, time_ms, len(self._places))
-        self._noise: tuple[int, int] | None = None
+        self.is_light_steady = True
+        self._noise: Noise | None = None
         if "contact.noise_un" in tensors:
             steps = [max(int(v) // board["field"]["force_lsb_un"], 1) for v in tensors["contact.noise_un"]]
             self._noise = (steps[0], steps[1])
@@ -82,7 +83,9 @@ class FramePath:
         change = relative_change(frame, self.light.rest8, self.light.reciprocal)
         self._lattice.track(detect_dots(board, grey(frame)))
         markers = self._lattice.rows.copy()
+        before = self.light.gain.copy()
         self.light.follow(change, markers)
+        self.is_light_steady = bool((np.abs(self.light.gain - before) < 32).all())
         slope = cell_slope(board, change, marker_mask(board, markers), self._unmix, self._slope)
         seen_from = board
         if self._camera_map is not None:
@@ -110,12 +113,14 @@ class FramePath:
         force = linear_force(self._operator, u, self.saturations)
         shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
         threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
-        mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"], self._noise)
+        mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"], self._noise, self.is_light_steady)
         beyond = None
         if self._finite_strain is not None and mask.any():
             beyond = self._finite_strain.force(u, self.saturations)
             force = self.saturations.int32(force.reshape(-1, 3) + beyond)
-            mask = contact_mask(force, shape, threshold, board["contact"]["min_nodes"], self._noise)
-        threshold = frame_threshold(force, threshold, self._noise)
+            mask = contact_mask(
+                force, shape, threshold, board["contact"]["min_nodes"], self._noise, self.is_light_steady
+            )
+        threshold = frame_threshold(force, threshold, self._noise, self.is_light_steady)
         solved = support_force(self._support, self._places, u, beyond, mask, force, threshold, self.saturations)
         return solved, mask

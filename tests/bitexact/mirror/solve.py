@@ -19,18 +19,26 @@ def _surely(pressure: I64, threshold_lsb: int) -> I64:
     return np.asarray(-(-np.clip(pressure - threshold_lsb, 0, threshold_lsb) * FULL // threshold_lsb))
 
 
-def frame_threshold(force: I64, threshold_lsb: int, noise_lsb: tuple[int, int] | None) -> int:
-    """What counts as pressed in this frame; noise_lsb: of 2 x 2 nodes together, and of one alone."""
+Noise = tuple[int, int]  # in force steps, of 2 x 2 nodes together, and of one alone
+
+
+def frame_threshold(force: I64, threshold_lsb: int, noise_lsb: Noise | None, is_steady: bool = True) -> int:
+    """What counts as pressed in this frame."""
     least = threshold_lsb if noise_lsb is None else noise_lsb[0]
-    return max(least, min(threshold_lsb, int(-force[:, 2].min()) >> 3))
+    return max(least, min(threshold_lsb, int(-force[:, 2].min()) >> 3 if is_steady else threshold_lsb))
 
 
 def contact_mask(
-    force: I64, shape: tuple[int, int], threshold_lsb: int, min_nodes: int, noise_lsb: tuple[int, int] | None = None
+    force: I64,
+    shape: tuple[int, int],
+    threshold_lsb: int,
+    min_nodes: int,
+    noise_lsb: Noise | None = None,
+    is_steady: bool = True,
 ) -> I64:
     """How surely each node is touched, 0..128: grey opening by 2 x 2 nodes, grey growth by one."""
     pressure = -force[:, 2].reshape(shape)
-    pressed = _surely(pressure, frame_threshold(force, threshold_lsb, noise_lsb))
+    pressed = _surely(pressure, frame_threshold(force, threshold_lsb, noise_lsb, is_steady))
     square = np.minimum(np.minimum(pressed[1:, 1:], pressed[:-1, 1:]), np.minimum(pressed[1:, :-1], pressed[:-1, :-1]))
     opened = np.zeros(shape, np.int64)
     for dy in (0, 1):
@@ -39,7 +47,7 @@ def contact_mask(
             opened[at] = np.maximum(opened[at], square)
     if np.count_nonzero(opened) < min_nodes:
         opened[:] = 0
-    if noise_lsb is not None:
+    if noise_lsb is not None and is_steady:
         strongest = np.unravel_index(pressure.argmax(), shape)
         opened[strongest] = max(opened[strongest], int(_surely(pressure[strongest], noise_lsb[1])))
     padded = np.pad(opened, 1)

@@ -189,6 +189,31 @@ TEST_F(MessagesTest, MarkersAreInMillionthsOfAPixelAndTheLostOneIsMarked) {
   }
 }
 
+TEST_F(MessagesTest, QualityIsSentWhereMarkersAreGraded) {
+  ruffini_Markers markers = ruffini_Markers_init_zero;
+  Bytes data;
+  markers.quality.data = {.funcs = {.decode = read_bytes}, .arg = &data};
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_MARKERS), ruffini_Markers_fields, markers);
+  EXPECT_FALSE(markers.has_quality);  // dots
+
+  BoardSettings textured = board_;
+  textured.markers.polarity = Polarity::kTexture;
+  path_ = FramePath::configure(textured, nullptr, still_clock).value();
+  std::vector<uint8_t> speckle(picture_.size());
+  uint32_t random = 1;
+  for (uint8_t& v : speckle) v = static_cast<uint8_t>((random = random * 1'664'525 + 1'013'904'223) >> 25);
+  for (int i = 0; i <= board_.n_rest_frames; ++i) path_->process(view(speckle));
+  markers = ruffini_Markers_init_zero;
+  markers.quality.data = {.funcs = {.decode = read_bytes}, .arg = &data};
+  data.clear();
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_MARKERS), ruffini_Markers_fields, markers);
+  ASSERT_TRUE(markers.has_quality);
+  const std::vector<int32_t> quality = values_of(markers.quality, data);
+  ASSERT_EQ(quality.size(), path_->markers().size());
+  for (size_t i = 0; i < quality.size(); ++i) EXPECT_EQ(quality[i], path_->markers()[i].quality) << i;
+  EXPECT_GT(*std::max_element(quality.begin(), quality.end()), 200);
+}
+
 TEST_F(MessagesTest, ContactsAreTheStatesOwn) {
   ruffini_Contacts contacts = ruffini_Contacts_init_zero;
   decode(encode(ruffini_MessageType_MESSAGE_TYPE_CONTACTS), ruffini_Contacts_fields, contacts);

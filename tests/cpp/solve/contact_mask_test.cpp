@@ -121,6 +121,9 @@ TEST(ContactMask, SeesWhatTheNoiseOfTheUnitAllows) {
   EXPECT_EQ(touch(0, 105), (std::pair{0, 64}));
   EXPECT_EQ(touch(90, 800), (std::pair{0, 128}));  // beside a strong one: an eighth of it
   EXPECT_EQ(stage.threshold_lsb(), 100);
+  touch(75, 0);
+  EXPECT_EQ(int{stage.find(force, false)[8]}, 0);  // while the light drifts: the board's threshold
+  EXPECT_EQ(stage.threshold_lsb(), 300);
   EXPECT_EQ(touch(450, 8'000), (std::pair{64, 128}));  // never more than the board's threshold
   EXPECT_EQ(stage.threshold_lsb(), 300);
 }

@@ -30,6 +30,15 @@ def test_error_not_above_dis_medium_in_the_same_run() -> None:
     assert "DIS ultrafast" in table(result)
 
 
+def test_quality_foretells_the_error() -> None:
+    """What it states is near the error, and its worst quarter errs clearly more than its best."""
+    for row in evaluate(None, None, n_fields=3)["textures"].values():
+        quality = row["quality"]
+        assert 0.6 < quality["stated_px"] / quality["rms_px"] < 1.6
+        assert quality["worst_quarter_px"] > 1.5 * quality["best_quarter_px"]
+        assert quality["rank_correlation"] < -0.2
+
+
 @pytest.mark.parametrize("make", [speckle, glitter])
 def test_patches_follow_the_field_and_say_when_they_do_not(make: object) -> None:
     assert callable(make)
@@ -38,7 +47,8 @@ def test_patches_follow_the_field_and_say_when_they_do_not(make: object) -> None
     warp = Warp.random(rng, (200, 120), 5.0)
     moved = warp.render(still, rng)
     moved[:, :60] = make(np.random.default_rng(9), (120, 60))  # another texture there
-    places, found, lost, _ = followed(board_for(still), still, moved)
+    places, found, quality, _ = followed(board_for(still), still, moved)
+    lost = quality == 0
     inner = ((places > 20) & (places < np.array([180, 100]))).all(axis=1)
     apart = np.linalg.norm(found - warp.forward(places), axis=1)
     true = inner & ~lost & (places[:, 0] > 90)

@@ -1,0 +1,50 @@
+// Several views of the pad in one frame, side by side and equally wide: two cameras, or one and its mirror image.
+//
+// Kind `views` of proto/CALIBRATION.md holds one ray table for each (image/ray_table.h); a mirrored view is one like
+// any other, its mirror is in the table. A point that two views see lies where their rays pass nearest to each other at
+// one height:
+//
+//   z = (S_2 - S_1) . (A_1 - A_2) / |S_2 - S_1|^2,   x, y = mean of A_i + S_i z
+//
+// Frame thread; no allocation after load().
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "base/result.h"
+#include "board/settings.h"
+#include "image/ray_table.h"
+#include "store/calibration.h"
+
+namespace ruffini {
+
+// Where two rays meet: micrometres Q8, pad frame.
+struct Meeting {
+  bool is_found = false;  // false: nearly parallel, or further than 1 m
+  int64_t x_q8 = 0;
+  int64_t y_q8 = 0;
+  int64_t z_q8 = 0;
+  int64_t gap_q8 = 0;  // between the rays at that height, the larger of x and y
+};
+
+class ViewMaps {
+ public:
+  static constexpr int64_t kMaxViews = 4;
+  static constexpr int64_t kMaxHeightQ8 = int64_t{1} << 28;  // 1 m
+
+  // Errors: kBadInput.
+  [[nodiscard]] static Result<ViewMaps> load(const Calibration& calibration, const BoardSettings& board);
+
+  [[nodiscard]] size_t count() const { return views_.size(); }
+  // The ray through a place of the frame, pixels, in one of the views. Precondition: view < count().
+  [[nodiscard]] PadRay at(size_t view, int64_t px_x_q16, int64_t px_y_q16) const;
+
+ private:
+  int width_px_ = 0;  // of a view
+  std::vector<RayTable> views_;
+};
+
+[[nodiscard]] Meeting meet(const PadRay& first, const PadRay& second);
+
+}  // namespace ruffini
