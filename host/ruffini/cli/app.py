@@ -4,7 +4,22 @@ from __future__ import annotations
 
 import typer
 
-from ruffini.cli import bench, board, cal, camera, collect, contact, demo, device, evaluate, fit, offline, sim, train
+from ruffini.cli import (
+    bench,
+    board,
+    cal,
+    camera,
+    collect,
+    contact,
+    demo,
+    device,
+    evaluate,
+    fit,
+    flash,
+    offline,
+    sim,
+    train,
+)
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -24,7 +39,10 @@ app.command("field")(offline.field)
 cal.app.command("camera")(camera.camera)
 cal.app.command("contact")(contact.contact)
 cal.app.command("collect")(collect.collect)
+cal.app.command("convert")(collect.convert)
 cal.app.command("fit")(fit.fit)
+cal.app.command("flash")(flash.flash)
+cal.app.command("undo")(flash.undo)
 app.add_typer(cal.app, name="cal")
 app.add_typer(sim.app, name="sim")
 app.add_typer(bench.app, name="bench")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,144 +11,221 @@ import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.cli.device import open_sensor
+from ruffini.errors import InputError
 
 if TYPE_CHECKING:
     from ruffini.boards import Board
-    from ruffini.device import Connection
-    from ruffini.rig.collect import Bench
+    from ruffini.demo.twin_session import TwinOptions
+    from ruffini.rig.bench import Bench
     from ruffini.rig.guarded_stage import Limits
-    from ruffini.rig.reference import Reference
-    from ruffini.rig.stage import Place, Stage
+    from ruffini.rig.program import Span
+    from ruffini.rig.settings import RigSettings
 
-NO_REFERENCE = "FLAG_NO_REFERENCE"
-BAD_FLAGS = (NO_REFERENCE, "FLAG_MARKERS_LOST", "FLAG_SATURATED", "FLAG_OVER_RANGE", "FLAG_DARK", "FLAG_OVEREXPOSED")
-REST_MARGIN_MM = (3.0, -1.5)  # of the simulated bench: above and below the pad
+SIMULATED, LOG = "sim", "log"
 
 
 def collect(
     board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="Log (HDF5) to write; run again after a stop to go on with it.")],
     rig: Annotated[str, typer.Option("--rig", help="File of the bench (host/ruffini/rig/README.md), or sim.")],
-    program: Annotated[str, typer.Option(help="grid (depth and shear) or balls (straight presses).")] = "grid",
-    n: Annotated[int, typer.Option("--n", min=1, help="Touches.")] = 20,
+    program: Annotated[
+        str,
+        typer.Option(
+            help="grid (depth and shear), balls (straight presses), or by hand: weights, free, conditions, "
+            "log (the reference is a CSV of another program)."
+        ),
+    ] = "grid",
+    n: Annotated[int | None, typer.Option("--n", min=1, help="Touches. Default: 20, conditions 18.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="6 touches, for a first look.")] = False,
     depth_mm: Annotated[float, typer.Option(min=0.05, max=10, help="Deepest press below the contact.")] = 0.8,
     shear_mm: Annotated[float, typer.Option(min=0, max=5, help="How far it goes sideways (grid).")] = 0.3,
+    grams: Annotated[str, typer.Option(help="weights: which, in grams.")] = "20,50,100,200",
+    force_n: Annotated[float, typer.Option(min=0.1, help="free, conditions: largest force by hand.")] = 2.0,
+    torque_nmm: Annotated[float, typer.Option(min=0.1, help="conditions: largest moment by hand.")] = 10.0,
+    known_grams: Annotated[
+        float | None, typer.Option(min=1, help="First a weight of so much on the pad: is the reference's unit right?")
+    ] = None,
     seed: Annotated[int, typer.Option(help="The plan follows from it.")] = 1,
     calibration: Annotated[Path | None, typer.Option(help="Flashed first (--rig sim: needed for forces).")] = None,
-    ball_mm: Annotated[float, typer.Option(help="Diameter of the simulated ball.")] = 6.0,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check the plan against the limits, move nothing.")
-    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print every move, move nothing.")] = False,
+    ball_mm: Annotated[float, typer.Option(help="--rig sim: diameter of the ball.")] = 6.0,
+    machine: Annotated[str, typer.Option(help="--rig sim: marlin or grbl.")] = "marlin",
+    unit: Annotated[int | None, typer.Option(help="--rig sim: unit of a fleet, off its board file.")] = None,
+    modulus: Annotated[float, typer.Option(help="--rig sim: the pad's modulus over the board's.")] = 1.0,
+    thickness: Annotated[float, typer.Option(help="--rig sim: likewise its thickness.")] = 1.0,
     json_: JsonFlag = False,
 ) -> None:
-    """Press the pad along a plan and keep what sensor and reference saw."""
+    """Press the pad along a plan, or have it pressed, and keep what sensor and reference saw."""
     from ruffini.boards import find_board
+    from ruffini.demo.twin_session import MACHINES, TwinOptions
     from ruffini.rig import collect as collecting
     from ruffini.rig.log_file import LogWriter
-    from ruffini.rig.program import plan, span_of
+    from ruffini.rig.program import BY_STAGE, CONDITIONS, plan, span_of
 
     found = find_board(board)
-    touches = plan(program, span_of(found, depth_mm * 1e-3, shear_mm * 1e-3), n, seed)
-    limits = _limits(rig, found, depth_mm, shear_mm)
-    least_s = collecting.rehearse(touches, limits)
-    result: dict[str, Any] = {"file": str(out), "touches": n, "program": program, "simulated": rig == "sim"}
-    if dry_run:
-        emit({**result, "state": "dry-run", "least_s": least_s}, json_,
-             f"{n} touches, {least_s:.0f} s at least, none out of the limits; nothing moved")  # fmt: skip
-        return
-    log = LogWriter(out, {"board": found.name, "program": program, "seed": seed, "n": n, "depth_mm": depth_mm,
-                          "shear_mm": shear_mm, "rig": rig})  # fmt: skip
+    settings = None if rig == SIMULATED else _settings(rig)
+    if machine not in MACHINES:
+        raise InputError(f"--machine {machine!r}: choose {' or '.join(MACHINES)}")
+    options = TwinOptions(machine, ball_mm, seed, _error(found, unit, modulus, thickness), say=note)
+    span = span_of(found, depth_mm * 1e-3, shear_mm * 1e-3, _reach(settings, found))
+    count = n or (6 if quick else len(CONDITIONS) if program == "conditions" else 20)
+    if program == LOG:
+        return _by_log(found, settings, out, calibration, options, json_, dry_run=dry_run)
+    items = plan(program, span, count, seed, _by_hand(grams, force_n, torque_nmm))
+    limits = _limits(settings, found, span, ball_mm) if program in BY_STAGE else None
+    result: dict[str, Any] = {"file": str(out), "touches": count, "program": program, "simulated": rig == SIMULATED}
+    if limits is not None or dry_run:
+        rehearsal = collecting.rehearse(items, limits)
+        if dry_run:
+            emit({**result, "state": "dry-run", "least_s": rehearsal.least_s, "moves_m": rehearsal.places.tolist()},
+                 json_, "\n".join([*rehearsal.lines, f"{count} touches, {rehearsal.least_s:.0f} s at least, none out "
+                                   "of the limits; nothing moved"]))  # fmt: skip
+            return
+    log = LogWriter(out, {"board": found.name, "program": program, "seed": seed, "n": count, "depth_mm": depth_mm,
+                          "shear_mm": shear_mm, "rig": rig, "tip": _tip(settings, ball_mm)})  # fmt: skip
     n_before = len(log.done())
-    with _bench(rig, found, limits, calibration, ball_mm, seed) as bench, progress_bar("touches") as bar:
+    with _bench(settings, found, program, limits, calibration, options) as bench, progress_bar("touches") as bar:
 
         def tell(p: collecting.Progress) -> None:
             bar(p.n_done / p.n_total)
             note(f"{p.n_done}/{p.n_total} {p.text}")
 
-        n_redone = collecting.collect(bench, touches, log, tell=tell)
-    mark = ", SIMULATED" if rig == "sim" else ""
+        n_redone = collecting.collect(bench, items, log, known_grams=known_grams, tell=tell)
+    mark = ", SIMULATED" if rig == SIMULATED else ""
     emit({**result, "state": "complete", "kept": n_before, "redone": n_redone}, json_,
-         f"{out}: {n} touches ({n_before} were there, {n_redone} done again){mark}")  # fmt: skip
+         f"{out}: {count} touches ({n_before} were there, {n_redone} done again){mark}")  # fmt: skip
 
 
-def _limits(rig: str, board: Board, depth_mm: float, shear_mm: float) -> Limits:
-    from ruffini.rig.guarded_stage import Limits
+def _by_log(
+    board: Board, settings: RigSettings | None, out: Path, calibration: Path | None, options: TwinOptions,
+    json_: bool, *, dry_run: bool,
+) -> None:  # fmt: skip
+    """Program log: stream first, then the CSV."""
+    from ruffini.demo.twin_session import open_logged
+    from ruffini.rig.by_log import join, record
+    from ruffini.rig.log_file import LogWriter
+    from ruffini.rig.person import TerminalPerson
+    from ruffini.rig.session import SensorParts, watched_stream
+    from ruffini.rig.settings import CsvSettings
+
+    if settings is not None and not isinstance(settings.reference, CsvSettings):
+        raise InputError(f"program {LOG!r} reads a CSV: give kind = 'csv' and path in [reference]")
+    if dry_run:
+        emit({"file": str(out), "program": LOG, "state": "dry-run"}, json_, "a person presses; nothing moved")
+        return
+    log = LogWriter(out, {"board": board.name, "program": LOG, "tip": _tip(settings, options.ball_mm)})
+    with contextlib.ExitStack() as stack:
+        if settings is None:
+            parts, path = open_logged(stack, board, options, log.side_file("reference.csv"))
+            note(f"SIMULATED bench of {board.name}")
+        else:
+            assert isinstance(settings.reference, CsvSettings)
+            path = settings.reference.path
+            parts = SensorParts(stack.enter_context(open_sensor()), TerminalPerson(note))
+        if calibration is not None:
+            parts.sensor.flash(calibration.read_bytes())
+        watched = stack.enter_context(watched_stream(parts.sensor, board, parts.pace))
+        record(watched.stream, parts.person, log, watched.session)
+        joined = join(log, path, watched.bad_flags, longest_gap_s=parts.pace.longest_gap_s)
+    for fault in joined.faults:
+        note(f"left out: {fault}")
+    mark = ", SIMULATED" if settings is None else ""
+    emit({"file": str(out), "program": LOG, "state": "complete", "touches": joined.n_touches,
+          "left_out": joined.faults, "simulated": settings is None}, json_,
+         f"{out}: {joined.n_touches} touches ({len(joined.faults)} left out){mark}")  # fmt: skip
+
+
+def convert(
+    csv: Annotated[Path, typer.Argument(help="CSV with a column of time, the wrench, displacements of markers.")],
+    out: Annotated[Path, typer.Option("--out", help="Log (HDF5) to write.")],
+    columns: Annotated[
+        Path | None, typer.Option("--columns", help="TOML: our names of its columns (host/ruffini/rig/README.md).")
+    ] = None,
+    board: Annotated[
+        str | None, typer.Option("--board", help="Board that it is of: displacements also at its nodes.")
+    ] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """Make a calibration log of a CSV that another program wrote."""
+    from ruffini.boards import find_board
+    from ruffini.rig.convert import convert as converted
+    from ruffini.rig.log_file import write_log
+
+    if out.exists():
+        raise InputError(f"{out} exists: choose another name, or remove it")
+    log = converted(csv, columns, None if board is None else find_board(board))
+    write_log(out, log)
+    arrays = sorted(log.touches[0].arrays)
+    emit({"file": str(out), "touches": len(log.touches), "arrays": arrays}, json_,
+         f"{out}: {len(log.touches)} touches of {csv.name}")  # fmt: skip
+
+
+def _settings(rig: str) -> RigSettings:
     from ruffini.rig.settings import load_rig
-    from ruffini.rig.twin_bench import MAX_FORCE_N
 
-    if rig != "sim":
-        return load_rig(Path(rig)).limits.limits
-    half = (board.pad.size_x_um * 0.5e-6, board.pad.size_y_um * 0.5e-6)
-    top_m, bottom_m = (1e-3 * v for v in REST_MARGIN_MM)
-    return Limits(*half, top_m, bottom_m - 1e-3 * depth_mm, 1e-3 * depth_mm, MAX_FORCE_N)
+    return load_rig(Path(rig))
+
+
+def _by_hand(grams: str, force_n: float, torque_nmm: float) -> Any:
+    from ruffini.rig.program import ByHand
+
+    try:
+        weights = tuple(float(g) for g in grams.split(","))
+    except ValueError:
+        raise InputError(f"--grams {grams!r}: give weights, e.g. 20,50,100") from None
+    return ByHand(weights, force_n, torque_nmm * 1e-3)
+
+
+def _error(board: Board, unit: int | None, modulus: float, thickness: float) -> Any:
+    """How the simulated pad is off its board file."""
+    from ruffini.sim.unit import PadError
+    from ruffini.sim.units import fleet_error
+
+    drawn = PadError() if unit is None else fleet_error(board, unit)
+    return PadError(drawn.modulus * modulus, drawn.poisson, drawn.thickness * thickness)
+
+
+def _tip(settings: RigSettings | None, ball_mm: float) -> dict[str, Any] | None:
+    if settings is None:
+        return {"shape": "sphere", "radius_m": ball_mm / 2e3}
+    if settings.tip is None:
+        return None
+    return {"shape": settings.tip.shape, "radius_m": settings.tip.diameter_mm / 2e3}
+
+
+def _reach(settings: RigSettings | None, board: Board) -> tuple[float, float] | None:
+    from ruffini.demo.twin_session import reach_of
+
+    return reach_of(board) if settings is None else settings.limits.reach_m
+
+
+def _limits(settings: RigSettings | None, board: Board, span: Span, ball_mm: float) -> Limits:
+    from ruffini.demo.twin_session import limits_of
+
+    return limits_of(board, span, ball_mm) if settings is None else settings.limits.limits
 
 
 @contextlib.contextmanager
 def _bench(
-    rig: str, board: Board, limits: Limits, calibration: Path | None, ball_mm: float, seed: int
-) -> Iterator[Bench]:
-    """The bench, homed, tared and at rest."""
-    from ruffini.rig.collect import Bench
-    from ruffini.rig.guarded_stage import GuardedStage, force_guard
+    settings: RigSettings | None, board: Board, program: str, limits: Limits | None, calibration: Path | None,
+    options: TwinOptions,
+) -> Iterator[Bench]:  # fmt: skip
+    """The bench, homed and at rest."""
+    from dataclasses import replace
+
+    from ruffini.demo.twin_session import open_simulated
+    from ruffini.rig.person import TerminalPerson
+    from ruffini.rig.session import open_real, ready_bench
     from ruffini.rig.stop_key import stop_key
-    from ruffini.rig.stream_watch import StreamWatch
-    from ruffini.rig.watch import Watch
 
     with contextlib.ExitStack() as stack:
-        parts = _simulated(stack, board, ball_mm, seed) if rig == "sim" else _real(stack, Path(rig))
-        sensor, reference, stage, origin = parts
+        if settings is None:
+            with progress_bar("pad mechanics") as progress:
+                parts = open_simulated(stack, board, program, replace(options, progress=progress)).parts
+            note(f"SIMULATED bench of {board.name}")
+        else:
+            parts = open_real(stack, settings, stack.enter_context(open_sensor()), TerminalPerson(note))
         if calibration is not None:
-            sensor.flash(calibration.read_bytes())
-        names = {1 << i: sensor.schema.enum_names("FlagBit", 1 << i) for i in range(32)}
-        bits = {found[0]: bit for bit, found in names.items() if found and found[0] in BAD_FLAGS}
-        stream = stack.enter_context(StreamWatch(sensor))
-        watch = stack.enter_context(Watch(reference))
-        stage.home()
-        stream.wait_for_rest(bits[NO_REFERENCE])
-        watch.tare()
+            parts.sensor.flash(calibration.read_bytes())
         key = stack.enter_context(stop_key())
-        guards = [key, force_guard("the sensor", stream.force, limits.max_force_n)]
-        guarded = GuardedStage(stage, origin, limits, lambda: watch.latest().wrench, guards,
-                               fresh_force_of=lambda: watch.fresh().wrench)  # fmt: skip
-        yield Bench(guarded, watch, stream, {bit: name.removeprefix("FLAG_").lower() for name, bit in bits.items()})
-
-
-Parts = tuple["Connection", "Reference", "Stage", "Place"]
-
-
-def _real(stack: contextlib.ExitStack, path: Path) -> Parts:
-    from ruffini.rig.settings import load_rig
-
-    settings = load_rig(path)
-    sensor = stack.enter_context(open_sensor())
-    stage = settings.stage.open()
-    stack.callback(stage.close)
-    return sensor, settings.reference.open(), stage, settings.stage.origin
-
-
-def _simulated(stack: contextlib.ExitStack, board: Board, ball_mm: float, seed: int) -> Parts:
-    """The real daemon on a pty, the twin as its camera, an emulated machine and force/torque sensor."""
-    from ruffini.demo.daemon import running_daemon
-    from ruffini.device import Connection
-    from ruffini.rig.emulated_dialects import EmulatedMarlin
-    from ruffini.rig.marlin import Marlin
-    from ruffini.rig.network_cell import NetworkCell
-    from ruffini.rig.twin_bench import FULL_SCALE, ORIGIN, SIGMA, build_twin_bench
-    from ruffini.sim.indenters import Indenter
-    from ruffini.sim.units import build_unit
-
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-")))
-    with progress_bar("pad mechanics") as progress:
-        unit = build_unit(board, progress=progress)
-    machine = stack.enter_context(EmulatedMarlin())
-    parts = build_twin_bench(unit, Indenter("sphere", ball_mm / 2e3), machine, folder / "twin", seed)
-    stack.enter_context(parts.server)
-    cell = stack.enter_context(parts.cell)
-    assert board.folder is not None
-    port = stack.enter_context(running_daemon(board.folder, f"twin:{folder / 'twin'}", folder / "store"))
-    sensor = stack.enter_context(Connection(port))
-    stage = Marlin(machine.port)
-    stack.callback(stage.close)
-    note(f"SIMULATED bench of {board.name}")
-    reference = NetworkCell("127.0.0.1", FULL_SCALE, SIGMA, settings=cell.settings, port=cell.port)
-    return sensor, reference, stage, ORIGIN
+        yield stack.enter_context(ready_bench(parts, board, limits, key))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,32 +29,69 @@ class WrenchLog(NamedTuple):
     wrench: Array
 
 
-def read_csv_log(path: Path) -> WrenchLog:
-    """Read columns such as time_s, fz_N, tx_Nmm or "Fz [lbf]".
+class Table(NamedTuple):
+    """A CSV of numbers as read; cells of columns that nobody asked for may be anything."""
+
+    path: Path
+    names: list[str]
+    rows: list[list[str]]
+
+    def column(self, name: str) -> Array:
+        """One column; raises InputError where a cell is no number."""
+        return self.columns([self.names.index(name)])[:, 0]
+
+    def columns(self, wanted: list[int]) -> Array:
+        """Some columns, (t, n); raises as `column`."""
+        rows = [_numbers(self.path, i + 2, row, wanted) for i, row in enumerate(self.rows)]
+        return np.array(rows).reshape(-1, len(wanted))
+
+
+def read_table(path: Path, renamed: Mapping[str, str] | None = None) -> Table:
+    """Read a CSV; `renamed` gives our names of its columns.
 
     Raises
     ------
     InputError
-        Unreadable, no time, no force, a column without unit, times that do not rise, or a cell that is no number.
+        Unreadable, or a column that is to be renamed is not there.
     """
     try:
         with path.open(newline="") as stream:
             header, *rows = [row for row in csv.reader(stream) if row]
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as CSV: {error}") from error
-    time_column, scale = _time(path, header)
-    columns = _columns(path, header)
-    wanted = [time_column, *columns]
-    table = np.array([_numbers(path, i + 2, row, wanted) for i, row in enumerate(rows)]).reshape(-1, len(wanted))
-    if len(table) < 2:
-        raise InputError(f"{path}: has {len(table)} rows of numbers: a log needs at least two")
-    time_s = table[:, 0] * scale
+    names = [name.strip() for name in header]
+    missing = [theirs for theirs in renamed or {} if theirs not in names]
+    if missing:
+        raise InputError(f"{path}: has no column {missing[0]!r}, only {', '.join(names)}")
+    return Table(path, [(renamed or {}).get(name, name) for name in names], rows)
+
+
+def read_csv_log(path: Path) -> WrenchLog:
+    """Read columns such as time_s, fz_N, tx_Nmm or "Fz [lbf]"; raises as `read_table` and `wrench_log`."""
+    return wrench_log(read_table(path))
+
+
+def wrench_log(table: Table) -> WrenchLog:
+    """Time and wrench of a table.
+
+    Raises
+    ------
+    InputError
+        No time, no force, a column without unit, times that do not rise, or a cell that is no number.
+    """
+    path = table.path
+    time_column, scale = _time(path, table.names)
+    columns = _columns(path, table.names)
+    values = table.columns([time_column, *columns])
+    if len(values) < 2:
+        raise InputError(f"{path}: has {len(values)} rows of numbers: a log needs at least two")
+    time_s = values[:, 0] * scale
     back = np.flatnonzero(np.diff(time_s) <= 0)
     if len(back):
         raise InputError(f"{path}, line {back[0] + 3}: time stands still or goes back: one recording a file")
-    wrench = np.full((len(table), 6), np.nan)
+    wrench = np.full((len(values), 6), np.nan)
     for place, (axis, factor) in enumerate(columns.values(), start=1):
-        wrench[:, axis] = table[:, place] * factor
+        wrench[:, axis] = values[:, place] * factor
     return WrenchLog(time_s, wrench)
 
 

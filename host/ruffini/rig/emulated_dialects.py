@@ -13,11 +13,11 @@ WORD = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
 BUSY_S = 0.5  # between two notes that a command takes time
 
 
-def _target(machine: EmulatedMachine, text: str) -> tuple[Place, float | None]:
+def _target(machine: EmulatedMachine, text: str, *, is_relative: bool = False) -> tuple[Place, float | None]:
     """Where a G1 leads from what is planned, and its speed (m/s)."""
     words = {letter: float(value) for letter, value in WORD.findall(text)}
     last = machine.blocks[-1].end
-    place = Place(*(1e-3 * words[a] if a in words else v for a, v in zip("XYZ", last, strict=True)))
+    place = Place(*(1e-3 * words[a] + is_relative * v if a in words else v for a, v in zip("XYZ", last, strict=True)))
     return place, words["F"] / 60e3 if "F" in words else None
 
 
@@ -29,7 +29,7 @@ class EmulatedMarlin(EmulatedMachine):
     def __init__(self, *, bottom_z_m: float = -0.1, has_emergency_parser: bool = True) -> None:
         super().__init__(bottom_z_m=bottom_z_m)
         self._has_emergency_parser = has_emergency_parser
-        self._last_number = 0
+        self._last_number, self._is_relative = 0, False
         self._answer: list[str] = []  # said once it stands still
         self._noted_s = 0.0
 
@@ -85,15 +85,17 @@ class EmulatedMarlin(EmulatedMachine):
             return
         elif code == "M410":
             self.freeze()
+        elif code in ("G90", "G91"):
+            self._is_relative = code == "G91"
         elif code in ("G0", "G1"):
             if not self.is_homed:
                 self.say("echo:Home XYZ First")
             else:
-                place, speed_m_s = _target(self, text)
+                place, speed_m_s = _target(self, text, is_relative=self._is_relative)
                 if not self.go(place, speed_m_s or 0.01):
                     self._answer = [f"echo:endstops hit:  Z:{1e3 * self.bottom_z_m:.2f}", "ok"]
                     return
-        elif code not in ("G21", "G90", "M110"):
+        elif code not in ("G21", "M110"):
             self.say(f'echo:Unknown command: "{text}"')
         self.say("ok")
 
@@ -144,10 +146,12 @@ class EmulatedGrbl(EmulatedMachine):
         if text == "$H":
             self.find_home()
             self._is_locked = False
+        elif text == "$X":
+            self._is_locked = False
         elif self._is_locked:
             return self.say("error:9")
-        elif text.startswith("G1"):
-            place, speed_m_s = _target(self, text)
+        elif text.startswith(("G1", "$J=G91")):
+            place, speed_m_s = _target(self, text, is_relative="G91" in text)
             if speed_m_s is None:
                 return self.say("error:22")
             while len([b for b in self.blocks if b.end_s > time.monotonic()]) >= MAX_BLOCKS:

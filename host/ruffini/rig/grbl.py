@@ -103,6 +103,16 @@ class Grbl:
                 return
         raise NoDeviceError(f"{self.name} does not hold within {HOLD_S:g} s: switch it off")
 
+    def raise_by(self, height_m: float, speed_m_s: float) -> None:
+        self._reset()
+        self._command("$X", ANSWER_S)  # an alarm locks it; its position is not trusted until it was homed
+        self._command(f"$J=G91 G21 Z{1e3 * height_m:.4f} F{60e3 * speed_m_s:.1f}", ANSWER_S)
+        deadline = time.monotonic() + ANSWER_S + 2 * height_m / speed_m_s
+        while self._report()[0] != "Idle":
+            if time.monotonic() > deadline:
+                raise NoDeviceError(f"{self.name} does not come up: is it blocked?")
+            time.sleep(REPORT_S)
+
     def _report(self) -> tuple[str, Place]:
         self._line.send(b"?")
         deadline = time.monotonic() + ANSWER_S

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError, NoDeviceError, RefusedError, RuffiniError
+from ruffini.rig.contact_surface import ContactSurface
 from ruffini.rig.stage import Guard, Place, Stage
 
 Array = npt.NDArray[np.float64]
@@ -20,7 +21,9 @@ APPROACH_M_S, PRESS_M_S = 0.010, 0.001
 CONTACT_N = 0.09
 STEP_M = 1e-4
 APPROACH_STEP_M = 2e-4  # what a machine that cannot be stopped within a move still goes
+FREE_STEPS = 4  # before the one that found the contact: a soft pad gives way before it pushes back with CONTACT_N
 LOST_STEPS_M = 1e-4  # the pad is not where it was
+NEAR_M = 3e-4  # above a contact that is known: from there on in small steps
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,7 @@ class Limits:
     bottom_m: float  # below the surface where the first contact is looked for: negative
     deepest_m: float  # below the contact: positive
     max_force_n: float
+    near_m: float = float("inf")  # above the surface: higher up nothing can be touched, one move leads there
 
     def check(self, place: Place) -> None:
         """Raises RefusedError where the tip must not go."""
@@ -73,7 +77,8 @@ class GuardedStage:
         self.stage, self.limits = stage, limits
         self._origin, self._fresh_force_of = origin, fresh_force_of or force_of
         self._guards = [force_guard("the reference", force_of, limits.max_force_n), *guards]
-        self._contacts: dict[tuple[float, float], float] = {}
+        self.surface = ContactSurface()
+        self.free_until_s = 0.0  # time.monotonic() until which nothing touched, in the last approach
 
     def place(self) -> Place:
         """Where the tip is."""
@@ -96,25 +101,29 @@ class GuardedStage:
         Raises
         ------
         RefusedError
-            It touches before it moves, nothing is there, or the pad is not where it was at this place: lost steps.
+            It touches before it moves, nothing is there, or the pad is not where the contacts before say: lost steps.
         """
         self.go_above(x_m, y_m)
-        rest_n = self._pressed_n()
+        rest_n = self._force_n()
         if rest_n > CONTACT_N:
             raise RefusedError(f"something presses with {rest_n:.2f} N above the pad at {self.place()}: "
                                "tare the reference, and look what hangs on it")  # fmt: skip
-        z_m = self.limits.top_m
-        while self._pressed_n() < CONTACT_N:
+        known_m = self.surface.expected(x_m, y_m)
+        near_m = self.limits.near_m if known_m is None else known_m + NEAR_M + APPROACH_STEP_M
+        z_m = min(self.limits.top_m, near_m)
+        if z_m < self.limits.top_m:
+            self._move(Place(x_m, y_m, z_m), APPROACH_M_S)
+        steps = [time.monotonic()]
+        while self._force_n() < CONTACT_N:
+            steps.append(time.monotonic())
             z_m -= APPROACH_STEP_M
             if z_m < self.limits.bottom_m:
                 raise RefusedError(
                     f"no contact at {self.place()}: is the pad below the tip, and the reference connected to it?"
                 )
             self._move(Place(x_m, y_m, z_m), APPROACH_M_S)
-        known_m = self._contacts.setdefault((x_m, y_m), z_m)
-        if abs(known_m - z_m) > LOST_STEPS_M + APPROACH_STEP_M:
-            raise RefusedError(f"the pad is touched at {1e3 * z_m:.2f} mm, before at {1e3 * known_m:.2f} mm: "
-                               "the machine lost steps or the pad moved: home it again")  # fmt: skip
+        self.free_until_s = steps[-min(len(steps), FREE_STEPS)]
+        self.surface.check(x_m, y_m, z_m, LOST_STEPS_M + APPROACH_STEP_M)
         return z_m
 
     def press(self, x_m: float, y_m: float, contact_z_m: float, depth_m: float) -> Iterator[float]:
@@ -143,7 +152,7 @@ class GuardedStage:
             yield
         except BaseException as error:
             try:
-                self.lift()
+                self._retreat()
             except RuffiniError as second:
                 told = f"THE TIP WAS NOT LIFTED: {second}"
                 if not isinstance(error, RuffiniError):  # Ctrl-C says nothing by itself
@@ -151,9 +160,16 @@ class GuardedStage:
                 error.add_note(told)
             raise
 
-    def _pressed_n(self) -> float:
-        force = self._fresh_force_of()
-        return max(0.0, -float(force[2]))
+    def _retreat(self) -> None:
+        """Lift; a machine that does not know any more where it is goes up as far as it takes at most."""
+        try:
+            self.lift()
+        except RuffiniError:
+            self.stage.raise_by(self.limits.top_m - self.limits.bottom_m, APPROACH_M_S)
+
+    def _force_n(self) -> float:
+        """Size of the force, whatever its direction: a reference that stands askew must stop the tip too."""
+        return float(np.linalg.norm(np.nan_to_num(self._fresh_force_of()[:3])))
 
     def _move(self, place: Place, speed_m_s: float) -> None:
         self.limits.check(place)
@@ -190,6 +206,9 @@ class DryStage:
 
     def halt(self) -> None:
         self.moves.append(self._place)
+
+    def raise_by(self, height_m: float, speed_m_s: float) -> None:
+        self.move(self._place.plus(Place(0.0, 0.0, height_m)), speed_m_s)
 
     def close(self) -> None:
         self.moves.append(self._place)

@@ -80,6 +80,12 @@ class Marlin:
                 return
         raise NoDeviceError(f"{self.name} does not halt within {HALT_S:g} s: switch it off")
 
+    def raise_by(self, height_m: float, speed_m_s: float) -> None:
+        self._line.drain(0.05)  # what it said about itself since
+        self._begin()
+        for text in ("G91", f"G1 Z{1e3 * height_m:.4f} F{60e3 * speed_m_s:.1f}", "M400", "G90"):
+            self._command(text, ANSWER_S)
+
     def _command(self, text: str, timeout_s: float, guard: Guard = nobody) -> list[str]:
         """Send one line and wait for its ok; lines that came before it."""
         self._number += 1

@@ -5,12 +5,26 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
+from ruffini.rig.log_file import TouchRecord
 
 BORDER = 0.25  # of the window's half side stays untouched: there the camera sees a part of the dent only
-PROGRAMS = ("grid", "balls")
+PROGRAMS = ("grid", "balls", "weights", "free", "conditions")
+BY_STAGE = ("grid", "balls")
+NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+# Table II of the F-TOUCH paper: signs of Fx Fy Fz Tx Ty Tz. The last is twisted both ways.
+CONDITIONS = (
+    (0, 0, -1, 0, -1, 0), (0, 0, -1, -1, -1, 0), (0, 0, -1, -1, 0, 0), (0, 0, -1, -1, 1, 0),
+    (0, 0, -1, 0, 1, 0), (0, 0, -1, 1, 1, 0), (0, 0, -1, 1, 0, 0), (0, 0, -1, 1, -1, 0),
+    (0, 1, 0, 1, 0, 0), (1, 1, 0, 1, -1, 0), (1, 0, 0, 0, -1, 0), (1, -1, 0, -1, -1, 0),
+    (0, -1, 0, -1, 0, 0), (-1, -1, 0, -1, 1, 0), (-1, 0, 0, 0, 1, 0), (-1, 1, 0, 1, 1, 0),
+    (0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 0, -1),
+)  # fmt: skip
+MIN_COSINE = 0.8  # between the load that was asked for and the one that came
+MIN_PART = 0.4  # of the load that was asked for
 
 
 class Touch(NamedTuple):
@@ -22,6 +36,104 @@ class Touch(NamedTuple):
     shear_x_m: float = 0.0
     shear_y_m: float = 0.0
 
+    @property
+    def kind(self) -> str:
+        """What the log calls it."""
+        return "press"
+
+    def told(self) -> str:
+        """For a person."""
+        shear = f", sheared by {_mm(self.shear_x_m, self.shear_y_m)}" if self.shear_x_m or self.shear_y_m else ""
+        return f"press at {_mm(self.x_m, self.y_m)}, {1e3 * self.depth_m:.2f} mm deep{shear}"
+
+    def faults(self, record: TouchRecord) -> list[str]:
+        """What only this kind of touch can get wrong."""
+        return []
+
+
+class Weight(NamedTuple):
+    """A weight that a person places."""
+
+    x_m: float
+    y_m: float
+    grams: float
+
+    @property
+    def kind(self) -> str:
+        return "weight"
+
+    def told(self) -> str:
+        return f"{self.grams:g} g at {_mm(self.x_m, self.y_m)}"
+
+    def faults(self, record: TouchRecord) -> list[str]:
+        return []
+
+
+class HandTouch(NamedTuple):
+    """A press by hand, as hard as is said."""
+
+    x_m: float
+    y_m: float
+    force_n: float
+
+    @property
+    def kind(self) -> str:
+        return "hand"
+
+    def told(self) -> str:
+        return f"press by hand at {_mm(self.x_m, self.y_m)} with {self.force_n:.2f} N"
+
+    def faults(self, record: TouchRecord) -> list[str]:
+        return []
+
+
+class Condition(NamedTuple):
+    """A load by hand through a rigid connector: which axes and which way, up to how much."""
+
+    signs: tuple[int, ...]  # of Fx Fy Fz Tx Ty Tz
+    force_n: float
+    torque_nm: float
+
+    @property
+    def kind(self) -> str:
+        return "condition"
+
+    def told(self) -> str:
+        axes = " ".join(f"{'-+'[s > 0]}{name}" for s, name in zip(self.signs, NAMES, strict=True) if s)
+        return f"load {axes}, up to {self.force_n:g} N and {1e3 * self.torque_nm:g} N mm, then let go"
+
+    def part(self, wrench: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Each axis of a load, (..., 6), over what is asked for."""
+        return np.asarray(np.nan_to_num(wrench) / ([self.force_n] * 3 + [self.torque_nm] * 3))
+
+    def faults(self, record: TouchRecord) -> list[str]:
+        """Not this load: other axes, or too little of it."""
+        parts = self.part(record.arrays["reference_wrench"])
+        signs = np.array(self.signs, dtype=float)
+        along = parts @ signs / np.linalg.norm(signs)
+        peak = parts[along.argmax()]
+        cosine = along.max() / max(float(np.linalg.norm(peak)), 1e-9)
+        if cosine < MIN_COSINE:
+            came = " ".join(f"{name} {p:+.2f}" for name, p in zip(NAMES, peak, strict=True))
+            return [f"another load came than was asked for: {came}, in parts of the largest"]
+        weak = abs(peak[signs != 0]).mean()
+        return [f"only {100 * weak:.0f} % of the load that was asked for"] if weak < MIN_PART else []
+
+
+Item = Touch | Weight | HandTouch | Condition
+
+
+def _mm(x_m: float, y_m: float) -> str:
+    return f"x {1e3 * x_m:+.1f}, y {1e3 * y_m:+.1f} mm"
+
+
+class ByHand(NamedTuple):
+    """What programs of a person go up to."""
+
+    grams: tuple[float, ...] = (20.0, 50.0, 100.0, 200.0)
+    force_n: float = 2.0
+    torque_nm: float = 0.01
+
 
 class Span(NamedTuple):
     """Where a program touches and how deep, metres."""
@@ -32,20 +144,26 @@ class Span(NamedTuple):
     shear_m: float
 
 
-def span_of(board: Board, deepest_m: float, shear_m: float) -> Span:
-    """The part of a board's pad that is touched: about its centre, well inside what the camera sees."""
+def span_of(board: Board, deepest_m: float, shear_m: float, most_m: tuple[float, float] | None = None) -> Span:
+    """The part of a board's pad that is touched: about its centre, well inside what the camera sees.
+
+    most_m : no further from the centre than this, along x and y, the shear included.
+    """
     pad, window = board.pad, board.window
     half_x_um = min(pad.size_x_um / 2 - window.min_x_um, window.max_x_um - pad.size_x_um / 2)
     half_y_um = min(pad.size_y_um / 2 - window.min_y_um, window.max_y_um - pad.size_y_um / 2)
-    inside = 1e-6 * (1 - BORDER)
-    return Span(inside * half_x_um, inside * half_y_um, deepest_m, shear_m)
+    half_m = [1e-6 * (1 - BORDER) * half_um for half_um in (half_x_um, half_y_um)]
+    if most_m is not None:
+        half_m = [min(half, max(most - shear_m, 0.0)) for half, most in zip(half_m, most_m, strict=True)]
+    return Span(half_m[0], half_m[1], deepest_m, shear_m)
 
 
-def plan(program: str, span: Span, n: int, seed: int) -> list[Touch]:
+def plan(program: str, span: Span, n: int, seed: int, by_hand: ByHand = ByHand()) -> list[Item]:  # noqa: B008
     """The touches of a program.
 
     `grid`: places in rows and columns, at each a depth and a shear of their own. `balls`: places and depths spread
-    over the pad, without shear.
+    over the pad, without shear. `weights`: each weight in turn, the places spread. `free`: places and forces spread.
+    `conditions`: the F-TOUCH paper's 17 (the twist both ways), again and again, until there are n.
 
     Raises
     ------
@@ -54,10 +172,22 @@ def plan(program: str, span: Span, n: int, seed: int) -> list[Touch]:
     """
     if program not in PROGRAMS or n < 1:
         raise InputError(
-            f"program {program!r} with {n} touches: choose {' or '.join(PROGRAMS)}, and one touch at least"
+            f"program {program!r} with {n} touches: choose one of {', '.join(PROGRAMS)}, and one touch at least"
         )
+    if program == "conditions":
+        loads = [Condition(signs, by_hand.force_n, by_hand.torque_nm) for signs in CONDITIONS]
+        return [loads[i % len(loads)] for i in range(n)]
     rng = np.random.default_rng(seed)
-    return _grid(span, n, rng) if program == "grid" else _balls(span, n, rng)
+    if program == "grid":
+        return list(_grid(span, n, rng))
+    balls = _balls(span, n, rng)
+    if program == "weights":
+        if not by_hand.grams or min(by_hand.grams) <= 0:
+            raise InputError("program 'weights' needs weights: give --grams, e.g. 20,50,100")
+        return [Weight(b.x_m, b.y_m, by_hand.grams[i % len(by_hand.grams)]) for i, b in enumerate(balls)]
+    if program == "free":
+        return [HandTouch(b.x_m, b.y_m, by_hand.force_n * b.depth_m / span.deepest_m) for b in balls]
+    return list(balls)
 
 
 def _grid(span: Span, n: int, rng: np.random.Generator) -> list[Touch]:

@@ -2,21 +2,26 @@
 
 schema = 1
 [reference]
-kind = "text"               # i2c: part_number, bus; network: host, full_scale, sigma (six each, N and N m)
+kind = "text"               # i2c: part_number, bus; network: host, full_scale, sigma (six each, N and N m), axes;
+                            # weight: sigma_g; csv: path
 port = "/dev/ttyUSB0"
 unit = "g"
 full_scale_n = 20.0
 sigma_n = 0.005
-[stage]
+[stage]                     # without it: programs by hand
 kind = "marlin"             # or grbl
 port = "/dev/ttyACM1"
 origin_mm = [110.0, 95.0, 42.0]   # the machine's coordinates with the tip on the middle of the pad
-[limits]
+[tip]                       # what touches the pad
+shape = "sphere"
+diameter_mm = 6.0
+[limits]                    # without a stage only max_force_n
 half_x_mm = 8.0
 half_y_mm = 6.0
 top_mm = 3.0
 bottom_mm = -1.5
 deepest_mm = 1.2
+near_mm = 1.0               # above the pad: as well as origin_mm is known
 max_force_n = 6.0
 """
 
@@ -34,14 +39,17 @@ from ruffini.rig.grbl import Grbl
 from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.i2c_cell import I2cCell
 from ruffini.rig.marlin import Marlin
-from ruffini.rig.network_cell import NetworkCell
+from ruffini.rig.network_cell import NetworkCell, fetch_settings
+from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.reference import Reference
 from ruffini.rig.stage import Place, Stage
 from ruffini.rig.text_cell import TextCell
+from ruffini.rig.turned import Turned, turn_of
 
 Positive = Annotated[float, Field(gt=0, le=1e4)]
 Six = Annotated[list[Positive], Field(min_length=6, max_length=6)]
 Mm = Annotated[float, Field(ge=-2000, le=2000)]
+Axes = Annotated[list[Annotated[str, Field(pattern="^[+-][xyz]$")]], Field(min_length=3, max_length=3)]
 
 
 class _Section(BaseModel):
@@ -80,16 +88,47 @@ class TextSettings(_Section):
 
 
 class NetworkSettings(_Section):
-    """Six axes over UDP."""
+    """Six axes over UDP; `axes` where its own are not the pad's: which of its axes are the pad's x, y, z."""
 
     kind: Literal["network"]
     host: str
     full_scale: Six
     sigma: Six
+    axes: Axes = ["+x", "+y", "+z"]
+    is_inverted: bool = False
+    port: Annotated[int, Field(ge=1, le=65535)] = 49152
+    http_port: Annotated[int, Field(ge=1, le=65535)] = 80
 
     def open(self) -> Reference:
         """Connect to it."""
-        return NetworkCell(self.host, np.array(self.full_scale), np.array(self.sigma))
+        matrix = turn_of(self.axes, is_inverted=self.is_inverted)
+        settings = fetch_settings(self.host, self.http_port)
+        cell = NetworkCell(
+            self.host, np.array(self.full_scale), np.array(self.sigma), settings=settings, port=self.port
+        )
+        return cell if (matrix == np.eye(3)).all() else Turned(cell, matrix)
+
+
+class WeightSettings(_Section):
+    """Weights that a person places."""
+
+    kind: Literal["weight"]
+    sigma_g: Positive
+
+    def open(self) -> Reference:
+        """Nothing stands there yet."""
+        return PlacedWeight(self.sigma_g)
+
+
+class CsvSettings(_Section):
+    """What another program writes while the sensor streams."""
+
+    kind: Literal["csv"]
+    path: Path
+
+    def open(self) -> Reference:
+        """It cannot be watched; raises InputError."""
+        raise InputError(f"{self.path} is read when the other program has written it: use --program log")
 
 
 class StageSettings(_Section):
@@ -110,32 +149,54 @@ class StageSettings(_Section):
         return Marlin(self.port, baud=self.baud) if self.kind == "marlin" else Grbl(self.port, baud=self.baud)
 
 
+class TipSettings(_Section):
+    """What touches the pad."""
+
+    shape: Literal["sphere", "flat", "other"]
+    diameter_mm: Positive
+
+
 class LimitSettings(_Section):
     """Soft limits from the pad's centre."""
 
-    half_x_mm: Positive
-    half_y_mm: Positive
-    top_mm: Positive
-    bottom_mm: Annotated[float, Field(ge=-50, lt=0)]
-    deepest_mm: Positive
     max_force_n: Positive
+    half_x_mm: Positive | None = None
+    half_y_mm: Positive | None = None
+    top_mm: Positive | None = None
+    bottom_mm: Annotated[float, Field(ge=-50, lt=0)] | None = None
+    deepest_mm: Positive | None = None
+    near_mm: Positive | None = None
 
     @property
     def limits(self) -> Limits:
-        """In metres."""
-        return Limits(
-            half_x_m=1e-3 * self.half_x_mm, half_y_m=1e-3 * self.half_y_mm, top_m=1e-3 * self.top_mm,
-            bottom_m=1e-3 * self.bottom_mm, deepest_m=1e-3 * self.deepest_mm, max_force_n=self.max_force_n,
-        )  # fmt: skip
+        """In metres; raises InputError where one is missing that a stage needs."""
+        missing = [n for n in ("half_x_mm", "half_y_mm", "top_mm", "bottom_mm", "deepest_mm") if not getattr(self, n)]
+        if missing:
+            raise InputError(f"the bench's file has no limits.{', limits.'.join(missing)}: a stage needs them")
+        half_x_m, half_y_m, top_m, bottom_m, deepest_m, near_m = (
+            1e-3 * (v if v is not None else float("inf"))
+            for v in (self.half_x_mm, self.half_y_mm, self.top_mm, self.bottom_mm, self.deepest_mm, self.near_mm)
+        )
+        return Limits(half_x_m, half_y_m, top_m, bottom_m, deepest_m, self.max_force_n, near_m)
+
+    @property
+    def reach_m(self) -> tuple[float, float] | None:
+        """How far from the centre it may touch; None where that is not said."""
+        if self.half_x_mm is None or self.half_y_mm is None:
+            return None
+        return 1e-3 * self.half_x_mm, 1e-3 * self.half_y_mm
 
 
 class RigSettings(_Section):
     """The whole file."""
 
     schema_: Annotated[Literal[1], Field(alias="schema")]
-    reference: Annotated[I2cSettings | TextSettings | NetworkSettings, Field(discriminator="kind")]
-    stage: StageSettings
+    reference: Annotated[
+        I2cSettings | TextSettings | NetworkSettings | WeightSettings | CsvSettings, Field(discriminator="kind")
+    ]
     limits: LimitSettings
+    stage: StageSettings | None = None
+    tip: TipSettings | None = None
 
 
 def load_rig(path: Path) -> RigSettings:

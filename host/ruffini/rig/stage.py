@@ -63,5 +63,8 @@ class Stage(Protocol):
     def halt(self) -> None:
         """Stand still as soon as it can, and be ready for a move after that."""
 
+    def raise_by(self, height_m: float, speed_m_s: float) -> None:
+        """Straight up from wherever it is, homed or not: the way out when nothing else goes; raises as `move`."""
+
     def close(self) -> None:
         """Give the device back."""

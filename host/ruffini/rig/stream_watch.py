@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from ruffini.device import Connection, Field, Wrench
+from ruffini.device.results import Image
 from ruffini.errors import NoDeviceError, RuffiniError
+from ruffini.wire.dense import decode_dense
 
 Array = npt.NDArray[np.float64]
 
@@ -36,15 +38,59 @@ class FieldSample(NamedTuple):
     displacement: Array
 
 
-class StreamWatch:
-    """Reads a sensor until `close`. Nobody else may use the connection meanwhile."""
+class MarkerSample(NamedTuple):
+    """Displacement (n, 2) and, where the sensor sends them, rest places (n, 2), pixels, at the sensor's own time."""
 
-    def __init__(self, sensor: Connection, *, field_every: int = 1) -> None:
-        sensor.subscribe(wrench=1, field=field_every)
-        self.name = f"sensor on {sensor.port}"
+    stream_s: float
+    displacement: Array
+    place: Array | None
+
+
+class ImageSample(NamedTuple):
+    """Picture (h, w, 3), each `step_px`-th pixel, at the sensor's own time."""
+
+    stream_s: float
+    pixels: npt.NDArray[np.uint8]
+    step_px: int
+
+
+class Window(NamedTuple):
+    """What arrived in a time."""
+
+    frames: list[StreamSample]
+    fields: list[FieldSample]
+    markers: list[MarkerSample]
+    images: list[ImageSample]
+
+    def between(self, low_s: float, high_s: float) -> Window:
+        """What was measured in a time of the sensor's own clock."""
+        frames, fields, markers, images = (
+            [s for s in samples if low_s < s.stream_s < high_s] for samples in cast(list[list[Any]], list(self))
+        )
+        return Window(frames, fields, markers, images)
+
+
+Sample = StreamSample | FieldSample | MarkerSample | ImageSample
+
+
+class StreamWatch:
+    """Reads a sensor until `close`. Nobody else may use the connection meanwhile.
+
+    Parameters
+    ----------
+    field_every, marker_every, image_every : each n-th frame's; 0 = none.
+    stall_s : longer without a frame, and the camera stands still.
+    """
+
+    def __init__(
+        self, sensor: Connection, *, field_every: int = 1, marker_every: int = 0, image_every: int = 0,
+        stall_s: float = STALL_S,
+    ) -> None:  # fmt: skip
+        sensor.subscribe(wrench=1, field=field_every, markers=marker_every, image=image_every)
+        self.name, self.stall_s, self.has_images = f"sensor on {sensor.port}", stall_s, image_every > 0
         self._sensor = sensor
-        self._samples: list[StreamSample] = []
-        self._fields: list[tuple[float, FieldSample]] = []
+        self._samples: list[tuple[float, Sample]] = []  # with the host's time of arrival
+        self._newest: StreamSample | None = None
         self._error: RuffiniError | None = None
         self._lock, self._stop = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="stream", daemon=True)
@@ -62,28 +108,22 @@ class StreamWatch:
         self._thread.join()
 
     def _run(self) -> None:
-        numbers = self._sensor.schema.type_numbers
+        schema = self._sensor.schema
+        readers = {"WRENCH": _frame, "FIELD": _field, "MARKERS": _markers, "IMAGE": _image}
+        by_type = {schema.type_numbers[name]: read for name, read in readers.items()}
         try:
             while not self._stop.is_set():
                 for frame, message in self._sensor.stream(timeout_s=0.1):
-                    if frame.type == numbers["WRENCH"]:
-                        self._take(Wrench.from_message(message))
-                    elif frame.type == numbers["FIELD"]:
-                        self._take_field(Field.from_message(message))
+                    now = time.monotonic()
+                    sample = by_type[frame.type](now, message) if frame.type in by_type else None
+                    if sample is not None:
+                        with self._lock:
+                            self._samples.append((now, sample))
+                            self._newest = sample if isinstance(sample, StreamSample) else self._newest
                     if self._stop.is_set():
                         return
         except RuffiniError as error:
             self._error = error
-
-    def _take(self, w: Wrench) -> None:
-        sample = StreamSample(time.monotonic(), w.capture_s, w.frame, w.flags, w.values, w.validity)
-        with self._lock:
-            self._samples.append(sample)
-
-    def _take_field(self, field: Field) -> None:
-        if field.displacement is not None:
-            with self._lock:
-                self._fields.append((time.monotonic(), FieldSample(field.capture_s, field.displacement)))
 
     def latest(self) -> StreamSample:
         """The newest frame.
@@ -97,12 +137,11 @@ class StreamWatch:
         while True:
             if self._error is not None:
                 raise self._error
-            with self._lock:
-                newest = self._samples[-1] if self._samples else None
-            if newest is not None and time.monotonic() - newest.host_s < STALL_S:
+            newest = self._newest
+            if newest is not None and time.monotonic() - newest.host_s < self.stall_s:
                 return newest
             if newest is not None or time.monotonic() - start > START_S:
-                raise NoDeviceError(f"{self.name}: no frame for {STALL_S:g} s: the camera stands still: what was "
+                raise NoDeviceError(f"{self.name}: no frame for {self.stall_s:g} s: the camera stands still: what was "
                                     "collected is kept; when it runs again, the same command goes on")  # fmt: skip
             time.sleep(0.02)
 
@@ -120,13 +159,45 @@ class StreamWatch:
         """Force of the newest frame, (3,) N, NaN where not measured; raises as `latest`."""
         return self.latest().wrench[:3]
 
-    def since(self, host_s: float) -> tuple[list[StreamSample], list[FieldSample]]:
-        """Frames and fields that arrived after `host_s`."""
+    def since(self, host_s: float) -> Window:
+        """What arrived after `host_s`."""
+        window = Window([], [], [], [])
+        of_type: dict[type, list[Any]] = dict(
+            zip((StreamSample, FieldSample, MarkerSample, ImageSample), window, strict=True)
+        )
         with self._lock:
-            return [s for s in self._samples if s.host_s > host_s], [f for t, f in self._fields if t > host_s]
+            for arrived_s, sample in self._samples:
+                if arrived_s > host_s:
+                    of_type[type(sample)].append(sample)
+        return window
 
     def forget(self, host_s: float) -> None:
         """Free what arrived before `host_s`."""
         with self._lock:
-            self._samples = [s for s in self._samples if s.host_s > host_s] or self._samples[-1:]
-            self._fields = [f for f in self._fields if f[0] > host_s]
+            self._samples = [(t, sample) for t, sample in self._samples if t > host_s]
+
+
+def _frame(now: float, message: Any) -> StreamSample:
+    w = Wrench.from_message(message)
+    return StreamSample(now, w.capture_s, w.frame, w.flags, w.values, w.validity)
+
+
+def _field(_: float, message: Any) -> FieldSample | None:
+    field = Field.from_message(message)
+    return None if field.displacement is None else FieldSample(field.capture_s, field.displacement)
+
+
+def _markers(_: float, message: Any) -> MarkerSample | None:
+    scale = message.position_lsb_upx * 1e-6
+    moved, rest = (
+        decode_dense(d.codec, d.n_x, d.n_y, d.n_components, d.data).reshape(-1, 2) * scale
+        if message.HasField(name) and (d := getattr(message, name)).n_x * d.n_y
+        else None
+        for name in ("displacement", "rest")
+    )
+    return None if moved is None else MarkerSample(message.stamp.capture_us * 1e-6, moved, rest)
+
+
+def _image(_: float, message: Any) -> ImageSample:
+    image = Image.from_message(message)
+    return ImageSample(image.capture_s, image.pixels.copy(), image.step_px)

@@ -103,7 +103,7 @@ class TextCell:
         self._n_strange = 0
         if line.unit is not None and NEWTONS[line.unit] != force_factor(self.facts.unit):
             raise InputError(f"{self._port} counts in {line.unit} ({text!r}), not in {self.facts.unit}: "
-                             f"give --unit {line.unit}")  # fmt: skip
+                             f"give unit = '{line.unit}' in [reference]")  # fmt: skip
         force_n = self._factor * line.value
         limit_n = self.facts.full_scale[2]
         return Reading(time.monotonic(), pressing(force_n), line.is_overflow or abs(force_n) >= limit_n)

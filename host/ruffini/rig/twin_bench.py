@@ -1,20 +1,21 @@
-"""A whole bench that is not there: twin as camera, emulated machine that presses it, emulated reference below it."""
+"""A whole bench that is not there: twin as camera, what presses it, emulated reference below it."""
 
 from __future__ import annotations
 
-import socket
-import struct
-import threading
+import contextlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.errors import InputError
 from ruffini.rig.emulated_machine import HOME_PLACE, EmulatedMachine
-from ruffini.rig.network_cell import MAGIC, RECORD, REQUEST, STREAM, Settings
+from ruffini.rig.emulated_references import FULL_SCALE, NO_MOUNT, SIGMA, EmulatedNetworkCell, Mount
 from ruffini.rig.stage import Place
 from ruffini.sim.indenters import Indenter
+from ruffini.sim.optics.settings import ShapeSettings
 from ruffini.sim.pose import Pose
 from ruffini.sim.rig import Unit
 from ruffini.sim.scenario import Scenario
@@ -22,94 +23,105 @@ from ruffini.sim.serve import States, TwinServer
 
 Array = npt.NDArray[np.float64]
 
+__all__ = ["FULL_SCALE", "MAX_FORCE_N", "ORIGIN", "SIGMA", "Hanging", "PressedTwin", "build_twin_bench"]
+
 ORIGIN = Place(HOME_PLACE.x_m + 0.002, HOME_PLACE.y_m - 0.001, HOME_PLACE.z_m - 0.004)  # of the pad in the machine
-FULL_SCALE = np.array([20.0, 20, 20, 0.5, 0.5, 0.5])
-SIGMA = np.array([0.005, 0.005, 0.005, 5e-5, 5e-5, 5e-5])
-PER_COUNT = np.array([1e-6] * 3 + [1e-8] * 3)
 MAX_FORCE_N = 15.0
-POLL_S = 0.05
+Load = Pose | Array | None  # the indenter there, a wrench on the connector, or nothing
+
+
+class Loader(Protocol):
+    """What presses a twin."""
+
+    def load(self, wrench: Array) -> Load:
+        """Now; `wrench` is what the body felt in the frame before."""
+
+
+class Hanging:
+    """An indenter that hangs on a machine."""
+
+    def __init__(self, machine: EmulatedMachine, unit: Unit, indenter: Indenter) -> None:
+        self._machine, self._shape, self._radius_m = machine, unit.twin.shape, indenter.radius_m
+
+    def load(self, wrench: Array) -> Load:
+        place = self._machine.place().minus(ORIGIN)
+        depth_m = surface_m(self._shape, self._radius_m, place.x_m, place.y_m) - place.z_m
+        return Pose(place.x_m, place.y_m, depth_m) if depth_m > 0 else None
+
+
+def surface_m(shape: ShapeSettings, tip_radius_m: float, x_m: float, y_m: float) -> float:
+    """Height of a ball's lowest point where it first touches the undeformed body, from the top; 0 on flat ones."""
+    if shape.kind != "dome":
+        return 0.0  # a tube is turned under the tip: x is the way round it
+    reach_m = shape.radius_um * 1e-6 + tip_radius_m
+    return float(np.sqrt(max(reach_m**2 - x_m**2 - y_m**2, 0.0)) - reach_m)
+
+
+def along_the_tool(unit: Unit, pose: Pose, wrench: Array) -> Array:
+    """A wrench with its force in the tool's axes, z out of the body: on a tube the radius is not the frame's z."""
+    shape = unit.twin.shape
+    if shape.kind != "tube":
+        return wrench
+    angle = pose.x_m / (shape.radius_um * 1e-6)
+    out = np.array([np.cos(angle), np.sin(angle), 0.0])
+    return np.array([wrench[:3] @ [-out[1], out[0], 0.0], wrench[2], wrench[:3] @ out, 0.0, 0.0, 0.0])
 
 
 class PressedTwin:
-    """Frames of a twin whose indenter hangs on a machine; keeps the true wrench of the newest."""
+    """Frames of a twin under a loader; keeps the true wrench of the newest, and tells who listens."""
 
-    def __init__(self, unit: Unit, indenter: Indenter, machine: EmulatedMachine) -> None:
-        self._rig, self._machine = unit.rig(), machine
-        self._rig.take(indenter)
-        self._indenter, self._touches = indenter, False
+    def __init__(self, unit: Unit, indenter: Indenter, loader: Loader) -> None:
+        self.unit, self.loader = unit, loader
+        self._rig, self._indenter, self._is_free = unit.rig(), indenter, True
         self.wrench = np.zeros(6)
-        self.is_new = threading.Event()
-        self.rate_hz = unit.board.camera.rate_mhz / 1e3
+        self.frame = -1
+        self.listeners: list[Callable[[int, Array], None]] = []  # told frame and wrench
 
     def states(self, frame: int) -> States | None:
         before = self._rig.displacement.copy()
-        place = self._machine.place().minus(ORIGIN)
-        if place.z_m < 0:
-            self._rig.advance(Pose(place.x_m, place.y_m, -place.z_m))
-            self._touches = True
-        elif self._touches:  # the next touch begins anew: nothing sticks to what was
-            self._rig.take(self._indenter)
-            self._touches = False
-        self.wrench = self._rig.wrench().copy() if self._touches else np.zeros(6)
-        self.is_new.set()
+        load = self.loader.load(self.wrench)
+        with contextlib.suppress(InputError):  # deeper than the body's model goes: it stays as it was
+            self._take(load)
+        self.wrench, self.frame = self._felt(load), frame
+        for listener in self.listeners:
+            listener(frame, self.wrench)
         return self._rig.displacement, before, self._rig.tray
 
+    def _take(self, load: Load) -> None:
+        if load is None:
+            self._rig.rest()
+            self._is_free = True
+        elif isinstance(load, Pose):
+            if self._is_free:  # each touch begins anew: nothing sticks to what was
+                self._rig.take(self._indenter)
+                self._is_free = False
+            self._rig.advance(load)
+        else:
+            self._rig.load(load)
+            self._is_free = True
 
-class EmulatedNetworkCell:
-    """A force/torque box on loopback: one record of the pad's true wrench a frame, with noise and what hangs on it."""
-
-    def __init__(self, twin: PressedTwin, seed: int, hanging: Array) -> None:
-        self._twin, self._hanging = twin, hanging
-        self._rng = np.random.default_rng(seed)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
-        self.port = int(self._socket.getsockname()[1])
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="force/torque box", daemon=True)
-
-    def __enter__(self) -> EmulatedNetworkCell:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join()
-        self._socket.close()
-
-    @property
-    def settings(self) -> Settings:
-        """What its page would say."""
-        return Settings(PER_COUNT, "N", "Nm", self._twin.rate_hz)
-
-    def _run(self) -> None:
-        peer, sequence = None, 0
-        self._socket.setblocking(False)
-        while not self._stop.is_set():
-            try:
-                request, asker = self._socket.recvfrom(64)
-                magic, command, _ = REQUEST.unpack(request)
-                peer = asker if magic == MAGIC and command == STREAM else None
-            except (BlockingIOError, ConnectionRefusedError, struct.error):
-                pass
-            if self._twin.is_new.wait(POLL_S) and peer is not None:
-                self._twin.is_new.clear()
-                sequence += 1
-                wrench = self._twin.wrench + self._hanging + 0.3 * SIGMA * self._rng.normal(size=6)
-                counts = np.round(wrench / PER_COUNT).astype(int).tolist()
-                self._socket.sendto(RECORD.pack(sequence, sequence, 0, *counts), peer)
+    def _felt(self, load: Load) -> Array:
+        if load is None:
+            return np.zeros(6)
+        wrench = self._rig.wrench().copy()
+        return along_the_tool(self.unit, load, wrench) if isinstance(load, Pose) else wrench
 
 
 class TwinBench(NamedTuple):
     """Its parts, to be entered in this order."""
 
-    machine: EmulatedMachine
     twin: PressedTwin
     server: TwinServer
     cell: EmulatedNetworkCell
 
 
-def build_twin_bench(unit: Unit, indenter: Indenter, machine: EmulatedMachine, camera: Path, seed: int) -> TwinBench:
-    """A bench whose camera is the UNIX socket `camera`; something of 0.3 N hangs on its reference."""
-    twin = PressedTwin(unit, indenter, machine)
+def build_twin_bench(
+    unit: Unit, indenter: Indenter, loader: Loader, camera: Path, seed: int, *, rate_hz: float = 10.0,
+    mount: Mount = NO_MOUNT,
+) -> TwinBench:  # fmt: skip
+    """A bench whose camera is the UNIX socket `camera`; `rate_hz` is what its reference says of itself."""
+    twin = PressedTwin(unit, indenter, loader)
     server = TwinServer(unit.renderer(), twin, Scenario(seed=seed), camera)
-    return TwinBench(machine, twin, server, EmulatedNetworkCell(twin, seed, np.array([0, 0, -0.3, 0.001, 0, 0])))
+    cell = EmulatedNetworkCell(rate_hz, seed, mount)
+    twin.listeners.append(cell.measure)
+    return TwinBench(twin, server, cell)

@@ -42,7 +42,9 @@ def _factor(unit: str, known: dict[str, float], what: str) -> float:
     return factor
 
 
-def likely_mistake(measured_n: float, expected_n: float, stated_unit: str) -> str | None:
+def likely_mistake(
+    measured_n: float, expected_n: float, stated_unit: str, tolerance: float = MISTAKE_TOLERANCE
+) -> str | None:
     """Unit that a reference seems to count in, where `measured_n` is off `expected_n` by just the ratio of two units.
 
     `stated_unit` is what it was said to count in; None where no other unit explains the difference.
@@ -50,9 +52,9 @@ def likely_mistake(measured_n: float, expected_n: float, stated_unit: str) -> st
     if measured_n <= 0 or expected_n <= 0:
         return None
     true_factor = force_factor(stated_unit) * expected_n / measured_n
-    if abs(true_factor / force_factor(stated_unit) - 1) <= MISTAKE_TOLERANCE:
+    if abs(true_factor / force_factor(stated_unit) - 1) <= tolerance:
         return None
     for unit, factor in MISTAKES.items():
-        if abs(true_factor / factor - 1) <= MISTAKE_TOLERANCE:
+        if abs(true_factor / factor - 1) <= tolerance:
             return unit
     return None

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.errors import InputError, NoDeviceError, RefusedError, RuffiniError
+from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.reference import AXES, Facts, Reading, Reference
-from ruffini.rig.units import likely_mistake
 
 Array = npt.NDArray[np.float64]
 
@@ -21,7 +20,6 @@ MIN_TARE_READINGS = 5
 RESTLESS_SIGMAS = 6  # spread of an untouched reference, over its stated uncertainty
 SLOW = 0.5  # of the stated rate is too slow
 FRESH_READINGS = 2  # the first may have been under way
-AXIS_DOMINATES = 0.8  # part of the force that a straight press puts on z
 
 
 class Watch:
@@ -123,10 +121,16 @@ class Watch:
         RefusedError
             It is not at rest: it moves more than its stated uncertainty explains, or it is saturated.
         """
-        readings = self.collect(duration_s)
-        if len(readings) < MIN_TARE_READINGS:
-            raise RefusedError(f"{self.facts.name} gave {len(readings)} readings in {duration_s:g} s: "
-                               f"{MIN_TARE_READINGS} are needed for a tare: give it more time")  # fmt: skip
+        self.tare_change(duration_s)
+        with self._changed:
+            return self._zero.copy()
+
+    def tare_change(self, duration_s: float) -> Array:
+        """`tare`; returns by how much the zero moved, (6,), 0 for axes that it does not have."""
+        start, readings = time.monotonic(), self.collect(duration_s)
+        while len(readings) < MIN_TARE_READINGS:
+            self.fresh(1)
+            readings = self.since(start)
         values = np.array([r.wrench for r in readings])
         spread = values.std(axis=0)
         worst = np.nan_to_num(spread / self.facts.sigma).argmax()
@@ -134,9 +138,10 @@ class Watch:
             raise RefusedError(f"{self.facts.name} moves by {spread[worst]:.3g} on {AXES[worst]} while nothing "
                                f"should touch it (stated uncertainty {self.facts.sigma[worst]:.3g}): "
                                "lift off, and keep the bench still")  # fmt: skip
+        change: Array = np.nan_to_num(values.mean(axis=0))
         with self._changed:
-            self._zero = self._zero + np.nan_to_num(values.mean(axis=0))
-            return self._zero.copy()
+            self._zero = self._zero + change
+        return change
 
     def check_rate(self, readings: Sequence[Reading]) -> float:
         """Readings per second; raises RefusedError where that is half of what is stated, or less."""
@@ -153,49 +158,3 @@ class Watch:
 
     def _range(self) -> str:
         return ", ".join(f"{a} {self.facts.full_scale[AXES.index(a)]:.3g}" for a in self.facts.axes)
-
-
-def check_unit(facts: Facts, measured_n: float, expected_n: float, tolerance: float = 0.1) -> None:
-    """A known weight or a known press must read what it is.
-
-    Raises
-    ------
-    InputError
-        It reads what it would in another unit; the text names that unit.
-    RefusedError
-        It is off by more than `tolerance` for another reason.
-    """
-    if abs(measured_n - expected_n) <= tolerance * expected_n:
-        return
-    ratio = measured_n / expected_n
-    unit = likely_mistake(measured_n, expected_n, facts.unit)
-    if unit is not None:
-        raise InputError(f"{facts.name} reads {measured_n:.3g} N for {expected_n:.3g} N: "
-                         f"it counts in {unit}, not in {facts.unit}: give --unit {unit}")  # fmt: skip
-    raise RefusedError(
-        f"{facts.name} reads {ratio:.2f} times the known {expected_n:.3g} N: "
-        "no other unit explains it: check its scale factor and its mounting"
-    )
-
-
-def check_axes(facts: Facts, change: Array) -> None:
-    """A straight press must be -z: force ON the pad, which pressing pushes in.
-
-    Raises
-    ------
-    InputError
-        Another axis carries it, or z with the wrong sign; the text says which.
-    """
-    force = np.nan_to_num(change[:3])
-    axis = int(abs(force).argmax())
-    length = float(np.linalg.norm(force))
-    if abs(force[axis]) < AXIS_DOMINATES * length:
-        raise InputError(f"{facts.name} sees a straight press as {force.round(3).tolist()} N: it is mounted askew, "
-                         "or the press is not straight: align it")  # fmt: skip
-    name = "xyz"[axis]
-    if axis != 2:
-        raise InputError(f"{facts.name} sees a straight press on {'-+'[int(force[axis] > 0)]}{name} instead of -z: "
-                         f"axes are swapped: turn it, or say so with --axes")  # fmt: skip
-    if force[2] > 0:
-        raise InputError(f"{facts.name} sees a press as +z: it measures the force on itself, or is upside down: "
-                         "give --inverted")  # fmt: skip

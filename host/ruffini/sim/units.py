@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ruffini.boards import Board
 from ruffini.sim.bodies.dome_unit import DomeUnit
 from ruffini.sim.bodies.platform import Platform
@@ -10,6 +12,9 @@ from ruffini.sim.bodies.skin_unit import SkinUnit
 from ruffini.sim.rig import Unit
 from ruffini.sim.settings import TwinSettings, load_twin
 from ruffini.sim.unit import PadError, Progress, TwinUnit
+
+# Standard deviation of what moulds and mixes vary, as parts.
+FLEET_SPREAD = {"modulus": 0.10, "thickness": 0.04, "poisson": 0.004}
 
 
 def build_unit(
@@ -35,3 +40,11 @@ def build_unit(
     if twin.platform is None:
         return unit
     return PlatformUnit(board, twin, unit.model, unit.compliance, platform=Platform.of(twin.platform))
+
+
+def fleet_error(board: Board, number: int) -> PadError:
+    """How unit `number` of a simulated fleet is off its board file: the same whenever it is asked for."""
+    rng = np.random.default_rng([number, 20])
+    modulus, thickness, poisson = (np.exp(s * np.clip(rng.standard_normal(), -2.5, 2.5)) for s in FLEET_SPREAD.values())
+    is_flat = load_twin(board).shape.kind == "plane"  # other bodies are taken as incompressible
+    return PadError(float(modulus), float(poisson) if is_flat else 1.0, float(thickness))

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
+import pytest
 from small_board import Files, Run
 
 from ruffini.errors import NoDeviceError
+from ruffini.rig.log_file import read_log
 
 RIG = """schema = 1
 [reference]
@@ -29,15 +32,57 @@ max_force_n = 6.0
 """
 
 
-def test_dry_run_tells_how_long_and_moves_nothing(files: Files, run: Run, tmp_path):
-    out = tmp_path / "log.h5"
-    code, text, _ = run("cal", "collect", "--board", files.folder, "--rig", "sim", "--out", out, "--n", 10,
-                        "--dry-run", "--json")  # fmt: skip
+def test_dry_run_prints_every_move_and_moves_nothing(files: Files, run: Run, tmp_path):
+    rig, out = tmp_path / "rig.toml", tmp_path / "log.h5"
+    rig.write_text(RIG)
+    words = ("cal", "collect", "--board", files.folder, "--rig", rig, "--out", out, "--n", 10, "--depth-mm", 0.5)
+    code, text, _ = run(*words, "--dry-run", "--json")
     result = json.loads(text)
     assert code == 0
-    assert (result["state"], result["touches"], result["simulated"]) == ("dry-run", 10, True)
+    assert (result["state"], result["touches"], result["simulated"]) == ("dry-run", 10, False)
     assert 10 * 0.8 < result["least_s"] < 300
-    assert list(tmp_path.iterdir()) == []
+    moves = np.array(result["moves_m"])
+    assert len(moves) > 10 * (5 + 5)  # the way down in steps of 0.2 mm, the press in steps of 0.1 mm
+    assert moves[:, 2].min() == pytest.approx(-0.0007, abs=2e-4)
+    assert moves[-1, 2] == pytest.approx(0.003)
+    code, text, _ = run(*words, "--dry-run")
+    assert text.count("press at x") == 10
+    assert text.count("z ") == len(moves)
+    assert list(tmp_path.iterdir()) == [rig]
+
+
+def test_programs_by_hand_say_what_a_person_will_be_told(files: Files, run: Run, tmp_path):
+    rig, out = tmp_path / "rig.toml", tmp_path / "log.h5"
+    rig.write_text('schema = 1\n[reference]\nkind = "weight"\nsigma_g = 0.1\n[limits]\nmax_force_n = 5.0\n')
+    words = ("cal", "collect", "--board", files.folder, "--rig", rig, "--out", out, "--dry-run")
+    assert "0: 20 g at x" in run(*words, "--program", "weights", "--n", 3)[1]
+    assert "2: press by hand at x" in run(*words, "--program", "free", "--n", 3)[1]
+    text = run(*words, "--program", "conditions")[1]
+    assert "1: load -Fz -Tx -Ty, up to 2 N and 10 N mm, then let go" in text
+    assert text.count("load") == 18
+    code, _, error = run(*words[:-1], "--program", "grid")
+    assert code == 2
+    assert "a stage needs them" in error
+    code, _, error = run(*words, "--program", "weights", "--grams", "20,x")
+    assert code == 2
+    assert "--grams" in error
+
+
+def test_a_board_without_a_twin_has_no_simulated_bench(run: Run, tmp_path):
+    code, _, error = run("cal", "collect", "--board", "gelsight-mini", "--rig", "sim", "--out", tmp_path / "log.h5")
+    assert code == 2
+    assert "has no optics to simulate" in error
+
+
+def test_convert_writes_a_log_once(run: Run, tmp_path):
+    csv, out = tmp_path / "a.csv", tmp_path / "a.h5"
+    csv.write_text("\n".join(["time_s,fz_N", *(f"{0.1 * k:.1f},{-1.0 * (20 < k < 40)}" for k in range(60))]))
+    code, text, _ = run("cal", "convert", csv, "--out", out, "--json")
+    assert (code, json.loads(text)["touches"]) == (0, 1)
+    assert read_log(out).touches[0].facts["kind"] == "converted"
+    code, _, error = run("cal", "convert", csv, "--out", out)
+    assert code == 2
+    assert "exists" in error
 
 
 def test_plan_out_of_the_benchs_limits_is_refused_before_anything_is_opened(files: Files, run: Run, tmp_path):

@@ -8,11 +8,12 @@ import pytest
 
 from ruffini.boards import find_board
 from ruffini.errors import InputError, RefusedError
-from ruffini.rig.collect import faults_of, rehearse
+from ruffini.rig.collect import rehearse
 from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.log_file import LogWriter, TouchRecord, read_log
 from ruffini.rig.program import Span, plan, span_of
 from ruffini.rig.settings import load_rig
+from ruffini.rig.touch import faults_of
 
 SPAN = Span(0.006, 0.004, 0.001, 0.0003)
 LIMITS = Limits(0.008, 0.006, 0.003, -0.0025, 0.001, 5.0)
@@ -54,7 +55,7 @@ def test_plan_covers_the_pad_and_is_the_same_each_time(program, n):
 
 
 def test_plan_that_makes_no_sense():
-    with pytest.raises(InputError, match="choose grid or balls"):
+    with pytest.raises(InputError, match="choose one of grid, balls"):
         plan("spiral", SPAN, 5, 1)
 
 
@@ -67,7 +68,8 @@ def test_span_stays_inside_what_the_camera_sees():
 
 def test_rehearsal_takes_the_real_moves_and_finds_what_is_out():
     touches = plan("grid", SPAN, 6, 1)
-    assert rehearse(touches, LIMITS) > 6 * (0.8 + 2 * 3e-3 / 0.010 + 0.0004 / 0.001)
+    rehearsal = rehearse(touches, LIMITS)
+    assert rehearsal.least_s > 6 * (0.8 + 2 * 3e-3 / 0.010 + 0.0004 / 0.001)
     with pytest.raises(RefusedError, match="beside the pad"):
         rehearse([touches[0]._replace(shear_x_m=0.02)], LIMITS)
     with pytest.raises(RefusedError, match=r"a depth of 1\.5 mm"):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from ruffini.errors import InputError, NoDeviceError, RefusedError
+from ruffini.rig.checks import check_axes, check_unit
 from ruffini.rig.reference import Facts, Reading, pressing
-from ruffini.rig.watch import Watch, check_axes, check_unit
+from ruffini.rig.watch import Watch
 
 FACTS = Facts.of_one_axis("cell", 10, 0.01, 100, "N")
 

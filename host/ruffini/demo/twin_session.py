@@ -1,0 +1,151 @@
+"""`--rig sim`: the real daemon on a pty, a board's twin as its camera, an emulated machine or person, a reference."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ruffini.boards import Board
+from ruffini.demo.daemon import running_daemon
+from ruffini.device import Connection
+from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
+from ruffini.rig.emulated_machine import EmulatedMachine
+from ruffini.rig.emulated_person import EmulatedPerson
+from ruffini.rig.emulated_references import ASKEW, FULL_SCALE, SIGMA, EmulatedLogger, EmulatedTextCell, Mount
+from ruffini.rig.grbl import Grbl
+from ruffini.rig.guarded_stage import Limits
+from ruffini.rig.marlin import Marlin
+from ruffini.rig.network_cell import NetworkCell
+from ruffini.rig.placed_weight import PlacedWeight
+from ruffini.rig.program import BY_STAGE, Span
+from ruffini.rig.reference import Reference
+from ruffini.rig.session import Pace, Parts, SensorParts
+from ruffini.rig.stage import Stage
+from ruffini.rig.text_cell import TextCell
+from ruffini.rig.twin_bench import MAX_FORCE_N, ORIGIN, Hanging, Loader, TwinBench, build_twin_bench, surface_m
+from ruffini.sim.indenters import Indenter
+from ruffini.sim.rig import Unit
+from ruffini.sim.settings import load_twin
+from ruffini.sim.unit import PadError, Progress
+from ruffini.sim.units import build_unit
+
+TOP_MM = 2.0  # over the pad
+NEAR_MM = 0.3  # from there on it goes slowly
+SLACK_M = 1e-4  # of the limits, beside the plan
+BELOW_MM = 1.2  # the pad, where a contact is still looked for
+WEIGHT_SIGMA_G = 0.1
+LOGGER_OFFSET_S, LOGGER_DRIFT = 1234.5, 150e-6  # of the other program's clock
+DOME_PART = 0.28  # of a dome's radius, along x and y: further out a straight press slides off
+MACHINES: dict[str, tuple[type[EmulatedMachine], Callable[[str], Stage]]] = {
+    "marlin": (EmulatedMarlin, Marlin),
+    "grbl": (EmulatedGrbl, Grbl),
+}
+# How fast a body's mechanics and pictures can be made on a busy computer of two cores.
+PACES = {
+    "plane": Pace(20.0, stall_s=8.0, longest_gap_s=4.0, max_hold_s=30.0, image_bytes_per_s=4e6),
+    "dome": Pace(3.0, stall_s=30.0, longest_gap_s=20.0, max_hold_s=90.0, image_bytes_per_s=4e6),
+    "tube": Pace(1.0, stall_s=60.0, longest_gap_s=40.0, max_hold_s=180.0, image_bytes_per_s=4e6),
+}
+REFERENCE_HZ = {"plane": 4.0, "dome": 0.8, "tube": 0.3}
+
+
+@dataclass(frozen=True)
+class TwinOptions:
+    """What a simulated bench is made of."""
+
+    machine: str = "marlin"
+    ball_mm: float = 6.0
+    seed: int = 1
+    error: PadError = field(default_factory=PadError)
+    mount: Mount = ASKEW
+    say: Callable[[str], None] = lambda _: None
+    progress: Progress = lambda _: None
+
+
+@dataclass
+class Simulated:
+    """Parts that can be disturbed, beside those that a bench needs."""
+
+    parts: Parts
+    twin: TwinBench
+    machine: EmulatedMachine | None
+    text_cell: EmulatedTextCell | None
+
+
+def reach_of(board: Board) -> tuple[float, float] | None:
+    """How far from the centre a twin can be pressed straight, metres along x and y; None: all over.
+
+    Raises
+    ------
+    InputError
+        The board has no twin.
+    """
+    shape = load_twin(board).shape
+    return (1e-6 * shape.radius_um * DOME_PART,) * 2 if shape.kind == "dome" else None
+
+
+def limits_of(board: Board, span: Span, ball_mm: float) -> Limits:
+    """Soft limits of a simulated bench, about what a plan touches."""
+    half_x_m, half_y_m = span.half_x_m + span.shear_m + SLACK_M, span.half_y_m + span.shear_m + SLACK_M
+    drop_m = -surface_m(load_twin(board).shape, ball_mm / 2e3, half_x_m, half_y_m)
+    bottom_m = -(drop_m + 1e-3 * BELOW_MM + span.deepest_m)
+    return Limits(half_x_m, half_y_m, 1e-3 * TOP_MM, bottom_m, span.deepest_m, MAX_FORCE_N, 1e-3 * NEAR_MM)
+
+
+def open_simulated(
+    stack: contextlib.ExitStack, board: Board, program: str, options: TwinOptions, unit: Unit | None = None
+) -> Simulated:
+    """A bench for a program on a board's twin, or on a unit that is there; `stack` ends it.
+
+    Raises
+    ------
+    InputError
+        The board has no twin.
+    """
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-")))
+    unit = unit or build_unit(board, options.error, progress=options.progress)
+    kind, indenter = unit.twin.shape.kind, Indenter("sphere", options.ball_mm / 2e3)
+    emulated, driver = MACHINES[options.machine]
+    machine = stack.enter_context(emulated()) if program in BY_STAGE else None
+    person = EmulatedPerson(options.seed, options.say)
+    loader: Loader = person if machine is None else Hanging(machine, unit, indenter)
+    twin = build_twin_bench(
+        unit, indenter, loader, folder / "twin", options.seed, rate_hz=REFERENCE_HZ[kind], mount=options.mount
+    )
+    stack.enter_context(twin.server)
+    stack.enter_context(twin.cell)
+    assert board.folder is not None
+    port = stack.enter_context(running_daemon(board.folder, f"twin:{folder / 'twin'}", folder / "store"))
+    sensor = stack.enter_context(Connection(port))
+    stage: Stage | None = None
+    if machine is not None:
+        stage = driver(machine.port)
+        stack.callback(stage.close)
+    text_cell = stack.enter_context(EmulatedTextCell(options.seed)) if kind == "tube" else None
+    reference = _reference(twin, text_cell, program, REFERENCE_HZ[kind])
+    parts = Parts(sensor, person, PACES[kind], reference=reference, max_force_n=MAX_FORCE_N, stage=stage, origin=ORIGIN)
+    return Simulated(parts, twin, machine, text_cell)
+
+
+def open_logged(
+    stack: contextlib.ExitStack, board: Board, options: TwinOptions, csv: Path, unit: Unit | None = None
+) -> tuple[SensorParts, Path]:
+    """A sensor that a person presses while another program writes the reference to `csv`, by a clock of its own."""
+    simulated = open_simulated(stack, board, "log", options, unit)
+    logger = EmulatedLogger(csv, options.seed, offset_s=LOGGER_OFFSET_S, drift=LOGGER_DRIFT)
+    simulated.twin.twin.listeners.append(logger.measure)
+    simulated.parts.reference.close()
+    return SensorParts(simulated.parts.sensor, simulated.parts.person, simulated.parts.pace), csv
+
+
+def _reference(twin: TwinBench, text_cell: EmulatedTextCell | None, program: str, rate_hz: float) -> Reference:
+    """Weights are their own reference; a tube's paper has a cell on the tip, which has one axis; the others six."""
+    if program == "weights":
+        return PlacedWeight(WEIGHT_SIGMA_G)
+    if text_cell is not None:
+        twin.twin.listeners.append(text_cell.measure)
+        return TextCell(text_cell.port, "N", float(FULL_SCALE[2]), float(SIGMA[2]), rate_hz=rate_hz)
+    return NetworkCell("127.0.0.1", FULL_SCALE, SIGMA, settings=twin.cell.settings, port=twin.cell.port)

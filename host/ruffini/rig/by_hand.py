@@ -1,0 +1,83 @@
+"""Touches that a person makes: weights, presses, loads through a connector. Each returns when it was held."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ruffini.errors import RefusedError
+from ruffini.rig.bench import Bench
+from ruffini.rig.checks import check_axes, check_unit
+from ruffini.rig.manual import HandPress, Target
+from ruffini.rig.program import Condition, HandTouch, Weight
+from ruffini.rig.stage import Place
+from ruffini.rig.touch import FREE_N
+from ruffini.rig.units import GRAVITY_M_S2
+
+Path = list[tuple[float, Place]]
+
+TOLERANCE = 0.15  # of the force that a hand is asked for
+PATIENCE_S = 120.0
+BEGUN, ENDED = 0.15, 0.05  # of the load that is asked for: where a load begins and ends
+QUIET_S = 0.3  # of nothing, after a load
+POLL_S = 0.02
+
+
+def weight(bench: Bench, item: Weight, _: Path) -> dict[str, Any]:
+    """A person places a weight, waits, and takes it away. Where a reference weighs it too, it is checked."""
+    bench.person.confirm(f"put {item.told()}")
+    if bench.weight is not None:
+        bench.weight.place(item.grams)
+        bench.reference.fresh()
+    held = time.monotonic()
+    lifted = bench.hold(held)
+    if bench.weight is not None:
+        bench.weight.place(0.0)
+    else:
+        seen = np.mean([r.wrench for r in bench.reference.since(held) if r.host_s < lifted], axis=0)
+        check_axes(bench.reference.facts, seen)
+        check_unit(bench.reference.facts, -float(seen[2]), 1e-3 * item.grams * GRAVITY_M_S2)
+    bench.person.confirm("take it away")
+    bench.rest()
+    return {"touched_host_s": held, "held_host_s": held, "lifted_host_s": lifted}
+
+
+def touch(bench: Bench, item: HandTouch, _: Path) -> dict[str, Any]:
+    """A person presses as hard as is said, and lets go."""
+    begun = time.monotonic()
+    hand = HandPress(lambda: bench.reference.latest().wrench, bench.max_force_n, bench.person.say)
+    held, _right = hand.press(Target(item.x_m, item.y_m, item.force_n, TOLERANCE * item.force_n), guard=bench.guard)
+    lifted = bench.hold(held)
+    hand.release(FREE_N, guard=bench.guard)
+    bench.rest()
+    return {"touched_host_s": begun, "held_host_s": held, "lifted_host_s": lifted}
+
+
+def condition(bench: Bench, item: Condition, _: Path) -> dict[str, Any]:
+    """A person loads the connector and lets go; held is from when it begins until it ends."""
+    bench.person.say(item.told())
+    begun = _wait(bench, item, lambda part: part > BEGUN, 0.0, "no load came")
+    ended = _wait(bench, item, lambda part: part < ENDED, QUIET_S, "the load stayed")
+    bench.person.say("good")
+    bench.rest()
+    return {"touched_host_s": begun, "held_host_s": begun, "lifted_host_s": ended}
+
+
+def _wait(bench: Bench, item: Condition, is_so: Callable[[float], bool], for_s: float, told: str) -> float:
+    """Until the largest part of the load has been so for a while; when that began."""
+    deadline, since = time.monotonic() + PATIENCE_S, None
+    while (now := time.monotonic()) < deadline:
+        bench.guard()
+        bench.stream.latest()
+        wrench = bench.reference.latest().wrench
+        force_n = float(np.linalg.norm(np.nan_to_num(wrench[:3])))
+        if force_n > bench.max_force_n:
+            raise RefusedError(f"loaded with {force_n:.2f} N, more than the {bench.max_force_n:g} N allowed: let go")
+        since = (since or now) if is_so(float(abs(item.part(wrench)).max())) else None
+        if since is not None and now - since >= for_s:
+            return since
+        time.sleep(POLL_S)
+    raise RefusedError(f"{told} within {PATIENCE_S:g} s: {item.told()}")

@@ -1,0 +1,158 @@
+"""References that are not there, in their real protocols: RDT over UDP, lines over serial, a CSV that grows."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import os
+import pty
+import queue
+import socket
+import struct
+import threading
+import time
+import tty
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from ruffini.rig.network_cell import MAGIC, RECORD, REQUEST, STREAM, Settings
+
+Array = npt.NDArray[np.float64]
+
+FULL_SCALE = np.array([20.0, 20, 20, 0.5, 0.5, 0.5])
+SIGMA = np.array([0.005, 0.005, 0.005, 5e-5, 5e-5, 5e-5])
+NOISE = 0.3  # of SIGMA, from reading to reading
+PER_COUNT = np.array([1e-6] * 3 + [1e-8] * 3)
+POLL_S = 0.05
+ERROR_BIT, SATURATED_BIT = 1 << 31, 1 << 17
+
+
+class Mount(NamedTuple):
+    """How a six-axis reference stands: turn from the pad's axes, degrees; the pad's centre in its frame; its load."""
+
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    hanging: tuple[float, ...] = (0.0, 0.0, -0.3, 0.001, 0.0, 0.0)
+
+    def reads(self, wrench: Array) -> Array:
+        """What it reads of a wrench ON the pad about its centre."""
+        turn = Rotation.from_euler("xyz", self.turn_deg, degrees=True)
+        force = turn.apply(wrench[:3])
+        return np.concatenate([force, turn.apply(wrench[3:]) + np.cross(self.arm_m, force)]) + self.hanging
+
+
+NO_MOUNT = Mount()
+ASKEW = Mount((0.5, -0.8, 4.0), (1.5e-3, -1e-3, 22e-3))
+
+
+class EmulatedNetworkCell:
+    """A force/torque box on loopback: one record for each wrench that it is told, with noise; can be disturbed."""
+
+    def __init__(self, rate_hz: float, seed: int, mount: Mount = NO_MOUNT) -> None:
+        self.settings = Settings(PER_COUNT, "N", "Nm", rate_hz)  # what its page would say
+        self.mount, self.gain, self.drift, self.delay_s = mount, np.ones(6), np.zeros(6), 0.0
+        self.is_plugged, self.is_saturated = True, False
+        self._rng = np.random.default_rng(seed)
+        self._told: queue.SimpleQueue[tuple[float, Array]] = queue.SimpleQueue()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.setblocking(False)
+        self.port = int(self._socket.getsockname()[1])
+        self._peer: tuple[str, int] | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="force/torque box", daemon=True)
+
+    def __enter__(self) -> EmulatedNetworkCell:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._socket.close()
+
+    def measure(self, frame: int, wrench: Array) -> None:
+        """This is the pad's wrench now. Any thread."""
+        self._told.put((time.monotonic() + self.delay_s, wrench.copy()))
+
+    def _run(self) -> None:
+        sequence = 0
+        while not self._stop.is_set():
+            try:
+                due_s, wrench = self._told.get(timeout=POLL_S)
+            except queue.Empty:
+                self._listen()
+                continue
+            time.sleep(max(0.0, due_s - time.monotonic()))
+            self._listen()
+            if self._peer is not None and self.is_plugged:
+                sequence += 1
+                self._socket.sendto(self._record(sequence, wrench), self._peer)
+
+    def _listen(self) -> None:
+        with contextlib.suppress(BlockingIOError, ConnectionRefusedError, struct.error):
+            while True:
+                request, asker = self._socket.recvfrom(64)
+                magic, command, _ = REQUEST.unpack(request)
+                self._peer = asker if magic == MAGIC and command == STREAM else None
+
+    def _record(self, sequence: int, wrench: Array) -> bytes:
+        noise = NOISE * SIGMA * self._rng.normal(size=6)
+        counts = np.round(self.gain * (self.mount.reads(wrench) + self.drift + noise) / PER_COUNT).astype(int)
+        status = ERROR_BIT | SATURATED_BIT if self.is_saturated else 0
+        return RECORD.pack(sequence, sequence, status, *counts.tolist())
+
+
+class EmulatedTextCell:
+    """A microcontroller on a pty that prints each force it is told, in `unit`."""
+
+    def __init__(self, seed: int, *, unit: str = "N", per_newton: float = 1.0, noise_n: float = 0.002) -> None:
+        self._rng, self._unit, self._per_newton, self._noise_n = np.random.default_rng(seed), unit, per_newton, noise_n
+        self._board, self._host = pty.openpty()
+        tty.setraw(self._host)
+        os.set_blocking(self._board, False)
+        self.port = os.ttyname(self._host)
+
+    def __enter__(self) -> EmulatedTextCell:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.unplug()
+
+    def unplug(self) -> None:
+        """The cable is pulled."""
+        for descriptor in (self._board, self._host):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+
+    def measure(self, frame: int, wrench: Array) -> None:
+        """This is the pad's wrench now."""
+        pressed_n = -float(wrench[2]) + self._noise_n * self._rng.normal()
+        with contextlib.suppress(OSError):  # nobody reads, or the cable was pulled
+            os.write(self._board, f"{pressed_n * self._per_newton:.4f} {self._unit}\r\n".encode())
+
+
+class EmulatedLogger:
+    """Another program that writes each wrench it is told to a CSV, with a clock of its own."""
+
+    def __init__(self, path: Path, seed: int, *, offset_s: float = 0.0, drift: float = 0.0) -> None:
+        self._path, self._rng = path, np.random.default_rng(seed)
+        self.offset_s, self.drift = offset_s, drift
+        self._begun_s = time.monotonic()
+        self._lock = threading.Lock()
+        with path.open("a", newline="") as stream:
+            csv.writer(stream).writerow(["time_s", "fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"])
+
+    def time_of(self, host_s: float) -> float:
+        """What its clock shows."""
+        return self.offset_s + (host_s - self._begun_s) * (1 + self.drift)
+
+    def measure(self, frame: int, wrench: Array) -> None:
+        """This is the pad's wrench now."""
+        row = [self.time_of(time.monotonic()), *(wrench + NOISE * SIGMA * self._rng.normal(size=6))]
+        with self._lock, self._path.open("a", newline="") as stream:
+            csv.writer(stream).writerow([f"{v:.7f}" for v in row])

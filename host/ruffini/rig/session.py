@@ -1,0 +1,115 @@
+"""A bench made ready: sensor, reference and stage connected, homed, at rest, and guarded."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from ruffini.boards import Board
+from ruffini.device import Connection
+from ruffini.rig.bench import MAX_HOLD_S, Bench, Person
+from ruffini.rig.guarded_stage import GuardedStage, Limits, force_guard
+from ruffini.rig.placed_weight import PlacedWeight
+from ruffini.rig.reference import Reference
+from ruffini.rig.settings import RigSettings
+from ruffini.rig.stage import Guard, Place, Stage, nobody
+from ruffini.rig.stream_watch import STALL_S, StreamWatch
+from ruffini.rig.touch import LONGEST_GAP_S
+from ruffini.rig.watch import Watch
+
+NO_REFERENCE = "FLAG_NO_REFERENCE"
+BAD_FLAGS = (NO_REFERENCE, "FLAG_MARKERS_LOST", "FLAG_SATURATED", "FLAG_OVER_RANGE", "FLAG_DARK", "FLAG_OVEREXPOSED")
+
+
+class Pace(NamedTuple):
+    """How slow a bench may be."""
+
+    frame_hz: float | None = None  # of the camera; None = the board's
+    stall_s: float = STALL_S
+    longest_gap_s: float = LONGEST_GAP_S
+    max_hold_s: float = MAX_HOLD_S
+    image_bytes_per_s: float = 4e5  # of the line, for pictures
+
+
+@dataclass(frozen=True)
+class SensorParts:
+    """A sensor that is connected, and who touches it."""
+
+    sensor: Connection
+    person: Person
+    pace: Pace = field(default_factory=Pace)
+
+
+@dataclass(frozen=True)
+class Parts(SensorParts):
+    """What a bench is made of, connected."""
+
+    reference: Reference = field(kw_only=True)
+    max_force_n: float = field(kw_only=True)
+    stage: Stage | None = field(default=None, kw_only=True)
+    origin: Place = field(default=Place(0.0, 0.0, 0.0), kw_only=True)
+
+
+def open_real(stack: contextlib.ExitStack, settings: RigSettings, sensor: Connection, person: Person) -> Parts:
+    """Connect to what a bench's file names; `stack` gives it back."""
+    reference, max_force_n = settings.reference.open(), settings.limits.max_force_n
+    if settings.stage is None:
+        return Parts(sensor, person, reference=reference, max_force_n=max_force_n)
+    try:
+        stage = settings.stage.open()
+    except BaseException:
+        reference.close()
+        raise
+    stack.callback(stage.close)
+    return Parts(sensor, person, reference=reference, max_force_n=max_force_n, stage=stage,
+                 origin=settings.stage.origin)  # fmt: skip
+
+
+class Watched(NamedTuple):
+    """A stream at rest; the bits that spoil a frame, by name; a word for this run of the daemon."""
+
+    stream: StreamWatch
+    bad_flags: dict[int, str]
+    session: str
+
+
+@contextlib.contextmanager
+def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Watched]:
+    """The sensor's stream, with what its pipeline makes and some pictures."""
+    names = {1 << i: sensor.schema.enum_names("FlagBit", 1 << i) for i in range(32)}
+    bits = {found[0]: bit for bit, found in names.items() if found and found[0] in BAD_FLAGS}
+    camera, stages = board.camera, board.pipeline.stages
+    frame_hz = pace.frame_hz or camera.rate_mhz * 1e-3
+    image_every = math.ceil(frame_hz * camera.width_px * camera.height_px * 3 / pace.image_bytes_per_s)
+    with StreamWatch(
+        sensor, field_every=int("displacement" in stages), marker_every=int("markers" in stages),
+        image_every=image_every, stall_s=pace.stall_s,
+    ) as stream:  # fmt: skip
+        stream.wait_for_rest(bits[NO_REFERENCE])
+        bad_flags = {bit: name.removeprefix("FLAG_").lower() for name, bit in bits.items()}
+        yield Watched(stream, bad_flags, f"{sensor.hello.session_id:x}")
+
+
+@contextlib.contextmanager
+def ready_bench(parts: Parts, board: Board, limits: Limits | None, key: Guard = nobody) -> Iterator[Bench]:
+    """The bench, homed and at rest; `key` raises when it is to stop."""
+    with Watch(parts.reference) as watch, watched_stream(parts.sensor, board, parts.pace) as watched:
+        sensor_guard = force_guard("the sensor", watched.stream.force, parts.max_force_n)
+
+        def guard() -> None:
+            key()
+            sensor_guard()
+
+        stage = None
+        if parts.stage is not None and limits is not None:
+            parts.stage.home()
+            stage = GuardedStage(parts.stage, parts.origin, limits, lambda: watch.latest().wrench, [guard],
+                                 fresh_force_of=lambda: watch.fresh().wrench)  # fmt: skip
+        weight = parts.reference if isinstance(parts.reference, PlacedWeight) else None
+        yield Bench(
+            watch, watched.stream, watched.bad_flags, parts.person, parts.max_force_n, stage, guard, weight,
+            watched.session, parts.pace.longest_gap_s, parts.pace.max_hold_s,
+        )  # fmt: skip

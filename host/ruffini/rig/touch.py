@@ -1,0 +1,112 @@
+"""One touch as it is kept: what arrived while it lasted, cut and looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.rig.guarded_stage import CONTACT_N
+from ruffini.rig.log_file import TouchRecord
+from ruffini.rig.reference import Reading
+from ruffini.rig.stage import Place
+from ruffini.rig.stream_watch import StreamSample, Window
+
+Array = npt.NDArray[np.float64]
+Arrays = dict[str, npt.NDArray[Any]]
+T = TypeVar("T")
+
+LONGEST_GAP_S = 0.3  # without a frame
+MIN_FRAMES, MIN_READINGS = 5, 3  # while it is held
+FREE_N = CONTACT_N / 2  # of the reference after the tip was lifted
+FIELDS_KEPT, REST_FIELDS_KEPT, IMAGES_KEPT = 4, 2, 4  # of a hold, of before it: they are all alike
+MARKERS_KEPT = 40
+
+
+def record_of(
+    window: Window, readings: Sequence[Reading], path: Sequence[tuple[float, Place]], facts: dict[str, Any]
+) -> TouchRecord:
+    """What arrived since the touch began; `facts` says when it was held."""
+    arrays = {
+        **_stream_arrays(window.frames), **_kept(window, facts),
+        "reference_s": np.array([r.host_s for r in readings]),
+        "reference_wrench": np.array([r.wrench for r in readings]).reshape(-1, 6),
+        "stage_s": np.array([t for t, _ in path]), "stage_place": np.array([p for _, p in path]).reshape(-1, 3),
+    }  # fmt: skip
+    more = {"image_step_px": window.images[-1].step_px} if "image" in arrays else {}
+    return TouchRecord({**facts, **more}, _rising(arrays))
+
+
+def faults_of(
+    arrays: Arrays, facts: dict[str, Any], bad_flags: dict[int, str], *, longest_gap_s: float = LONGEST_GAP_S
+) -> list[str]:
+    """What is wrong with a touch, in words; nothing where it is good."""
+    host_s, flags = arrays["stream_host_s"], arrays["stream_flags"]
+    is_held = (host_s > facts["held_host_s"]) & (host_s < facts["lifted_host_s"])
+    found = []
+    if is_held.sum() < MIN_FRAMES:
+        found.append(f"{is_held.sum()} frames while it was held, {MIN_FRAMES} are needed")
+    if len(host_s) > 1 and np.diff(host_s).max() > longest_gap_s:
+        found.append(f"no frame for {np.diff(host_s).max():.2f} s")
+    found += [name for bit, name in bad_flags.items() if (flags[is_held] & bit).any()]
+    reference_s, wrench = arrays["reference_s"], arrays["reference_wrench"]
+    is_seen = (reference_s > facts["held_host_s"]) & (reference_s < facts["lifted_host_s"])
+    if is_seen.sum() < MIN_READINGS:
+        return [*found, f"{is_seen.sum()} readings of the reference while it was held, {MIN_READINGS} are needed"]
+    if facts.get("is_saturated"):
+        found.append("the reference was saturated")
+    pressed_n = float(np.linalg.norm(np.nan_to_num(wrench[is_seen, :3].mean(axis=0))))
+    if pressed_n < CONTACT_N:
+        found.append(f"the reference saw only {pressed_n:.3f} N")
+    left_n = float(np.linalg.norm(np.nan_to_num(wrench[-1, :3])))
+    if left_n > FREE_N:
+        found.append(f"{left_n:.3f} N stayed after the tip was lifted: the reference drifted, or the tip sticks")
+    return found
+
+
+def _stream_arrays(samples: list[StreamSample]) -> Arrays:
+    return {
+        "stream_s": np.array([s.stream_s for s in samples]), "stream_host_s": np.array([s.host_s for s in samples]),
+        "stream_frame": np.array([s.frame for s in samples], np.int64),
+        "stream_flags": np.array([s.flags for s in samples], np.int64),
+        "stream_wrench": np.array([s.wrench for s in samples]).reshape(-1, 6),
+        "stream_validity": np.array([s.validity for s in samples], np.int64).reshape(-1, 6),
+    }  # fmt: skip
+
+
+def _kept(window: Window, facts: dict[str, Any]) -> Arrays:
+    """The dense results: a few of the hold, and a few of before the contact."""
+    held = {s.stream_s for s in window.frames if facts["held_host_s"] < s.host_s < facts["lifted_host_s"]}
+    free = {s.stream_s for s in window.frames if s.host_s < facts["touched_host_s"]}
+    out: Arrays = {}
+    for prefix, when, n in (("field", held, FIELDS_KEPT), ("rest_field", free, REST_FIELDS_KEPT)):
+        fields = [f for f in window.fields if f.stream_s in when][-n:]
+        if fields:
+            out[f"{prefix}_s"] = np.array([f.stream_s for f in fields])
+            out[f"{prefix}_displacement"] = np.array([f.displacement for f in fields], np.float32)
+    markers = _spread([m for m in window.markers if m.stream_s in held | free], MARKERS_KEPT)
+    if markers:
+        out["marker_s"] = np.array([m.stream_s for m in markers])
+        out["marker_displacement"] = np.array([m.displacement for m in markers], np.float32)
+        places = [m.place for m in markers if m.place is not None]
+        out.update({"marker_place": places[-1]} if places else {})
+    images = [i for i in window.images if i.stream_s in free][-1:]
+    images += _spread([i for i in window.images if i.stream_s in held], IMAGES_KEPT - 1)
+    if images:
+        out["image_s"] = np.array([i.stream_s for i in images])
+        out["image"] = np.array([i.pixels for i in images])
+    return out
+
+
+def _spread(samples: list[T], n: int) -> list[T]:
+    """At most n of them, evenly."""
+    return samples if len(samples) <= n else [samples[i] for i in np.linspace(0, len(samples) - 1, n).astype(int)]
+
+
+def _rising(arrays: Arrays) -> Arrays:
+    """Readings that came in one batch carry one host time: the last of each batch stays."""
+    time_s = arrays["reference_s"]
+    keep = np.append(np.diff(time_s) > 0, True) if len(time_s) else np.zeros(0, bool)
+    return {k: v[keep] if k.startswith("reference_") else v for k, v in arrays.items()}

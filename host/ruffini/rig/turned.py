@@ -1,0 +1,48 @@
+"""A reference whose axes are not the pad's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.errors import InputError
+from ruffini.rig.reference import Facts, Reading, Reference
+
+Array = npt.NDArray[np.float64]
+
+
+def turn_of(axes: Sequence[str], *, is_inverted: bool = False) -> Array:
+    """(3, 3) from the reference's axes to the pad's, e.g. of ("+y", "-x", "+z"); inverted: it measures what acts on it.
+
+    Raises
+    ------
+    InputError
+        They are no turn of right-handed axes.
+    """
+    matrix = np.array([[(-1.0 if a[0] == "-" else 1.0) * (a[1] == name) for name in "xyz"] for a in axes])
+    if not np.isclose(np.linalg.det(matrix), 1):
+        raise InputError(f"axes {', '.join(axes)} of the reference are no turn: each axis once, and right-handed: "
+                         "where only the sign of every force is wrong, give is_inverted = true")  # fmt: skip
+    return -matrix if is_inverted else matrix
+
+
+class Turned:
+    """Readings of another reference, in the pad's axes."""
+
+    def __init__(self, reference: Reference, matrix: Array) -> None:
+        self._reference, self._matrix = reference, matrix
+        facts, mix = reference.facts, abs(matrix)
+        full_scale, sigma = (np.concatenate([mix @ v[:3], mix @ v[3:]]) for v in (facts.full_scale, facts.sigma))
+        self.facts: Facts = replace(facts, full_scale=full_scale, sigma=sigma)
+
+    def read(self, timeout_s: float) -> list[Reading]:
+        return [
+            r._replace(wrench=np.concatenate([self._matrix @ r.wrench[:3], self._matrix @ r.wrench[3:]]))
+            for r in self._reference.read(timeout_s)
+        ]
+
+    def close(self) -> None:
+        self._reference.close()

@@ -1,0 +1,128 @@
+"""A stream and a CSV by another clock: joined on one clock, or told why not, and nothing lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ruffini.errors import InputError
+from ruffini.rig.by_log import align, join, record
+from ruffini.rig.found import on_reference_clock
+from ruffini.rig.log_file import LogWriter, read_log
+from ruffini.rig.stream_watch import FieldSample, ImageSample, MarkerSample, StreamSample, Window
+from ruffini.rig.window_file import packed, read_window
+
+OFFSET_S, DRIFT, LATE_S = 98765.4, 200e-6, 0.035
+
+
+def pressed(t):
+    """Presses of a person: every two to three seconds, each another size."""
+    starts = np.cumsum([2.0, 2.3, 2.9, 2.1, 2.6, 3.1, 2.2, 2.4])
+    sizes = [0.7, 1.3, 0.5, 1.1, 0.9, 1.5, 0.6, 1.2]
+    return sum(s * np.clip(np.minimum(t - a, a + 1.4 - t) / 0.3, 0, 1) for a, s in zip(starts, sizes, strict=True))
+
+
+def stream(*, is_blind: bool = False) -> Window:
+    rng = np.random.default_rng(1)
+    frames, markers = [], []
+    for i, t in enumerate(np.arange(0, 24, 1 / 30)):
+        wrench = np.array([0, 0, -0.7 * pressed(t) + 0.005 * rng.normal(), 0, 0, 0])
+        frames.append(StreamSample(500 + t + LATE_S + 0.01 * rng.uniform(), 40 + t, i, 0,
+                                   np.full(6, np.nan) if is_blind else wrench, (1,) * 6))  # fmt: skip
+        markers.append(MarkerSample(40 + t, np.full((5, 2), pressed(t)) + 0.01 * rng.normal(size=(5, 2)), None))
+    fields = [FieldSample(f.stream_s, np.ones((2, 3, 3))) for f in frames[::3]]
+    return Window(frames, fields, markers, [ImageSample(41.0, np.zeros((4, 4, 3), np.uint8), 1)])
+
+
+def csv_text(*, header: str = "time_s,fz_N", part: slice = slice(None)) -> str:
+    rng = np.random.default_rng(2)
+    t = np.arange(-1, 25, 0.01)
+    clock = OFFSET_S + t * (1 + DRIFT)
+    rows = [f"{c:.5f},{-pressed(s) - 0.2 + 0.003 * rng.normal():.5f}" for c, s in zip(clock, t, strict=True)]
+    return "\n".join([header, *rows[part]])
+
+
+@pytest.fixture
+def log(tmp_path):
+    """A log whose stream was kept in two parts."""
+    writer, window = LogWriter(tmp_path / "log.h5", {"program": "log"}), stream()
+    for number, (low, high) in enumerate([(0, 52), (52, 99)]):
+        writer.side_file(f"stream-{number:04d}.npz").write_bytes(packed(window.between(low, high), "run"))
+    return writer
+
+
+def test_joined_on_one_clock(log, tmp_path):
+    path = tmp_path / "force.csv"
+    path.write_text(csv_text())
+    joined = join(log, path, {}, longest_gap_s=0.3)
+    assert joined == (8, [])
+    whole = read_log(tmp_path / "log.h5")
+    clock = whole.found["csv_clock"]
+    assert clock["drift"] == pytest.approx(DRIFT, abs=60e-6)
+    assert clock["offset_s"] + clock["drift"] * (40 + 12 - clock["middle_s"]) == pytest.approx(
+        OFFSET_S + 12 * (1 + DRIFT) - 52, abs=2e-3
+    )
+    touch = whole.touches[5]
+    seen = np.interp(
+        on_reference_clock(whole, touch), touch.arrays["reference_s"], touch.arrays["reference_wrench"][:, 2]
+    )
+    assert abs(seen + pressed(touch.arrays["stream_s"] - 40)).max() < 0.03
+    assert touch.facts["kind"] == "log"
+    assert len(touch.arrays["field_s"]) == 4
+    assert (
+        list(tmp_path.iterdir()) == [tmp_path / "force.csv", tmp_path / "log.h5"] or len(list(tmp_path.iterdir())) == 2
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (csv_text(header="when,fz_N"), "no column of time"),
+        (csv_text(header="time_s,fz"), "has no unit"),
+        (csv_text(part=slice(0, 320)), "overlap|does not show|nothing happens"),
+    ],
+)
+def test_a_csv_that_does_not_fit_loses_nothing_and_the_right_one_goes_on(log, tmp_path, text, sentence):
+    path = tmp_path / "force.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=sentence):
+        join(log, path, {}, longest_gap_s=0.3)
+    again = LogWriter(tmp_path / "log.h5", {"program": "log"})
+    said = []
+    record(None, type("Person", (), {"say": lambda self, t: said.append(t)})(), again, "run")
+    assert "the stream is there already" in said[0]
+    path.write_text(csv_text())
+    assert join(again, path, {}, longest_gap_s=0.3).n_touches == 8
+
+
+def test_a_sensor_without_force_is_joined_by_its_markers():
+    t = np.arange(-1, 25, 0.01)
+    window = stream(is_blind=True)
+    from ruffini.rig.by_log import _activity
+
+    fit = align(np.array([f.stream_s for f in window.frames]), _activity(window), OFFSET_S + t, pressed(t))
+    assert fit.offset_s == pytest.approx(OFFSET_S - 40, abs=2e-3)
+    with pytest.raises(InputError, match="neither force nor markers"):
+        _activity(window._replace(markers=[]))
+
+
+def test_a_touch_with_a_fault_is_left_out_and_named(log, tmp_path):
+    path = tmp_path / "force.csv"
+    path.write_text(csv_text())
+    gap = stream()
+    frames = [f for f in gap.frames if not 44.7 < f.stream_s < 45.3]  # in the second press
+    for chunk in log.side_file("").glob("*.npz"):
+        chunk.unlink()
+    log.side_file("stream-0000.npz").write_bytes(packed(gap._replace(frames=frames), "run"))
+    joined = join(log, path, {}, longest_gap_s=0.3)
+    assert joined.n_touches == 7
+    assert "no frame for 0.6" in joined.faults[0]
+
+
+def test_a_window_is_read_as_it_was_written(tmp_path):
+    window, back = stream(), Window([], [], [], [])
+    (tmp_path / "w.npz").write_bytes(packed(window, "abc"))
+    assert read_window(tmp_path / "w.npz", back) == "abc"
+    assert [len(part) for part in back] == [len(part) for part in window]
+    assert back.frames[7].wrench == pytest.approx(window.frames[7].wrench)
+    assert back.markers[3].place is None
