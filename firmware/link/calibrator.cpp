@@ -83,11 +83,27 @@ Status Calibrator::commit() {
     abort();
     return prepared.error();
   }
-  const Status installed = store_.install(upload_);
+  const Status installed = install(upload_, std::move(prepared).value());
+  if (installed) abort();
+  return installed;
+}
+
+Status Calibrator::undo() {
+  const auto before = store_.load_previous();
+  if (!before) return before.error();
+  if (before.value().empty()) {
+    return Error{ErrorKind::kBadInput, "no calibration was in force before this one: flash the file that is wanted"};
+  }
+  auto prepared = prepare(before.value());
+  if (!prepared) return prepared.error();
+  return install(before.value(), std::move(prepared).value());
+}
+
+Status Calibrator::install(std::span<const uint8_t> bytes, Prepared prepared) {
+  const Status installed = store_.install(bytes);
   if (!installed) return installed.error();
-  active_ = prepared.value().calibration;
-  delete exchange_.next_path.exchange(prepared.value().path.release(), std::memory_order_acq_rel);
-  abort();
+  active_ = std::move(prepared.calibration);
+  delete exchange_.next_path.exchange(prepared.path.release(), std::memory_order_acq_rel);
   return Unit{};
 }
 

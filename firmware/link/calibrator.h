@@ -37,6 +37,8 @@ class Calibrator {
   // On success the file is durable and handed to the frame thread.
   [[nodiscard]] Status commit();
   void abort();
+  // Puts in force what was so before the last commit; once more takes that back.
+  [[nodiscard]] Status undo();
 
   [[nodiscard]] uint64_t next_offset() const { return upload_.size(); }
   [[nodiscard]] bool is_receiving() const { return is_receiving_; }
@@ -49,6 +51,7 @@ class Calibrator {
     ActiveCalibration calibration;
   };
   [[nodiscard]] Result<Prepared> prepare(std::span<const uint8_t> bytes) const;
+  [[nodiscard]] Status install(std::span<const uint8_t> bytes, Prepared prepared);
 
   BoardSettings board_;
   std::string serial_;

@@ -132,6 +132,7 @@ void Session::act(const ruffini_Command& request, ruffini_Reply& reply) {
     case ruffini_Command_flash_chunk_tag:
     case ruffini_Command_flash_commit_tag:
     case ruffini_Command_flash_abort_tag:
+    case ruffini_Command_flash_undo_tag:
       flash(request, reply);
       break;
     case ruffini_Command_get_tag:
@@ -166,10 +167,12 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
       answer(reply, calibrator_.chunk(chunk.offset, {chunk.data.bytes, chunk.data.size}));
       break;
     }
+    case ruffini_Command_flash_undo_tag:
     case ruffini_Command_flash_commit_tag: {
-      const Status committed = calibrator_.commit();
-      answer(reply, committed);
-      if (committed) {
+      const bool is_undo = request.which_action == ruffini_Command_flash_undo_tag;
+      const Status done = is_undo ? calibrator_.undo() : calibrator_.commit();
+      answer(reply, done);
+      if (done) {
         reply.flash_state = ruffini_FlashState_FLASH_STATE_ACTIVE;
         return;
       }

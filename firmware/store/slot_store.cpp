@@ -86,10 +86,14 @@ Result<SlotStore> SlotStore::open(const std::string& folder) {
   return store;
 }
 
-Result<std::vector<uint8_t>> SlotStore::load() const {
-  const std::string active = path(kActive);
-  if (::access(active.c_str(), F_OK) != 0 && errno == ENOENT) return std::vector<uint8_t>{};
-  return read_all(active, false);
+Result<std::vector<uint8_t>> SlotStore::load() const { return load(kActive); }
+
+Result<std::vector<uint8_t>> SlotStore::load_previous() const { return load(kPrevious); }
+
+Result<std::vector<uint8_t>> SlotStore::load(const char* name) const {
+  const std::string file = path(name);
+  if (::access(file.c_str(), F_OK) != 0 && errno == ENOENT) return std::vector<uint8_t>{};
+  return read_all(file, false);
 }
 
 Status SlotStore::install(std::span<const uint8_t> bytes) const {

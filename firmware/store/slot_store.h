@@ -24,11 +24,14 @@ class SlotStore {
 
   // The file in force; an empty vector where there is none.
   [[nodiscard]] Result<std::vector<uint8_t>> load() const;
+  // What was in force before it; an empty vector where there was nothing.
+  [[nodiscard]] Result<std::vector<uint8_t>> load_previous() const;
   // Makes `bytes` the file in force, durably.
   [[nodiscard]] Status install(std::span<const uint8_t> bytes) const;
 
  private:
   explicit SlotStore(std::string folder) : folder_(std::move(folder)) {}
+  [[nodiscard]] Result<std::vector<uint8_t>> load(const char* name) const;
   [[nodiscard]] Status put_in_force(const std::string& incoming) const;
   [[nodiscard]] std::string path(const char* name) const { return folder_ + "/" + name; }
 

@@ -85,7 +85,7 @@ std::vector<Bytes> command_payloads() {
   chunk.action.flash_chunk.data.size = 100;
   std::vector<Bytes> out;
   for (const ruffini_Command& m : {subscribe, zero, get, set, begin, chunk, of_kind(ruffini_Command_flash_commit_tag),
-                                   of_kind(ruffini_Command_flash_abort_tag)}) {
+                                   of_kind(ruffini_Command_flash_abort_tag), of_kind(ruffini_Command_flash_undo_tag)}) {
     out.push_back(serialised(m));
   }
   return out;

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Calibration: operator, material, relaxation, photometric, flash, verify, zero, show, merge.",
+    help="Calibration: operator, material, relaxation, photometric, flash, undo, verify, zero, show, merge.",
 )
 
 OutOption = Annotated[Path, typer.Option("--out", help="Calibration file to write.")]
@@ -299,37 +299,6 @@ def merge(
     merged = container.merge([container.read(f) for f in files])
     container.write(out, merged)
     emit({"file": str(out), "kinds": merged.kinds}, json_, f"{out}: {', '.join(merged.kinds)}")
-
-
-@app.command("flash")
-def flash(
-    files: Annotated[list[Path], typer.Argument(help="Calibration files; several are merged, later ones win.")],
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, write nothing.")] = False,
-    json_: JsonFlag = False,
-) -> None:
-    """Put a calibration in force on the sensor; success means ACTIVE and read back."""
-    from ruffini.boards import parse_board
-    from ruffini.calibrate import container
-
-    read = [container.read(f) for f in files]
-    file = container.merge(read) if len(read) > 1 else read[0]
-    container.verify(file)
-    with open_sensor() as sensor:
-        board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
-        container.check_board(file, board)
-        active = sensor.hello.sensors[0].calibration
-        state = "same" if active.sha256 == file.sha256 else "dry-run" if dry_run else "active"
-        note(f"{sensor.port}: {', '.join(file.kinds)} for {board.name} replaces "
-             + (f"{','.join(active.kinds)} of {active.created_utc}" if active.present else "nothing"))  # fmt: skip
-        if state == "active":
-            with progress_bar("flash") as progress:
-                sensor.flash(file.data, progress)
-    words = {"same": "already in force", "dry-run": "dry run, nothing written", "active": "in force"}
-    emit(
-        {"state": state, "sha256": file.sha256.hex(), "kinds": file.kinds},
-        json_,
-        f"{sensor.port}: {words[state]}",
-    )
 
 
 @app.command("verify")

@@ -208,15 +208,35 @@ class Connection:
                 raise RefusedError(f"{self.port}: the upload does not go on: {reply.text}")
             offset = reply.next_offset
             progress(offset / len(data))
-        reply = self.command(flash_commit={}, timeout_s=COMMIT_TIMEOUT_S)
+        reply = self._in_force(flash_commit={})
+        if self.hello.sensors[0].calibration.sha256 != hashlib.sha256(data).digest():
+            raise VerifyError(f"{self.port}: the calibration in force is not the one that was sent")
+        return reply
+
+    def undo_flash(self) -> Any:
+        """Put the calibration in force that was so before the last flash; the device has kept it. Undoes itself.
+
+        Raises
+        ------
+        RefusedError
+            There was none before, or it no longer fits.
+        VerifyError
+            The medium failed, or the device goes on with what it had.
+        """
+        before = self.hello.sensors[0].calibration.sha256
+        reply = self._in_force(flash_undo={})
+        if self.hello.sensors[0].calibration.sha256 == before:
+            raise VerifyError(f"{self.port}: the calibration in force is still the one that was to be undone")
+        return reply
+
+    def _in_force(self, **action: Any) -> Any:
+        """A command that ends with a calibration in force, and HELLO as it is then."""
+        reply = self.command(**action, timeout_s=COMMIT_TIMEOUT_S)
         if reply.code == self._reply_code("REPLY_STORAGE"):
             raise VerifyError(f"{self.port}: {reply.text}")
         if reply.code or reply.flash_state != 4:
             raise RefusedError(f"{self.port}: {reply.text}")
         self.hello = self._say_hello(HELLO_TIMEOUT_S)
-        active = self.hello.sensors[0].calibration.sha256
-        if active != hashlib.sha256(data).digest():
-            raise VerifyError(f"{self.port}: the calibration in force is not the one that was sent")
         return reply
 
     def _reply_code(self, name: str) -> int:

@@ -88,6 +88,34 @@ TEST_F(CalibratorTest, WhatWasUploadedIsInForceNowAndAfterARestart) {
   EXPECT_EQ(path.value()->calibration_id(), id);
 }
 
+TEST_F(CalibratorTest, UndoPutsBackWhatWasInForceAndUndoesItself) {
+  const Status nothing = calibrator_.undo();
+  ASSERT_FALSE(nothing);
+  EXPECT_NE(nothing.error().message.find("no calibration was in force before"), std::string::npos);
+  Bytes newer = file_;
+  const std::string year = "2026-11-21";
+  const auto at = std::search(newer.begin(), newer.end(), year.begin(), year.end());
+  ASSERT_NE(at, newer.end());
+  at[3] = '7';
+  newer = test::sign(std::move(newer));
+  ASSERT_NE(sha256(newer), sha256(file_));
+  ASSERT_TRUE(upload(file_));
+  ASSERT_TRUE(calibrator_.commit());
+  EXPECT_FALSE(calibrator_.undo());
+  ASSERT_TRUE(upload(newer));
+  ASSERT_TRUE(calibrator_.commit());
+  for (const Bytes* wanted : {&file_, &newer, &file_}) {
+    const Status undone = calibrator_.undo();
+    ASSERT_TRUE(undone) << undone.error().message;
+    EXPECT_EQ(calibrator_.active().sha256, sha256(*wanted));
+    EXPECT_EQ(exchange_.next_path.load()->calibration_id() & 0xFF, static_cast<uint8_t>(sha256(*wanted)[3]));
+    Calibrator later = open();
+    std::string problem;
+    ASSERT_TRUE(later.start(still_clock, problem));
+    EXPECT_EQ(later.active().sha256, sha256(*wanted));
+  }
+}
+
 TEST_F(CalibratorTest, AStoredFileThatDoesNotFitIsNamedAndNotUsed) {
   ASSERT_TRUE(SlotStore::open(folder_).value().install(Bytes(100, 7)));
   Calibrator later = open();

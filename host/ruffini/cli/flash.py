@@ -1,0 +1,75 @@
+"""ruffini cal flash, cal undo: which calibration is in force on a sensor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ruffini.cli.common import JsonFlag, emit, note, progress_bar
+from ruffini.cli.device import open_sensor
+from ruffini.errors import RefusedError
+
+if TYPE_CHECKING:
+    from ruffini.calibrate.container import CalibrationFile
+
+
+def flash(
+    files: Annotated[list[Path], typer.Argument(help="Calibration files; several are merged, later ones win.")],
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, write nothing.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Also where its report fails its gates.")] = False,
+    json_: JsonFlag = False,
+) -> None:
+    """Put a calibration in force on the sensor; success means ACTIVE and read back. `cal undo` takes it back."""
+    from ruffini.boards import parse_board
+    from ruffini.calibrate import container
+
+    read = [container.read(f) for f in files]
+    file = container.merge(read) if len(read) > 1 else read[0]
+    container.verify(file)
+    for one in read:
+        _check_gates(one, force=force)
+    with open_sensor() as sensor:
+        board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
+        container.check_board(file, board)
+        active = sensor.hello.sensors[0].calibration
+        state = "same" if active.sha256 == file.sha256 else "dry-run" if dry_run else "active"
+        note(f"{sensor.port}: {', '.join(file.kinds)} for {board.name} replaces "
+             + (f"{','.join(active.kinds)} of {active.created_utc}" if active.present else "nothing"))  # fmt: skip
+        if state == "active":
+            with progress_bar("flash") as progress:
+                sensor.flash(file.data, progress)
+    words = {"same": "already in force", "dry-run": "dry run, nothing written",
+             "active": "in force; what was before is kept there: `ruffini cal undo` puts it back"}  # fmt: skip
+    emit(
+        {"state": state, "sha256": file.sha256.hex(), "kinds": file.kinds},
+        json_,
+        f"{sensor.port}: {words[state]}",
+    )
+
+
+def _check_gates(file: CalibrationFile, *, force: bool) -> None:
+    """Refuse a file whose own report fails its gates; say where it has none."""
+    from ruffini.calibrate.gates import failed, gates_in
+
+    gates = gates_in(file)
+    if gates is None:
+        note("this file has no report (`ruffini cal fit` writes one): nobody has judged how well it measures")
+        return
+    bad = "; ".join(f"{gate.name}: {gate.text}" for gate in failed(gates))
+    if bad and not force:
+        raise RefusedError(f"this calibration fails its gates ({bad}): collect more and fit again, or give --force")
+    if bad:
+        note(f"FAILS ITS GATES and is flashed by --force: {bad}")
+
+
+def undo(json_: JsonFlag = False) -> None:
+    """Put the calibration in force that was so before the last flash; once more takes that back."""
+    with open_sensor() as sensor:
+        replaced = sensor.hello.sensors[0].calibration
+        sensor.undo_flash()
+        active = sensor.hello.sensors[0].calibration
+    emit({"state": "active", "sha256": active.sha256.hex(), "replaced_sha256": replaced.sha256.hex(),
+          "created_utc": active.created_utc, "kinds": list(active.kinds)}, json_,
+         f"{sensor.port}: {', '.join(active.kinds)} of {active.created_utc} in force again")  # fmt: skip
