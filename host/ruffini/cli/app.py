@@ -17,6 +17,7 @@ from ruffini.cli import (
     fit,
     flash,
     offline,
+    report,
     sim,
     train,
 )
@@ -43,6 +44,7 @@ cal.app.command("convert")(collect.convert)
 cal.app.command("fit")(fit.fit)
 cal.app.command("flash")(flash.flash)
 cal.app.command("undo")(flash.undo)
+cal.app.command("report")(report.report)
 app.add_typer(cal.app, name="cal")
 app.add_typer(sim.app, name="sim")
 app.add_typer(bench.app, name="bench")

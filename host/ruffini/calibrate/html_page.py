@@ -1,0 +1,62 @@
+"""One HTML file that needs no other: headings, tables, pictures inside."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ruffini.files import write_whole
+
+STYLE = """body{font:15px/1.45 system-ui,sans-serif;max-width:1000px;margin:2em auto;padding:0 1em;color:#222}
+table{border-collapse:collapse;margin:.6em 0}td,th{border-bottom:1px solid #ccc;padding:.25em .8em;text-align:left;
+vertical-align:top}td.n{text-align:right;font-variant-numeric:tabular-nums}img{max-width:100%}
+.ok{color:#17692b}.bad{color:#b00020;font-weight:600}.open{color:#777}
+.verdict{font-size:1.3em;padding:.6em 1em;border-left:6px solid}"""
+
+
+class Page:
+    """Collects what is shown, then writes it."""
+
+    def __init__(self, title: str) -> None:
+        self._title, self._parts = title, [f"<h1>{html.escape(title)}</h1>"]
+
+    def heading(self, text: str) -> None:
+        """A section."""
+        self._parts.append(f"<h2>{html.escape(text)}</h2>")
+
+    def text(self, text: str, kind: str = "") -> None:
+        """A paragraph; kind is a class of STYLE."""
+        self._parts.append(f'<p class="{kind}">{html.escape(text)}</p>')
+
+    def table(self, head: Sequence[str], rows: Sequence[Sequence[Any]], kinds: Sequence[str] = ()) -> None:
+        """Rows of text and numbers; kinds: a class for each row."""
+        lines = ["<table><tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"]
+        for i, row in enumerate(rows):
+            cells = "".join(
+                f'<td class="n">{cell:.4g}</td>' if isinstance(cell, float) else f"<td>{html.escape(str(cell))}</td>"
+                for cell in row
+            )
+            lines.append(f'<tr class="{kinds[i] if kinds else ""}">{cells}</tr>')
+        self._parts.append("\n".join(lines) + "</table>")
+
+    def picture(self, figure: Any, what: str) -> None:
+        """A matplotlib figure, inside the file; `what` stands in for those who do not see it."""
+        import matplotlib.pyplot as plt
+
+        stream = io.BytesIO()
+        figure.savefig(stream, format="png", dpi=100)
+        plt.close(figure)
+        data = base64.b64encode(stream.getvalue()).decode()
+        self._parts.append(f'<img alt="{html.escape(what)}" src="data:image/png;base64,{data}">')
+
+    def write(self, path: Path) -> None:
+        """The file, whole or not at all."""
+        head = f'<meta charset="utf-8"><title>{html.escape(self._title)}</title><style>{STYLE}</style>'
+        body = "\n".join(self._parts)
+        write_whole(
+            path, f"<!doctype html>\n<html lang=en><head>{head}</head>\n<body>\n{body}\n</body></html>\n".encode()
+        )

@@ -1,0 +1,53 @@
+"""ruffini cal report: how well a calibration measures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ruffini.cli.common import JsonFlag, emit, note, progress_bar
+
+
+def report(
+    calibration: Annotated[Path, typer.Argument(metavar="CAL", help="Calibration file.")],
+    logs: Annotated[list[Path], typer.Option("--log", help="Log to judge it on; may be given again.")],
+    out: Annotated[Path, typer.Option("--out", help="HTML page to write; its numbers as .json beside it.")],
+    previous: Annotated[Path | None, typer.Option(help="Calibration to compare with.")] = None,
+    fleet: Annotated[Path | None, typer.Option("--prior", help="File of `cal fleet`.")] = None,
+    board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """Judge a calibration on a log: gates, residuals, coverage, accuracy against presses, as one page and JSON."""
+    from ruffini.calibrate import container
+    from ruffini.calibrate.gates import failed
+    from ruffini.calibrate.prior import read_prior
+    from ruffini.calibrate.report import report_of
+    from ruffini.calibrate.report_page import write_page
+    from ruffini.calibrate.touch_log import read_touch_log
+    from ruffini.files import write_whole
+
+    file = container.read(calibration)
+    found = container.board_of(file, board)
+    before = None if previous is None else container.read(previous)
+    if before is not None:
+        container.check_board(before, found)
+    with progress_bar("report") as progress:
+        log = read_touch_log(logs, found, file, progress=lambda done: progress(0.2 * done))
+        made = report_of(
+            found, file, log, previous=before, fleet=None if fleet is None else read_prior(fleet, found),
+            progress=lambda done: progress(0.2 + 0.8 * done),
+        )  # fmt: skip
+    write_page(out, found, file, made)
+    write_whole(out.with_suffix(".json"), json.dumps(made.tree, indent=1).encode() + b"\n")
+    bad = failed(made.gates)
+    for row in made.tree["accuracy_of_presses"]:
+        known = f", from what was known before {1e3 * row['prior']:.1f} mN" if "prior" in row else ""
+        note(f"{row['presses']:3d} presses: force of the others off by {1e3 * row['board']:.1f} mN{known}")
+    emit({"page": str(out), **made.tree}, json_,
+         f"{out}: force off by {1e3 * made.tree['wrench']['force_rmse_n']:.1f} mN RMS over {log.n_touches} touches; "
+         + ("FAILS " + "; ".join(f"{g.name}: {g.text}" for g in bad) if bad else "passes its gates"))  # fmt: skip
+    if bad:
+        raise typer.Exit(1)
