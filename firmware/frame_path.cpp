@@ -10,8 +10,8 @@ namespace {
 // All of them, or none: then uncertainty is not measured.
 constexpr std::array kErrorTensors = {"support.error_reported", "support.error_quiet", "support.error_local",
                                       "support.error_wrench"};
-constexpr uint32_t kWrongFlags =
-    kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark | kFlagOverexposed | kFlagLight;
+constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark |
+                                 kFlagOverexposed | kFlagLight | kFlagFeatures;
 // What light does in a frame beyond which a faint touch cannot be told from it: 0.05 % that are not followed yet
 // (image/light.h takes a sixteenth a frame); noise makes less.
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
@@ -25,14 +25,15 @@ int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / 
 const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us) {
   state_.flags = 0;
   state_.stage_ns.fill(0);
-  state_.uncertainty.is_stated = false;
+  state_.uncertainty.is_stated = state_.uncertainty.is_of_wrench = false;
   const uint64_t saturations_before = state_.saturations.count;
   if (!rest_.is_ready()) {
     learn(frame);
     state_.flags = kFlagNoReference;
   } else {
-    timed(Stage::kDifference, [&] { run_difference(frame); });
-    timed(Stage::kMarkers, [&] { run_markers(frame); });
+    make_grey(frame);
+    timed(Stage::kMarkers, [&] { run_markers(); });
+    timed(Stage::kTargets, [&] { run_targets(); });
     follow_light();
     run_depth();
     timed(Stage::kDisplacement, [&] { run_displacement(); });
@@ -41,6 +42,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
     run_memory(capture_us);
     run_estimators();
     run_uncertainty();
+    run_feature_wrench(capture_us);
   }
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
@@ -56,12 +58,12 @@ void FramePath::timed(Stage stage, Work work) {
 }
 
 void FramePath::learn(const FrameView& frame) {
-  if (rest_.add(frame)) learn_markers();
+  if (rest_.add(frame)) learn_features();
 }
 
-void FramePath::learn_markers() {
+void FramePath::learn_features() {
   light_.learn(rest_.image());
-  if (!has(Stage::kMarkers)) return;
+  if (!has(Stage::kMarkers) && !has(Stage::kTargets)) return;
   const std::span<const uint16_t> rest = rest_.image();
   for (size_t i = 0; i < state_.difference.grey.size(); ++i) {
     // As of a frame (image/difference.h), from 1/16 levels.
@@ -69,6 +71,8 @@ void FramePath::learn_markers() {
     state_.difference.grey[i] = static_cast<uint16_t>((3 * sum + 2) >> 2);
   }
   const std::span<const uint16_t> grey = state_.difference.grey;
+  if (has(Stage::kTargets)) targets_.learn(grey);
+  if (!has(Stage::kMarkers)) return;
   n_markers_at_rest_ = flow_ ? flow_->learn(grey) : lattice_.learn(dots_.detect(grey));
   displacement_.learn(markers());
 }
@@ -77,18 +81,37 @@ void FramePath::run_difference(const FrameView& frame) {
   state_.difference.exposure = difference(frame, rest_, state_.difference.change, state_.difference.grey);
 }
 
-void FramePath::run_markers(const FrameView& frame) {
-  if (!has(Stage::kDifference)) run_difference(frame);  // grey is made there
+// The difference makes it.
+void FramePath::make_grey(const FrameView& frame) {
+  timed(Stage::kDifference, [&] { run_difference(frame); });
+  const bool is_needed = has(Stage::kMarkers) || has(Stage::kTargets);
+  if (!has(Stage::kDifference) && is_needed) run_difference(frame);
+}
+
+void FramePath::run_markers() {
   const std::span<const uint16_t> grey = state_.difference.grey;
   state_.markers.n_lost = flow_ ? flow_->track(grey) : lattice_.track(dots_.detect(grey));
 }
 
+void FramePath::run_targets() {
+  state_.targets.n_lost = targets_.track(state_.difference.grey);
+  if (targets_.is_light_off()) state_.flags |= kFlagLight;
+  const auto px = [](int64_t q16) { return ImagePx::from_raw(static_cast<int32_t>(q16)); };
+  std::transform(targets().begin(), targets().end(), target_marks_.begin(), [&](const Target& t) {
+    return Marker{.rest_x = px(t.rest.x_q16),
+                  .rest_y = px(t.rest.y_q16),
+                  .displacement_x = px(t.now.x_q16 - t.rest.x_q16),
+                  .displacement_y = px(t.now.y_q16 - t.rest.y_q16),
+                  .is_lost = t.is_lost};
+  });
+}
+
 // From the next frame on; this one is as it was compared. Its time counts as the difference's.
 void FramePath::follow_light() {
-  if (!photometric_) return;
+  if (!photometric_ && !has(Stage::kTargets)) return;
   const uint64_t start = clock_();
   const Rest::Gain before = light_.gain();
-  light_.run(state_.difference.change, has(Stage::kMarkers) ? markers() : std::span<const Marker>(), rest_);
+  light_.run(state_.difference.change, hidden(), rest_);
   is_light_steady_ = std::equal(before.begin(), before.end(), light_.gain().begin(),
                                 [](int32_t a, int32_t b) { return std::abs(a - b) < kDriftGain; });
   if (light_.is_off()) state_.flags |= kFlagLight;
@@ -98,7 +121,7 @@ void FramePath::follow_light() {
 void FramePath::run_depth() {
   if (!photometric_) return;
   timed(Stage::kPhotometric, [&] {
-    photometric_->run(state_.difference.change, markers(), state_.photometric.slope);
+    photometric_->run(state_.difference.change, hidden(), state_.photometric.slope);
     if (camera_map_) camera_map_->rectify(state_.photometric.slope);
   });
   SaturationCounter& saturations = depth_is_trusted() ? state_.saturations : untrusted_saturations_;
@@ -189,6 +212,39 @@ void FramePath::run_estimators() {
   });
 }
 
+int FramePath::n_features() const {
+  return static_cast<int>(has(Stage::kTargets) ? 3 * targets().size() : 2 * markers().size());
+}
+
+// Shifts in px Q16, changes of area in px^2 Q8.
+void FramePath::run_feature_wrench(uint64_t capture_us) {
+  if (!feature_wrench_) return;
+  timed(Stage::kFeatureWrench, [&] {
+    auto out = features_.begin();
+    const auto put = [&](int64_t value) { *out++ = saturate_raw<int32_t>(value, state_.saturations); };
+    if (has(Stage::kTargets)) {
+      for (const Target& t : targets()) {
+        put(t.now.x_q16 - t.rest.x_q16);
+        put(t.now.y_q16 - t.rest.y_q16);
+        put(t.now.area_q8 - t.rest.area_q8);
+      }
+    } else {
+      for (const Marker& m : markers()) {
+        put(m.displacement_x.raw());
+        put(m.displacement_y.raw());
+      }
+    }
+    // A frame that is not to be believed is not remembered.
+    const bool is_wrong = (state_.flags & kWrongFlags) != 0;
+    const FeatureWrench::Outcome said = feature_wrench_->run(features_, is_wrong ? 0 : capture_us, state_.saturations);
+    state_.wrench = said.wrench;
+    state_.uncertainty.wrench = said.covariance;
+    state_.uncertainty.is_of_wrench = true;
+    if (!said.is_in_agreement) state_.flags |= kFlagFeatures;
+    if (!said.is_in_range) state_.flags |= kFlagOverRange;
+  });
+}
+
 void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   state_.flags = 0;
   std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
@@ -209,6 +265,7 @@ void FramePath::judge_input() {
                                100 * n_missing > (100 - kMinMarkersPercent) * lattice_.size().count())) {
     s.flags |= kFlagMarkersLost;
   }
+  if (s.targets.n_lost > 0) s.flags |= kFlagMarkersLost;
   const int64_t limit_q3 = board_.pad.thickness_um * 8 / 2;
   for (const NodeDisplacement& u : s.displacement.node) {
     if (std::max({u.x.raw(), u.y.raw(), u.z.raw()}) > limit_q3 ||
@@ -222,8 +279,8 @@ void FramePath::judge_input() {
 // Validity of everything that this frame says.
 void FramePath::judge() {
   FrameState& s = state_;
-  if (!operator_) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
-  if (!photometric_ || is_foreign_optics_) s.flags |= kFlagUncalibratedZ;
+  if (!operator_ && !feature_wrench_) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
+  if (!feature_wrench_ && (!photometric_ || is_foreign_optics_)) s.flags |= kFlagUncalibratedZ;
   const bool is_wrong = (s.flags & kWrongFlags) != 0;
   if (is_wrong) slip_.forget();
   const auto verdict = [&](bool is_measured, bool is_calibrated) {
@@ -236,18 +293,34 @@ void FramePath::judge() {
   s.force_xy = verdict(operator_.has_value(), true);
   s.force_z = verdict(operator_ && depth_is_trusted(), true);
   s.uncertainty.validity = verdict(s.uncertainty.is_stated, true);
+  s.wrench_validity = {s.force_xy, s.force_xy, s.force_z, s.force_z, s.force_z, s.force_xy};
+  if (feature_wrench_) {
+    for (size_t i = 0; i < s.wrench_validity.size(); ++i) {
+      s.wrench_validity[i] = verdict(feature_wrench_->measures(i), true);
+    }
+  } else {
+    s.uncertainty.is_of_wrench = s.uncertainty.is_stated;
+  }
+  s.uncertainty.wrench_validity = verdict(s.uncertainty.is_of_wrench, true);
   if (s.force_z == Validity::kValid && s.contacts.reaches_border) s.flags |= kFlagWindowBorder;
 }
 
 void FramePath::zero(int n_frames) {
   rest_.restart(n_frames);
+  forget();
+}
+
+// What was done to the pad before.
+void FramePath::forget() {
   if (relaxation_) relaxation_->forget();
+  if (feature_wrench_) feature_wrench_->forget();
 }
 
 void FramePath::set_rest(std::span<const uint16_t> image) {
   rest_.load(image);
   slip_.forget();
-  learn_markers();
+  if (feature_wrench_) feature_wrench_->forget();
+  learn_features();
 }
 
 FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration,
@@ -261,6 +334,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       light_(board.camera.width_px, board.camera.height_px),
       dots_(dot_parameters(board)),
       lattice_(board),
+      targets_(board),
       poisson_(board),
       displacement_(board),
       contact_threshold_lsb_(whole_steps(board.contact.threshold_un, board.force_lsb_un)),
@@ -271,6 +345,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
     const auto at = std::find(known_stages().begin(), known_stages().end(), stage) - known_stages().begin();
     is_on_[static_cast<size_t>(at)] = true;
   }
+  target_marks_.resize(targets().size());
   if (has(Stage::kMarkers) && board.markers.polarity == Polarity::kTexture) flow_.emplace(board);
   const auto n_pixels = static_cast<size_t>(board.camera.width_px * board.camera.height_px);
   const auto n_nodes = static_cast<size_t>(nodes_.size().count());
@@ -372,6 +447,12 @@ Status FramePath::load_tables() {
     auto relaxation = Relaxation::load(c, nodes_.size().count());
     if (!relaxation) return relaxation.error();
     relaxation_.emplace(std::move(relaxation).value());
+  }
+  if (has(Stage::kFeatureWrench) && c.has_kind("wrench")) {
+    auto map = FeatureWrench::load(c, has(Stage::kTargets) ? "targets" : "markers", n_features());
+    if (!map) return map.error();
+    feature_wrench_.emplace(std::move(map).value());
+    features_.resize(static_cast<size_t>(n_features()));
   }
   if (c.has_kind("rest")) {
     auto image = c.tensor("rest.image", Tensor::Type::kU16, {board_.camera.height_px, board_.camera.width_px, 3});

@@ -8,11 +8,13 @@
 #include <vector>
 
 #include "base/result.h"
+#include "estimators/feature_wrench.h"
 #include "frame_state.h"
 #include "image/camera_map.h"
 #include "image/light.h"
 #include "image/poisson.h"
 #include "image/rest.h"
+#include "image/targets.h"
 #include "image/texture_flow.h"
 #include "image/views.h"
 #include "solve/block_program.h"
@@ -59,6 +61,7 @@ class FramePath {
 
   [[nodiscard]] const FrameState& state() const { return state_; }
   [[nodiscard]] std::span<const Marker> markers() const { return flow_ ? flow_->markers() : lattice_.markers(); }
+  [[nodiscard]] std::span<const Target> targets() const { return targets_.targets(); }
   // Of a frame that holds several views; no stage reads them.
   [[nodiscard]] const std::optional<ViewMaps>& views() const { return views_; }
   // Whether Marker::quality says something.
@@ -80,10 +83,15 @@ class FramePath {
   [[nodiscard]] bool depth_is_trusted() const { return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_; }
   [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
 
+  // What hides the surface, and tells whether the pad is at rest.
+  [[nodiscard]] std::span<const Marker> hidden() const { return has(Stage::kTargets) ? target_marks_ : markers(); }
+  void forget();
   void learn(const FrameView& frame);
-  void learn_markers();
+  void learn_features();
   void run_difference(const FrameView& frame);
-  void run_markers(const FrameView& frame);
+  void make_grey(const FrameView& frame);
+  void run_markers();
+  void run_targets();
   void follow_light();
   void run_depth();
   void run_displacement();
@@ -92,6 +100,8 @@ class FramePath {
   void run_memory(uint64_t capture_us);
   void run_estimators();
   void run_uncertainty();
+  void run_feature_wrench(uint64_t capture_us);
+  [[nodiscard]] int n_features() const;
   void judge_input();
   void judge();
   template <typename Work>
@@ -110,6 +120,8 @@ class FramePath {
   MarkerTracker lattice_;
   std::optional<TextureFlow> flow_;  // in place of dots and lattice where the board's markers are patches of a texture
   int n_markers_at_rest_ = 0;
+  TargetTracker targets_;
+  std::vector<Marker> target_marks_;  // targets as what hides the surface
   std::optional<CameraMap> camera_map_;
   std::optional<ViewMaps> views_;
   std::optional<Photometric> photometric_;
@@ -122,6 +134,8 @@ class FramePath {
   std::optional<Relaxation> relaxation_;
   std::optional<NodeSigmaModel> node_error_;
   std::optional<WrenchErrorModel> wrench_error_;
+  std::optional<FeatureWrench> feature_wrench_;
+  std::vector<int32_t> features_;
   uint32_t calibration_id_ = 0;
   int64_t contact_threshold_lsb_;
   ContactMask mask_;

@@ -35,6 +35,7 @@ enum Flag : uint32_t {
   kFlagOverexposed = 128,
   kFlagWindowBorder = 512,
   kFlagLight = 1024,
+  kFlagFeatures = 2048,
 };
 
 // Numbers are those of Validity in ruffini.proto.
@@ -43,12 +44,14 @@ enum class Validity : uint8_t { kNotMeasured = 0, kValid = 1, kUncalibrated = 2,
 enum class Stage : uint8_t {
   kDifference,
   kMarkers,
+  kTargets,
   kPhotometric,
   kPoisson,
   kDisplacement,
   kOperator,
   kSupport,
   kWrench,
+  kFeatureWrench,
   kContacts,
   kCount
 };
@@ -61,6 +64,7 @@ struct FrameState {
   Validity force_xy = Validity::kNotMeasured;
   Validity force_z = Validity::kNotMeasured;
   Validity depth_validity = Validity::kNotMeasured;
+  std::array<Validity, 6> wrench_validity{};  // of each component
 
   struct {
     std::vector<RelativeChange> change;  // planes of B, G and R, height x width each
@@ -70,6 +74,9 @@ struct FrameState {
   struct {
     int n_lost = 0;
   } markers;  // the markers themselves: FramePath::markers()
+  struct {
+    int n_lost = 0;
+  } targets;  // the targets themselves: FramePath::targets()
   struct {
     std::vector<CellSlope> slope;  // depth grid
   } photometric;
@@ -89,8 +96,10 @@ struct FrameState {
   struct {
     std::vector<NodeSigma> node;  // observed nodes
     WrenchCovariance wrench;
-    bool is_stated = false;  // in this frame: there is an error model, and the second pass ran
+    bool is_stated = false;     // in this frame: there is an error model, and the second pass ran
+    bool is_of_wrench = false;  // the covariance is stated in this frame
     Validity validity = Validity::kNotMeasured;
+    Validity wrench_validity = Validity::kNotMeasured;
   } uncertainty;
   Wrench wrench;
   ContactList contacts;

@@ -65,6 +65,29 @@ class Reader {
     return values;
   }
 
+  [[nodiscard]] bool has(const char* key) const { return table_ != nullptr && table_->contains(key); }
+
+  // A list of [x, y], both in [low, high].
+  std::vector<PadPlace> places(const char* key, int64_t low, int64_t high) {
+    std::vector<PadPlace> values;
+    const toml::node* node = find(key);
+    const toml::array* list = node == nullptr ? nullptr : node->as_array();
+    const auto refuse = [&] {
+      fail(path(key) + " must be a list of [x, y], integers from " + std::to_string(low) + " to " +
+           std::to_string(high));
+    };
+    if (list == nullptr || list->empty()) return refuse(), values;
+    for (const toml::node& item : *list) {
+      const toml::array* pair = item.as_array();
+      if (pair == nullptr || pair->size() != 2) return refuse(), values;
+      const auto x = (*pair)[0].value_exact<int64_t>();
+      const auto y = (*pair)[1].value_exact<int64_t>();
+      if (!x || !y || std::min(*x, *y) < low || std::max(*x, *y) > high) return refuse(), values;
+      values.push_back({*x, *y});
+    }
+    return values;
+  }
+
   int choice(const char* key, const std::vector<std::string>& allowed) {
     const std::string value = text(key);
     const auto found = std::find(allowed.begin(), allowed.end(), value);
@@ -173,6 +196,16 @@ void read_markers(Reader& in, MarkerSettings& markers) {
   markers.max_lost = in.integer("max_lost", 0, 4'096);
 }
 
+// As with [markers].
+void read_targets(Reader& in, TargetSettings& targets) {
+  if (!in.has_section("targets")) return;
+  in.section("targets");
+  targets.places = in.places("places_um", 0, kMaxLengthUm);
+  targets.below_um = in.integer("below_um", 0, kMaxLengthUm);
+  targets.diameter_um = in.integer("diameter_um", 20, 50'000);
+  targets.threshold_1e3 = in.integer("threshold_1e3", 10, 900);
+}
+
 void read_rest(Reader& in, BoardSettings& board) {
   in.section("depth");
   board.depth.gauge = in.choice("gauge", {"margin", "mean"}) == 0 ? Gauge::kMargin : Gauge::kMean;
@@ -224,6 +257,38 @@ void check_markers(Reader& in, const BoardSettings& board) {
   }
 }
 
+bool has_stage(const BoardSettings& board, const char* name) {
+  return std::find(board.stages.begin(), board.stages.end(), name) != board.stages.end();
+}
+
+void check_targets(Reader& in, const BoardSettings& board) {
+  const TargetSettings& targets = board.targets;
+  if (has_stage(board, "feature_wrench")) {
+    if (!has_stage(board, "targets") && !has_stage(board, "markers")) {
+      in.fail("stage feature_wrench needs the stage targets or markers");
+    } else if (has_stage(board, "wrench")) {
+      in.fail("stages wrench and feature_wrench both say the wrench: leave one of them out");
+    }
+  }
+  if (targets.places.empty()) {
+    if (has_stage(board, "targets")) in.fail("section [targets] is missing");
+    return;
+  }
+  if (std::ssize(targets.places) > 16) in.fail("targets.places_um lists more than 16 places");
+  for (const PadPlace& at : targets.places) {
+    if (at.x_um > board.pad.size_x_um || at.y_um > board.pad.size_y_um) {
+      in.fail("targets.places_um reaches beyond the pad");
+    }
+  }
+  const int64_t distance_um = board.camera.standoff_um - targets.below_um;
+  if (distance_um <= 0) return in.fail("targets.below_um is not in front of the camera");
+  const int64_t radius_px = targets.diameter_um * board.camera.focal_mpx / (2'000 * distance_um);
+  if (radius_px < 16 || radius_px > 200) {  // DiscEdge::kMinRadiusPx, kMaxRadiusPx
+    in.fail("targets.diameter_um makes a radius of " + std::to_string(radius_px) +
+            " px in the image: 16 to 200 can be measured");
+  }
+}
+
 // What no single key can tell.
 void cross_check(Reader& in, const BoardSettings& board) {
   const WindowSettings& window = board.window;
@@ -236,6 +301,7 @@ void cross_check(Reader& in, const BoardSettings& board) {
     in.fail("[window] holds fewer than 2 node lines: widen it or refine [grid]");
   }
   check_markers(in, board);
+  check_targets(in, board);
   if (board.depth.step_px == 3 || board.camera.width_px % board.depth.step_px != 0 ||
       board.camera.height_px % board.depth.step_px != 0) {
     in.fail("depth.step_px must be 1, 2 or 4 and divide the image");
@@ -278,6 +344,7 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
   read_camera(in, board.camera);
   read_pad(in, board);
   read_markers(in, board.markers);
+  read_targets(in, board.targets);
   read_rest(in, board);
   in.refuse_unknown();
   if (in.error().empty()) cross_check(in, board);

@@ -65,6 +65,14 @@ struct MarkerSettings {
   int64_t max_lost = 0;
 };
 
+// Dark discs on what carries the pad, by their middles.
+struct TargetSettings {
+  std::vector<PadPlace> places{};
+  int64_t below_um = 0;  // behind the undeformed surface
+  int64_t diameter_um = 0;
+  int64_t threshold_1e3 = 0;
+};
+
 struct DepthSettings {
   Gauge gauge = Gauge::kMargin;
   int64_t margin_um = 0;
@@ -86,6 +94,7 @@ struct BoardSettings {
   int n_layers = 0;
   WindowSettings window;
   MarkerSettings markers;
+  TargetSettings targets;
   DepthSettings depth;
   ContactSettings contact;
   int64_t force_lsb_un = 0;
@@ -111,8 +120,9 @@ struct NodeRange {
 
 // The pipeline's stage names in the only order in which they make sense.
 inline const std::vector<std::string>& known_stages() {
-  static const std::vector<std::string> kStages = {"difference", "markers", "photometric", "poisson", "displacement",
-                                                   "operator",   "support", "wrench",      "contacts"};
+  static const std::vector<std::string> kStages = {"difference", "markers",        "targets",  "photometric",
+                                                   "poisson",    "displacement",   "operator", "support",
+                                                   "wrench",     "feature_wrench", "contacts"};
   return kStages;
 }
 

@@ -85,7 +85,8 @@ int ruffini_layout(const ruffini_pipeline* pipeline, ruffini_layout_t* out) {
           .node_first_y = y.first,
           .marker_n_x = board.markers.lattice.n_x,
           .marker_n_y = board.markers.lattice.n_y,
-          .force_lsb_un = static_cast<int32_t>(board.force_lsb_un)};
+          .force_lsb_un = static_cast<int32_t>(board.force_lsb_un),
+          .n_targets = static_cast<int32_t>(path.targets().size())};
   return 0;
 }
 
@@ -104,13 +105,17 @@ int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t widt
           .force_xy = static_cast<int32_t>(s.force_xy),
           .force_z = static_cast<int32_t>(s.force_z),
           .depth = static_cast<int32_t>(s.depth_validity),
-          .n_markers_lost = s.markers.n_lost,
+          .wrench_validity = {},
+          .n_markers_lost = s.markers.n_lost + s.targets.n_lost,
           .n_markers_at_rest = path.n_markers_at_rest(),
           .saturations = s.saturations.count,
           .wrench = {w.force_x_un, w.force_y_un, w.force_z_un, w.torque_x_un_um, w.torque_y_un_um, w.torque_z_un_um},
           .n_contacts = s.contacts.n_found,
           .stage_ns = {}};
+  static_assert(sizeof out->stage_ns == sizeof s.stage_ns);
   std::copy(s.stage_ns.begin(), s.stage_ns.end(), out->stage_ns);
+  std::transform(s.wrench_validity.begin(), s.wrench_validity.end(), out->wrench_validity,
+                 [](ruffini::Validity v) { return static_cast<int32_t>(v); });
   return 0;
 }
 
@@ -218,6 +223,23 @@ int ruffini_get_sigma(const ruffini_pipeline* pipeline, int32_t* sigma, int64_t*
     *sigma++ = s.z;
   }
   std::copy(uncertainty.wrench.upper.begin(), uncertainty.wrench.upper.end(), covariance);
+  return 0;
+}
+
+int ruffini_get_covariance(const ruffini_pipeline* pipeline, int64_t* covariance) {
+  const auto& uncertainty = pipeline->path->state().uncertainty;
+  if (!uncertainty.is_of_wrench) return fail("no covariance is stated: the calibration has no error model");
+  std::copy(uncertainty.wrench.upper.begin(), uncertainty.wrench.upper.end(), covariance);
+  return 0;
+}
+
+int ruffini_get_targets(const ruffini_pipeline* pipeline, int64_t* out) {
+  for (const ruffini::Target& t : pipeline->path->targets()) {
+    for (const ruffini::DiscSight& s : {t.rest, t.now}) {
+      for (const int64_t value : {s.x_q16, s.y_q16, s.area_q8, s.bright_q8}) *out++ = value;
+    }
+    *out++ = t.is_lost ? 1 : 0;
+  }
   return 0;
 }
 

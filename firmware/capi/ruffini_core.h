@@ -24,16 +24,18 @@ typedef struct {
   int32_t node_first_x, node_first_y; /* within the pad's grid */
   int32_t marker_n_x, marker_n_y;
   int32_t force_lsb_un;
+  int32_t n_targets;
 } ruffini_layout_t;
 
 typedef struct {
   uint32_t flags;                   /* FlagBit of ruffini.proto */
   int32_t force_xy, force_z, depth; /* Validity of ruffini.proto */
+  int32_t wrench_validity[6];
   int32_t n_markers_lost, n_markers_at_rest;
   uint64_t saturations; /* since ruffini_open */
   int64_t wrench[6];    /* uN, uN um */
   int32_t n_contacts;
-  uint64_t stage_ns[9];
+  uint64_t stage_ns[11];
 } ruffini_result_t;
 
 RUFFINI_API const char* ruffini_version(void);
@@ -79,9 +81,13 @@ RUFFINI_API int ruffini_get_slip(const ruffini_pipeline* pipeline, uint8_t* out)
  * 1e3 |F_t|/F_n, 1e3 friction (0: not measured), 1e3 its sigma, 1e3 slipping share, margin uN, 1: reaches
  * the window's border. *n of them. */
 RUFFINI_API int ruffini_get_contacts(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n);
+/* Targets, [target][9]: x, y (px Q16), area (px^2 Q8), light round it (grey Q8) at rest, the same now; 1: lost. */
+RUFFINI_API int ruffini_get_targets(const ruffini_pipeline* pipeline, int64_t* out);
 /* How sure: standard deviations [node][3] in force steps, covariance [21] of the wrench in (uN, uN mm)^2, upper
  * triangle by rows. 1 with ruffini_error() where the last frame states none. */
 RUFFINI_API int ruffini_get_sigma(const ruffini_pipeline* pipeline, int32_t* sigma, int64_t* covariance);
+/* Of the wrench alone, [21]. 1 with ruffini_error() where the last frame states none. */
+RUFFINI_API int ruffini_get_covariance(const ruffini_pipeline* pipeline, int64_t* covariance);
 
 #ifdef __cplusplus
 }

@@ -28,6 +28,13 @@ int64_t limited(int64_t x, int64_t limit = WrenchErrorModel::kMaxSigma) { return
 
 }  // namespace
 
+void add_outer(WrenchCovariance& sum, const std::array<int64_t, 6>& v, int64_t times) {
+  size_t k = 0;
+  for (size_t i = 0; i < v.size(); ++i) {
+    for (size_t j = i; j < v.size(); ++j, ++k) sum.upper[k] += times * (v[i] * v[j]);
+  }
+}
+
 TouchedNodes count_touched(std::span<const uint8_t> mask, std::span<const uint8_t> is_filled) {
   TouchedNodes touched;
   for (size_t i = 0; i < mask.size(); ++i) {
@@ -59,13 +66,6 @@ Result<WrenchErrorModel> WrenchErrorModel::load(const Calibration& calibration, 
   return out;
 }
 
-void WrenchErrorModel::add(WrenchCovariance& sum, const Vector& v, int64_t times) {
-  size_t k = 0;
-  for (size_t i = 0; i < v.size(); ++i) {
-    for (size_t j = i; j < v.size(); ++j, ++k) sum.upper[k] += times * (v[i] * v[j]);
-  }
-}
-
 // sqrt(1 + kFilledShear share), Q8 rounded down, on what errs with the shear: fx, fy and tz.
 WrenchErrorModel::ContactError WrenchErrorModel::grown(const TouchedNodes& touched) const {
   ContactError out = contact_;
@@ -84,9 +84,9 @@ void WrenchErrorModel::add_contact(WrenchCovariance& sum, const ContactError& er
   const int64_t x = limited(contact.center_x_um, kMaxPlace_um);
   const int64_t y = limited(contact.center_y_um, kMaxPlace_um);
   const auto [shear, normal] = error.force_un;
-  add(sum, {shear, 0, 0, 0, 0, limited(rounded(-y * shear, kUmPerMm))});
-  add(sum, {0, shear, 0, 0, 0, limited(rounded(x * shear, kUmPerMm))});
-  add(sum, {0, 0, normal, rounded(y * normal, kUmPerMm), rounded(-x * normal, kUmPerMm), 0});
+  add_outer(sum, {shear, 0, 0, 0, 0, limited(rounded(-y * shear, kUmPerMm))});
+  add_outer(sum, {0, shear, 0, 0, 0, limited(rounded(x * shear, kUmPerMm))});
+  add_outer(sum, {0, 0, normal, rounded(y * normal, kUmPerMm), rounded(-x * normal, kUmPerMm), 0});
   const int64_t pressing = limited(contact.force_z_un, kMaxReading);
   for (size_t axis = 3; axis < 6; ++axis) {
     const size_t part = axis == 5 ? 1 : 0;
@@ -94,8 +94,8 @@ void WrenchErrorModel::add_contact(WrenchCovariance& sum, const ContactError& er
     Vector proportional{};
     constant[axis] = error.moment_un_mm[part];
     proportional[axis] = limited(rounded(error.lever_nm[part] * pressing, kUmPerMm * kUmPerMm));
-    add(sum, constant);
-    add(sum, proportional);
+    add_outer(sum, constant);
+    add_outer(sum, proportional);
   }
 }
 
@@ -115,7 +115,7 @@ void WrenchErrorModel::add_unlisted(WrenchCovariance& sum, const ContactError& e
   for (size_t i = 0; i < each.size(); ++i) {
     Vector alone{};
     alone[i] = limited(each[i]);
-    add(sum, alone, n);
+    add_outer(sum, alone, n);
   }
 }
 
@@ -128,9 +128,9 @@ WrenchCovariance WrenchErrorModel::run(const Wrench& w, const ContactList& conta
   };
   const auto mm = [](int64_t torque_un_um) { return rounded(torque_un_um, kUmPerMm); };
   const auto [shear, pressure] = factor_q20_;
-  add(sum, {part(shear, w.force_x_un), part(shear, w.force_y_un), 0, 0, 0, part(shear, mm(w.torque_z_un_um))});
-  add(sum, {0, 0, part(pressure, w.force_z_un), part(pressure, mm(w.torque_x_un_um)),
-            part(pressure, mm(w.torque_y_un_um)), 0});
+  add_outer(sum, {part(shear, w.force_x_un), part(shear, w.force_y_un), 0, 0, 0, part(shear, mm(w.torque_z_un_um))});
+  add_outer(sum, {0, 0, part(pressure, w.force_z_un), part(pressure, mm(w.torque_x_un_um)),
+                  part(pressure, mm(w.torque_y_un_um)), 0});
   for (int i = 0; i < contacts.n_listed; ++i) add_contact(sum, error, contacts.contacts[static_cast<size_t>(i)]);
   if (contacts.n_found == 0) add_contact(sum, error, {});
   if (contacts.n_found > contacts.n_listed) add_unlisted(sum, error, contacts.n_found - contacts.n_listed);

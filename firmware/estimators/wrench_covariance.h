@@ -30,6 +30,9 @@ struct WrenchCovariance {
   bool operator==(const WrenchCovariance&) const = default;
 };
 
+// sum += times v v^T. Precondition: nothing leaves 63 bits.
+void add_outer(WrenchCovariance& sum, const std::array<int64_t, 6>& v, int64_t times = 1);
+
 // Nodes of the contact mask, and which of them are filled (image/displacement.h).
 struct TouchedNodes {
   int64_t n = 0;
@@ -63,7 +66,6 @@ class WrenchErrorModel {
     std::array<int64_t, 2> lever_nm{};
   };
 
-  static void add(WrenchCovariance& sum, const Vector& v, int64_t times = 1);
   static void add_contact(WrenchCovariance& sum, const ContactError& error, const Contact& contact);
   void add_unlisted(WrenchCovariance& sum, const ContactError& error, int64_t n_contacts) const;
   [[nodiscard]] ContactError grown(const TouchedNodes& touched) const;

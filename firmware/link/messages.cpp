@@ -79,19 +79,17 @@ size_t MessageEncoder::wrench(const FramePath& path, const FrameStamp& stamp) {
   ruffini_Wrench m = ruffini_Wrench_init_zero;
   m.has_stamp = true;
   m.stamp = to_proto(stamp, s.flags);
-  const ruffini_Validity xy = to_proto(s.force_xy);
-  const ruffini_Validity z = to_proto(s.force_z);
   m.validity_count = 6;
-  const ruffini_Validity each[6] = {xy, xy, z, z, z, xy};
-  std::copy(each, each + 6, m.validity);
+  std::transform(s.wrench_validity.begin(), s.wrench_validity.end(), m.validity,
+                 [](Validity v) { return to_proto(v); });
   m.force_x_un = s.wrench.force_x_un;
   m.force_y_un = s.wrench.force_y_un;
   m.force_z_un = s.wrench.force_z_un;
   m.torque_x_un_um = s.wrench.torque_x_un_um;
   m.torque_y_un_um = s.wrench.torque_y_un_um;
   m.torque_z_un_um = s.wrench.torque_z_un_um;
-  m.covariance_validity = to_proto(s.uncertainty.validity);
-  if (s.uncertainty.is_stated) {
+  m.covariance_validity = to_proto(s.uncertainty.wrench_validity);
+  if (s.uncertainty.is_of_wrench) {
     m.covariance_count = WrenchCovariance::kSize;
     std::copy(s.uncertainty.wrench.upper.begin(), s.uncertainty.wrench.upper.end(), m.covariance);
   }

@@ -13,13 +13,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from ruffini.errors import InputError
 
 STAGES = (
-    "difference", "markers", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "contacts",
+    "difference", "markers", "targets", "photometric", "poisson", "displacement",
+    "operator", "support", "wrench", "feature_wrench", "contacts",
 )  # fmt: skip
 MAX_LENGTH_UM = 500_000
 MAX_CELLS = 640  # of the depth grid along one axis: the Poisson solver's accumulator bound
 MAX_VIEW_UM = 2_000_000
 MIN_TEXTURE_PX = 64  # of the image: the coarsest templates of the flow
+
+MIN_TARGET_PX, MAX_TARGET_PX = 16, 200  # radius in the image
 
 LengthUm = Annotated[int, Field(ge=0, le=MAX_LENGTH_UM)]
 PRINTABLE = r"^[ -~]+$"  # escapes can spell what the file itself may not hold
@@ -98,6 +100,17 @@ class Markers(Section):
     max_lost: Annotated[int, Field(ge=0, le=4_096)]
 
 
+class Targets(Section):
+    """[targets]: dark discs on what carries the pad."""
+
+    places_um: Annotated[
+        list[Annotated[list[LengthUm], Field(min_length=2, max_length=2)]], Field(min_length=1, max_length=16)
+    ]
+    below_um: LengthUm
+    diameter_um: Annotated[int, Field(ge=20, le=50_000)]
+    threshold_1e3: Annotated[int, Field(ge=10, le=900)]
+
+
 class Depth(Section):
     """[depth]."""
 
@@ -148,6 +161,7 @@ class Board(Section):
     grid: Grid
     window: Window
     markers: Markers | None = None  # a pipeline without the stage needs none
+    targets: Targets | None = None
     depth: Depth
     contact: Contact
     field: FieldSettings
@@ -207,6 +221,29 @@ class Board(Section):
         if min(self.camera.width_px, self.camera.height_px) < MIN_TEXTURE_PX:
             raise ValueError(f"markers.polarity texture needs an image of at least {MIN_TEXTURE_PX} pixels a side")
 
+    def _check_targets(self) -> None:
+        stages, targets = self.pipeline.stages, self.targets
+        if "feature_wrench" in stages:
+            if "targets" not in stages and "markers" not in stages:
+                raise ValueError("stage feature_wrench needs the stage targets or markers")
+            if "wrench" in stages:
+                raise ValueError("stages wrench and feature_wrench both say the wrench: leave one of them out")
+        if targets is None:
+            if "targets" in stages:
+                raise ValueError("section [targets] is missing")
+            return
+        if any(x > self.pad.size_x_um or y > self.pad.size_y_um for x, y in targets.places_um):
+            raise ValueError("targets.places_um reaches beyond the pad")
+        distance_um = self.camera.standoff_um - targets.below_um
+        if distance_um <= 0:
+            raise ValueError("targets.below_um is not in front of the camera")
+        radius_px = targets.diameter_um * self.camera.focal_mpx // (2000 * distance_um)
+        if not MIN_TARGET_PX <= radius_px <= MAX_TARGET_PX:
+            raise ValueError(
+                f"targets.diameter_um makes a radius of {radius_px} px in the image: "
+                f"{MIN_TARGET_PX} to {MAX_TARGET_PX} can be measured"
+            )
+
     @model_validator(mode="after")
     def _cross_check(self) -> Board:
         window, pad, camera = self.window, self.pad, self.camera
@@ -218,6 +255,7 @@ class Board(Section):
         if rows.stop - rows.start < 2 or columns.stop - columns.start < 2:
             raise ValueError("[window] holds fewer than 2 node lines: widen it or refine [grid]")
         self._check_markers()
+        self._check_targets()
         step = self.depth.step_px
         if step == 3 or camera.width_px % step or camera.height_px % step:
             raise ValueError("depth.step_px must be 1, 2 or 4 and divide the image")

@@ -22,7 +22,18 @@ SIGNATURE = "zz_signature"
 SIGNATURE_BYTES = 64
 MAX_HEADER_BYTES = 65_536
 MAX_RANK = 8
-KINDS = {"camera", "contact", "finite_strain", "operator", "photometric", "relaxation", "rest", "support", "views"}
+KINDS = {
+    "camera",
+    "contact",
+    "finite_strain",
+    "operator",
+    "photometric",
+    "relaxation",
+    "rest",
+    "support",
+    "views",
+    "wrench",
+}
 DTYPES = {"U8": np.uint8, "I16": np.int16, "U16": np.uint16, "I32": np.int32}
 # Anybody can derive this key: it proves integrity, not origin. STATUS says when it is in use.
 DEVELOPMENT_SEED = hashlib.sha256(b"ruffini development key").digest()

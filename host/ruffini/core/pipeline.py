@@ -18,8 +18,8 @@ N_COVARIANCE = 21  # upper triangle of 6 x 6
 DISPLACEMENT_LSB_M = 125e-9
 NO_REFERENCE = 1
 STAGES = (
-    "difference", "markers", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "contacts",
+    "difference", "markers", "targets", "photometric", "poisson", "displacement",
+    "operator", "support", "wrench", "feature_wrench", "contacts",
 )  # fmt: skip
 
 
@@ -39,6 +39,7 @@ class _Layout(ctypes.Structure):
             "marker_n_x",
             "marker_n_y",
             "force_lsb_un",
+            "n_targets",
         )
     ]
 
@@ -49,6 +50,7 @@ class _Result(ctypes.Structure):
         ("force_xy", ctypes.c_int32),
         ("force_z", ctypes.c_int32),
         ("depth", ctypes.c_int32),
+        ("wrench_validity", ctypes.c_int32 * 6),
         ("n_markers_lost", ctypes.c_int32),
         ("n_markers_at_rest", ctypes.c_int32),
         ("saturations", ctypes.c_uint64),
@@ -62,14 +64,15 @@ class _Result(ctypes.Structure):
 class Frame:
     """What one frame gave, beyond the arrays of `Pipeline`.
 
-    `flags` is the FlagBit mask of ruffini.proto; validities its Validity; `wrench_un` (6,) int64 in
-    micronewton and micronewton micrometre.
+    `flags` is the FlagBit mask of ruffini.proto; validities its Validity, of each component of the wrench too;
+    `wrench_un` (6,) int64 in micronewton and micronewton micrometre; lost markers count lost targets in.
     """
 
     flags: int
     force_xy_validity: int
     force_z_validity: int
     depth_validity: int
+    wrench_validity: tuple[int, ...]
     n_markers_lost: int
     n_markers_at_rest: int
     saturations: int
@@ -203,6 +206,7 @@ class Pipeline:
             force_xy_validity=result.force_xy,
             force_z_validity=result.force_z,
             depth_validity=result.depth,
+            wrench_validity=tuple(result.wrench_validity[:]),
             n_markers_lost=result.n_markers_lost,
             n_markers_at_rest=result.n_markers_at_rest,
             saturations=result.saturations,
@@ -258,6 +262,38 @@ class Pipeline:
             )
         )
         return sigma, covariance
+
+    def covariance(self) -> npt.NDArray[np.int64]:
+        """Of the last frame's wrench, (21,) as in `sigma`.
+
+        Raises
+        ------
+        InputError
+            The frame states none.
+        """
+        covariance = np.zeros(N_COVARIANCE, np.int64)
+        self._check(self._lib.ruffini_get_covariance(self._pointer, covariance.ctypes.data_as(ctypes.c_void_p)))
+        return covariance
+
+    def targets(self) -> npt.NDArray[np.int64]:
+        """Targets, (n, 9): x, y (px Q16), area (px^2 Q8), light round it (grey Q8) at rest, the same now; 1: lost."""
+        return self._get("targets", (self.layout.n_targets, 9), np.int64)
+
+    def features(self) -> npt.NDArray[np.int64]:
+        """What the stage feature_wrench reads, (n,).
+
+        dx, dy (px Q16) and change of area (px^2 Q8) of each target; where there are none, dx and dy of each marker.
+        """
+        if "targets" in self.board.pipeline.stages:
+            rows = self.targets()
+            return np.asarray((rows[:, [4, 5, 6]] - rows[:, [0, 1, 2]]).ravel())
+        moved = np.zeros((self.layout.marker_n_y, self.layout.marker_n_x, 2), np.int32)
+        rest, lost = np.zeros_like(moved), np.zeros(moved.shape[:2], np.uint8)
+        self._lib.ruffini_get_markers(
+            self._pointer, rest.ctypes.data_as(ctypes.c_void_p),
+            moved.ctypes.data_as(ctypes.c_void_p), lost.ctypes.data_as(ctypes.c_void_p),
+        )  # fmt: skip
+        return moved.ravel().astype(np.int64)
 
     def _get(self, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> npt.NDArray[Any]:
         out = np.zeros(shape, dtype)

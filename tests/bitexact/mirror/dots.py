@@ -17,9 +17,14 @@ def detect_dots(board: Board, grey: I64) -> npt.NDArray[np.int32]:
     pitch = length_q16(board, min(markers["pitch_x_um"], markers["pitch_y_um"]))
     diameter = length_q16(board, markers["diameter_um"])
     area = ((diameter * diameter >> 16) * 201 // 256) >> 16
-    weight = _weight(grey, max((pitch * 6 // 10) >> 16, 2), markers["threshold_1e3"], markers["polarity"])
+    weight = weigh(grey, max((pitch * 6 // 10) >> 16, 2), markers["threshold_1e3"], markers["polarity"])
+    return dots_of(weight, max(area // 4, 4), max(area * 3, 16))
+
+
+def dots_of(weight: I64, min_area: int, max_area: int) -> npt.NDArray[np.int32]:
+    """Rows of x, y (Q16 px) and area of the components of positive weight."""
     label = _components(weight > 0)
-    height, width = grey.shape
+    height, width = weight.shape
     y, x = np.mgrid[:height, :width]
     rows = []
     for i in range(1, int(label.max(initial=0)) + 1):
@@ -27,14 +32,14 @@ def detect_dots(board: Board, grey: I64) -> npt.NDArray[np.int32]:
         px, py, w = x[pixels], y[pixels], weight[pixels]
         n = len(px)
         at_border = px.min() == 0 or py.min() == 0 or px.max() == width - 1 or py.max() == height - 1
-        if at_border or not max(area // 4, 4) <= n <= max(area * 3, 16):
+        if at_border or not min_area <= n <= max_area:
             continue
         total = int(w.sum())
         rows.append(((int((w * px).sum()) << 16) // total, (int((w * py).sum()) << 16) // total, n))
     return np.array(rows[:MAX_DOTS], np.int32).reshape(-1, 3)
 
 
-def _weight(grey: I64, radius: int, threshold_1e3: int, polarity: str) -> I64:
+def weigh(grey: I64, radius: int, threshold_1e3: int, polarity: str) -> I64:
     """Darkening against the box mean, minus the threshold, where positive."""
     height, width = grey.shape
     table = np.zeros((height + 1, width + 1), np.int64)

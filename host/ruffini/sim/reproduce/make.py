@@ -38,6 +38,7 @@ from ruffini.sim.units import build_unit
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
+ONLY_READ = ("targets", "feature_wrench")  # stages that change no picture, younger than the first frozen boards
 RING_LEFT = 0.6  # of the ringing of a bench that has touched, from frame to frame
 
 
@@ -190,7 +191,8 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
     unused: dict[str, Any] = {} if settings.mount else {"mount": True}  # younger than the first frozen boards
     if not settings.rig.ring_force_un:
         unused["rig"] = {"ring_force_un"}
-    seen = board.model_dump(mode="json")
+    seen = board.model_dump(mode="json", exclude={"targets"})
+    seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ONLY_READ]
     if board.markers is not None and board.markers.polarity == "texture":
         seen["markers"] = None
         seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ("markers", "displacement")]

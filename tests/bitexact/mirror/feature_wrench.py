@@ -1,0 +1,102 @@
+"""Wrench of features: linear, quadratic, relaxation, agreement, covariance. Python integers: nothing can overflow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isqrt
+
+import numpy as np
+import numpy.typing as npt
+
+from mirror.fixed import Saturations
+from mirror.relaxation import relaxed_part
+
+Tensors = dict[str, npt.NDArray[np.generic]]
+MAX_FORCE = 1 << 36
+
+
+def _round_shift(x: int, shift: int) -> int:
+    return (x + (1 << (shift - 1))) >> shift
+
+
+@dataclass(frozen=True)
+class Said:
+    """Wrench (uN, uN um), covariance (upper triangle), whether the features agree and are in range."""
+
+    wrench: list[int]
+    covariance: list[int]
+    agrees: bool
+    is_in_range: bool
+
+
+class FeatureWrench:
+    """The tables of kind `wrench`, and what was loaded before."""
+
+    def __init__(self, tensors: Tensors) -> None:
+        self._table = {name: np.asarray(tensors[name]).astype(object) for name in tensors if name.startswith("wrench.")}
+        self._full = [int(v) << 4 for v in self._table["wrench.full_scale"]]
+        n_terms = len(self._table.get("wrench.relax_time_ms", []))
+        self._state = [[0] * 6 for _ in range(n_terms)]
+        self._before, self._last_us = [0] * 6, 0
+
+    def _scaled(self, y: list[int]) -> list[int]:
+        return [
+            min(max(((v << 14) + full // 2) // full, -(2 << 14)), 2 << 14) if full else 0
+            for v, full in zip(y, self._full, strict=True)
+        ]
+
+    def run(self, features: list[int], capture_us: int, saturations: Saturations) -> Said:
+        table = self._table
+        y = []
+        for row, shift in zip(table["wrench.gain"], table["wrench.shift"], strict=True):
+            held = [min(max(f, -(1 << 26)), 1 << 26) for f in features]
+            exact = _round_shift(sum(int(k) * f for k, f in zip(row, held, strict=True)), int(shift))
+            y.append(min(max(exact, -MAX_FORCE), MAX_FORCE))
+            saturations.count += y[-1] != exact
+        u = self._scaled(y)
+        pairs = [_round_shift(u[j] * u[k], 14) for j in range(6) for k in range(j, 6)]
+        e = [
+            v + _round_shift(sum(int(q) * p for q, p in zip(row, pairs, strict=True)), 14)
+            for v, row in zip(y, table["wrench.square"], strict=True)
+        ]
+        agrees = self._agrees(features, [*u, *pairs])
+        if agrees and capture_us:
+            e = self._relaxed(e, capture_us)
+        covariance = self._covariance(self._scaled(e))
+        wrench = [
+            0 if not full else _round_shift(v if i < 3 else 1000 * v, 4)
+            for i, (v, full) in enumerate(zip(e, self._full, strict=True))
+        ]
+        return Said(wrench, covariance, agrees, all(abs(v) <= 5 << 12 for v in u))
+
+    def _agrees(self, features: list[int], basis: list[int]) -> bool:
+        if "wrench.forward" not in self._table:
+            return True
+        rows = zip(features, self._table["wrench.forward"], self._table["wrench.tolerance"], strict=True)
+        return all(
+            abs(f - _round_shift(sum(int(g) * b for g, b in zip(row, basis, strict=True)), 14)) <= int(tolerance)
+            for f, row, tolerance in rows
+        )
+
+    def _relaxed(self, e: list[int], capture_us: int) -> list[int]:
+        if not self._state:
+            return e
+        is_first = self._last_us == 0 or capture_us <= self._last_us
+        duration = 0 if is_first else capture_us - self._last_us
+        self._last_us = max(capture_us, self._last_us)
+        out = list(e)
+        for t, state in enumerate(self._state):
+            step = relaxed_part(duration, 1000 * int(self._table["wrench.relax_time_ms"][t]))
+            for i in range(6):
+                mean = _round_shift(e[i] + self._before[i], 1)
+                state[i] += _round_shift((mean - state[i]) * step, 20)
+                out[i] -= _round_shift(state[i] * int(self._table["wrench.relax_part"][t][i]), 20)
+        self._before = list(e)
+        return out
+
+    def _covariance(self, u: list[int]) -> list[int]:
+        size = isqrt(sum(v * v >> 12 for v in u))
+        constant, growing = self._table["wrench.error"]
+        vectors = [[int(v) for v in row] for row in constant]
+        vectors += [[_round_shift(int(v) * size, 8) for v in row] for row in growing]
+        return [sum(v[i] * v[j] for v in vectors) for i in range(6) for j in range(i, 6)]

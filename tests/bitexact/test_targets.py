@@ -1,0 +1,152 @@
+"""Targets and the wrench of their features: the core's whole path against the mirror, bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from conftest import small_board
+from mirror.board import Board, read_board
+from mirror.feature_wrench import FeatureWrench
+from mirror.fixed import Saturations
+from mirror.light import grey, grey_of_rest, rest_image
+from mirror.targets import Targets, nominal
+
+from ruffini.boards import parse_board
+from ruffini.calibrate.container import base_metadata, pack
+from ruffini.core import Pipeline
+from ruffini.errors import InputError
+
+Picture = npt.NDArray[np.uint8]
+VALID, NOT_MEASURED, INVALID = 1, 0, 3
+MARKERS_LOST, OVER_RANGE, LIGHT, FEATURES = 8, 32, 1024, 2048
+N_REST = 3
+TARGETS = """[targets]
+places_um = [[2000, 780], [1100, 2200], [2900, 2300]]
+below_um = 1000
+diameter_um = 461
+threshold_1e3 = 400
+"""
+STAGES = '["difference", "targets", "feature_wrench"]'
+
+
+def board_text() -> str:
+    """Awkward sizes: neither divides by 4, the third target's rays leave the picture."""
+    text = small_board(width=242, height=179, step=1).replace("focal_mpx = 101300", "focal_mpx = 400000")
+    text = text.replace("center_x_mpx = 33210", "center_x_mpx = 119210")
+    text = text.replace("center_y_mpx = 20777", "center_y_mpx = 84777")
+    text = text.replace("[depth]\n", f"{TARGETS}[depth]\n")
+    return text[: text.index("stages = ")] + f"stages = {STAGES}\n"
+
+
+def draw(board: Board, rng: np.random.Generator, moved: float, radius: float = 18.0) -> Picture:
+    """Dark discs, blurred, on a slanted background with noise; the discs `moved` px from rest."""
+    height, width = board["camera"]["height_px"], board["camera"]["width_px"]
+    y, x = np.mgrid[:height, :width]
+    light = 90 + 0.2 * x + 0.1 * y
+    for i, place in enumerate(nominal(board)):
+        away = np.hypot(x - place.x / 65536 - 1.3 - moved * (1 + i), y - place.y / 65536 + 0.7 + moved)
+        light = light + (12 - light) * np.clip((radius + 0.2 * moved - away) / 2 + 0.5, 0, 1)
+    noise = rng.normal(size=(height, width, 3))
+    return np.clip(light[..., None] * [0.9, 1.0, 1.1] + noise, 0, 255).astype(np.uint8)
+
+
+def tables(rng: np.random.Generator, n: int = 9) -> dict[str, npt.NDArray[np.generic]]:
+    """Numbers of every size that the loader takes; the fifth axis is not measured."""
+    full_scale = np.array([1_000_000, 900_000, 8_000_000, 6_000, 0, 3_000_000], np.int32)
+    return {
+        "wrench.gain": rng.integers(-(1 << 20), 1 << 20, (6, n)).astype(np.int32),
+        "wrench.shift": np.array([20, 19, 18, 17, 16, 21], np.uint8),
+        "wrench.full_scale": full_scale,
+        "wrench.square": rng.integers(-(1 << 18), 1 << 18, (6, 21)).astype(np.int32),
+        "wrench.error": rng.integers(-(1 << 14), 1 << 14, (2, 6, 6)).astype(np.int32),
+        "wrench.forward": rng.integers(-(1 << 10), 1 << 10, (n, 27)).astype(np.int32),
+        "wrench.tolerance": np.full(n, 1 << 19, np.int32),
+        "wrench.relax_time_ms": np.array([40, 900], np.int32),
+        "wrench.relax_part": rng.integers(-(1 << 16), 1 << 17, (2, 6)).astype(np.int32),
+    }
+
+
+def opened(text: str, kind: dict[str, npt.NDArray[np.generic]], features: str = "targets") -> Pipeline:
+    typed = parse_board(text, "targets")
+    return Pipeline(typed, pack(kind, {**base_metadata(typed), "wrench.features": features}).data)
+
+
+def mirror_rows(targets: Targets) -> list[list[int]]:
+    pairs = zip(targets.rest, targets.now, targets.is_lost, strict=True)
+    return [[*(v for s in (rest, now) for v in (s.x, s.y, s.area, s.bright)), int(lost)] for rest, now, lost in pairs]
+
+
+def test_targets_and_their_wrench_over_a_recording() -> None:
+    text = board_text()
+    board, rng = read_board(text), np.random.default_rng(3)
+    kind = tables(rng)
+    rest = np.stack([draw(board, rng, 0.0) for _ in range(N_REST)])
+    targets, wrench, saturations = Targets(board), FeatureWrench(kind), Saturations()
+    targets.learn(grey_of_rest(rest_image(rest)))
+    seen_flags = 0
+    with opened(text, kind) as core:
+        for frame in rest:
+            core.process(frame)
+        core.zero(N_REST)
+        for frame in rest:
+            core.process(frame)
+        for t, moved in enumerate((0.1, 1.0, 3.3, 4.0, 0.2), 1):
+            picture = draw(board, rng, moved)
+            if t == 4:
+                picture[60:] = np.minimum(picture[60:].astype(int) + 60, 255)  # light on two of three
+            said = core.process(picture, capture_s=t * 0.03)
+            targets.track(grey(picture))
+            assert core.targets().tolist() == mirror_rows(targets)
+            assert core.features().tolist() == targets.features().tolist()
+            assert bool(said.flags & LIGHT) == targets.is_light_off() == (t == 4)
+            is_wrong = bool(said.flags & LIGHT)
+            expected = wrench.run(targets.features().tolist(), 0 if is_wrong else 1 + t * 30_000, saturations)
+            assert said.wrench_un.tolist() == expected.wrench
+            assert core.covariance().tolist() == expected.covariance
+            assert bool(said.flags & FEATURES) != expected.agrees
+            assert bool(said.flags & OVER_RANGE) != expected.is_in_range
+            state = INVALID if is_wrong or not expected.agrees or not expected.is_in_range else VALID
+            assert said.wrench_validity == (state, state, state, state, NOT_MEASURED, state)
+            seen_flags |= said.flags
+        assert core.process(picture).saturations == saturations.count
+    assert seen_flags & FEATURES
+    assert seen_flags & OVER_RANGE
+
+
+def test_a_removed_target_is_lost_and_the_others_are_not() -> None:
+    text = board_text()
+    board, rng = read_board(text), np.random.default_rng(5)
+    with opened(text, tables(rng)) as core:
+        for _ in range(N_REST):
+            core.process(draw(board, rng, 0.0))
+        picture = draw(board, rng, 0.0)
+        x, y = (int(v) // 65536 for v in core.targets()[1, :2])
+        picture[y - 25 : y + 26, x - 25 : x + 26] = 110
+        said = core.process(picture)
+        assert core.targets()[:, 8].tolist() == [0, 1, 0]
+        assert said.flags & MARKERS_LOST
+        assert said.n_markers_lost == 1
+        assert set(said.wrench_validity) == {INVALID, NOT_MEASURED}
+
+
+def test_a_table_for_other_features_is_refused() -> None:
+    with pytest.raises(InputError, match=r"tensor wrench\.gain has another type or shape"):
+        opened(board_text(), tables(np.random.default_rng(1), n=12))
+    with pytest.raises(InputError, match='calibration is for a wrench from "markers", this board has "targets"'):
+        opened(board_text(), tables(np.random.default_rng(1)), features="markers")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("wrench.gain", 1 << 27), ("wrench.square", 1 << 27), ("wrench.shift", 41), ("wrench.full_scale", -1),
+        ("wrench.error", 1 << 26), ("wrench.forward", 1 << 27), ("wrench.tolerance", 0), ("wrench.relax_time_ms", 0),
+        ("wrench.relax_part", (1 << 20) + 1),
+    ],
+)  # fmt: skip
+def test_numbers_out_of_range_are_refused(name: str, value: int) -> None:
+    kind = tables(np.random.default_rng(1))
+    kind[name].flat[0] = value  # type: ignore[index]
+    with pytest.raises(InputError, match=r"wrench.* out of range"):
+        opened(board_text(), kind)
