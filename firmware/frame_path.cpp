@@ -114,14 +114,15 @@ void FramePath::follow_light() {
   light_.run(state_.difference.change, hidden(), rest_);
   is_light_steady_ = std::equal(before.begin(), before.end(), light_.gain().begin(),
                                 [](int32_t a, int32_t b) { return std::abs(a - b) < kDriftGain; });
-  if (light_.is_off()) state_.flags |= kFlagLight;
+  const bool is_balanced = photometric_ && photometric_->is_balanced();
+  if (is_balanced ? !light_.level_is_sure() : light_.is_off()) state_.flags |= kFlagLight;
   state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;
 }
 
 void FramePath::run_depth() {
   if (!photometric_) return;
   timed(Stage::kPhotometric, [&] {
-    photometric_->run(state_.difference.change, hidden(), state_.photometric.slope);
+    photometric_->run(state_.difference.change, hidden(), light_.level(), state_.photometric.slope);
     if (camera_map_) camera_map_->rectify(state_.photometric.slope);
   });
   SaturationCounter& saturations = depth_is_trusted() ? state_.saturations : untrusted_saturations_;
@@ -391,19 +392,9 @@ Status FramePath::load_tables() {
     views_ = std::move(views).value();
   }
   if (has(Stage::kPhotometric) && c.has_kind("photometric")) {
-    constexpr int n = Photometric::kSlopeSize;
-    auto slope = c.tensor("photometric.slope", Tensor::Type::kI16, {n, n, 2});
-    if (!slope) return slope.error();
-    const Tensor* unmix = c.tensor("photometric.unmix");
-    if (unmix == nullptr || unmix->type != Tensor::Type::kI16 || unmix->shape.size() != 4 || unmix->shape[0] < 2 ||
-        unmix->shape[1] < 2 || unmix->shape[2] != 2 || unmix->shape[3] != 3) {
-      return Error{ErrorKind::kBadInput,
-                   "calibration file: photometric.unmix is not [cells, cells, 2, 3]: make it again"};
-    }
-    photometric_.emplace(board_,
-                         PhotometricTable{unmix->as<int16_t>(),
-                                          {static_cast<int>(unmix->shape[1]), static_cast<int>(unmix->shape[0])},
-                                          slope.value()->as<int16_t>()});
+    const auto table = PhotometricTable::load(c);
+    if (!table) return table.error();
+    photometric_.emplace(board_, table.value());
     is_foreign_optics_ = c.text("optics") != board_.camera.optics;
   }
   if (has(Stage::kOperator) && c.has_kind("operator")) {

@@ -12,7 +12,10 @@ constexpr int kStepY = 8;
 constexpr int kFirst = 4;
 constexpr uint16_t kUsableLow = 16 * 32;  // as where a ratio says little (rest.h)
 constexpr uint16_t kUsableHigh = 16 * 220;
-constexpr int kLevelQ12 = 61;            // 1.5 %: three times what a sample of a usual camera has of noise
+constexpr int kLevelQ12 = 61;  // 1.5 %: three times what a sample of a usual camera has of noise
+constexpr int kNearQ12 = 328;  // 8 %: more than the slopes of half an image, less than a contact's
+constexpr int kRounds = 3;
+constexpr int32_t kMaxLevelQ16 = 65'536 / 4;
 constexpr int kMaxStepQ12 = 32;          // 1/128
 constexpr int kStepShift = 8 - 4;        // Q12 to Q20, a sixteenth
 constexpr int kStillFrames = 16;         // a quarter of a second at 60 Hz
@@ -51,7 +54,8 @@ LightTracker::LightTracker(int width_px, int height_px)
   const int n_x = (width_px + kStepX - kFirst - kSamplePx) / kStepX;
   const int n_y = (height_px + kStepY - kFirst - 2) / kStepY;
   sample_at_.resize(static_cast<size_t>(n_x * n_y));
-  sample_.resize(sample_at_.size());
+  for (std::vector<int16_t>& channel : sample_) channel.resize(sample_at_.size());
+  sorted_.resize(sample_at_.size());
 }
 
 void LightTracker::learn(std::span<const uint16_t> rest) {
@@ -69,36 +73,67 @@ void LightTracker::learn(std::span<const uint16_t> rest) {
   gain_ = in_force_ = Rest::unit_gain();
 }
 
-LightTracker::Level LightTracker::level_of(std::span<const RelativeChange> plane) {
-  for (size_t i = 0; i < n_samples_; ++i) {
-    const auto* upper = &plane[static_cast<size_t>(sample_at_[i])];
-    const auto* lower = upper + width_px_;
-    int sum = kSamplePx;
-    for (int k = 0; k < kSamplePx; ++k) sum += upper[k].raw() + lower[k].raw();
-    sample_[i] = static_cast<int16_t>(sum >> 4);
+void LightTracker::sample(std::span<const RelativeChange> change) {
+  const size_t n_pixels = change.size() / 3;
+  for (size_t c = 0; c < 3; ++c) {
+    for (size_t i = 0; i < n_samples_; ++i) {
+      const auto* upper = &change[c * n_pixels + static_cast<size_t>(sample_at_[i])];
+      const auto* lower = upper + width_px_;
+      int sum = kSamplePx;
+      for (int k = 0; k < kSamplePx; ++k) sum += upper[k].raw() + lower[k].raw();
+      sample_[c][i] = static_cast<int16_t>(sum >> 4);
+    }
   }
-  const auto end = sample_.begin() + static_cast<ptrdiff_t>(n_samples_);
-  const auto middle = sample_.begin() + static_cast<ptrdiff_t>(n_samples_ / 2);
-  std::nth_element(sample_.begin(), middle, end);
+}
+
+LightTracker::Level LightTracker::level_of(size_t channel) {
+  const auto end = std::copy_n(sample_[channel].begin(), n_samples_, sorted_.begin());
+  const auto middle = sorted_.begin() + static_cast<ptrdiff_t>(n_samples_ / 2);
+  std::nth_element(sorted_.begin(), middle, end);
   const int median = *middle;
-  const auto n = std::count_if(sample_.begin(), end, [&](int16_t d) { return std::abs(d - median) <= kLevelQ12; });
+  const auto n = std::count_if(sorted_.begin(), end, [&](int16_t d) { return std::abs(d - median) <= kLevelQ12; });
   return {median, static_cast<size_t>(n)};
+}
+
+void LightTracker::measure(const std::array<Level, 3>& start) {
+  for (size_t c = 0; c < 3; ++c) level_[c] = start[c].median * 16;
+  level_is_sure_ = true;
+  for (int round = 0; round < kRounds && level_is_sure_; ++round) {
+    std::array<int64_t, 3> sum{};
+    int64_t n = 0;
+    for (size_t i = 0; i < n_samples_; ++i) {
+      const auto is_near = [&](size_t c) { return std::abs(sample_[c][i] * 16 - level_[c]) <= kNearQ12 * 16; };
+      if (!is_near(0) || !is_near(1) || !is_near(2)) continue;
+      for (size_t c = 0; c < 3; ++c) sum[c] += sample_[c][i];
+      ++n;
+    }
+    level_is_sure_ = 8 * n >= static_cast<int64_t>(n_samples_);
+    for (size_t c = 0; c < 3 && level_is_sure_; ++c)
+      level_[c] = static_cast<int32_t>(floor_div(32 * sum[c] + n, 2 * n));
+  }
+  for (int32_t& m : level_) {
+    level_is_sure_ = level_is_sure_ && std::abs(m) <= kMaxLevelQ16;
+    m = std::clamp(m, -kMaxLevelQ16, kMaxLevelQ16);
+  }
 }
 
 void LightTracker::run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest) {
   is_off_ = false;
+  level_is_sure_ = false;
+  level_.fill(0);
   if (n_samples_ == 0) return;
-  const size_t n_pixels = change.size() / 3;
+  sample(change);
   std::array<Level, 3> level;
   size_t n_level = n_samples_;
   int all = 0;
   int most = 0;
   for (size_t c = 0; c < 3; ++c) {
-    level[c] = level_of(change.subspan(c * n_pixels, n_pixels));
+    level[c] = level_of(c);
     n_level = std::min(n_level, level[c].n_level);
     all += level[c].median;
     most = std::max(most, std::abs(level[c].median));
   }
+  measure(level);
   const bool is_still = 8 * n_level >= 7 * n_samples_ && is_at_rest(markers);
   is_off_ = (is_still && most > kOffStillQ12) || (2 * n_level >= n_samples_ && std::abs(all) > kOffAllQ12);
   n_still_ = is_still ? std::min(n_still_ + 1, kStillFrames) : 0;

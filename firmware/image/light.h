@@ -10,6 +10,10 @@
 // not yet followed: untouched by more than 4 %, else (half of the samples level) by more than 6 % over all channels,
 // which no slope of the surface makes: it takes from one lamp what it gives to another.
 //
+// The level is what one frame alone says, for cameras that set their white or exposure anew under every touch: mean of
+// the samples within 8 % of it in all three channels, three rounds from the medians on. The calibration says whether
+// it counts (`photometric.balance`): a contact that shades most of the picture would move it.
+//
 // Frame thread; no allocation after the constructor. Not in the papers.
 #pragma once
 
@@ -24,6 +28,8 @@
 
 namespace ruffini {
 
+using LightLevel = std::array<int32_t, 3>;  // relative change of B, G and R that a frame's light makes, Q16
+
 class LightTracker {
  public:
   LightTracker(int width_px, int height_px);
@@ -34,6 +40,9 @@ class LightTracker {
   void run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest);
 
   [[nodiscard]] bool is_off() const { return is_off_; }
+  // Of the last frame; unsure where fewer than an eighth of the samples agree, or by more than 25 %.
+  [[nodiscard]] const LightLevel& level() const { return level_; }
+  [[nodiscard]] bool level_is_sure() const { return level_is_sure_; }
   [[nodiscard]] const Rest::Gain& gain() const { return gain_; }
 
  private:
@@ -41,14 +50,19 @@ class LightTracker {
     int median = 0;      // Q12
     size_t n_level = 0;  // samples near it
   };
-  [[nodiscard]] Level level_of(std::span<const RelativeChange> plane);
+  void sample(std::span<const RelativeChange> change);
+  [[nodiscard]] Level level_of(size_t channel);
+  void measure(const std::array<Level, 3>& start);
   void follow(const std::array<Level, 3>& level, Rest& rest);
 
   int width_px_;
   int height_px_;
-  std::vector<int32_t> sample_at_;  // first pixel of each usable sample
-  std::vector<int16_t> sample_;
+  std::vector<int32_t> sample_at_;              // first pixel of each usable sample
+  std::array<std::vector<int16_t>, 3> sample_;  // per channel
+  std::vector<int16_t> sorted_;
   size_t n_samples_ = 0;
+  LightLevel level_{};
+  bool level_is_sure_ = false;
   int n_still_ = 0;  // frames in a row
   bool is_off_ = false;
   Rest::Gain gain_;

@@ -19,6 +19,8 @@ LatticePlace lattice_place(int i, int step, int n, int lines) {
   return {line, t - (int64_t{line} << 16)};
 }
 
+constexpr int kBendFraction = 9;  // bits between two lines of the bend
+
 int64_t blend(int64_t a, int64_t b, int64_t fraction_q16) { return a * (65'536 - fraction_q16) + b * fraction_q16; }
 
 // The lattice at the middle of every cell: six planes.
@@ -62,6 +64,8 @@ Photometric::Photometric(const BoardSettings& board, const PhotometricTable& tab
       run_(version),
       unmix_(unmix_of_cells(board, grid_, table)),
       slope_(packed(table.slope)),
+      bend_(packed(table.bend)),
+      is_balanced_(table.is_balanced),
       keep_(static_cast<size_t>(width_px_ * height_px_)),
       n_kept_(static_cast<size_t>(grid_.count())),
       fill_(grid_) {
@@ -71,6 +75,10 @@ Photometric::Photometric(const BoardSettings& board, const PhotometricTable& tab
   const int64_t diameter_q16 =
       floor_div(board.markers.diameter_um * camera.focal_mpx * 65'536, camera.standoff_um * 1'000);
   mask_radius_q16_ = diameter_q16 * 5 / 8 + 65'536;
+  for (size_t c = 0; c < 3; ++c) {
+    bend_low_q16_[c] = table.bend_low_q12[c] * 16;
+    bend_shift_[c] = table.bend_shift[c] + 4 - kBendFraction;
+  }
 }
 
 Photometric::Photometric(const BoardSettings& board, const PhotometricTable& table)
@@ -115,9 +123,23 @@ void Photometric::mask_markers(std::span<const Marker> markers) {
   }
 }
 
+// 2^20 / (n (1 + m)) and m / (1 + m), both half up.
+void Photometric::set_level(const LightLevel& level) {
+  constexpr int64_t kOneQ16 = 65'536;
+  for (size_t c = 0; c < 3; ++c) {
+    const int64_t light = kOneQ16 + level[c];
+    for (int64_t n = 1; n <= 16; ++n) {
+      per_count_[c][static_cast<size_t>(n)] =
+          static_cast<int32_t>(floor_div((int64_t{2} << 36) + n * light, 2 * n * light));
+    }
+    level_q16_[c] = static_cast<int32_t>(floor_div(2 * kOneQ16 * level[c] + light, 2 * light));
+  }
+}
+
 void Photometric::run(std::span<const RelativeChange> difference, std::span<const Marker> markers,
-                      std::span<CellSlope> out) {
+                      const LightLevel& level, std::span<CellSlope> out) {
   mask_markers(markers);
+  set_level(is_balanced_ ? level : LightLevel{});
   CellRow row{.step_px = step_px_,
               .n_cells = grid_.n_x,
               .width = width_px_,
@@ -127,6 +149,11 @@ void Photometric::run(std::span<const RelativeChange> difference, std::span<cons
               .unmix_plane = grid_.count(),
               .unmix = unmix_.data(),
               .slope = slope_.data(),
+              .bend = bend_.empty() ? nullptr : bend_.data(),
+              .bend_low_q16 = bend_low_q16_,
+              .bend_shift = bend_shift_,
+              .per_count = per_count_.data(),
+              .level_q16 = level_q16_,
               .out = out.data(),
               .n_kept = n_kept_.data()};
   for (int y = 0; y < grid_.n_y; ++y) {

@@ -1,32 +1,31 @@
 // Colour change -> surface slope, on the depth grid (one value per step x step pixels).
 //
-//   S = sum of d over the cell's unmasked pixels, n of them
-//   q = (M . S)_Q16 / n                     Q14, clamped to +-16384; M at the cell's middle, Q12, from the coarse lattice
+//   S = sum of d over the cell's unmasked pixels, n of them, Q12
+//   d' = (S / n - m) / (1 + m)              Q16; m: level of the frame's light (light.h), zero where it does not count
+//   q = M . d' + N(d')                      Q14, clamped to +-16384; M at the cell's middle, Q12, from the coarse lattice;
+//                                           N (`bend`, may be missing): trilinear over the three changes
 //   s = table(q)                            Q12, bilinear: index (q + 16384) >> 9, 9 fraction bits
 //
-// The mean over the cell comes before the table: what noise the cell's pixels have is halved before it is bent.
+// M is what lamps do to a matt surface, N what they do not: clipped channels, the camera's response, shadows.
+// The mean over the cell comes before the tables: what noise the cell's pixels have is halved before it is bent.
 // Pixels under a printed dot, where it rests or where it is now, carry no shading and are masked. A cell with no pixel
 // left takes what its neighbours along x and along y have, each weighted by its nearness (photometric_fill.h).
 // Frame thread; no allocation after the constructor.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
 
 #include "base/fixed.h"
 #include "board/settings.h"
+#include "image/light.h"
 #include "image/markers.h"
 #include "image/photometric_fill.h"
+#include "image/photometric_table.h"
 
 namespace ruffini {
-
-// Views into the calibration, shapes as in proto/CALIBRATION.md.
-struct PhotometricTable {
-  std::span<const int16_t> unmix;  // [n_cells_y][n_cells_x][2][3]
-  GridSize cells;
-  std::span<const int16_t> slope;  // [65][65][2]
-};
 
 // What the cells read and write, one row of them at a time.
 struct CellRow {
@@ -39,6 +38,11 @@ struct CellRow {
   ptrdiff_t unmix_plane = 0;
   const int16_t* unmix = nullptr;  // six planes, per cell
   const int32_t* slope = nullptr;  // the table, x in the low half and y in the high one
+  const int32_t* bend = nullptr;   // as slope; null: none
+  std::array<int32_t, 3> bend_low_q16{};
+  std::array<int32_t, 3> bend_shift{};                 // of Q16, from one line to the next 2^9 (shift + 9 bits)
+  const std::array<int32_t, 17>* per_count = nullptr;  // of B, G, R: 2^20 / (n (1 + m)); 0 for n = 0
+  std::array<int32_t, 3> level_q16{};                  // m / (1 + m)
   CellSlope* out = nullptr;
   int16_t* n_kept = nullptr;  // per cell
 };
@@ -46,19 +50,23 @@ using CellRun = void (*)(const CellRow& row);
 
 class Photometric {
  public:
-  static constexpr int kSlopeSize = 65;
+  static constexpr int kSlopeSize = PhotometricTable::kSlopeSize;
+  static constexpr int kBendSize = PhotometricTable::kBendSize;
 
   Photometric(const BoardSettings& board, const PhotometricTable& table, CellRun version);
   Photometric(const BoardSettings& board, const PhotometricTable& table);  // the fastest that this processor runs
 
-  // `difference`: planes of B, G and R.
-  void run(std::span<const RelativeChange> difference, std::span<const Marker> markers, std::span<CellSlope> out);
+  // `difference`: planes of B, G and R; `level` within +-2^14, of no effect where the table is not balanced.
+  void run(std::span<const RelativeChange> difference, std::span<const Marker> markers, const LightLevel& level,
+           std::span<CellSlope> out);
 
   [[nodiscard]] GridSize cells() const { return grid_; }
+  [[nodiscard]] bool is_balanced() const { return is_balanced_; }
 
  private:
   void mask_markers(std::span<const Marker> markers);
   void mask_disc(int64_t x_q16, int64_t y_q16);
+  void set_level(const LightLevel& level);
 
   int width_px_;
   int height_px_;
@@ -66,8 +74,14 @@ class Photometric {
   GridSize grid_;
   int64_t mask_radius_q16_;
   CellRun run_;
-  std::vector<int16_t> unmix_;   // six planes, per cell
-  std::vector<int32_t> slope_;   // the table, packed
+  std::vector<int16_t> unmix_;  // six planes, per cell
+  std::vector<int32_t> slope_;  // the table, packed
+  std::vector<int32_t> bend_;   // the same
+  std::array<int32_t, 3> bend_low_q16_{};
+  std::array<int32_t, 3> bend_shift_{};
+  bool is_balanced_;
+  std::array<std::array<int32_t, 17>, 3> per_count_{};  // CellRow
+  std::array<int32_t, 3> level_q16_{};
   std::vector<int16_t> keep_;    // per pixel
   std::vector<int16_t> n_kept_;  // per cell
   PhotometricFill fill_;

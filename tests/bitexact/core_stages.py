@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 I32 = npt.NDArray[np.int32]
+NO_LEVEL = np.zeros(3, np.int32)
 MARKER_COLUMNS = 6  # x, y, dx, dy (Q16 px), is_lost, is_absent
 MAX_DOTS = 4096
 
@@ -101,23 +102,34 @@ class CoreStages:
         )
         return learned, tracked, quality, (int(counts[0]), int(counts[1]))
 
-    def set_photometric(self, unmix: npt.NDArray[np.int16], slope: npt.NDArray[np.int16]) -> None:
+    def set_photometric(
+        self,
+        unmix: npt.NDArray[np.int16],
+        slope: npt.NDArray[np.int16],
+        bend: npt.NDArray[np.int16] | None = None,
+        bend_axis: I32 | None = None,
+    ) -> None:
+        """A table that is balanced."""
+        self._tables = (unmix, slope, bend, bend_axis)  # the core looks into them
         self._lib.stages_set_photometric(
             self._handle,
             _pointer(unmix, np.int16),
             unmix.shape[1],
             unmix.shape[0],
             _pointer(slope, np.int16),
+            None if bend is None else _pointer(bend, np.int16),
+            None if bend_axis is None else _pointer(bend_axis, np.int32),
         )
 
     def photometric(
-        self, difference: npt.NDArray[np.int16], markers: I32, grid: tuple[int, int]
+        self, difference: npt.NDArray[np.int16], markers: I32, grid: tuple[int, int], level_q16: I32 = NO_LEVEL
     ) -> npt.NDArray[np.int16]:
         out = np.zeros((*grid, 2), np.int16)
         self._lib.stages_photometric(
             self._handle,
             _pointer(np.ascontiguousarray(np.moveaxis(difference, 2, 0)), np.int16),
             _pointer(markers, np.int32),
+            _pointer(level_q16, np.int32),
             _pointer(out, np.int16),
         )
         return out

@@ -164,19 +164,31 @@ void stages_flow(Stages* stages, const uint16_t* rest, const uint16_t* grey, int
   for (const Marker& m : flow.markers()) *quality++ = m.quality;
 }
 
-void stages_set_photometric(Stages* stages, const int16_t* unmix, int n_cells_x, int n_cells_y, const int16_t* slope) {
-  const GridSize cells{n_cells_x, n_cells_y};
-  const size_t n_slope = size_t{Photometric::kSlopeSize} * Photometric::kSlopeSize * 2;
-  stages->photometric.emplace(
-      stages->board, PhotometricTable{{unmix, static_cast<size_t>(cells.count()) * 6}, cells, {slope, n_slope}});
+// `bend_axis`: 3 first lines and 3 shifts, with `bend`; both may be null.
+void stages_set_photometric(Stages* stages, const int16_t* unmix, int n_cells_x, int n_cells_y, const int16_t* slope,
+                            const int16_t* bend, const int32_t* bend_axis) {
+  PhotometricTable table;
+  table.cells = {n_cells_x, n_cells_y};
+  table.unmix = {unmix, static_cast<size_t>(table.cells.count()) * 6};
+  table.slope = {slope, size_t{Photometric::kSlopeSize} * Photometric::kSlopeSize * 2};
+  table.is_balanced = true;
+  if (bend != nullptr) {
+    constexpr size_t n = Photometric::kBendSize;
+    table.bend = {bend, n * n * n * 2};
+    std::copy_n(bend_axis, 3, table.bend_low_q12.begin());
+    std::copy_n(bend_axis + 3, 3, table.bend_shift.begin());
+  }
+  stages->photometric.emplace(stages->board, table);
 }
 
-// `difference_q12`: planes of B, G and R.
-void stages_photometric(Stages* stages, const int16_t* difference_q12, const int32_t* markers, int16_t* out) {
+// `difference_q12`: planes of B, G and R; `level_q16` of the light: 3.
+void stages_photometric(Stages* stages, const int16_t* difference_q12, const int32_t* markers, const int32_t* level_q16,
+                        int16_t* out) {
   std::vector<RelativeChange> change(3 * n_pixels(*stages));
   for (size_t i = 0; i < change.size(); ++i) change[i] = RelativeChange::from_raw(difference_q12[i]);
   std::vector<CellSlope> slope(static_cast<size_t>(stages->photometric->cells().count()));
-  stages->photometric->run(change, get_markers(markers, stages->board.markers.lattice.count()), slope);
+  const LightLevel level = {level_q16[0], level_q16[1], level_q16[2]};
+  stages->photometric->run(change, get_markers(markers, stages->board.markers.lattice.count()), level, slope);
   for (const CellSlope& s : slope) {
     *out++ = s.x.raw();
     *out++ = s.y.raw();

@@ -152,6 +152,37 @@ def test_drifting_light_is_followed_while_nothing_touches() -> None:
     assert 10 < n_unsteady < 170, n_unsteady
 
 
+def test_a_balanced_table_takes_the_light_of_every_frame_off() -> None:
+    text = board_with_all_stages(2)
+    typed, board = parse_board(text.encode(), "small"), read_board(text)
+    rng = np.random.default_rng(8)
+    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    bend = rng.integers(-2000, 2000, (9, 9, 9, 2)).astype(np.int16)
+    bend[4, 4, 4] = 0
+    tables = {
+        **kind.tensors, **photometric_tables(rng),
+        "photometric.bend": bend, "photometric.bend_axis": np.array([[-2048] * 3, [9, 9, 9]], np.int32),
+        "photometric.balance": np.array([1], np.int32),
+    }  # fmt: skip
+    file = pack(tables, {**base_metadata(typed), **kind.metadata})
+    mirror = FramePath(board, file.tensors, file.metadata)
+    rest = np.stack([render(board, rng, 0.0) for _ in range(N_REST)])
+    n_unsure = 0
+    with Pipeline(typed, file.data) as core:
+        for frame in rest:
+            core.process(frame)
+        mirror.learn(rest)
+        for t in range(12):
+            light = 1 + rng.uniform(-0.2, 0.2, 3) * (t < 10) + 0.4 * (t >= 10)
+            touch = dent(board, 8) if t % 2 else np.zeros(rest[0].shape)
+            frame = np.clip(np.round(render(board, rng, 0.4) * light * (1 + touch)), 0, 255).astype(np.uint8)
+            result, expected = core.process(frame), mirror.process(frame, 1)
+            assert np.array_equal(core.raw("slope"), expected.slope), t
+            assert bool(result.flags & LIGHT) == (not mirror.light.level_is_sure), t
+            n_unsure += not mirror.light.level_is_sure
+    assert 2 <= n_unsure < 6, n_unsure  # the last two frames are brighter than any camera's balance
+
+
 @pytest.mark.parametrize("is_finite", [False, True])
 def test_solve_on_random_displacements(is_finite: bool) -> None:
     text = board_with_all_stages(2)

@@ -15,7 +15,7 @@ from mirror.dots import detect_dots
 from mirror.fixed import Saturations
 from mirror.light import difference, grey, reciprocal, rest_image
 from mirror.markers import ABSENT, DX, DY, LOST, Lattice
-from mirror.photometric import cell_slope, marker_mask, unmix_of_cells
+from mirror.photometric import Bend, cell_slope, marker_mask, unmix_of_cells
 from mirror.poisson import cos_pi_q30, poisson
 
 from ruffini.bench.markers import NodesOnLattice, fill_lost
@@ -172,6 +172,31 @@ def test_photometric(open_stages: OpenStages, text: str, limit: int) -> None:
     assert 0 < mask.mean() < 1
     expected = cell_slope(board, change.astype(np.int64), mask, unmix_of_cells(board, unmix), table)
     assert np.array_equal(core.photometric(change, markers, depth_grid(board)), expected)
+
+
+@pytest.mark.parametrize("text", [*SIZES, board_text("gelslim")])
+@pytest.mark.parametrize("shift", [6, 9, 11])
+@pytest.mark.parametrize("limit", [500, 32767])
+def test_photometric_with_bend_under_another_light(open_stages: OpenStages, text: str, shift: int, limit: int) -> None:
+    core, board = open_stages(text)
+    rng = np.random.default_rng(shift)
+    height, width, _ = frame_shape(board)
+    unmix = rng.integers(-limit, limit + 1, (4, 3, 2, 3)).astype(np.int16)
+    table = rng.integers(-32768, 32768, (65, 65, 2)).astype(np.int16)
+    bend = Bend(
+        rng.integers(-limit - 1, limit + 1, (9, 9, 9, 2)).astype(np.int16),
+        np.array([rng.integers(-4000, 200, 3), [shift, 12 - shift // 2, 8]], np.int32),
+    )
+    change = np.clip(rng.normal(0, 900, (height, width, 3)), -32768, 32767).astype(np.int16)
+    change[:4] = rng.integers(-32768, 32768, (4, width, 3))
+    level = np.array([-16384, 16384, rng.integers(-3000, 3000)], np.int32)
+    markers = random_markers(board, rng, 200_000)
+    core.set_photometric(unmix, table, bend.lattice, bend.axis)
+    mask = marker_mask(board, markers)
+    expected = cell_slope(
+        board, change.astype(np.int64), mask, unmix_of_cells(board, unmix), table, bend, level.astype(np.int64)
+    )
+    assert np.array_equal(core.photometric(change, markers, depth_grid(board), level), expected)
 
 
 def test_photometric_with_every_pixel_masked(open_stages: OpenStages) -> None:

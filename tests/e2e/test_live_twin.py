@@ -20,7 +20,7 @@ from conftest import Sensor, write_board
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.photometric import collect_samples, fit_model, tabulate
+from ruffini.calibrate.photometric import Choice, collect_samples, fit_model, tabulate
 from ruffini.calibrate.presses import Pinhole, load_presses
 from ruffini.demo.daemon import find_daemon, running_daemon
 from ruffini.device import Connection
@@ -65,7 +65,7 @@ def twin(sensor: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Twin:
     pinhole = Pinhole(
         camera.focal_mpx / 1e3, camera.center_x_mpx / 1e3, camera.center_y_mpx / 1e3, camera.standoff_um / 1e3
     )
-    colours = fit_model(collect_samples(load_presses(root / "balls"), pinhole), unmix_order=2, slope_order=3)
+    colours = fit_model(collect_samples(load_presses(root / "balls"), pinhole), Choice(unmix_order=2, stiffness=1e-5))
     file = container.unpack(sensor.calibration)  # the same board: its operator fits
     return Twin(unit, container.pack({**file.tensors, **tabulate(colours)}, file.metadata).data)
 

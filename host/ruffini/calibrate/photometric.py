@@ -1,29 +1,33 @@
 """Fit colour change -> surface slope on ball presses, and tabulate it for the board.
 
-Model, in two steps that the firmware runs per pixel:
+Model, in the steps that the firmware runs per cell (firmware/image/photometric.h):
 
-1. unmixing: the tangential part of the normal, q = n_t, is linear in the relative colour change,
-   q = M(x, y) d. For Lambertian lights this is exact: I_c / I_c,rest is linear in n, and M can be
-   chosen blind to the common mode (n_z, exposure). M varies over the image because lights are near;
-   each of its six entries is a polynomial of the pixel's place.
-2. slope table: s = h(q), a table over q that starts from h(q) = q / sqrt(1 - |q|^2) and corrects what
-   a Lambertian surface does not explain (shadows, gloss).
+1. light: what the frame's own light does to all pixels alike is taken off, d' = (d - m) / (1 + m), where the presses
+   demand it (light_level.py);
+2. normal: the tangential part of the normal, q = n_t = M(x, y) d' + N(d'). For Lambertian lights M alone is exact:
+   I_c / I_c,rest is linear in n, and M can be chosen blind to the common mode (n_z, exposure); its six entries are
+   polynomials of the pixel's place, because lights are near. N is what matt surfaces do not explain: clipped
+   channels, the camera's response, shadows, lamps of mixed colour. It is a lattice of the three changes
+   (colour_lattice.py), the same all over the image;
+3. slope: s = q / sqrt(1 - |q|^2), a table.
 
-The orders of both polynomials are chosen by cross-validation over presses: the simplest model that is not worse than
-the best one by more than two standard errors of the difference. A correction that the presses do not demand bends the
-slopes beyond theirs, at the walls of flat objects, by up to a fifth.
+Balance, order and stiffness are chosen by cross-validation over presses: the simplest model that is not worse than the
+best one by more than two standard errors of the difference. Circles marked by hand are off by 1 to 7 px on recorded
+presses; each is moved to where a first fit to all of them has it, and the fit made again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.calibrate.presses import Pinhole, PressSet, ball_slope
+from ruffini.calibrate.colour_lattice import N_LINES, ColourAxis, bending
+from ruffini.calibrate.light_level import light_level
+from ruffini.calibrate.presses import FITTED_INSIDE, Pinhole, PressSet, ball_slope
 from ruffini.errors import InputError
 from ruffini.frames import read_image
 
@@ -34,44 +38,113 @@ SLOPE_SIZE = 65  # lines of the slope table over q_y, q_x
 Q_LIMIT = 0.97  # |n_t| beyond which the slope is held (76 degrees)
 MARKER_CHANGE = -0.30  # relative change of all channels that tells a printed dot from shading
 UNMIX_ORDERS = (0, 1, 2, 3, 4)
-SLOPE_ORDERS = (0, 3, 5)
+STIFFNESS = (1e-4, 1e-5, 1e-6)  # of the lattice: bending over the mean square misfit of q
+UNMIX_RIDGE = 1e-4  # over the mean of its normal equations' diagonal
+LATTICE_RIDGE = 1e-7  # what M can say, M says
+JUDGED_INSIDE = 0.85  # of the contact radius, as `ruffini eval photometric` judges
+JUDGED_WITHIN_PX = 2.0  # of the mark
+MOVED_AT_MOST = 0.2  # of the ball's radius: how far a mark may be off in the fit
+FOLDS = 8
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Labelled pixels of one press: relative change (n, 3), place in [-1, 1] (n, 2), slope (n, 2)."""
+    """Labelled pixels of one press: relative change (n, 3), place in [-1, 1] (n, 2), slope (n, 2).
+
+    `offset_px` (n, 2) from the circle's centre; `level` (3,) of the image's light; radii of contact and ball in pixels.
+    """
 
     change: Array
     place: Array
     slope: Array
+    offset_px: Array
+    level: Array
+    radius_px: float
+    ball_px: float
+
+    def normal(self) -> Array:
+        """q (n, 2)."""
+        return np.asarray(self.slope / np.sqrt(1 + (self.slope**2).sum(axis=1, keepdims=True)))
+
+    def inside(self, share: float) -> Samples:
+        """Those within a share of the contact radius."""
+        near = np.hypot(self.offset_px[:, 0], self.offset_px[:, 1]) < share * self.radius_px
+        return replace(self, change=self.change[near], place=self.place[near], slope=self.slope[near],
+                       offset_px=self.offset_px[near])  # fmt: skip
+
+    def moved(self, shift_px: Array) -> Samples:
+        """The same pixels, with the circle elsewhere."""
+        slope = _lambertian_slope(self.normal() - shift_px / self.ball_px)
+        return replace(self, slope=slope, offset_px=self.offset_px - shift_px)
+
+    def shift_px(self, q: Array, at_most: float) -> Array:
+        """Where the centre is by an estimate q (n, 2): the median over the pixels, along x and y, of one's own."""
+        return np.clip(np.median(self.normal() - q, axis=0) * self.ball_px, -at_most, at_most)
+
+    def seen(self, is_balanced: bool) -> Array:
+        """d' (n, 3)."""
+        return np.asarray((self.change - self.level) / (1 + self.level)) if is_balanced else self.change
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which model: order of M over the image, stiffness of N (none without), whether light is taken off."""
+
+    unmix_order: int = 0
+    stiffness: float | None = None
+    is_balanced: bool = False
+
+    def complexity(self) -> float:
+        """For the rule of the simplest model: numbers that are free; a softer lattice after a stiffer one."""
+        lattice = 0.0 if self.stiffness is None else 100 - 10 * float(np.log10(self.stiffness))
+        return 6 * _n_terms(self.unmix_order) + lattice
+
+    def __str__(self) -> str:
+        bend = "none" if self.stiffness is None else f"{self.stiffness:.0e}"
+        return f"unmix {self.unmix_order}, bend {bend}, {'balanced' if self.is_balanced else 'as it is'}"
 
 
 @dataclass(frozen=True)
 class PhotometricModel:
-    """Coefficients of the two steps; `unmix` (n_terms, 3, 2), `correction` (n_terms, 2)."""
+    """`unmix` (n_terms, 3, 2), `bend` (nodes, 2) or empty over `axis`."""
 
+    choice: Choice
     unmix: Array
-    unmix_order: int
-    correction: Array
-    slope_order: int
+    bend: Array
+    axis: ColourAxis
 
-    def normal(self, change: Array, place: Array) -> Array:
-        """q of (n, 3) relative changes at (n, 2) places: (n, 2)."""
-        terms = _monomials(place, self.unmix_order)
-        return np.asarray(np.einsum("nt,nc,tcq->nq", terms, change, self.unmix))
+    def normal(self, samples: Samples) -> Array:
+        """q (n, 2)."""
+        change = samples.seen(self.choice.is_balanced)
+        terms = _monomials(samples.place, self.choice.unmix_order)
+        q = np.einsum("nt,nc,tcq->nq", terms, change, self.unmix)
+        return np.asarray(q + self.axis.weights(change) @ self.bend if len(self.bend) else q)
 
-    def slope(self, q: Array) -> Array:
-        """Surface slope of (n, 2) tangential normals: (n, 2)."""
-        base = _lambertian_slope(q)
-        if self.slope_order == 0:
-            return base
-        limited = q * np.minimum(1.0, Q_LIMIT / np.maximum(np.hypot(q[:, 0], q[:, 1]), 1e-9))[:, None]
-        return np.asarray(base + _monomials(limited, self.slope_order)[:, 1:] @ self.correction)
+    def shift_px(self, samples: Samples, share: float, at_most: float) -> Array:
+        """How far the circle's centre is from the mark, by the normals inside a share of the contact."""
+        shift = np.zeros(2)
+        for _ in range(3):  # the pixels inside change with it
+            near = samples.moved(shift).inside(share)
+            if len(near.slope) < 50:
+                return np.zeros(2)
+            shift = np.clip(shift + near.shift_px(self.normal(near), at_most), -at_most, at_most)
+        return shift
+
+    def error_deg(self, samples: Samples) -> float:
+        """Median error of the normals inside the judged part of the circle, refitted near its mark."""
+        shift = self.shift_px(samples, JUDGED_INSIDE, JUDGED_WITHIN_PX)
+        judged = samples.moved(shift).inside(JUDGED_INSIDE)
+        return float(np.median(angle_deg(_lambertian_slope(self.normal(judged)), judged.slope)))
+
+
+def _n_terms(order: int) -> int:
+    return (order + 1) * (order + 2) // 2
 
 
 def _monomials(place: Array, order: int) -> Array:
+    """By rising order, so that a lower order is the first columns of a higher one."""
     x, y = place[:, 0], place[:, 1]
-    return np.stack([x**i * y**j for i in range(order + 1) for j in range(order + 1 - i)], axis=1)
+    return np.stack([x ** (k - j) * y**j for k in range(order + 1) for j in range(k + 1)], axis=1)
 
 
 def _lambertian_slope(q: Array) -> Array:
@@ -95,13 +168,15 @@ def pixel_place(shape: tuple[int, int]) -> Array:
 def collect_samples(
     presses: PressSet, camera: Pinhole | None, *, per_press: int = 3000, seed: int = 0
 ) -> list[Samples]:
-    """Labelled pixels of each press, without printed dots, at most `per_press` each."""
+    """Labelled pixels of each press, inside the contact and without printed dots, at most `per_press` each."""
     import cv2
 
     rng = np.random.default_rng(seed)
     shape = presses.reference.shape[:2]
     place = pixel_place(shape)
     smooth_reference = np.asarray(cv2.medianBlur(presses.reference.astype(np.uint8), 31), dtype=np.uint8)
+    rest_dots = _dot_mask(presses.reference, smooth_reference)
+    ball_px = presses.ball_mm / 2 * presses.px_per_mm
     samples = []
     for press in presses.presses:
         image = read_image(press.path).astype(float)
@@ -110,22 +185,22 @@ def collect_samples(
                 f"{press.path} is {image.shape[1]}x{image.shape[0]}, the reference {shape[1]}x{shape[0]} pixels"
             )
         mask, slope = ball_slope(
-            press,
-            shape,
-            ball_radius_mm=presses.ball_mm / 2,
-            px_per_mm=presses.px_per_mm,
-            camera=camera,
+            press, shape, ball_radius_mm=presses.ball_mm / 2, px_per_mm=presses.px_per_mm, camera=camera, inside=1.0
         )
-        dots = _dot_mask(image, smooth_reference) | _dot_mask(presses.reference, smooth_reference)
-        usable = ~dots[mask]
-        change = relative_change(image, presses.reference)[mask][usable]
-        if len(change) < 50:
+        usable = ~(_dot_mask(image, smooth_reference) | rest_dots)[mask]
+        change = relative_change(image, presses.reference)
+        offset = np.argwhere(mask)[:, ::-1] - [press.center_x_px, press.center_y_px]
+        level = light_level(change, presses.reference)
+        found = Samples(change[mask][usable], place[mask][usable], slope[usable], offset[usable], level,
+                        press.radius_px, ball_px)  # fmt: skip
+        if len(found.inside(FITTED_INSIDE).change) < 50:
             raise InputError(
-                f"{press.path}: only {len(change)} usable pixels inside the contact: "
+                f"{press.path}: only {len(found.inside(FITTED_INSIDE).change)} usable pixels inside the contact: "
                 "is the circle in presses.csv right?"
             )
-        pick = rng.permutation(len(change))[:per_press]
-        samples.append(Samples(change[pick], place[mask][usable][pick], slope[usable][pick]))
+        pick = rng.permutation(len(found.change))[:per_press]
+        samples.append(replace(found, change=found.change[pick], place=found.place[pick], slope=found.slope[pick],
+                               offset_px=found.offset_px[pick]))  # fmt: skip
     return samples
 
 
@@ -138,30 +213,63 @@ def _dot_mask(image: Array, background: npt.NDArray[np.uint8]) -> npt.NDArray[np
     return np.asarray(grown, dtype=bool)
 
 
-def fit_model(samples: list[Samples], unmix_order: int, slope_order: int) -> PhotometricModel:
-    """Least squares of both steps; each press weighs the same."""
-    change = np.concatenate([s.change for s in samples])
-    place = np.concatenate([s.place for s in samples])
-    slope = np.concatenate([s.slope for s in samples])
-    weight = np.concatenate([np.full(len(s.slope), len(s.slope) ** -0.5) for s in samples])
-    target = slope / np.sqrt(1 + (slope**2).sum(axis=1, keepdims=True))
-    terms = _monomials(place, unmix_order)
-    features = (terms[:, :, None] * change[:, None, :]).reshape(len(change), -1)
-    unmix = _ridge(features, target, weight).reshape(terms.shape[1], 3, 2)
-    model = PhotometricModel(unmix, unmix_order, np.zeros((0, 2)), 0)
-    if slope_order == 0:
-        return model
-    q = model.normal(change, place)
-    keep = np.hypot(q[:, 0], q[:, 1]) < Q_LIMIT
-    correction = _ridge(_monomials(q[keep], slope_order)[:, 1:], (slope - _lambertian_slope(q))[keep], weight[keep])
-    return PhotometricModel(unmix, unmix_order, correction, slope_order)
+class Equations:
+    """Normal equations of presses, each of the same weight, for all orders and with the lattice."""
+
+    def __init__(self, axis: ColourAxis, is_balanced: bool) -> None:
+        self.axis, self.is_balanced = axis, is_balanced
+        self._zero = axis.zero()
+        self._bending = bending()
+
+    def of(self, samples: Samples, shift_px: Array | None = None) -> tuple[Array, Array]:
+        """(k, k) and (k, 2) of one press; unmixing of all orders first, then the nodes."""
+        if shift_px is not None:
+            samples = samples.moved(shift_px)
+        near = samples.inside(FITTED_INSIDE)
+        change, q = near.seen(self.is_balanced), near.normal()
+        terms = _monomials(near.place, max(UNMIX_ORDERS))
+        features = (terms[:, :, None] * change[:, None, :]).reshape(len(q), -1)
+        weights = self.axis.weights(change)
+        both = np.asarray(weights.T @ features)
+        gram = np.block([[features.T @ features, both.T], [both, (weights.T @ weights).toarray()]])
+        right = np.concatenate([features.T @ q, np.asarray(weights.T @ q)])
+        return gram / len(q), right / len(q)
+
+    def solve(self, presses: Iterable[tuple[Array, Array]], choice: Choice) -> PhotometricModel:
+        """The model of least squares."""
+        n_all, n = 3 * _n_terms(max(UNMIX_ORDERS)), 3 * _n_terms(choice.unmix_order)
+        n_nodes = 0 if choice.stiffness is None else N_LINES**3
+        use = np.r_[np.arange(n), np.arange(n_all, n_all + n_nodes)]
+        gram, right, count = np.zeros((len(use), len(use))), np.zeros((len(use), 2)), 0
+        for one_gram, one_right in presses:
+            gram += one_gram[np.ix_(use, use)]
+            right += one_right[use]
+            count += 1
+        gram, right = gram / count, right / count
+        unmix = np.arange(n)
+        gram[unmix, unmix] += UNMIX_RIDGE * np.trace(gram[:n, :n]) / n
+        if choice.stiffness is not None:
+            gram[n:, n:] += choice.stiffness * self._bending + LATTICE_RIDGE * np.eye(n_nodes)
+            gram[n + self._zero, n + self._zero] += 1e6  # no change is flat
+        found: Array = np.asarray(np.linalg.solve(gram, right), dtype=np.float64)
+        return PhotometricModel(choice, found[:n].reshape(-1, 3, 2), found[n:], self.axis)
 
 
-def _ridge(features: Array, target: Array, weight: Array, relative: float = 1e-5) -> Array:
-    weighted = features * weight[:, None]
-    gram = weighted.T @ weighted
-    gram += relative * np.trace(gram) / len(gram) * np.eye(len(gram))
-    return np.asarray(np.linalg.solve(gram, weighted.T @ (target * weight[:, None])))
+def fit_model(samples: list[Samples], choice: Choice) -> PhotometricModel:
+    """Least squares on the circles as marked, then on the circles where that fit has them."""
+    axis = ColourAxis.covering(np.concatenate([s.inside(JUDGED_INSIDE).seen(choice.is_balanced) for s in samples]))
+    equations = Equations(axis, choice.is_balanced)
+    return _fit_moved(samples, [equations.of(s) for s in samples], equations, choice)
+
+
+def _fit_moved(
+    samples: list[Samples], marked: list[tuple[Array, Array]], equations: Equations, choice: Choice
+) -> PhotometricModel:
+    first = equations.solve(marked, choice)
+    moved = (
+        equations.of(s, first.shift_px(s, FITTED_INSIDE, MOVED_AT_MOST * s.ball_px)) for s in samples
+    )  # one at a time: each is some megabytes
+    return equations.solve(moved, choice)
 
 
 def angle_deg(slope: Array, truth: Array) -> Array:
@@ -180,14 +288,16 @@ class PhotometricFit:
     """The chosen model and how it does on presses that it was not fitted on."""
 
     model: PhotometricModel
-    held_out_deg: Array  # median normal error of each press, left out of the fit
-    table: dict[str, float]  # cross-validated median error of each order that was tried
+    held_out_deg: Array  # median normal error of each press, left out of the fit, on its circle refitted within 2 px
+    table: dict[str, float]  # cross-validated median error of each model that was tried
 
     def report(self) -> dict[str, Any]:
         """Residuals for the manifest and the screen."""
+        choice = self.model.choice
         return {
-            "unmix_order": self.model.unmix_order,
-            "slope_order": self.model.slope_order,
+            "unmix_order": choice.unmix_order,
+            "bend_stiffness": choice.stiffness,
+            "is_balanced": choice.is_balanced,
             "held_out_normal_median_deg": round(float(np.median(self.held_out_deg)), 3),
             "held_out_normal_worst_deg": round(float(self.held_out_deg.max()), 3),
             "n_presses": len(self.held_out_deg),
@@ -196,33 +306,51 @@ class PhotometricFit:
 
 
 def fit_photometric(samples: list[Samples], *, progress: Callable[[float], None] = lambda _: None) -> PhotometricFit:
-    """Choose the orders by cross-validation over presses, then fit on all of them."""
-    folds = min(len(samples), 8)
-    orders = [(u, s) for u in UNMIX_ORDERS for s in SLOPE_ORDERS]
-    errors = np.zeros((len(orders), len(samples)))
-    for row, (unmix_order, slope_order) in enumerate(orders):
-        for fold in range(folds):
-            model = fit_model([s for i, s in enumerate(samples) if i % folds != fold], unmix_order, slope_order)
-            for i in range(fold, len(samples), folds):
-                s = samples[i]
-                estimate = model.slope(model.normal(s.change, s.place))
-                errors[row, i] = np.median(angle_deg(estimate, s.slope))
-        progress((row + 1) / len(orders))
-    chosen = simplest_good(errors, [n_coefficients(*o) for o in orders])
-    tried = {f"unmix {u}, slope {s}": round(float(e.mean()), 3) for (u, s), e in zip(orders, errors, strict=True)}
-    return PhotometricFit(fit_model(samples, *orders[chosen]), errors[chosen], tried)
+    """Choose the model by cross-validation over presses, then fit it on all of them."""
+    tried: dict[Choice, Array] = {}
+    equations = {}
+    for is_balanced in (False, True):
+        axis = ColourAxis.covering(np.concatenate([s.inside(JUDGED_INSIDE).seen(is_balanced) for s in samples]))
+        equations[is_balanced] = Equations(axis, is_balanced), [Equations(axis, is_balanced).of(s) for s in samples]
+        for stiffness in (None, STIFFNESS[1]):
+            choice = Choice(1, stiffness, is_balanced)
+            tried[choice] = _left_out(samples, *equations[is_balanced], choice)
+    is_balanced = _best(tried).is_balanced
+    rest = [Choice(order, stiffness, is_balanced) for order in UNMIX_ORDERS for stiffness in (None, *STIFFNESS)]
+    for i, choice in enumerate(rest):
+        if choice not in tried:
+            tried[choice] = _left_out(samples, *equations[is_balanced], choice)
+        progress((i + 1) / (len(rest) + 1))
+    choice = _best(tried)
+    chosen, marked = equations[choice.is_balanced]
+    errors = _left_out(samples, chosen, marked, choice, is_moved=True)
+    progress(1.0)
+    names = {str(c): round(float(e.mean()), 3) for c, e in tried.items()}
+    return PhotometricFit(_fit_moved(samples, marked, chosen, choice), errors, names)
 
 
-def n_coefficients(unmix_order: int, slope_order: int) -> int:
-    """How many numbers a model of these orders has."""
-
-    def n_terms(order: int) -> int:
-        return (order + 1) * (order + 2) // 2
-
-    return 6 * n_terms(unmix_order) + 2 * (n_terms(slope_order) - 1)
+def _best(tried: dict[Choice, Array]) -> Choice:
+    choices = list(tried)
+    return choices[simplest_good(np.stack(list(tried.values())), [c.complexity() + c.is_balanced for c in choices])]
 
 
-def simplest_good(errors: Array, n_free: list[int]) -> int:
+def _left_out(
+    samples: list[Samples], equations: Equations, marked: list[tuple[Array, Array]], choice: Choice, *,
+    is_moved: bool = False,
+) -> Array:  # fmt: skip
+    """Error of each press by a model that was fitted without it."""
+    folds = min(len(samples), FOLDS)
+    errors = np.zeros(len(samples))
+    for fold in range(folds):
+        kept = [i for i in range(len(samples)) if i % folds != fold]
+        their, known = [samples[i] for i in kept], [marked[i] for i in kept]
+        model = _fit_moved(their, known, equations, choice) if is_moved else equations.solve(known, choice)
+        for i in range(fold, len(samples), folds):
+            errors[i] = model.error_deg(samples[i])
+    return errors
+
+
+def simplest_good(errors: Array, n_free: list[float]) -> int:
     """Row of errors (models, presses) with the fewest free numbers of those within two standard errors of the best."""
     loss = errors - errors[errors.mean(axis=1).argmin()]
     allowed = 2 * loss.std(axis=1, ddof=1) / np.sqrt(errors.shape[1])
@@ -230,18 +358,23 @@ def simplest_good(errors: Array, n_free: list[int]) -> int:
     return int(min(good, key=lambda row: n_free[row]))
 
 
-def tabulate(model: PhotometricModel) -> dict[str, npt.NDArray[np.int16]]:
-    """The two integer tables of proto/CALIBRATION.md."""
+def tabulate(model: PhotometricModel) -> dict[str, npt.NDArray[Any]]:
+    """The integer tables of proto/CALIBRATION.md."""
     lattice = pixel_place(LATTICE).reshape(-1, 2)
-    unmix = np.einsum("nt,tcq->nqc", _monomials(lattice, model.unmix_order), model.unmix)
+    unmix = np.einsum("nt,tcq->nqc", _monomials(lattice, model.choice.unmix_order), model.unmix)
     axis = np.linspace(-1, 1, SLOPE_SIZE)
     qy, qx = np.meshgrid(axis, axis, indexing="ij")
-    slope = model.slope(np.stack([qx.ravel(), qy.ravel()], axis=1))
+    slope = _lambertian_slope(np.stack([qx.ravel(), qy.ravel()], axis=1))
 
-    def q12(values: Array) -> npt.NDArray[np.int16]:
-        return np.clip(np.floor(values * 4096 + 0.5), -32767, 32767).astype(np.int16)
+    def fixed(values: Array, bits: int) -> npt.NDArray[np.int16]:
+        return np.asarray(np.clip(np.floor(values * 2**bits + 0.5), -32767, 32767), dtype=np.int16)
 
-    return {
-        "photometric.unmix": q12(unmix).reshape(*LATTICE, 2, 3),
-        "photometric.slope": q12(slope).reshape(SLOPE_SIZE, SLOPE_SIZE, 2),
+    tables: dict[str, npt.NDArray[Any]] = {
+        "photometric.unmix": fixed(unmix, 12).reshape(*LATTICE, 2, 3),
+        "photometric.slope": fixed(slope, 12).reshape(SLOPE_SIZE, SLOPE_SIZE, 2),
+        "photometric.balance": np.array([int(model.choice.is_balanced)], np.int32),
     }
+    if len(model.bend):
+        tables["photometric.bend"] = fixed(model.bend, 14).reshape(N_LINES, N_LINES, N_LINES, 2)
+        tables["photometric.bend_axis"] = model.axis.tensor()
+    return tables

@@ -11,20 +11,23 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize_scalar
 
+from ruffini.calibrate.colour_lattice import ColourAxis
 from ruffini.calibrate.container import Tensors
 from ruffini.calibrate.photometric import Samples, angle_deg
+from ruffini.calibrate.presses import FITTED_INSIDE
 
 Array = npt.NDArray[np.float64]
 
 PRIOR = 0.1
 DEVIATION = 0.05  # of one press's tangential normal, as the factor leaves it: presses differ by more than pixels
 WIDEST = 3.0  # standard deviations of the prior that are searched
-Q12 = 4096.0
+Q12, Q14 = 4096.0, 16384.0
 
 
 def fit_scale(tables: Tensors, samples: list[Samples]) -> tuple[float, float, float, float]:
     """Factor, its standard deviation, median normal error (degrees) before and after."""
-    truth = [s.slope / np.sqrt(1 + (s.slope**2).sum(axis=1, keepdims=True)) for s in samples]
+    samples = [s.inside(FITTED_INSIDE) for s in samples]
+    truth = [s.normal() for s in samples]
     q = [_normal(tables, s) for s in samples]
 
     def cost(scale: float) -> float:
@@ -42,9 +45,13 @@ def fit_scale(tables: Tensors, samples: list[Samples]) -> tuple[float, float, fl
 
 
 def scaled(tables: Tensors, scale: float) -> Tensors:
-    """The tables with their unmixing times `scale`."""
-    unmix = np.clip(np.round(tables["photometric.unmix"].astype(float) * scale), -32767, 32767).astype(np.int16)
-    return {**tables, "photometric.unmix": unmix}
+    """The tables with their normals times `scale`."""
+    names = [name for name in ("photometric.unmix", "photometric.bend") if name in tables]
+    return {**tables, **{name: _times(tables[name], scale) for name in names}}
+
+
+def _times(table: npt.NDArray[np.generic], scale: float) -> npt.NDArray[np.int16]:
+    return np.clip(np.round(table.astype(float) * scale), -32767, 32767).astype(np.int16)
 
 
 def _limited(q: Array) -> Array:
@@ -52,14 +59,20 @@ def _limited(q: Array) -> Array:
 
 
 def _normal(tables: Tensors, samples: Samples) -> Array:
-    """q (n, 2) by the table's unmixing, as firmware/image/photometric.h has it."""
+    """q (n, 2) by the tables, as firmware/image/photometric.h has it."""
+    change = samples.seen(bool(tables["photometric.balance"][0]) if "photometric.balance" in tables else False)
     unmix = tables["photometric.unmix"].astype(float)
     rows, columns = unmix.shape[:2]
     at = np.stack([(samples.place[:, 1] + 1) / 2 * (rows - 1), (samples.place[:, 0] + 1) / 2 * (columns - 1)])
     matrix = np.stack([
         map_coordinates(unmix[:, :, i, j], at, order=1, mode="nearest") for i in range(2) for j in range(3)
     ], axis=1).reshape(-1, 2, 3)  # fmt: skip
-    return np.asarray(np.einsum("nqc,nc->nq", matrix, samples.change) / Q12)
+    q = np.einsum("nqc,nc->nq", matrix, change) / Q12
+    if "photometric.bend" in tables:
+        low, shift = tables["photometric.bend_axis"].astype(np.int32)
+        nodes = tables["photometric.bend"].astype(float).reshape(-1, 2) / Q14
+        q = q + ColourAxis(low, shift).weights(change) @ nodes
+    return np.asarray(q)
 
 
 def _error_deg(tables: Tensors, samples: list[Samples], q: list[Array], scale: float) -> float:

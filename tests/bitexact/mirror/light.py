@@ -53,6 +53,18 @@ def _is_usable(row: I64) -> bool:
     return bool(((least >= 16 * 32) & (most <= 16 * 220) & (4 * least >= 3 * most)).all())
 
 
+def light_level(sample: I64, median: I64) -> tuple[I64, bool]:
+    """Q16 level of one frame's light from (n, 3) samples in Q12, and whether enough of them agree."""
+    level = 16 * median
+    for _ in range(3):
+        near = (np.abs(16 * sample - level) <= 16 * 328).all(axis=1)
+        n = int(near.sum())
+        if 8 * n < len(sample):
+            return np.clip(level, -16384, 16384), False
+        level = (32 * sample[near].sum(axis=0) + n) // (2 * n)
+    return np.clip(level, -16384, 16384), bool(np.abs(level).max() <= 16384)
+
+
 class Light:
     """Rest (h, w, 3) under the light of now: gain (3,) Q20, followed while nothing touches."""
 
@@ -64,6 +76,8 @@ class Light:
         self.gain = np.full(3, UNIT_GAIN)
         self._n_still = 0
         self.is_off = False
+        self.level = np.zeros(3, np.int64)
+        self.level_is_sure = False
         self._set()
 
     def _set(self) -> None:
@@ -75,11 +89,14 @@ class Light:
 
     def follow(self, change: I64, markers: I64) -> None:
         """One frame's change (h, w, 3) Q12 and its markers."""
+        self.level = np.zeros(3, np.int64)
+        self.level_is_sure = False
         if not self._samples:
             return
         sample = np.array([(change[y : y + 2, x : x + 8].sum(axis=(0, 1)) + 8) >> 4 for y, x in self._samples])
         n = len(sample)
         median = np.sort(sample, axis=0)[n // 2]
+        self.level, self.level_is_sure = light_level(sample, median)
         n_level = int((np.abs(sample - median) <= 61).sum(axis=0).min())
         seen = markers[markers[:, LOST] == 0]
         is_still = 8 * n_level >= 7 * n and bool((np.abs(seen[:, [DX, DY]]) <= 16384).all())

@@ -16,7 +16,7 @@ from mirror.finite_strain import FiniteStrain
 from mirror.fixed import I64, Saturations
 from mirror.light import Light, grey, grey_of_rest, relative_change, rest_image
 from mirror.markers import Lattice
-from mirror.photometric import cell_slope, marker_mask, unmix_of_cells
+from mirror.photometric import NO_LEVEL, Bend, cell_slope, marker_mask, unmix_of_cells
 from mirror.poisson import poisson
 from mirror.program import Program
 from mirror.relaxation import Relaxation
@@ -71,6 +71,11 @@ class FramePath:
             self._noise = (steps[0], steps[1])
         self._unmix = unmix_of_cells(board, tensors["photometric.unmix"].astype(np.int16))
         self._slope = tensors["photometric.slope"].astype(np.int16)
+        self._bend: Bend | None = None
+        if "photometric.bend" in tensors:
+            lattice, axis = tensors["photometric.bend"], tensors["photometric.bend_axis"]
+            self._bend = Bend(lattice.astype(np.int16), axis.astype(np.int32))
+        self._is_balanced = int(np.ravel(tensors.get("photometric.balance", 0))[0]) == 1
 
     def learn(self, frames: npt.NDArray[np.uint8]) -> int:
         """Rest from untouched frames; number of markers found."""
@@ -86,7 +91,9 @@ class FramePath:
         before = self.light.gain.copy()
         self.light.follow(change, markers)
         self.is_light_steady = bool((np.abs(self.light.gain - before) < 32).all())
-        slope = cell_slope(board, change, marker_mask(board, markers), self._unmix, self._slope)
+        level = self.light.level if self._is_balanced else NO_LEVEL
+        mask = marker_mask(board, markers)
+        slope = cell_slope(board, change, mask, self._unmix, self._slope, self._bend, level)
         seen_from = board
         if self._camera_map is not None:
             slope, seen_from = self._camera_map.rectify(slope), self._camera_map.ideal

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -11,6 +13,33 @@ from mirror.markers import DX, DY, X, Y
 
 ONE = 16384  # Q14
 TABLE_LINES = 65
+BEND_LINES = 9
+NO_LEVEL = np.zeros(3, np.int64)
+
+
+@dataclass(frozen=True)
+class Bend:
+    """Lattice (9, 9, 9, 2) Q14 over the changes of B, G, R; `axis` (2, 3): first line in Q12, shift to the next."""
+
+    lattice: npt.NDArray[np.int16]
+    axis: npt.NDArray[np.int32]
+
+    def of(self, change: I64) -> I64:
+        """(..., 2) Q14 of (..., 3) changes in Q16."""
+        low, shift = self.axis.astype(np.int64)
+        t = np.stack([round_shift(change[..., c] - 16 * low[c], int(shift[c]) - 5) for c in range(3)], axis=-1)
+        t = np.clip(t, 0, (BEND_LINES - 1) << 9)
+        line = np.minimum(t >> 9, BEND_LINES - 2)
+        value, fraction = self.lattice.astype(np.int64), (t - (line << 9))[..., None]
+        b, g, r = np.moveaxis(line, -1, 0)
+        fb, fg, fr = np.moveaxis(fraction, -2, 0)
+        planes = []
+        for i in (0, 1):
+            edges = [
+                round_shift(value[b + i, g + j, r] * (512 - fr) + value[b + i, g + j, r + 1] * fr, 4) for j in (0, 1)
+            ]
+            planes.append(round_shift(edges[0] * (512 - fg) + edges[1] * fg, 9))
+        return round_shift(planes[0] * (512 - fb) + planes[1] * fb, 14)
 
 
 def unmix_of_cells(board: Board, unmix: npt.NDArray[np.int16]) -> I64:
@@ -57,7 +86,23 @@ def marker_mask(board: Board, markers: npt.NDArray[np.integer]) -> npt.NDArray[n
     return mask
 
 
-def cell_slope(board: Board, change: I64, mask: npt.NDArray[np.bool_], unmix: I64, table: npt.NDArray[np.int16]) -> I64:
+def mean_change(total: I64, count: I64, level: I64) -> I64:
+    """d' in Q16 of sums (..., 3) in Q12 over `count` pixels, under light of this level (Q16); of none: whatever."""
+    light = 65536 + level
+    n = np.arange(1, 17)[:, None]
+    per_count = np.concatenate([np.zeros((1, 3), np.int64), ((2 << 36) + n * light) // (2 * n * light)])
+    return np.asarray(round_shift(total * per_count[count], 16) - (2 * 65536 * level + light) // (2 * light))
+
+
+def cell_slope(
+    board: Board,
+    change: I64,
+    mask: npt.NDArray[np.bool_],
+    unmix: I64,
+    table: npt.NDArray[np.int16],
+    bend: Bend | None = None,
+    level: I64 = NO_LEVEL,
+) -> I64:
     """Slope of the mean of each cell's unmasked pixels; empty cells from their nearest neighbours along each axis."""
     step = board["depth"]["step_px"]
     n_y, n_x = depth_grid(board)
@@ -65,9 +110,9 @@ def cell_slope(board: Board, change: I64, mask: npt.NDArray[np.bool_], unmix: I6
     tiles = (n_y, step, n_x, step)
     count = (~mask).reshape(tiles).sum(axis=(1, 3))
     total = np.where(mask[..., None], 0, change).reshape(*tiles, 3).sum(axis=(1, 3))
-    inverse = np.array([0, *(((2 << 20) + n) // (2 * n) for n in range(1, 17))])[count]
-    dot = round_shift((unmix * total[:, :, None, :]).sum(axis=3), 8)
-    out = table_slope(round_shift(dot * inverse[..., None], 22), table)
+    d = mean_change(total, count, level)
+    q = round_shift((unmix * d[:, :, None, :]).sum(axis=3), 14)
+    out = table_slope(q if bend is None else q + bend.of(d), table)
     filled = out.copy()
     for y, x in np.argwhere(count == 0):
         weight, value = 0, np.zeros(2, np.int64)

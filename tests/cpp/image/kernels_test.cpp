@@ -162,6 +162,12 @@ TEST(Kernels, CellsAreTheSameAtAnyStepAndCount) {
   const auto any = [&] { return static_cast<int16_t>(random() % 65'536 - 32'768); };
   std::vector<int32_t> table(Photometric::kSlopeSize * Photometric::kSlopeSize);
   for (int32_t& t : table) t = static_cast<int32_t>(random());
+  std::vector<int32_t> bend(Photometric::kBendSize * Photometric::kBendSize * Photometric::kBendSize);
+  for (int32_t& t : bend) t = static_cast<int32_t>(random());
+  std::array<std::array<int32_t, 17>, 3> per_count{};
+  for (size_t n = 1; n <= 16; ++n) {
+    for (size_t c = 0; c < 3; ++c) per_count[c][n] = static_cast<int32_t>((3 + c) * (1 << 18) / n);
+  }
   for (int step = 1; step <= 4; ++step) {
     for (int n_cells = 1; n_cells < 30; ++n_cells) {
       const int width = n_cells * step + static_cast<int>(random() % 4) % step;
@@ -185,6 +191,11 @@ TEST(Kernels, CellsAreTheSameAtAnyStepAndCount) {
                        .unmix_plane = n_cells,
                        .unmix = unmix.data(),
                        .slope = table.data(),
+                       .bend = n_cells % 2 == 0 ? bend.data() : nullptr,
+                       .bend_low_q16 = {-40'000, -65'536, 3},
+                       .bend_shift = {6, 4, 1},
+                       .per_count = per_count.data(),
+                       .level_q16 = {-21'845, 13'107, 77},
                        .out = out.slope.data(),
                        .n_kept = out.n_kept.data()});
         return out;

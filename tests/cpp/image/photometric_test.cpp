@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <utility>
 
 #include "support/dot_picture.h"
 #include "support/test_board.h"
@@ -28,7 +29,17 @@ struct Tables {
       }
     }
   }
-  [[nodiscard]] PhotometricTable view() const { return {unmix, {2, 2}, slope}; }
+  [[nodiscard]] PhotometricTable view() const { return view({}); }
+  [[nodiscard]] PhotometricTable view(std::span<const int16_t> bend) const {
+    PhotometricTable table;
+    table.unmix = unmix;
+    table.cells = {2, 2};
+    table.slope = slope;
+    table.bend = bend;
+    table.bend_low_q12 = {-2048, -2048, -2048};
+    table.bend_shift = {9, 9, 9};
+    return table;
+  }
 };
 
 struct Bench {
@@ -54,7 +65,7 @@ struct Bench {
 TEST(Photometric, ColourBecomesSlopeThroughBothTables) {
   Bench run(test::round_board());
   run.fill(410, -1024);  // +10 %, -25 %
-  run.stage.run(run.change, run.lattice.markers(), run.slope);
+  run.stage.run(run.change, run.lattice.markers(), {}, run.slope);
   for (const CellSlope& s : run.slope) {
     EXPECT_EQ(s.x.raw(), 410);
     EXPECT_EQ(s.y.raw(), -1024);
@@ -64,7 +75,7 @@ TEST(Photometric, ColourBecomesSlopeThroughBothTables) {
 TEST(Photometric, BeyondTheTableTheSlopeIsHeld) {
   Bench run(test::round_board());
   run.fill(32767, -32768);
-  run.stage.run(run.change, run.lattice.markers(), run.slope);
+  run.stage.run(run.change, run.lattice.markers(), {}, run.slope);
   EXPECT_EQ(run.slope[0].x.raw(), 4096);
   EXPECT_EQ(run.slope[0].y.raw(), -4096);
 }
@@ -92,7 +103,7 @@ TEST(Photometric, WhatADotShowsDoesNotReachTheSlope) {
     };
     spoil(test::nominal_dots(board));
     spoil(now);
-    run.stage.run(run.change, run.lattice.markers(), run.slope);
+    run.stage.run(run.change, run.lattice.markers(), {}, run.slope);
     for (const CellSlope& s : run.slope) {
       ASSERT_EQ(s.x.raw(), 200);
       ASSERT_EQ(s.y.raw(), 100);
@@ -105,7 +116,7 @@ TEST(Photometric, BesideADotShadingIsRead) {
   const test::Place dot = test::nominal_dots(run.board)[0];
   const auto at = static_cast<size_t>(std::lround(dot.y) * 160 + std::lround(std::ceil(dot.x)) + 5);
   run.change[at] = RelativeChange::from_raw(640);
-  run.stage.run(run.change, run.lattice.markers(), run.slope);
+  run.stage.run(run.change, run.lattice.markers(), {}, run.slope);
   EXPECT_EQ(run.slope[at].x.raw(), 640);
 }
 
@@ -118,10 +129,49 @@ TEST(Photometric, UnmixingIsBilinearOverTheImage) {
   std::vector<RelativeChange> change(160 * 120 * 3);
   std::fill_n(change.begin(), 160 * 120, RelativeChange::from_raw(1000));
   std::vector<CellSlope> slope(160 * 120);
-  stage.run(change, {}, slope);
+  stage.run(change, {}, {}, slope);
   EXPECT_EQ(slope[0].x.raw(), 1000);
   EXPECT_EQ(slope[159].x.raw(), 2000);
   EXPECT_NEAR(slope[53].x.raw(), 1333, 1);  // one third of the way
+}
+
+// Lines at -1/2, -3/8, ... of each colour; only the node at +1/8 of blue says something.
+TEST(Photometric, TheBendIsAddedBetweenItsLines) {
+  constexpr size_t n = Photometric::kBendSize;
+  std::vector<int16_t> bend(n * n * n * 2);
+  const size_t node = ((5 * n + 4) * n + 4) * 2;
+  bend[node] = 800;
+  bend[node + 1] = -400;
+  Tables tables;
+  const BoardSettings board = test::round_board();
+  Photometric stage(board, tables.view(bend));
+  std::vector<RelativeChange> change(160 * 120 * 3);
+  std::vector<CellSlope> slope(160 * 120);
+  const auto at = [&](int blue) {
+    std::fill_n(change.begin(), 160 * 120, RelativeChange::from_raw(static_cast<int16_t>(blue)));
+    stage.run(change, {}, {}, slope);
+    return std::pair(slope[77].x.raw(), slope[77].y.raw());
+  };
+  EXPECT_EQ(at(512), std::pair(512 + 200, -100));  // Q14 800 is Q12 200
+  EXPECT_EQ(at(256), std::pair(256 + 100, -50));   // half way to nothing
+  EXPECT_EQ(at(896), std::pair(896 + 50, -25));    // three quarters of the way
+  EXPECT_EQ(at(0), std::pair(0, 0));
+  EXPECT_EQ(at(4096), std::pair(4096, 0));  // beyond the last line its value is held
+}
+
+TEST(Photometric, ABalancedTableTakesTheLevelOfTheLightOff) {
+  Tables tables;
+  PhotometricTable table = tables.view();
+  const BoardSettings board = test::round_board();
+  std::vector<RelativeChange> change(160 * 120 * 3, RelativeChange::from_raw(1024));  // +25 %
+  std::vector<CellSlope> slope(160 * 120);
+  const LightLevel level = {6554, -6554, 0};  // +10 %, -10 %
+  Photometric(board, table).run(change, {}, level, slope);
+  EXPECT_EQ(slope[0].x.raw(), 1024);
+  table.is_balanced = true;
+  Photometric(board, table).run(change, {}, level, slope);
+  EXPECT_NEAR(slope[0].x.raw(), 4096 * (1.25 / 1.1 - 1), 1);
+  EXPECT_NEAR(slope[0].y.raw(), 4096 * (1.25 / 0.9 - 1), 1);
 }
 
 // A slope that is linear along both axes, and holes in it.

@@ -66,7 +66,8 @@ def test_a_correction_must_be_demanded_by_the_presses() -> None:
 
 def test_lambertian_light_is_fitted_without_a_correction(folder: Path) -> None:
     fit = fit_photometric(collect_samples(load_presses(folder), None))
-    assert (fit.model.unmix_order, fit.model.slope_order) == (0, 0)
+    choice = fit.model.choice
+    assert (choice.unmix_order, choice.stiffness, choice.is_balanced) == (0, None, False)
 
 
 BAD = {
