@@ -42,6 +42,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
     run_memory(capture_us);
     run_estimators();
     run_uncertainty();
+    timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
     run_feature_wrench(capture_us);
   }
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
@@ -63,6 +64,7 @@ void FramePath::learn(const FrameView& frame) {
 
 void FramePath::learn_features() {
   light_.learn(rest_.image());
+  if (skin_) skin_->learn(rest_.image());
   if (!has(Stage::kMarkers) && !has(Stage::kTargets)) return;
   const std::span<const uint16_t> rest = rest_.image();
   for (size_t i = 0; i < state_.difference.grey.size(); ++i) {
@@ -246,6 +248,22 @@ void FramePath::run_feature_wrench(uint64_t capture_us) {
   });
 }
 
+// Touches are contacts of an unrolled skin, whose z is out of it everywhere.
+void FramePath::run_skin(const FrameView& frame, uint64_t capture_us) {
+  state_.skin = skin_->run(frame, capture_us, state_.saturations);
+  if (state_.skin.is_dark) state_.flags |= kFlagDark;
+  if (state_.skin.is_light_off) state_.flags |= kFlagLight;
+  const SkinTouchList& touches = state_.skin.touches;
+  state_.contacts = {.n_listed = touches.n_listed, .n_found = touches.n_found};
+  state_.wrench = {};
+  for (size_t i = 0; i < static_cast<size_t>(touches.n_listed); ++i) {
+    const SkinTouch& t = touches.touch[i];
+    state_.contacts.contacts[i] = {
+        .area_um2 = t.area_um2, .center_x_um = t.x_um, .center_y_um = t.y_um, .force_z_un = -t.press_un};
+    state_.wrench.force_z_un -= t.press_un;
+  }
+}
+
 void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   state_.flags = 0;
   std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
@@ -303,7 +321,19 @@ void FramePath::judge() {
     s.uncertainty.is_of_wrench = s.uncertainty.is_stated;
   }
   s.uncertainty.wrench_validity = verdict(s.uncertainty.is_of_wrench, true);
+  if (skin_) judge_skin();
   if (s.force_z == Validity::kValid && s.contacts.reaches_border) s.flags |= kFlagWindowBorder;
+}
+
+// Pressing is all that a skin measures.
+void FramePath::judge_skin() {
+  FrameState& s = state_;
+  if (skin_->is_calibrated()) s.flags &= ~(kFlagUncalibratedXy | kFlagUncalibratedZ);
+  const bool is_wrong = (s.flags & kWrongFlags) != 0;
+  s.force_xy = Validity::kNotMeasured;
+  s.force_z = !skin_->is_calibrated() ? Validity::kNotMeasured : is_wrong ? Validity::kInvalid : Validity::kValid;
+  s.wrench_validity.fill(Validity::kNotMeasured);
+  s.wrench_validity[2] = s.force_z;
 }
 
 void FramePath::zero(int n_frames) {
@@ -374,8 +404,18 @@ Status FramePath::load_camera_map() {
   return Unit{};
 }
 
+Status FramePath::load_skin() {
+  if (!has(Stage::kSkin)) return Unit{};
+  auto skin = Skin::load(board_, calibration_ ? &calibration_->get() : nullptr);
+  if (!skin) return skin.error();
+  skin_.emplace(std::move(skin).value());
+  return Unit{};
+}
+
 // Which tables the calibration brings, and whether they fit this board.
 Status FramePath::load_tables() {
+  const Status skin = load_skin();
+  if (!skin) return skin.error();
   if (!calibration_) return Unit{};
   const Calibration& c = calibration_->get();
   if (std::ssize(calibration_->bytes()) > board_.calibration_kb * 1024) {

@@ -74,6 +74,7 @@ class FramePath {
   [[nodiscard]] const BoardSettings& board() const { return board_; }
   [[nodiscard]] const NodeGrid& nodes() const { return nodes_; }
   [[nodiscard]] GridSize depth_grid() const { return depth_grid_; }
+  [[nodiscard]] const Skin* skin() const { return skin_ ? &*skin_ : nullptr; }
   [[nodiscard]] int n_markers_at_rest() const { return n_markers_at_rest_; }
 
  private:
@@ -100,10 +101,13 @@ class FramePath {
   void run_memory(uint64_t capture_us);
   void run_estimators();
   void run_uncertainty();
+  Status load_skin();
+  void run_skin(const FrameView& frame, uint64_t capture_us);
   void run_feature_wrench(uint64_t capture_us);
   [[nodiscard]] int n_features() const;
   void judge_input();
   void judge();
+  void judge_skin();
   template <typename Work>
   void timed(Stage stage, Work work);
 
@@ -141,6 +145,7 @@ class FramePath {
   ContactMask mask_;
   ContactFinder contacts_;
   SlipTracker slip_;
+  std::optional<Skin> skin_;
   SaturationCounter untrusted_saturations_;  // of a depth that no force is made of
   FrameState state_;
 };

@@ -11,6 +11,7 @@
 #include "base/fixed.h"
 #include "board/settings.h"
 #include "estimators/contacts.h"
+#include "estimators/skin.h"
 #include "estimators/slip.h"
 #include "estimators/wrench.h"
 #include "estimators/wrench_covariance.h"
@@ -53,6 +54,7 @@ enum class Stage : uint8_t {
   kWrench,
   kFeatureWrench,
   kContacts,
+  kSkin,
   kCount
 };
 inline constexpr size_t kStageCount = static_cast<size_t>(Stage::kCount);
@@ -103,6 +105,7 @@ struct FrameState {
   } uncertainty;
   Wrench wrench;
   ContactList contacts;
+  SkinFrame skin;
   struct {
     std::span<const NodeSlip> node;                      // observed nodes
     std::array<ContactSlip, ContactList::kMax> contact;  // in the order of `contacts`

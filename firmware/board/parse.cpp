@@ -206,6 +206,22 @@ void read_targets(Reader& in, TargetSettings& targets) {
   targets.threshold_1e3 = in.integer("threshold_1e3", 10, 900);
 }
 
+// Only of boards whose pipeline has the stage.
+void read_skin(Reader& in, SkinSettings& skin) {
+  if (!in.has_section("skin")) return;
+  in.section("skin");
+  const int shape = in.choice("shape", {"plane", "tube", "dome"});
+  skin.shape = shape == 0 ? SkinShape::kPlane : shape == 1 ? SkinShape::kTube : SkinShape::kDome;
+  skin.radius_um = in.integer("radius_um", 0, kMaxLengthUm);
+  skin.n_panels = in.integer("n_panels", 1, 64);
+  const int mode = in.choice("mode", {"single", "multi", "auto"});
+  skin.mode = mode == 0 ? SkinMode::kSingle : mode == 1 ? SkinMode::kMulti : SkinMode::kAuto;
+  skin.weights = {in.integer("weight_b", 0, 8), in.integer("weight_g", 0, 8), in.integer("weight_r", 0, 8)};
+  skin.level = in.integer("level", 1, 2'000);
+  skin.min_area_px = in.integer("min_area_px", 1, 1'000'000);
+  skin.averaged_frames = static_cast<int>(in.integer("averaged_frames", 1, kMaxAveragedFrames));
+}
+
 void read_rest(Reader& in, BoardSettings& board) {
   in.section("depth");
   board.depth.gauge = in.choice("gauge", {"margin", "mean"}) == 0 ? Gauge::kMargin : Gauge::kMean;
@@ -289,6 +305,20 @@ void check_targets(Reader& in, const BoardSettings& board) {
   }
 }
 
+void check_skin(Reader& in, const BoardSettings& board) {
+  const SkinSettings& skin = board.skin;
+  const int64_t weights = skin.weights[0] + skin.weights[1] + skin.weights[2];
+  const bool has_stage = std::find(board.stages.begin(), board.stages.end(), "skin") != board.stages.end();
+  if (weights == 0 && skin.level == 0) {
+    if (has_stage) in.fail("section [skin] is missing");
+    return;
+  }
+  if (weights < 1 || weights > 8) in.fail("[skin] weights must sum to 1 to 8");
+  if ((skin.shape == SkinShape::kPlane) != (skin.radius_um == 0)) {
+    in.fail("skin.radius_um must be 0 for a plane and above 0 for a tube or a dome");
+  }
+}
+
 // What no single key can tell.
 void cross_check(Reader& in, const BoardSettings& board) {
   const WindowSettings& window = board.window;
@@ -301,6 +331,7 @@ void cross_check(Reader& in, const BoardSettings& board) {
     in.fail("[window] holds fewer than 2 node lines: widen it or refine [grid]");
   }
   check_markers(in, board);
+  check_skin(in, board);
   check_targets(in, board);
   if (board.depth.step_px == 3 || board.camera.width_px % board.depth.step_px != 0 ||
       board.camera.height_px % board.depth.step_px != 0) {
@@ -344,6 +375,7 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
   read_camera(in, board.camera);
   read_pad(in, board);
   read_markers(in, board.markers);
+  read_skin(in, board.skin);
   read_targets(in, board.targets);
   read_rest(in, board);
   in.refuse_unknown();

@@ -1,6 +1,7 @@
 // board.toml as typed integers. The keys, their units and ranges: boards/README.md.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -18,6 +19,8 @@ inline constexpr size_t kMaxListedLength = 23;         // of a stage, of a quant
 
 enum class Polarity { kDark, kLight, kTexture };  // dots, or patches of a texture
 enum class Gauge { kMargin, kMean };
+enum class SkinShape { kPlane, kTube, kDome };
+enum class SkinMode { kSingle, kMulti, kAuto };  // one touch, several, or as many as are seen
 
 struct CameraSettings {
   std::string optics;
@@ -84,6 +87,19 @@ struct ContactSettings {
   int64_t min_nodes = 0;
 };
 
+// A skin that gets brighter where it is pressed; radius 0 of a plane. Limits of weights: image/glow.h.
+struct SkinSettings {
+  SkinShape shape = SkinShape::kPlane;
+  int64_t radius_um = 0;
+  int64_t n_panels = 1;  // separate ones, side by side along x
+  SkinMode mode = SkinMode::kAuto;
+  std::array<int64_t, 3> weights{};  // of B, G, R in the brightness
+  int64_t level = 0;                 // of the weighted sum, in grey levels, above which a pixel is touched
+  int64_t min_area_px = 0;
+  int averaged_frames = 1;
+};
+inline constexpr int kMaxAveragedFrames = 10;
+
 struct BoardSettings {
   std::string name;
   std::string product;
@@ -97,6 +113,7 @@ struct BoardSettings {
   TargetSettings targets;
   DepthSettings depth;
   ContactSettings contact;
+  SkinSettings skin;
   int64_t force_lsb_un = 0;
   int64_t calibration_kb = kMaxCalibrationKb;  // room for the calibration file
   int n_rest_frames = 0;
@@ -122,7 +139,7 @@ struct NodeRange {
 inline const std::vector<std::string>& known_stages() {
   static const std::vector<std::string> kStages = {"difference", "markers",        "targets",  "photometric",
                                                    "poisson",    "displacement",   "operator", "support",
-                                                   "wrench",     "feature_wrench", "contacts"};
+                                                   "wrench",     "feature_wrench", "contacts", "skin"};
   return kStages;
 }
 

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "board/parse.h"
+#include "estimators/skin_shape.h"
 #include "frame_path.h"
 
 #ifndef RUFFINI_VERSION
@@ -240,6 +241,45 @@ int ruffini_get_targets(const ruffini_pipeline* pipeline, int64_t* out) {
     }
     *out++ = t.is_lost ? 1 : 0;
   }
+  return 0;
+}
+
+int ruffini_get_touches(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n) {
+  const FramePath& path = *pipeline->path;
+  if (path.skin() == nullptr) return fail("this board has no glowing skin: see [skin] in boards/README.md");
+  const ruffini::SkinTouchList& list = path.state().skin.touches;
+  *n = list.n_listed;
+  for (size_t i = 0; i < static_cast<size_t>(*n); ++i) {
+    const ruffini::SkinTouch& t = list.touch[i];
+    const auto force = ruffini::pressing_vector_un(ruffini::on_skin(path.board().skin, t.x_um, t.y_um), t.press_un);
+    const int64_t row[] = {int64_t{t.id},    t.x_um,           t.y_um,           t.area_um2, t.brightness_q2, t.press_un,
+                           t.press_sigma_un, t.place_sigma_um, force[0],         force[1],   force[2]};
+    out = std::copy(std::begin(row), std::end(row), out);
+  }
+  return 0;
+}
+
+int ruffini_skin_state(const ruffini_pipeline* pipeline, int32_t* n_taxels, int64_t* light_age) {
+  const FramePath& path = *pipeline->path;
+  if (path.skin() == nullptr) return fail("this board has no glowing skin: see [skin] in boards/README.md");
+  *n_taxels = static_cast<int32_t>(path.skin()->ratio().size());
+  light_age[0] = path.state().skin.light_q12;
+  light_age[1] = path.state().skin.age_q12;
+  return 0;
+}
+
+int ruffini_get_taxels(const ruffini_pipeline* pipeline, int32_t* ratio) {
+  if (pipeline->path->skin() == nullptr) return fail("this board has no glowing skin: see [skin] in boards/README.md");
+  const auto taxels = pipeline->path->skin()->ratio();
+  std::copy(taxels.begin(), taxels.end(), ratio);
+  return 0;
+}
+
+int ruffini_get_glow(const ruffini_pipeline* pipeline, int16_t* out) {
+  const ruffini::Skin* skin = pipeline->path->skin();
+  if (skin == nullptr) return fail("this board has no glowing skin: see [skin] in boards/README.md");
+  const auto plane = skin->has_taxels() ? skin->glow() : skin->smoothed();
+  std::copy(plane.begin(), plane.end(), out);
   return 0;
 }
 

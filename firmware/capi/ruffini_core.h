@@ -35,7 +35,7 @@ typedef struct {
   uint64_t saturations; /* since ruffini_open */
   int64_t wrench[6];    /* uN, uN um */
   int32_t n_contacts;
-  uint64_t stage_ns[11];
+  uint64_t stage_ns[12];
 } ruffini_result_t;
 
 RUFFINI_API const char* ruffini_version(void);
@@ -88,6 +88,15 @@ RUFFINI_API int ruffini_get_targets(const ruffini_pipeline* pipeline, int64_t* o
 RUFFINI_API int ruffini_get_sigma(const ruffini_pipeline* pipeline, int32_t* sigma, int64_t* covariance);
 /* Of the wrench alone, [21]. 1 with ruffini_error() where the last frame states none. */
 RUFFINI_API int ruffini_get_covariance(const ruffini_pipeline* pipeline, int64_t* covariance);
+
+/* Touches of a glowing skin, hardest first, [8][11]: identity, x y um, area um^2, brightness, pressing force uN and its
+ * sigma, sigma of the place um, that force as a vector x y z uN. *n of them. 1 with ruffini_error() without a skin. */
+RUFFINI_API int ruffini_get_touches(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n);
+/* Number of its taxels, 0 without; light over that at rest less 1, and age of the light, both Q12. */
+RUFFINI_API int ruffini_skin_state(const ruffini_pipeline* pipeline, int32_t* n_taxels, int64_t* light_age);
+RUFFINI_API int ruffini_get_taxels(const ruffini_pipeline* pipeline, int32_t* ratio); /* [taxel] Q12 */
+/* [h][w] 1/4 levels of the weighted channels over rest; smoothed where there are no taxels, else as it is. */
+RUFFINI_API int ruffini_get_glow(const ruffini_pipeline* pipeline, int16_t* out);
 
 #ifdef __cplusplus
 }

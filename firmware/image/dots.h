@@ -16,6 +16,7 @@
 
 #include "base/fixed.h"
 #include "board/settings.h"
+#include "image/blobs.h"
 
 namespace ruffini {
 
@@ -63,22 +64,9 @@ class DotDetector {
   std::span<const Dot> detect(std::span<const uint16_t> grey);
 
  private:
-  // Moments of one component; a child points to its parent after a union.
-  struct Component {
-    int parent = 0;
-    int area = 0;
-    bool touches_border = false;
-    int64_t weight = 0;
-    int64_t weight_x = 0;
-    int64_t weight_y = 0;
-  };
-
   void start(std::span<const uint16_t> grey);
   void weigh_row(std::span<const uint16_t> grey, int y);
   void invert_areas(int n_rows);
-  void label_row(int y);
-  int find(int component);
-  int join(int a, int b);
 
   DotParameters p_;
   DotRun run_;
@@ -87,10 +75,8 @@ class DotDetector {
   int n_box_rows_ = 0;
   std::vector<int32_t> column_sum_;  // grey over the rows of the box
   std::vector<int32_t> prefix_sum_;
+  Blobs blobs_;
   std::vector<int16_t> weight_;  // of the current row
-  std::vector<int32_t> label_;   // of the row above, overwritten by the current one; -1 = none
-  std::vector<Component> components_;
-  int n_components_ = 0;
   std::vector<Dot> dots_;
 };
 

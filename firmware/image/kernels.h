@@ -4,6 +4,7 @@
 
 #include "image/difference.h"
 #include "image/dots.h"
+#include "image/glow.h"
 #include "image/photometric.h"
 #include "image/poisson.h"
 
@@ -12,6 +13,8 @@ namespace ruffini::kernels {
 struct Kernels {
   DifferenceRun difference;
   DotRun dots;
+  GlowRun glow;
+  SmoothRun smooth;
   CellRun cells;
   PoissonRun poisson;
 };

@@ -1,5 +1,6 @@
 #include "image/difference_avx2.h"
 #include "image/dot_weights.h"
+#include "image/glow_avx2.h"
 #include "image/kernels.h"
 #include "image/lanes_avx2.h"
 #include "image/lanes_scalar.h"
@@ -10,6 +11,8 @@ namespace ruffini::kernels {
 
 const Kernels kAvx2 = {.difference = difference_row_avx2,
                        .dots = DotWeights<Avx2Lanes>::run,
+                       .glow = glow_row_avx2,
+                       .smooth = smooth_line_avx2,
                        .cells = PhotometricCells<Avx2Lanes>::run,
                        .poisson = PoissonSteps<Avx2Lanes>::run};
 

@@ -1,5 +1,6 @@
 #include "image/difference_neon.h"
 #include "image/dot_weights.h"
+#include "image/glow_neon.h"
 #include "image/kernels.h"
 #include "image/lanes_neon.h"
 #include "image/lanes_scalar.h"
@@ -10,6 +11,8 @@ namespace ruffini::kernels {
 
 const Kernels kNeon = {.difference = difference_row_neon,
                        .dots = DotWeights<NeonLanes>::run,
+                       .glow = glow_row_neon,
+                       .smooth = smooth_line_neon,
                        .cells = PhotometricCells<NeonLanes>::run,
                        .poisson = PoissonSteps<NeonLanes>::run};
 

@@ -8,6 +8,8 @@ namespace ruffini::kernels {
 
 const Kernels kScalar = {.difference = [](const DifferenceRow& row) { return difference_row_scalar(row, 0); },
                          .dots = DotWeights<ScalarLanes>::run,
+                         .glow = [](const GlowRow& row) { glow_row_scalar(row, 0); },
+                         .smooth = [](const SmoothLine& line) { smooth_line_scalar(line, 0); },
                          .cells = PhotometricCells<ScalarLanes>::run,
                          .poisson = PoissonSteps<ScalarLanes>::run};
 

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 
+#include "estimators/skin_shape.h"
+
 namespace ruffini {
 namespace {
 
@@ -154,6 +156,26 @@ size_t MessageEncoder::depth(const FramePath& path, const FrameStamp& stamp) {
   return serialise(ruffini_Depth_fields, &m);
 }
 
+// What a skin's contacts say beyond those of a pad, in the same order.
+void MessageEncoder::tell_touches(const FramePath& path, ruffini_Contacts& m) {
+  const FrameState& s = path.state();
+  for (size_t i = 0; i < m.contacts_count; ++i) {
+    const SkinTouch& touch = s.skin.touches.touch[i];
+    ruffini_Contact& out = m.contacts[i];
+    out.id = touch.id;
+    out.force_validity_count = out.normal_force_un_count = out.place_um_count = 3;
+    out.force_validity[0] = out.force_validity[1] = to_proto(s.force_xy);
+    out.force_validity[2] = to_proto(s.force_z);
+    out.force_sigma_un = static_cast<uint64_t>(touch.press_sigma_un);
+    out.center_sigma_um = static_cast<uint32_t>(touch.place_sigma_um);
+    const SkinPoint point = on_skin(path.board().skin, touch.x_um, touch.y_um);
+    const std::array<int64_t, 3> force = pressing_vector_un(point, touch.press_un);
+    std::copy(force.begin(), force.end(), out.normal_force_un);
+    std::transform(point.place_um.begin(), point.place_um.end(), out.place_um,
+                   [](int64_t um) { return static_cast<int32_t>(um); });
+  }
+}
+
 size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) {
   const FrameState& s = path.state();
   ruffini_Contacts m = ruffini_Contacts_init_zero;
@@ -164,23 +186,25 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
   for (size_t i = 0; i < m.contacts_count; ++i) {
     const Contact& c = s.contacts.contacts[i];
     const ContactSlip slip = is_force(s) ? s.slip.contact[i] : ContactSlip{};
-    m.contacts[i] = {.id = static_cast<uint32_t>(i),
-                     .area_um2_k = static_cast<uint32_t>(c.area_um2 / 1'000),
-                     .center_x_um = static_cast<int32_t>(c.center_x_um),
-                     .center_y_um = static_cast<int32_t>(c.center_y_um),
-                     .force_x_un = c.force_x_un,
-                     .force_y_un = c.force_y_un,
-                     .force_z_un = c.force_z_un,
-                     .peak_depth_nm = static_cast<int32_t>(c.peak_depth_nm),
-                     .validity = to_proto(s.force_z),
-                     .slip_state = static_cast<ruffini_SlipState>(slip.state),
-                     .shear_ratio_1e3 = static_cast<uint32_t>(slip.ratio_1e3),
-                     .friction_1e3 = static_cast<uint32_t>(slip.friction_1e3),
-                     .friction_sigma_1e3 = static_cast<uint32_t>(slip.friction_sigma_1e3),
-                     .slip_share_1e3 = static_cast<uint32_t>(slip.share_1e3),
-                     .slip_margin_un = slip.margin_un,
-                     .reaches_border = c.reaches_border};
+    ruffini_Contact& out = m.contacts[i];
+    out.id = static_cast<uint32_t>(i);
+    out.area_um2_k = static_cast<uint32_t>(c.area_um2 / 1'000);
+    out.center_x_um = static_cast<int32_t>(c.center_x_um);
+    out.center_y_um = static_cast<int32_t>(c.center_y_um);
+    out.force_x_un = c.force_x_un;
+    out.force_y_un = c.force_y_un;
+    out.force_z_un = c.force_z_un;
+    out.peak_depth_nm = static_cast<int32_t>(c.peak_depth_nm);
+    out.validity = to_proto(s.force_z);
+    out.slip_state = static_cast<ruffini_SlipState>(slip.state);
+    out.shear_ratio_1e3 = static_cast<uint32_t>(slip.ratio_1e3);
+    out.friction_1e3 = static_cast<uint32_t>(slip.friction_1e3);
+    out.friction_sigma_1e3 = static_cast<uint32_t>(slip.friction_sigma_1e3);
+    out.slip_share_1e3 = static_cast<uint32_t>(slip.share_1e3);
+    out.slip_margin_un = slip.margin_un;
+    out.reaches_border = c.reaches_border;
   }
+  if (path.skin() != nullptr) tell_touches(path, m);
   return serialise(ruffini_Contacts_fields, &m);
 }
 

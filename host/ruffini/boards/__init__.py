@@ -14,7 +14,7 @@ from ruffini.errors import InputError
 
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "feature_wrench", "contacts",
+    "operator", "support", "wrench", "feature_wrench", "contacts", "skin",
 )  # fmt: skip
 MAX_LENGTH_UM = 500_000
 MAX_CELLS = 640  # of the depth grid along one axis: the Poisson solver's accumulator bound
@@ -126,6 +126,34 @@ class Contact(Section):
     min_nodes: Annotated[int, Field(ge=1, le=10_000)]
 
 
+class Skin(Section):
+    """[skin]: a surface that gets brighter where it is pressed."""
+
+    shape: Literal["plane", "tube", "dome"]
+    radius_um: LengthUm
+    n_panels: Annotated[int, Field(ge=1, le=64)]
+    mode: Literal["single", "multi", "auto"]
+    weight_b: Annotated[int, Field(ge=0, le=8)]
+    weight_g: Annotated[int, Field(ge=0, le=8)]
+    weight_r: Annotated[int, Field(ge=0, le=8)]
+    level: Annotated[int, Field(ge=1, le=2_000)]
+    min_area_px: Annotated[int, Field(ge=1, le=1_000_000)]
+    averaged_frames: Annotated[int, Field(ge=1, le=10)]
+
+    @property
+    def weights(self) -> tuple[int, int, int]:
+        """Of B, G, R."""
+        return self.weight_b, self.weight_g, self.weight_r
+
+    @model_validator(mode="after")
+    def _fits(self) -> Skin:
+        if not 1 <= sum(self.weights) <= 8:
+            raise ValueError("[skin] weights must sum to 1 to 8")
+        if (self.shape == "plane") != (self.radius_um == 0):
+            raise ValueError("skin.radius_um must be 0 for a plane and above 0 for a tube or a dome")
+        return self
+
+
 class FieldSettings(Section):
     """[field]."""
 
@@ -164,6 +192,7 @@ class Board(Section):
     targets: Targets | None = None
     depth: Depth
     contact: Contact
+    skin: Skin | None = None
     field: FieldSettings
     memory: Memory | None = None
     pipeline: Pipeline
@@ -255,6 +284,8 @@ class Board(Section):
         if rows.stop - rows.start < 2 or columns.stop - columns.start < 2:
             raise ValueError("[window] holds fewer than 2 node lines: widen it or refine [grid]")
         self._check_markers()
+        if self.skin is None and "skin" in self.pipeline.stages:
+            raise ValueError("section [skin] is missing")
         self._check_targets()
         step = self.depth.step_px
         if step == 3 or camera.width_px % step or camera.height_px % step:

@@ -30,6 +30,7 @@ KINDS = {
     "photometric",
     "relaxation",
     "rest",
+    "skin",
     "support",
     "views",
     "wrench",

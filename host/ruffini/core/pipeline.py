@@ -19,7 +19,7 @@ DISPLACEMENT_LSB_M = 125e-9
 NO_REFERENCE = 1
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "feature_wrench", "contacts",
+    "operator", "support", "wrench", "feature_wrench", "contacts", "skin",
 )  # fmt: skip
 
 
@@ -108,6 +108,30 @@ class ContactRow(NamedTuple):
     slip_share_1e3: int
     slip_margin_un: int
     reaches_border: int
+
+
+class TouchRow(NamedTuple):
+    """One touch of a glowing skin in the last frame; the skin is unrolled, the force also a vector along its normal."""
+
+    id: int
+    x_um: int
+    y_um: int
+    area_um2: int
+    brightness: int
+    press_un: int
+    press_sigma_un: int
+    place_sigma_um: int
+    force_x_un: int
+    force_y_un: int
+    force_z_un: int
+
+
+class SkinState(NamedTuple):
+    """Number of taxels, their light over that at rest less 1, and the light at rest over the calibration's."""
+
+    n_taxels: int
+    light: float
+    age: float
 
 
 MAX_CONTACTS = 8
@@ -321,6 +345,37 @@ class Pipeline:
         rows, n = np.zeros((MAX_CONTACTS, len(ContactRow._fields)), np.int64), ctypes.c_int32()
         self._lib.ruffini_get_contacts(self._pointer, rows.ctypes.data_as(ctypes.c_void_p), ctypes.byref(n))
         return [ContactRow(*row) for row in rows[: n.value].tolist()]
+
+    def touches(self) -> list[TouchRow]:
+        """The listed touches of a glowing skin in the last frame, hardest first.
+
+        Raises
+        ------
+        InputError
+            The board has no such skin.
+        """
+        rows, n = np.zeros((MAX_CONTACTS, len(TouchRow._fields)), np.int64), ctypes.c_int32()
+        self._check(
+            self._lib.ruffini_get_touches(self._pointer, rows.ctypes.data_as(ctypes.c_void_p), ctypes.byref(n))
+        )
+        return [TouchRow(*row) for row in rows[: n.value].tolist()]
+
+    def skin(self) -> SkinState:
+        """State of a glowing skin in the last frame. Raises InputError where the board has none."""
+        n, light_age = ctypes.c_int32(), np.zeros(2, np.int64)
+        self._check(
+            self._lib.ruffini_skin_state(self._pointer, ctypes.byref(n), light_age.ctypes.data_as(ctypes.c_void_p))
+        )
+        return SkinState(n.value, *(light_age / 4096).tolist())
+
+    def taxels(self) -> npt.NDArray[np.int32]:
+        """How much brighter each taxel is than at rest, Q12, (n,). Raises InputError without a skin."""
+        return self._get("taxels", (self.skin().n_taxels,), np.int32)
+
+    def glow(self) -> npt.NDArray[np.int16]:
+        """Brightness over rest, quarter levels, (h, w); smoothed where no taxels are calibrated."""
+        self.skin()
+        return self._get("glow", (self.layout.height_px, self.layout.width_px), np.int16)
 
     def markers(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.uint8]]:
         """Rest positions and displacements in pixels, (n_y, n_x, 2) each, and 0 seen, 1 lost, 2 absent."""

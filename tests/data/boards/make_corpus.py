@@ -44,6 +44,25 @@ def add(section: str, line: str) -> Change:
     return lambda text: text.replace(f"[{section}]\n", f"[{section}]\n{line}\n")
 
 
+def append(lines: str) -> Change:
+    return lambda text: text + lines
+
+
+SKIN = """
+[skin]
+shape = "tube"
+radius_um = 40000
+n_panels = 4
+mode = "auto"
+weight_b = 0
+weight_g = 1
+weight_r = 0
+level = 30
+min_area_px = 400
+averaged_frames = 3
+"""
+
+
 def all_of(*changes: Change) -> Change:
     def change(text: str) -> str:
         for one in changes:
@@ -84,6 +103,7 @@ GOOD: dict[str, Change] = {
     "quoted-key": put("board.not_measured", '["torque_z"]'),
     "escaped-text": put("board.name", '"\\u0073ample"'),
     "no-final-newline": lambda t: t.rstrip("\n"),
+    "skin": all_of(append(SKIN), put("pipeline.stages", '["skin"]')),
     "few-stages": put("pipeline.stages", '["difference", "photometric", "poisson"]'),
     "no-markers": all_of(
         drop_section("markers"), put("pipeline.stages", '["difference", "photometric", "poisson"]')
@@ -195,6 +215,13 @@ BAD: dict[str, tuple[Change, str]] = {
     "no-stages": (put("pipeline.stages", "[]"), "stages"),
     "unknown-stage": (put("pipeline.stages", '["difference", "magic"]'), "stages"),
     "stages-out-of-order": (put("pipeline.stages", '["poisson", "difference"]'), "stages"),
+    "skin-stage-without-section": (put("pipeline.stages", '["skin"]'), "skin"),
+    "skin-without-weights": (append(SKIN.replace("weight_g = 1", "weight_g = 0")), "weights"),
+    "skin-weights-too-large": (append(SKIN.replace("weight_g = 1", "weight_g = 8").replace("_b = 0", "_b = 1")), "weights"),
+    "skin-tube-without-radius": (append(SKIN.replace("40000", "0")), "radius_um"),
+    "skin-plane-with-radius": (append(SKIN.replace("tube", "plane")), "radius_um"),
+    "skin-unknown-mode": (append(SKIN.replace("auto", "some")), "mode"),
+    "skin-averages-too-long": (append(SKIN.replace("averaged_frames = 3", "averaged_frames = 11")), "averaged_frames"),
     "stage-twice": (put("pipeline.stages", '["difference", "difference"]'), "stages"),
 }  # fmt: skip
 

@@ -1,0 +1,77 @@
+// Touches of a skin out of its taxels: how many, where between the taxels, and how hard, with the rubber's memory.
+//
+//   sink, press   of each taxel by its ratio (image/taxels.h), from tables linear between
+//   memory        press less what the rubber lost since it was pressed (solve/relaxation.h)
+//   touch k       strength s_k at place X_k: sinks a taxel at X by s_k reach(X - X_k)
+//   found         the taxel with the most sink that the touches so far do not explain is another touch, if that is more
+//                 than `apart` of its own sink and of the strength of touches that reach it; then all are fitted again
+//   place         on the taxel c that the others leave the most sink u on, with neighbours a, b along an axis:
+//                 q = (u_b - u_a) / (u_c - min(u_a, u_b)), or u_a / u_c of the only neighbour; shift = c's cubic in q
+//   strength      s = u_c / reach(X_c - X)
+//   force         gain_c times the sum of press over the taxels, each shared out by what the touches sink it
+//   sigma         of force: sqrt(constant^2 + (part force)^2); of place: constant + faint threshold / force
+//
+// Everything by tables of the calibration. Not in the paper. Frame thread; no allocation after load().
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/fixed.h"
+#include "estimators/skin_touch.h"
+#include "estimators/taxel_tables.h"
+#include "solve/relaxation.h"
+
+namespace ruffini {
+
+class TaxelTouches {
+ public:
+  static constexpr int kRounds = 3;  // of fitting all touches again
+
+  [[nodiscard]] static Result<TaxelTouches> load(const Calibration& calibration, const BoardSettings& board);
+
+  // `is_believed`: of a frame that is not, the rubber's memory is left as it was.
+  SkinTouchList run(std::span<const int32_t> ratio, uint64_t capture_us, bool is_believed,
+                    SaturationCounter& saturations);
+  // Nothing ever touched the skin.
+  void forget();
+
+  [[nodiscard]] const TaxelTables& tables() const { return tables_; }
+  // Of the last frame: force of each taxel in force steps, relaxation taken off.
+  [[nodiscard]] std::span<const NodeForce> press() const { return press_; }
+
+ private:
+  struct Touch {
+    size_t taxel = 0;
+    int64_t x_um = 0;
+    int64_t y_um = 0;
+    int64_t strength_q12 = 0;
+  };
+
+  void read(std::span<const int32_t> ratio);
+  [[nodiscard]] int64_t explained(size_t taxel, const Touch& touch) const;
+  [[nodiscard]] int64_t left(size_t taxel, const Touch* except) const;
+  [[nodiscard]] bool find_another();
+  void fit(Touch& touch) const;
+  [[nodiscard]] int64_t shift_um(const TaxelTables::Taxel& taxel, const Touch& touch, size_t axis, int64_t here) const;
+  void share_out();
+  [[nodiscard]] SkinTouch told(size_t k) const;
+
+  TaxelTables tables_;
+  std::optional<Relaxation> relaxation_;
+  int64_t force_lsb_un_ = 1;
+  int64_t threshold_un_ = 0;
+  SkinMode mode_ = SkinMode::kAuto;
+  std::vector<int64_t> sink_q12_;
+  std::vector<NodeForce> press_;    // z alone, positive into the skin
+  std::vector<uint8_t> all_nodes_;  // the relaxation's mask: every taxel is always measured
+  std::array<Touch, SkinTouchList::kMax> touch_{};
+  std::array<int64_t, SkinTouchList::kMax> force_lsb_{};
+  std::array<int64_t, SkinTouchList::kMax> n_taxels_{};
+  size_t n_touches_ = 0;
+};
+
+}  // namespace ruffini
