@@ -216,7 +216,7 @@ void FramePath::run_estimators() {
 }
 
 int FramePath::n_features() const {
-  return static_cast<int>(has(Stage::kTargets) ? 3 * targets().size() : 2 * markers().size());
+  return static_cast<int>(has_targets() ? 3 * targets().size() : 2 * markers().size());
 }
 
 // Shifts in px Q16, changes of area in px^2 Q8.
@@ -225,7 +225,7 @@ void FramePath::run_feature_wrench(uint64_t capture_us) {
   timed(Stage::kFeatureWrench, [&] {
     auto out = features_.begin();
     const auto put = [&](int64_t value) { *out++ = saturate_raw<int32_t>(value, state_.saturations); };
-    if (has(Stage::kTargets)) {
+    if (has_targets()) {
       for (const Target& t : targets()) {
         put(t.now.x_q16 - t.rest.x_q16);
         put(t.now.y_q16 - t.rest.y_q16);
@@ -376,7 +376,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
     const auto at = std::find(known_stages().begin(), known_stages().end(), stage) - known_stages().begin();
     is_on_[static_cast<size_t>(at)] = true;
   }
-  target_marks_.resize(targets().size());
+  if (has_targets()) target_marks_.resize(targets().size());
   if (has(Stage::kMarkers) && board.markers.polarity == Polarity::kTexture) flow_.emplace(board);
   const auto n_pixels = static_cast<size_t>(board.camera.width_px * board.camera.height_px);
   const auto n_nodes = static_cast<size_t>(nodes_.size().count());
@@ -480,7 +480,7 @@ Status FramePath::load_tables() {
     relaxation_.emplace(std::move(relaxation).value());
   }
   if (has(Stage::kFeatureWrench) && c.has_kind("wrench")) {
-    auto map = FeatureWrench::load(c, has(Stage::kTargets) ? "targets" : "markers", n_features());
+    auto map = FeatureWrench::load(c, has_targets() ? "targets" : "markers", n_features());
     if (!map) return map.error();
     feature_wrench_.emplace(std::move(map).value());
     features_.resize(static_cast<size_t>(n_features()));

@@ -84,8 +84,9 @@ class FramePath {
   [[nodiscard]] bool depth_is_trusted() const { return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_; }
   [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
 
+  [[nodiscard]] bool has_targets() const { return has(Stage::kTargets) && !targets().empty(); }
   // What hides the surface, and tells whether the pad is at rest.
-  [[nodiscard]] std::span<const Marker> hidden() const { return has(Stage::kTargets) ? target_marks_ : markers(); }
+  [[nodiscard]] std::span<const Marker> hidden() const { return target_marks_.empty() ? markers() : target_marks_; }
   void forget();
   void learn(const FrameView& frame);
   void learn_features();
