@@ -98,7 +98,8 @@ def _curve(rows: list[dict[str, Any]]) -> Any:
     for name, label in (("board", "from the board's numbers"), ("prior", "from what was known before")):
         if name in rows[0]:
             axis.plot(n, [1e3 * row[name] for row in rows], "o-", label=label)
-    axis.set(xscale="log", yscale="log", xlabel="presses (0: at the left)", ylabel="force error of others, RMS, mN")
+    axis.set(xscale="log", xlabel="presses", ylabel="force error of the others, RMS, mN")
+    axis.set_ylim(bottom=0)
     axis.set_xticks(n, [str(row["presses"]) for row in rows])
     axis.minorticks_off()
     axis.grid(alpha=0.3)
@@ -116,7 +117,7 @@ def _map(board: Board, report: Report) -> Any:
     figure, axis = plt.subplots(figsize=(6.4, 6.4 * half[1] / half[0] + 0.6))
     x_mm, y_mm, depth_mm = 1e3 * report.places.T
     shown = axis.scatter(x_mm, y_mm, c=1e3 * error, s=60 + 400 * depth_mm, edgecolors="black", linewidths=0.5)
-    figure.colorbar(shown, label="force error, mN")
+    figure.colorbar(shown, label="force error, mN", shrink=0.6)
     axis.set(xlim=(-half[0], half[0]), ylim=(half[1], -half[1]), xlabel="x, mm", ylabel="y, mm", aspect="equal")
     figure.tight_layout()
     return figure

@@ -69,11 +69,13 @@ class TouchLog:
 
 
 def read_touch_log(
-    paths: list[Path], board: Board, calibration: CalibrationFile | None, *, progress: Progress = lambda _: None
-) -> TouchLog:
+    paths: list[Path], board: Board, calibration: CalibrationFile | None, *, from_pictures: bool = False,
+    progress: Progress = lambda _: None,
+) -> TouchLog:  # fmt: skip
     """All touches of one unit, from one file or several.
 
     calibration : what turns the pictures of a recording into displacement (camera, colours); logs of the rig need none.
+    from_pictures : also a rig's log is seen anew, in its pictures, with `calibration`: its colours are other ones.
 
     Raises
     ------
@@ -85,7 +87,7 @@ def read_touch_log(
         if path.is_dir() or path.suffix in (".mp4", ".avi", ".mkv"):
             parts.append(_of_recording(path, board, calibration, partial(_part, progress, i, len(paths))))
         else:
-            parts.append(_of_log(path, board))
+            parts.append(_of_log(path, board, calibration if from_pictures else None))
         progress((i + 1) / len(paths))
     return _joined(parts)
 
@@ -108,7 +110,7 @@ def _joined(parts: list[TouchLog]) -> TouchLog:
     )  # fmt: skip
 
 
-def _of_log(path: Path, board: Board) -> TouchLog:
+def _of_log(path: Path, board: Board, colours: CalibrationFile | None) -> TouchLog:
     log = read_log(path)
     if log.facts.get("board") != board.name:
         raise InputError(f"{path} was collected on board {log.facts.get('board')!r}, not {board.name!r}")
@@ -117,8 +119,9 @@ def _of_log(path: Path, board: Board) -> TouchLog:
     n_nodes = shape[0] * shape[1]
     held: list[tuple[Array, Array, int, Array]] = []
     rest = [np.zeros((0, n_nodes, 3))]
+    seen = None if colours is None else _in_pictures(path, log, board, colours)
     for number, touch in enumerate(log.touches):
-        fields = touch.arrays.get("field_displacement")
+        fields = touch.arrays.get("field_displacement") if seen is None else seen.get(number)
         if fields is None:
             continue
         if fields.shape[1:] != shape:
@@ -126,7 +129,7 @@ def _of_log(path: Path, board: Board) -> TouchLog:
         wrench, device = _held(log, touch)
         flat = fields.astype(np.float64).reshape(len(fields), n_nodes, 3)
         held += [(u, wrench, number, device) for u in flat]
-        if "rest_field_displacement" in touch.arrays:
+        if "rest_field_displacement" in touch.arrays and seen is None:
             rest.append(touch.arrays["rest_field_displacement"].astype(np.float64).reshape(-1, n_nodes, 3))
     if not held:
         raise InputError(f"{path} holds no displacement: the sensor measured none (no colours in its calibration?)")
@@ -135,6 +138,27 @@ def _of_log(path: Path, board: Board) -> TouchLog:
         np.array(displacement), np.array(wrenches), np.array(numbers), np.concatenate(rest), np.array(devices),
         [_series(log, touch) for touch in log.touches], {path.name: _sha256(path)}, [log.facts], [dict(log.found)],
     )  # fmt: skip
+
+
+def _in_pictures(path: Path, log: Log, board: Board, colours: CalibrationFile) -> dict[int, Array]:
+    """Displacement (k, n_y, n_x, 3) m of each touch in its pictures; the first one of each is of the untouched pad."""
+    images = {i: t.arrays["image"] for i, t in enumerate(log.touches)
+              if len(t.arrays.get("image", ())) > 1 and t.facts.get("image_step_px", 1) == 1}  # fmt: skip
+    if not images:
+        raise InputError(
+            f"{path} was measured with other colours and holds no whole pictures: flash these colours, collect again"
+        )
+    out = {}
+    with Pipeline(board, colours.data) as pipeline:
+        for i, pictures in images.items():
+            pipeline.set_rest(pictures[0])
+            held = []
+            for picture in pictures[1:]:
+                if pipeline.process(picture).depth_validity == VALID:
+                    held.append(pipeline.displacement_m())
+            if held:
+                out[i] = np.array(held)
+    return out
 
 
 def _held(log: Log, touch: TouchRecord) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from ruffini.cli import (
+    auto,
     bench,
     board,
     cal,
@@ -16,6 +17,7 @@ from ruffini.cli import (
     evaluate,
     fit,
     flash,
+    fleet,
     offline,
     report,
     sim,
@@ -45,6 +47,8 @@ cal.app.command("fit")(fit.fit)
 cal.app.command("flash")(flash.flash)
 cal.app.command("undo")(flash.undo)
 cal.app.command("report")(report.report)
+cal.app.command("auto")(auto.auto)
+cal.app.command("fleet")(fleet.fleet)
 app.add_typer(cal.app, name="cal")
 app.add_typer(sim.app, name="sim")
 app.add_typer(bench.app, name="bench")

@@ -212,7 +212,7 @@ def test_a_cluster_that_goes_away_leaves_whole_shards(coarse_board, tmp_path):
 
 def test_a_scheduler_without_workers_is_one_sentence(coarse_board, monkeypatch):
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr("ruffini.sim.dataset.workers.CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("ruffini.workers.CONNECT_TIMEOUT_S", 0.5)
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster,
         pytest.raises(InputError, match="has no workers"),
@@ -222,6 +222,6 @@ def test_a_scheduler_without_workers_is_one_sentence(coarse_board, monkeypatch):
 
 def test_no_scheduler_is_one_sentence(coarse_board, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("ruffini.sim.dataset.workers.CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("ruffini.workers.CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(InputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         next(on_dask(plan(coarse_board), [0], "tcp://127.0.0.1:9"))

@@ -62,6 +62,7 @@ class Job:
     metadata: dict[str, str] = field(default_factory=dict)
     material: Material | None = None  # None: the board's
     fit: MaterialFit | None = None
+    has_new_colours: bool = False  # what a log measured with other ones is computed anew from its pictures
     instant_gain: float = 1.0  # E at the instant over the fitted one, which is that of a held touch
     noise: Noise | None = None
     matrix: Array | None = None  # float64 of the operator
@@ -71,7 +72,9 @@ class Job:
         """The touches; recordings are seen with the camera and the colours found so far."""
         if self._log is None:
             colours = container.pack(self.tensors, self.header()) if self.tensors else None
-            self._log = read_touch_log(self.paths, self.board, colours, progress=progress)
+            self._log = read_touch_log(
+                self.paths, self.board, colours, from_pictures=self.has_new_colours, progress=progress
+            )
         return self._log
 
     def prior(self) -> Prior:

@@ -38,11 +38,14 @@ def run(job: Job, progress: Progress) -> Outcome:
     InputError
         No presses, no table that was given, no previous one.
     """
+    if job.balls is None and any("photometric" in part.kinds for part in job.parts):
+        return _taken(job)
     with tempfile.TemporaryDirectory(prefix="ruffini-") as folder:
         presses = _presses(job, Path(folder))
         if presses is None:
             return _taken(job)
         n, samples = len(presses.presses), collect_samples(presses, pinhole_of(job.board))
+    job.has_new_colours = True
     before = job.take("photometric") if n < ENOUGH else None
     if before is not None:
         return _adapted(job, n, fit_scale(job.tensors, samples))

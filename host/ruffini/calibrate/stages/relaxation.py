@@ -9,7 +9,8 @@ from ruffini.calibrate.stages.job import HELD_S, Job, Outcome, Progress, Stage, 
 from ruffini.errors import InputError
 
 LEAST_HOLD_S = 2.0  # of one touch: shorter holds show the fast terms only, and put what is slow into E
-LEAST_LOSS = 0.02  # part of the force: less is the reference's drift
+LEAST_LOSS = 0.03  # part of the force: less is the reference's drift
+LEAST_GAIN = 0.2  # by which it must explain more than a mere factor does: part of the RMS error
 
 
 def run(job: Job, progress: Progress) -> Outcome:
@@ -27,12 +28,19 @@ def run(job: Job, progress: Progress) -> Outcome:
     except InputError as error:
         return _without(job, str(error))
     progress(1.0)
-    if fit.loss < LEAST_LOSS:
-        return _without(job, f"the pad loses {100 * fit.loss:.1f} % of a held force: less than a reference drifts")
+    if fit.loss < LEAST_LOSS or fit.rmse_after_n > (1 - LEAST_GAIN) * _rmse_of_factor(log):
+        return _without(job, f"a loss of {100 * fit.loss:.1f} % of a held force explains too little to be believed")
     _use(job, fit)
     terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
     return Outcome("fitted", f"of the force at once goes {terms}; RMS {1e3 * fit.rmse_before_n:.1f} -> "
                    f"{1e3 * fit.rmse_after_n:.1f} mN", fit.report())  # fmt: skip
+
+
+def _rmse_of_factor(log: RelaxationLog) -> float:
+    """Root mean square error of the force, N, with the best constant factor."""
+    said, true = log.elastic[:, :3], log.reference[:, :3]
+    factor = (said * true).sum() / (said**2).sum()
+    return float(np.sqrt(np.mean(np.sum((factor * said - true) ** 2, axis=1))))
 
 
 def _use(job: Job, fit: RelaxationFit) -> None:
