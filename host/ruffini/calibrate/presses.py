@@ -25,8 +25,9 @@ from ruffini.frames import image_files, read_image
 Array = npt.NDArray[np.float64]
 COLUMNS = ("image", "center_x_px", "center_y_px", "contact_radius_px")
 # Of the contact radius: further out the gel already leaves the ball, and the mark's error of 1-2 px is a slope error of
-# up to 12 %. Recorded presses, judged inside 0.85 and left out of the fit: 8.57 degrees with 0.75, 8.84 with 0.92.
-FITTED_INSIDE = 0.75
+# up to 12 %. Recorded presses left out of fits within each half: peak to edge 0.985, 0.963 with 0.75, 1.011, 0.988 with
+# 0.80, 1.028, 1.011 with 0.85; normals 4.1, 3.8 degrees with all three.
+FITTED_INSIDE = 0.80
 
 
 @dataclass(frozen=True)
