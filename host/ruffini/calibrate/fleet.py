@@ -24,7 +24,7 @@ from ruffini.calibrate.material import MIN_TOUCHES, MaterialFit, MaterialProblem
 from ruffini.calibrate.material_model import MaterialLog, Predictor
 from ruffini.calibrate.operator import Material
 from ruffini.calibrate.prior import Prior, fleet_prior
-from ruffini.calibrate.stages.material import SIGMA_M, TILT_M, left_out_figures
+from ruffini.calibrate.stages.material import SIGMA_M, TILT_M, touch_figures
 from ruffini.calibrate.touch_log import read_touch_log
 from ruffini.errors import InputError, RuffiniError
 from ruffini.fem.operators import Noise
@@ -46,6 +46,8 @@ class Unit(NamedTuple):
     touches: int
     before_n: float  # RMS force error with the board's numbers
     after_n: float  # of touches left out, with its own
+    before_gain: float  # size of the forces over the true one, likewise
+    after_gain: float
     largest_n: float
     error: str = ""
 
@@ -137,7 +139,7 @@ def fit_group(text: str, name: str, colours: bytes | None, groups: list[list[str
         except RuffiniError as error:
             logs.append(str(error))
     good = [log for log in logs if not isinstance(log, str)]
-    parts = iter(_predictors(board, good) if good else [])
+    parts = iter(predictors(board, good) if good else [])
     units = []
     for path, log in zip(groups[number], logs, strict=True):
         if isinstance(log, str):
@@ -151,7 +153,7 @@ def fit_group(text: str, name: str, colours: bytes | None, groups: list[list[str
     return units
 
 
-def _predictors(board: Board, logs: list[MaterialLog]) -> list[Predictor]:
+def predictors(board: Board, logs: list[MaterialLog]) -> list[Predictor]:
     """One for each log; the finite elements are solved once for all."""
     noise = Noise(SIGMA_M, gauge_m=gauge_uncertainty_m(board), tilt_m=TILT_M)
     with threadpool_limits(limits=1):
@@ -161,17 +163,15 @@ def _predictors(board: Board, logs: list[MaterialLog]) -> list[Predictor]:
 
 
 def _unfitted(path: str, why: str) -> Unit:
-    return Unit(Path(path).name, None, (), 0, 0.0, 0.0, 0.0, why)
+    return Unit(Path(path).name, None, (), 0, 0.0, 0.0, 0.0, 0.0, 0.0, why)
 
 
 def _unit(path: str, fit: MaterialFit) -> Unit:
-    figures = left_out_figures(fit)
-    seen = np.isfinite(fit.reference[:, :3]).all(axis=0)
-    error = (fit.before - fit.reference)[:, :3][:, seen]
-    by_touch = [float(np.linalg.norm(error[fit.touch == t].mean(axis=0))) for t in np.unique(fit.touch)]
-    before = float(np.sqrt(np.mean(np.square(by_touch))))
-    return Unit(Path(path).name, fit.material, tuple(fit.interval.tolist()), fit.n_touches, before,
-                figures["force_rmse_n"], figures["largest_force_n"])  # fmt: skip
+    before, after = (touch_figures(fit, wrench) for wrench in (fit.before, fit.left_out))
+    return Unit(
+        Path(path).name, fit.material, tuple(fit.interval.tolist()), fit.n_touches, before["force_rmse_n"],
+        after["force_rmse_n"], before["gain"], after["gain"], after["largest_force_n"],
+    )  # fmt: skip
 
 
 def outliers_of(units: list[Unit]) -> dict[int, str]:

@@ -128,7 +128,7 @@ def accuracy_of_presses(
     problems = {name: MaterialProblem(board, log, predictor, p) for name, p in priors.items()}
     sizes = [n for n in PRESSES if n <= len(touches) - LEAST_JUDGED]
     rows: list[dict[str, Any]] = [{"presses": 0} | {
-        name: float(np.sqrt(np.mean(np.square(_touch_errors(log, predictor.wrench(p.mean), touches)))))
+        name: float(np.sqrt(np.mean(np.square(touch_errors(log, predictor.wrench(p.mean), touches)))))
         for name, p in priors.items()
     }]  # fmt: skip
     for k, n in enumerate(sizes):
@@ -138,13 +138,14 @@ def accuracy_of_presses(
             used = np.isin(log.touch, order[:n])
             for name, problem in problems.items():
                 wrench = predictor.wrench(problem.solve(used))
-                error[name].append(float(np.mean(np.square(_touch_errors(log, wrench, order[n:])))))
+                error[name].append(float(np.mean(np.square(touch_errors(log, wrench, order[n:])))))
         rows.append({"presses": n} | {name: float(np.sqrt(np.mean(e))) for name, e in error.items()})
         progress((k + 1) / len(sizes))
     return rows
 
 
-def _touch_errors(log: MaterialLog, wrench: Array, touches: npt.NDArray[np.int64]) -> Array:
+def touch_errors(log: MaterialLog, wrench: Array, touches: npt.NDArray[np.int64]) -> Array:
+    """Length of the mean force error of each touch, of what the reference measures, N."""
     seen = log.seen[:3]
     error = (wrench - log.wrench)[:, :3][:, seen]
     return np.array([np.linalg.norm(error[log.touch == t].mean(axis=0)) for t in touches])

@@ -27,7 +27,10 @@ def auto(
     board: BoardOption,
     rig: Annotated[str, typer.Option("--rig", help="File of the bench (host/ruffini/rig/README.md), or sim.")],
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for logs, calibrations and the page. Default: a new one.")
+        Path | None,
+        typer.Option(
+            "--out", help="Folder for logs, calibrations and the page; given again, goes on. Default: a new one."
+        ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few touches: for a first look and for CI.")] = False,
     depth_mm: Annotated[float, typer.Option(min=0.05, max=10, help="Deepest press below the contact.")] = 0.8,
@@ -43,8 +46,6 @@ def auto(
 
     found = find_board(board)
     folder = Path(tempfile.mkdtemp(prefix="ruffini-auto-")) if out is None else out
-    if folder.is_dir() and any(folder.glob("*.h5")):
-        raise InputError(f"{folder} holds logs already: choose another --out")
     folder.mkdir(parents=True, exist_ok=True)
     if rig == SIMULATED:
         site = _simulated(found, depth_mm, shear_mm, seed, unit)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from ruffini.calibrate.gauge import gauge_uncertainty_m
 from ruffini.calibrate.material import MIN_TOUCHES, MaterialFit, fit_material, log_of_touches
 from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage, material_of
 from ruffini.fem.operators import Noise
+
+Array = npt.NDArray[np.float64]
 
 SIGMA_M, TILT_M = (5e-6, 5e-6, 20e-6), 30e-6  # of the displacement under a touch: as `cal operator` has them
 
@@ -38,10 +41,15 @@ def run(job: Job, progress: Progress) -> Outcome:
 
 
 def left_out_figures(fit: MaterialFit) -> dict[str, float]:
-    """Error of the force of each touch by a fit to the others, N: over touches, each the mean of its frames."""
+    """Error of the force of each touch by a fit to the others."""
+    return touch_figures(fit, fit.left_out)
+
+
+def touch_figures(fit: MaterialFit, wrench: Array) -> dict[str, float]:
+    """Error of a fit's wrenches (t, 6), force, N: over touches, each the mean of its frames."""
     seen = np.isfinite(fit.reference[:, :3]).all(axis=0)
     touches = [fit.touch == t for t in np.unique(fit.touch)]
-    error = np.array([(fit.left_out - fit.reference)[used][:, :3][:, seen].mean(axis=0) for used in touches])
+    error = np.array([(wrench - fit.reference)[used][:, :3][:, seen].mean(axis=0) for used in touches])
     size = np.array([fit.reference[used][:, :3][:, seen].mean(axis=0) for used in touches])
     length, largest = np.linalg.norm(error, axis=1), float(np.linalg.norm(size, axis=1).max())
     return {
