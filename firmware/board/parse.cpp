@@ -7,149 +7,14 @@
 #include <sstream>
 
 #include "board/plain_toml.h"
+#include "board/reader.h"
 
 namespace ruffini {
 namespace {
 
-// Reads the keys of one file; remembers the first error and which keys were asked for.
-class Reader {
- public:
-  Reader(const toml::table& root, std::string where) : root_(root), where_(std::move(where)) {}
-
-  [[nodiscard]] bool has_section(const char* name) const { return root_.contains(name); }
-
-  void section(const char* name) {
-    section_ = name;
-    asked_sections_.insert(name);
-    table_ = root_.get_as<toml::table>(name);
-    if (table_ == nullptr) fail("section [" + section_ + "] is missing");
-  }
-
-  int64_t integer(const char* key, int64_t low, int64_t high) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return low;
-    if (!node->is_integer()) return fail(path(key) + " must be an integer"), low;
-    const int64_t value = node->as_integer()->get();
-    if (value < low || value > high) {
-      fail(path(key) + " = " + std::to_string(value) + " is outside " + std::to_string(low) + " to " +
-           std::to_string(high));
-    }
-    return value;
-  }
-
-  std::string text(const char* key, size_t max_length = 64) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return {};
-    if (!node->is_string()) return fail(path(key) + " must be a string"), std::string{};
-    const std::string value = node->as_string()->get();
-    if (!is_plain(value, max_length)) {
-      fail(path(key) + " must have 1 to " + std::to_string(max_length) + " printable ASCII characters");
-    }
-    return value;
-  }
-
-  std::vector<std::string> texts(const char* key, size_t max_count) {
-    std::vector<std::string> values;
-    const toml::node* node = find(key);
-    if (node == nullptr) return values;
-    if (!node->is_array()) return fail(path(key) + " must be a list of strings"), values;
-    for (const toml::node& item : *node->as_array()) {
-      if (!item.is_string()) return fail(path(key) + " must be a list of strings"), values;
-      values.push_back(item.as_string()->get());
-      if (!is_plain(values.back(), kMaxListedLength) || values.size() > max_count) {
-        fail(path(key) + " must hold at most " + std::to_string(max_count) + " texts of 1 to " +
-             std::to_string(kMaxListedLength) + " printable ASCII characters");
-        return values;
-      }
-    }
-    return values;
-  }
-
-  [[nodiscard]] bool has(const char* key) const { return table_ != nullptr && table_->contains(key); }
-
-  // A list of [x, y], both in [low, high].
-  std::vector<PadPlace> places(const char* key, int64_t low, int64_t high) {
-    std::vector<PadPlace> values;
-    const toml::node* node = find(key);
-    const toml::array* list = node == nullptr ? nullptr : node->as_array();
-    const auto refuse = [&] {
-      fail(path(key) + " must be a list of [x, y], integers from " + std::to_string(low) + " to " +
-           std::to_string(high));
-    };
-    if (list == nullptr || list->empty()) return refuse(), values;
-    for (const toml::node& item : *list) {
-      const toml::array* pair = item.as_array();
-      if (pair == nullptr || pair->size() != 2) return refuse(), values;
-      const auto x = (*pair)[0].value_exact<int64_t>();
-      const auto y = (*pair)[1].value_exact<int64_t>();
-      if (!x || !y || std::min(*x, *y) < low || std::max(*x, *y) > high) return refuse(), values;
-      values.push_back({*x, *y});
-    }
-    return values;
-  }
-
-  int choice(const char* key, const std::vector<std::string>& allowed) {
-    const std::string value = text(key);
-    const auto found = std::find(allowed.begin(), allowed.end(), value);
-    if (found != allowed.end()) return static_cast<int>(found - allowed.begin());
-    std::string list;
-    for (const std::string& name : allowed) list += (list.empty() ? "" : ", ") + name;
-    fail(path(key) + " = \"" + value + "\" must be one of " + list);
-    return 0;
-  }
-
-  // After all keys: whatever was not asked for is unknown.
-  void refuse_unknown() {
-    for (const auto& [key, node] : root_) {
-      const std::string name(key.str());
-      if (name == "schema") continue;
-      if (!asked_sections_.contains(name)) {
-        fail("unknown section [" + name + "]: check the spelling, or remove it");
-        continue;
-      }
-      const toml::table* table = node.as_table();
-      if (table == nullptr) continue;
-      for (const auto& [inner, unused] : *table) {
-        if (!asked_keys_.contains(name + "." + std::string(inner.str()))) {
-          fail("unknown key " + name + "." + std::string(inner.str()) + ": check the spelling, or remove it");
-        }
-      }
-    }
-  }
-
-  void fail(const std::string& what) {
-    if (error_.empty()) error_ = where_ + ": " + what + " (boards/README.md lists the keys)";
-  }
-  [[nodiscard]] const std::string& error() const { return error_; }
-
- private:
-  // Escapes can spell what the file itself may not hold: a zero byte would cut a name short in C and on the wire.
-  static bool is_plain(const std::string& value, size_t max_length) {
-    return !value.empty() && value.size() <= max_length &&
-           std::all_of(value.begin(), value.end(), [](char c) { return c >= ' ' && c <= '~'; });
-  }
-
-  const toml::node* find(const char* key) {
-    asked_keys_.insert(section_ + "." + key);
-    if (table_ == nullptr) return nullptr;
-    const toml::node* node = table_->get(key);
-    if (node == nullptr) fail("key " + path(key) + " is missing");
-    return node;
-  }
-  [[nodiscard]] std::string path(const char* key) const { return section_ + "." + key; }
-
-  const toml::table& root_;
-  const toml::table* table_ = nullptr;
-  std::string where_;
-  std::string section_;
-  std::string error_;
-  std::set<std::string> asked_sections_;
-  std::set<std::string> asked_keys_;
-};
-
 constexpr int64_t kMaxLengthUm = 500'000;  // half a metre: no tactile pad is larger
 
-void read_camera(Reader& in, CameraSettings& camera) {
+void read_camera(BoardReader& in, CameraSettings& camera) {
   in.section("camera");
   camera.optics = in.text("optics");
   camera.width_px = static_cast<int>(in.integer("width_px", 16, 4096));
@@ -161,7 +26,7 @@ void read_camera(Reader& in, CameraSettings& camera) {
   camera.standoff_um = in.integer("standoff_um", 1'000, kMaxLengthUm);
 }
 
-void read_pad(Reader& in, BoardSettings& board) {
+void read_pad(BoardReader& in, BoardSettings& board) {
   in.section("pad");
   board.pad.size_x_um = in.integer("size_x_um", 1'000, kMaxLengthUm);
   board.pad.size_y_um = in.integer("size_y_um", 1'000, kMaxLengthUm);
@@ -180,11 +45,13 @@ void read_pad(Reader& in, BoardSettings& board) {
 }
 
 // A pipeline without the stage needs no [markers]; the lattice is then empty.
-void read_markers(Reader& in, MarkerSettings& markers) {
+void read_markers(BoardReader& in, MarkerSettings& markers) {
   if (!in.has_section("markers")) return;
   in.section("markers");
   const int polarity = in.choice("polarity", {"dark", "light", "texture"});
   markers.polarity = polarity == 0 ? Polarity::kDark : polarity == 1 ? Polarity::kLight : Polarity::kTexture;
+  markers.is_scattered = in.has("layout") && in.choice("layout", {"lattice", "scattered"}) == 1;
+  if (in.has("places_um")) markers.places = in.places("places_um", 0, kMaxLengthUm);
   markers.lattice.n_x = static_cast<int>(in.integer("n_x", 2, 64));
   markers.lattice.n_y = static_cast<int>(in.integer("n_y", 2, 64));
   markers.pitch_x_um = in.integer("pitch_x_um", 100, 100'000);
@@ -197,7 +64,7 @@ void read_markers(Reader& in, MarkerSettings& markers) {
 }
 
 // As with [markers].
-void read_targets(Reader& in, TargetSettings& targets) {
+void read_targets(BoardReader& in, TargetSettings& targets) {
   if (!in.has_section("targets")) return;
   in.section("targets");
   targets.places = in.places("places_um", 0, kMaxLengthUm);
@@ -207,7 +74,7 @@ void read_targets(Reader& in, TargetSettings& targets) {
 }
 
 // Only of boards whose pipeline has the stage.
-void read_skin(Reader& in, SkinSettings& skin) {
+void read_skin(BoardReader& in, SkinSettings& skin) {
   if (!in.has_section("skin")) return;
   in.section("skin");
   const int shape = in.choice("shape", {"plane", "tube", "dome"});
@@ -222,7 +89,7 @@ void read_skin(Reader& in, SkinSettings& skin) {
   skin.averaged_frames = static_cast<int>(in.integer("averaged_frames", 1, kMaxAveragedFrames));
 }
 
-void read_rest(Reader& in, BoardSettings& board) {
+void read_rest(BoardReader& in, BoardSettings& board) {
   in.section("depth");
   board.depth.gauge = in.choice("gauge", {"margin", "mean"}) == 0 ? Gauge::kMargin : Gauge::kMean;
   board.depth.margin_um = in.integer("margin_um", 0, kMaxLengthUm);
@@ -251,17 +118,40 @@ bool stages_in_order(const std::vector<std::string>& stages) {
   return !stages.empty();
 }
 
-void check_markers(Reader& in, const BoardSettings& board) {
+void check_scattered(BoardReader& in, const BoardSettings& board) {
+  const MarkerSettings& markers = board.markers;
+  if (markers.polarity == Polarity::kTexture) return in.fail("markers.polarity texture needs markers.layout lattice");
+  if (markers.places.empty()) return;
+  if (std::ssize(markers.places) != markers.lattice.count()) {
+    return in.fail("markers.places_um lists " + std::to_string(markers.places.size()) +
+                   " places, but n_x times n_y is " + std::to_string(markers.lattice.count()));
+  }
+  std::set<std::pair<int64_t, int64_t>> different;
+  for (const PadPlace& at : markers.places) {
+    different.insert({at.x_um, at.y_um});
+    if (at.x_um > board.pad.size_x_um || at.y_um > board.pad.size_y_um) {
+      return in.fail("markers.places_um reaches beyond the pad");
+    }
+  }
+  if (different.size() != markers.places.size()) in.fail("markers.places_um lists a place twice");
+}
+
+void check_markers(BoardReader& in, const BoardSettings& board) {
   const MarkerSettings& markers = board.markers;
   if (markers.lattice.count() == 0) {
     const auto needs_them = [](const std::string& stage) { return stage == "markers" || stage == "displacement"; };
     if (std::any_of(board.stages.begin(), board.stages.end(), needs_them)) in.fail("section [markers] is missing");
     return;
   }
-  if (markers.first_x_um + (markers.lattice.n_x - 1) * markers.pitch_x_um > board.pad.size_x_um ||
-      markers.first_y_um + (markers.lattice.n_y - 1) * markers.pitch_y_um > board.pad.size_y_um) {
+  if (markers.is_scattered) {
+    check_scattered(in, board);
+  } else if (!markers.places.empty()) {
+    in.fail("markers.places_um needs markers.layout = \"scattered\"");
+  } else if (markers.first_x_um + (markers.lattice.n_x - 1) * markers.pitch_x_um > board.pad.size_x_um ||
+             markers.first_y_um + (markers.lattice.n_y - 1) * markers.pitch_y_um > board.pad.size_y_um) {
     in.fail("[markers] lattice reaches beyond the pad");
-  } else if (markers.diameter_um >= markers.pitch_x_um || markers.diameter_um >= markers.pitch_y_um) {
+  }
+  if (markers.diameter_um >= markers.pitch_x_um || markers.diameter_um >= markers.pitch_y_um) {
     in.fail("markers.diameter_um must be below the pitch");
   }
   if (markers.polarity != Polarity::kTexture) return;
@@ -277,7 +167,7 @@ bool has_stage(const BoardSettings& board, const char* name) {
   return std::find(board.stages.begin(), board.stages.end(), name) != board.stages.end();
 }
 
-void check_targets(Reader& in, const BoardSettings& board) {
+void check_targets(BoardReader& in, const BoardSettings& board) {
   const TargetSettings& targets = board.targets;
   if (has_stage(board, "feature_wrench")) {
     if (!has_stage(board, "targets") && !has_stage(board, "markers")) {
@@ -305,7 +195,7 @@ void check_targets(Reader& in, const BoardSettings& board) {
   }
 }
 
-void check_skin(Reader& in, const BoardSettings& board) {
+void check_skin(BoardReader& in, const BoardSettings& board) {
   const SkinSettings& skin = board.skin;
   const int64_t weights = skin.weights[0] + skin.weights[1] + skin.weights[2];
   const bool has_stage = std::find(board.stages.begin(), board.stages.end(), "skin") != board.stages.end();
@@ -320,7 +210,7 @@ void check_skin(Reader& in, const BoardSettings& board) {
 }
 
 // What no single key can tell.
-void cross_check(Reader& in, const BoardSettings& board) {
+void cross_check(BoardReader& in, const BoardSettings& board) {
   const WindowSettings& window = board.window;
   if (window.max_x_um > board.pad.size_x_um || window.max_y_um > board.pad.size_y_um) {
     in.fail("[window] reaches beyond the pad");
@@ -365,7 +255,7 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
   const Result<toml::table> parsed = parse_plain_toml(text, where);
   if (!parsed) return parsed.error();
   const toml::table& root = parsed.value();
-  Reader in(root, where);
+  BoardReader in(root, where);
   if (root["schema"].value_exact<int64_t>() != int64_t{1}) in.fail("schema must be 1");
   BoardSettings board;
   in.section("board");

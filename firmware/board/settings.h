@@ -56,8 +56,8 @@ struct PadPlace {
 
 struct MarkerSettings {
   Polarity polarity = Polarity::kDark;
-  bool is_scattered = false;     // not on the lattice, which then only counts them
-  std::vector<PadPlace> places;  // of scattered ones, where they are listed
+  bool is_scattered = false;       // not on the lattice, which then only counts them
+  std::vector<PadPlace> places{};  // of scattered ones, where they are listed
   GridSize lattice;
   int64_t pitch_x_um = 0;
   int64_t pitch_y_um = 0;

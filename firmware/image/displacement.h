@@ -2,19 +2,13 @@
 //
 //   marker:  u = [(p - p_0) H + (p - c) u_z] / f, u_z = depth read where the marker is now (bilinear)
 //            with a camera map (image/camera_map.h): u = A(p) + S(p) u_z - A(p_0), u_z read where an ideal pinhole sees A(p)
-//   lattice -> nodes: Catmull-Rom along each axis, linear beyond the outermost markers (at most one pitch).
-//            Where a node is on the lattice, (a, b) in pitches, follows from the markers' real rest places, not from
-//            the board's: kPlaceRounds times  a += (X_node - X(a, b)) / pitch,  X(a, b) interpolated likewise
+//   markers -> nodes: image/marker_interpolation.h
 //   node:    u_z = depth read at p = c + f (X + u_xy) / (H + u_z), two rounds
-//
-// A node is filled where the markers lost or absent, whose displacement is their neighbours' mean, have at least half of
-// it: sum of their |weights| >= 1/2 of Q14 a tap, Q28 a marker. The weights' plain sum is 1, so the rest knows little.
 //
 // Markers are Lagrangian and depth Eulerian: both readings are at the deformed place. Not in the paper.
 // Frame thread; no allocation after the constructor.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -22,6 +16,7 @@
 #include "base/fixed.h"
 #include "board/settings.h"
 #include "image/camera_map.h"
+#include "image/marker_interpolation.h"
 #include "image/markers.h"
 
 namespace ruffini {
@@ -37,7 +32,7 @@ class Displacement {
   // `map` outlives this; null where the board's own camera is an ideal pinhole. Then `board` is the map's ideal one.
   explicit Displacement(const BoardSettings& board, const CameraMap* map = nullptr);
 
-  // Place the nodes on the lattice of markers at rest. Before the first run(), and when rest changes.
+  // Place the nodes among the markers at rest. Before the first run(), and when rest changes.
   void learn(std::span<const Marker> markers);
 
   // `depth` on the depth grid, or empty where depth is not measured (u_z = 0).
@@ -45,36 +40,22 @@ class Displacement {
            SaturationCounter& saturations);
 
   // 1 for each node that is filled, else 0; of markers as run() takes them.
-  void mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled) const;
+  void mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled) const {
+    nodes_.mark_filled(markers, is_filled);
+  }
 
-  [[nodiscard]] GridSize nodes() const { return nodes_; }
+  [[nodiscard]] GridSize nodes() const { return nodes_.nodes(); }
 
  private:
-  // Four lattice lines and their Q14 weights.
-  struct Taps {
-    std::array<int, 4> line{};
-    std::array<int64_t, 4> weight{};
-  };
-  struct Place {
-    int64_t x = 0;
-    int64_t y = 0;
-  };
-  static constexpr int kPlaceRounds = 8;  // the pitch is right within 30 %: 0.3^8 of a pitch remains
-
-  static Taps taps(int64_t position_q16, int n_lines);
-  // sum over 4 x 4 markers of weight value(marker), Q28.
-  template <typename Value>
-  [[nodiscard]] int64_t interpolate(const Taps& tx, const Taps& ty, Value value) const;
   [[nodiscard]] int64_t to_pad_q3(int64_t length_um_px_q19) const;
-  void place_node(size_t node, Place at_q16);
   [[nodiscard]] NodeDisplacement at_node(size_t node, std::span<const DisplacementUm> depth,
                                          SaturationCounter& saturations) const;
 
   // What a marker's place in the image says: from the pad's centre, and depth there.
-  [[nodiscard]] Place rest_place(const Marker& marker) const;
+  [[nodiscard]] PadPoint rest_place(const Marker& marker) const;
   [[nodiscard]] NodeDisplacement by_pinhole(const Marker& marker, std::span<const DisplacementUm> depth,
                                             SaturationCounter& saturations) const;
-  [[nodiscard]] NodeDisplacement by_map(const Marker& marker, const Place& rest_q8,
+  [[nodiscard]] NodeDisplacement by_map(const Marker& marker, const PadPoint& rest_q8,
                                         std::span<const DisplacementUm> depth, SaturationCounter& saturations) const;
   [[nodiscard]] int64_t read_depth(std::span<const DisplacementUm> depth, int64_t px_x_q16, int64_t px_y_q16) const;
   void markers_to_pad(std::span<const Marker> markers, std::span<const DisplacementUm> depth,
@@ -84,21 +65,14 @@ class Displacement {
   CameraSettings camera_;
   int step_px_;
   GridSize depth_grid_;
-  GridSize lattice_;
-  GridSize nodes_;  // observed ones
+  MarkerInterpolation nodes_;
   int64_t center_x_q16_;
   int64_t center_y_q16_;
-  int64_t inverse_focal_q32_;  // 1 / px
-  int64_t um_to_px_q32_;       // at z = 0
-  int64_t pitch_x_q3_;         // micrometres
-  int64_t pitch_y_q3_;
-  std::vector<Place> node_q3_;      // from the pad's centre, micrometres
-  std::vector<Place> nominal_q16_;  // of each node on the board's lattice, pitches
-  std::vector<Taps> taps_x_;        // per node
-  std::vector<Taps> taps_y_;
-  std::vector<Place> rest_q3_;      // of each marker, from the pad's centre, micrometres
-  std::vector<Place> rest_ray_q8_;  // the same by the camera map
-  std::vector<NodeDisplacement> lattice_u_;
+  int64_t inverse_focal_q32_;          // 1 / px
+  int64_t um_to_px_q32_;               // at z = 0
+  std::vector<PadPoint> rest_q3_;      // of each marker, from the pad's centre, micrometres
+  std::vector<PadPoint> rest_ray_q8_;  // the same by the camera map
+  std::vector<NodeDisplacement> marker_u_;
 };
 
 }  // namespace ruffini

@@ -56,6 +56,7 @@ DotParameters dot_parameters(const BoardSettings& board) {
 MarkerTracker::MarkerTracker(const BoardSettings& board)
     : size_(board.markers.lattice),
       graph_(size_),
+      is_scattered_(board.markers.is_scattered),
       is_listed_(!board.markers.is_scattered || !board.markers.places.empty()) {
   const CameraSettings& camera = board.camera;
   const int64_t pitch = length_q16(camera, std::min(board.markers.pitch_x_um, board.markers.pitch_y_um));
@@ -64,7 +65,7 @@ MarkerTracker::MarkerTracker(const BoardSettings& board)
   seed_gate2_ = squared_share(60);  // 0.4 pitch along both axes
   step_gate2_ = squared_share(35);
   tight_gate2_ = squared_share(25);
-  search2_ = squared_share(110);
+  search2_ = squared_share(is_scattered_ ? 200 : 110);
   pitch2_q8_ = (pitch >> 8) * (pitch >> 8);
   view_ = {int64_t{camera.width_px} << 16, int64_t{camera.height_px} << 16};
   edge_ = length_q16(camera, board.markers.diameter_um);
@@ -73,6 +74,7 @@ MarkerTracker::MarkerTracker(const BoardSettings& board)
   expected_.resize(n);
   dot_of_marker_.resize(n);
   is_open_.resize(n);
+  is_led_.resize(n);
   queue_.resize(n);
   known_.resize(n);
   known_next_.resize(n);
@@ -115,7 +117,7 @@ void MarkerTracker::match(std::span<const Dot> dots, int64_t gate2) {
   std::fill(dot_of_marker_.begin(), dot_of_marker_.end(), Nearest{-1, gate2});
   std::fill_n(marker_of_dot_.begin(), n_dots, Nearest{-1, gate2});
   for (int i = 0; i < size_.count(); ++i) {
-    if (is_open_[static_cast<size_t>(i)] == 0) continue;
+    if (is_open_[static_cast<size_t>(i)] == 0 || is_led_[static_cast<size_t>(i)] == 0) continue;
     const Point& place = expected_[static_cast<size_t>(i)];
     Nearest& mine = dot_of_marker_[static_cast<size_t>(i)];
     for (int j = 0; j < n_dots; ++j) {
@@ -230,6 +232,7 @@ void MarkerTracker::expect_with_neighbours() {
     if (is_open_[i] == 0) continue;
     if (!graph_.mean_on_lines(markers_, known_, i, mean) && !graph_.mean_around(markers_, known_, i, mean)) continue;
     expected_[i] = {markers_[i].rest_x.raw() + mean.x, markers_[i].rest_y.raw() + mean.y};
+    is_led_[i] = 1;
   }
 }
 
@@ -251,9 +254,11 @@ int MarkerTracker::accept(std::span<const Dot> dots) {
   return n_accepted;
 }
 
-// Assigns dots around rest + start(marker), then where the neighbours went.
+// Assigns dots around rest + start(marker), to all or only to `seed`, then where the neighbours went.
 template <typename Start>
-void MarkerTracker::look(std::span<const Dot> dots, Start start, int64_t gate2) {
+void MarkerTracker::look(std::span<const Dot> dots, Start start, int64_t gate2, int seed) {
+  std::fill(is_led_.begin(), is_led_.end(), seed < 0 ? uint8_t{1} : uint8_t{0});
+  if (seed >= 0) is_led_[static_cast<size_t>(seed)] = 1;
   std::fill(is_dot_taken_.begin(), is_dot_taken_.end(), uint8_t{0});
   std::fill(known_.begin(), known_.end(), uint8_t{0});
   auto n_open = std::ssize(markers_);
@@ -267,14 +272,15 @@ void MarkerTracker::look(std::span<const Dot> dots, Start start, int64_t gate2) 
   match(dots, gate2);
   int n_found = accept(dots);
   auto n_known = n_found;
-  // Where neighbours lead, the tight gate comes first: what it finds leads further. The wide one ends it.
+  // Where neighbours lead, the tight gate comes first: what it finds leads further. On a lattice the wide one ends it.
   bool is_wide = n_found == 0;
-  for (int ring = 0; ring < kRings && n_known > 0 && n_known < n_open; ++ring) {
+  const int n_rings = is_scattered_ ? size_.count() : kRings;
+  for (int ring = 0; ring < n_rings && n_known > 0 && n_known < n_open; ++ring) {
     expect_with_neighbours();
-    match(dots, is_wide ? gate2_ : tight_gate2_);
+    match(dots, is_wide && !is_scattered_ ? gate2_ : tight_gate2_);
     n_found = accept(dots);
     n_known += n_found;
-    if (n_found == 0 && is_wide) break;
+    if (n_found == 0 && (is_wide || is_scattered_)) break;
     is_wide = n_found == 0;
   }
 }
@@ -331,19 +337,28 @@ void MarkerTracker::search(std::span<const Dot> dots, int64_t cost_so_far) {
     }
     std::copy(known_.begin(), known_.end(), best_known_.begin());
   };
-  const auto attempt = [&](Point shift) {
-    look(dots, [&](size_t) { return shift; }, tight_gate2_);
+  int n_known = 0;  // of the cheapest
+  const auto attempt = [&](Point shift, int seed) {
+    look(dots, [&](size_t) { return shift; }, tight_gate2_, seed);
     const Verdict verdict = judge(dots.size());
     if (verdict.n_known == 0 || verdict.cost >= cost_so_far) return;
     cost_so_far = verdict.cost;
+    n_known = verdict.n_known;
     keep();
   };
+  const auto attempt_from = [&](int seed) {
+    const Marker& first = markers_[static_cast<size_t>(seed)];
+    for (const Dot& dot : dots) {
+      const Point shift{dot.x.raw() - int64_t{first.rest_x.raw()}, dot.y.raw() - int64_t{first.rest_y.raw()}};
+      if (shift.x * shift.x + shift.y * shift.y < search2_) attempt(shift, is_scattered_ ? seed : -1);
+    }
+  };
   keep();
-  attempt({0, 0});
-  const Marker& middle = markers_[static_cast<size_t>(middle_)];
-  for (const Dot& dot : dots) {
-    const Point shift{dot.x.raw() - int64_t{middle.rest_x.raw()}, dot.y.raw() - int64_t{middle.rest_y.raw()}};
-    if (shift.x * shift.x + shift.y * shift.y < search2_) attempt(shift);
+  attempt({0, 0}, -1);
+  attempt_from(middle_);
+  // Grown from one marker, all hangs on its dot: its neighbours are tried where that one misled.
+  for (const int seed : graph_.beside(static_cast<size_t>(middle_))) {
+    if (is_scattered_ && 2 * n_known < std::ssize(dots)) attempt_from(seed);
   }
   std::copy(best_known_.begin(), best_known_.end(), known_.begin());
   for (size_t i = 0; i < markers_.size(); ++i) {
@@ -357,7 +372,7 @@ int MarkerTracker::track(std::span<const Dot> dots) {
   for (size_t i = 0; i < markers_.size(); ++i) {
     last_[i] = {markers_[i].displacement_x.raw(), markers_[i].displacement_y.raw()};
   }
-  look(dots, [&](size_t i) { return last_[i]; }, gate2_);
+  look(dots, [&](size_t i) { return last_[i]; }, is_scattered_ ? tight_gate2_ : gate2_, -1);
   const Verdict verdict = judge(dots.size());
   if (is_doubtful(verdict)) search(dots, verdict.n_known > 0 ? verdict.cost : INT64_MAX);
   int n_lost = 0;

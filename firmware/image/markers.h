@@ -7,7 +7,8 @@
 //
 // Frames may be far apart. Where the outcome is doubtful (a marker missing inside the view, dots left over, neighbours
 // or frames more than about a third of a pitch apart), the lattice is laid on the dots anew, without memory: unmoved,
-// and moved as a whole by what takes a middle marker to each dot near it. The cheapest outcome counts,
+// and moved as a whole by what takes a middle marker to each dot near it. Scattered markers grow from that one: a dot
+// near the place of another proves nothing where no two places look alike. The cheapest outcome counts,
 //
 //   cost = 16 sum |d_i - d_j|^2 over neighbours + sum |d_i|^2
 //          + 16 pitch^2 (markers missing inside the view) + 8 pitch^2 (dots left over)
@@ -74,7 +75,7 @@ class MarkerTracker {
   void match(std::span<const Dot> dots, int64_t gate2);
   int accept(std::span<const Dot> dots);
   template <typename Start>
-  void look(std::span<const Dot> dots, Start start, int64_t gate2);
+  void look(std::span<const Dot> dots, Start start, int64_t gate2, int seed);
   [[nodiscard]] Verdict judge(size_t n_dots) const;
   [[nodiscard]] bool is_doubtful(const Verdict& verdict) const;
   void search(std::span<const Dot> dots, int64_t cost_so_far);
@@ -82,6 +83,7 @@ class MarkerTracker {
 
   GridSize size_;
   MarkerGraph graph_;
+  bool is_scattered_;
   bool is_listed_;              // where the markers are is known before rest is
   int64_t gate2_;               // squared, Q16 px: dot from the place where it is expected
   int64_t tight_gate2_;         // the same where nothing is remembered
@@ -101,6 +103,7 @@ class MarkerTracker {
   std::vector<uint8_t> is_dot_taken_;
   std::vector<int> queue_;        // markers found, in order of growth
   std::vector<uint8_t> is_open_;  // still looking for its dot
+  std::vector<uint8_t> is_led_;   // knows where to look
   std::vector<uint8_t> known_;    // has a displacement of its own, or a filled one
   std::vector<uint8_t> known_next_;
   std::vector<Point> last_;  // displacement in the frame before

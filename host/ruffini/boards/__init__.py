@@ -86,9 +86,13 @@ class Window(Section):
 
 
 class Markers(Section):
-    """[markers]: the printed lattice."""
+    """[markers]: the printed lattice, or scattered markers: listed, or found in the rest picture."""
 
     polarity: Literal["dark", "light", "texture"]
+    layout: Literal["lattice", "scattered"] = "lattice"
+    places_um: (
+        Annotated[list[Annotated[list[LengthUm], Field(min_length=2, max_length=2)]], Field(min_length=1)] | None
+    ) = None
     n_x: Annotated[int, Field(ge=2, le=64)]
     n_y: Annotated[int, Field(ge=2, le=64)]
     pitch_x_um: Annotated[int, Field(ge=100, le=100_000)]
@@ -235,10 +239,15 @@ class Board(Section):
             if "markers" in self.pipeline.stages or "displacement" in self.pipeline.stages:
                 raise ValueError("section [markers] is missing")
             return
-        far_x = markers.first_x_um + (markers.n_x - 1) * markers.pitch_x_um
-        far_y = markers.first_y_um + (markers.n_y - 1) * markers.pitch_y_um
-        if far_x > pad.size_x_um or far_y > pad.size_y_um:
-            raise ValueError("[markers] lattice reaches beyond the pad")
+        if markers.layout == "scattered":
+            self._check_scattered(markers)
+        else:
+            if markers.places_um is not None:
+                raise ValueError('markers.places_um needs markers.layout = "scattered"')
+            far_x = markers.first_x_um + (markers.n_x - 1) * markers.pitch_x_um
+            far_y = markers.first_y_um + (markers.n_y - 1) * markers.pitch_y_um
+            if far_x > pad.size_x_um or far_y > pad.size_y_um:
+                raise ValueError("[markers] lattice reaches beyond the pad")
         if markers.diameter_um >= min(markers.pitch_x_um, markers.pitch_y_um):
             raise ValueError("markers.diameter_um must be below the pitch")
         if markers.polarity != "texture":
@@ -272,6 +281,19 @@ class Board(Section):
                 f"targets.diameter_um makes a radius of {radius_px} px in the image: "
                 f"{MIN_TARGET_PX} to {MAX_TARGET_PX} can be measured"
             )
+
+    def _check_scattered(self, markers: Markers) -> None:
+        if markers.polarity == "texture":
+            raise ValueError("markers.polarity texture needs markers.layout lattice")
+        places, n = markers.places_um, markers.n_x * markers.n_y
+        if places is None:
+            return
+        if len(places) != n:
+            raise ValueError(f"markers.places_um lists {len(places)} places, but n_x times n_y is {n}")
+        if any(x > self.pad.size_x_um or y > self.pad.size_y_um for x, y in places):
+            raise ValueError("markers.places_um reaches beyond the pad")
+        if len({(x, y) for x, y in places}) != n:
+            raise ValueError("markers.places_um lists a place twice")
 
     @model_validator(mode="after")
     def _cross_check(self) -> Board:

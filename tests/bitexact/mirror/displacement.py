@@ -8,7 +8,8 @@ import numpy.typing as npt
 from mirror.board import Board, center_q16, depth_grid, observed_nodes
 from mirror.camera_map import CameraMap
 from mirror.fixed import I64, Saturations, round_shift
-from mirror.markers import DX, DY, LOST, X, Y
+from mirror.markers import ABSENT, DX, DY, LOST, X, Y
+from mirror.scattered import weights
 
 ONE = 16384  # Q14
 PLACE_ROUNDS = 8
@@ -108,47 +109,62 @@ def _node_axis(board: Board, axis: str) -> tuple[I64, I64]:
     return place, (i * size - first * steps) * 65536 // (pitch * steps)
 
 
-def _interpolate(board: Board, a_q16: I64, b_q16: I64, values: I64) -> I64:
-    """Catmull-Rom over the lattice at each (a, b); values (lattice rows, columns, k)."""
+def _on_lattice(board: Board, a_q16: I64, b_q16: I64) -> I64:
+    """Weights Q28 of the markers at each (a, b), Catmull-Rom along each axis, (n, markers)."""
     weight_x = tap_weights(a_q16, board["markers"]["n_x"])
     weight_y = tap_weights(b_q16, board["markers"]["n_y"])
-    return round_shift(np.asarray(np.einsum("nj,ni,jik->nk", weight_y, weight_x, values), np.int64), 28)
+    return np.asarray(weight_y[:, :, None] * weight_x[:, None, :]).reshape(len(a_q16), -1)
 
 
-def _place_on_lattice(board: Board, rest: I64) -> tuple[I64, I64, I64, I64]:
-    """Places of all nodes, x and y, and where they lie on the lattice of real rest places, a and b."""
-    m = board["markers"]
+def _interpolate(weight: I64, values: I64) -> I64:
+    """Of the markers' values (markers, k) at each node."""
+    return round_shift(np.asarray(weight @ values, np.int64), 28)
+
+
+def _node_places(board: Board) -> tuple[I64, I64, I64, I64]:
+    """Places of all nodes, x and y, and where they lie on the board's lattice, a and b."""
     (x, a), (y, b) = _node_axis(board, "x"), _node_axis(board, "y")
     shape = (len(y), len(x))
     node_x, a = (np.broadcast_to(v, shape).ravel().copy() for v in (x, a))
     node_y, b = (np.broadcast_to(v[:, None], shape).ravel().copy() for v in (y, b))
-    for _ in range(PLACE_ROUNDS):
-        here = _interpolate(board, a, b, rest)
-        a += (node_x - here[:, 0]) * 65536 // (8 * m["pitch_x_um"])
-        b += (node_y - here[:, 1]) * 65536 // (8 * m["pitch_y_um"])
-        a, b = np.clip(a, -65536, m["n_x"] * 65536), np.clip(b, -65536, m["n_y"] * 65536)
     return node_x, node_y, a, b
 
 
+def marker_weights(board: Board, rest: I64, is_there: npt.NDArray[np.bool_]) -> I64:
+    """What each marker counts at each node, Q28, (nodes, markers)."""
+    m = board["markers"]
+    node_x, node_y, a, b = _node_places(board)
+    if m.get("layout", "lattice") == "scattered":
+        out = np.zeros((len(node_x), len(rest)), np.int64)
+        for node, place in enumerate(zip(node_x.tolist(), node_y.tolist(), strict=True)):
+            for marker, weight in weights(place, rest, is_there).items():
+                out[node, marker] = weight
+        return out
+    for _ in range(PLACE_ROUNDS):
+        here = _interpolate(_on_lattice(board, a, b), rest)
+        a += (node_x - here[:, 0]) * 65536 // (8 * m["pitch_x_um"])
+        b += (node_y - here[:, 1]) * 65536 // (8 * m["pitch_y_um"])
+        a, b = np.clip(a, -65536, m["n_x"] * 65536), np.clip(b, -65536, m["n_y"] * 65536)
+    return _on_lattice(board, a, b)
+
+
 def _rest(board: Board, markers: npt.NDArray[np.integer], camera_map: CameraMap | None) -> I64:
-    """Rest places from the pad's centre, (lattice rows, columns, 2), 1/8 micrometre."""
+    """Rest places from the pad's centre, (markers, 2), 1/8 micrometre."""
     place = markers[:, [X, Y]].astype(np.int64)
     if camera_map is not None:
         rest = round_shift(camera_map.at(place[:, 0], place[:, 1])[:, :2], 5)
     else:
         place -= np.array([center_q16(board, "x"), center_q16(board, "y")])
         rest = _to_pad_q3(board, place * board["camera"]["standoff_um"] * 8)
-    return rest.reshape(board["markers"]["n_y"], board["markers"]["n_x"], 2)
+    return np.asarray(rest, np.int64)
 
 
 def filled(board: Board, markers: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
     """Nodes, (rows, columns), whose lost markers' |weights| sum to at least one half."""
-    m = board["markers"]
-    _, _, a, b = _place_on_lattice(board, _rest(board, markers, None))
-    lost = (markers[:, LOST] != 0).reshape(m["n_y"], m["n_x"]).astype(np.int64)
-    weight = np.einsum("nj,ni,ji->n", np.abs(tap_weights(b, m["n_y"])), np.abs(tap_weights(a, m["n_x"])), lost)
+    weight = np.abs(marker_weights(board, _rest(board, markers, None), markers[:, ABSENT] == 0))
+    lost = weight @ (markers[:, LOST] != 0).astype(np.int64)
     shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
-    return np.asarray(2 * weight >= ONE * ONE).reshape(shape)
+    return np.asarray(2 * lost >= ONE * ONE).reshape(shape)
 
 
 def displacement(
@@ -160,11 +176,10 @@ def displacement(
 ) -> I64:
     """(node rows, node columns, 3), 1/8 micrometre."""
     board = board if camera_map is None else camera_map.ideal
-    m, camera = board["markers"], board["camera"]
-    lattice = (m["n_y"], m["n_x"])
-    u = marker_displacement(board, markers, depth, saturations, camera_map).reshape(*lattice, 3)
-    node_x, node_y, a, b = _place_on_lattice(board, _rest(board, markers, camera_map))
-    nodes = _interpolate(board, a, b, u)
+    camera = board["camera"]
+    u = marker_displacement(board, markers, depth, saturations, camera_map)
+    node_x, node_y, _, _ = _node_places(board)
+    nodes = _interpolate(marker_weights(board, _rest(board, markers, camera_map), markers[:, ABSENT] == 0), u)
     if depth is not None:
         assert depth.shape == depth_grid(board)
         uz = nodes[:, 2]

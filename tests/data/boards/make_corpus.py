@@ -96,6 +96,11 @@ GOOD: dict[str, Change] = {
         put("markers.polarity", '"texture"'),
         put("pipeline.stages", '["difference", "markers", "displacement"]'),
     ),
+    "scattered": add("markers", 'layout = "scattered"'),
+    "scattered-and-listed": all_of(
+        add("markers", 'layout = "scattered"\nplaces_um = [[0, 0], [4000, 500], [700, 900], [20000, 16000]]'),
+        put("markers.n_x", "2"), put("markers.n_y", "2"),
+    ),
     "hexadecimal": put("camera.width_px", "0x140"),
     "underscores": put("pad.modulus_pa", "200_000"),
     "plus-sign": put("grid.n_x", "+31"),
@@ -200,6 +205,35 @@ BAD: dict[str, tuple[Change, str]] = {
             put("camera.center_y_mpx", "30000"),
         ),
         "64",
+    ),
+    "layout-unknown": (add("markers", 'layout = "hexagonal"'), "layout"),
+    "places-on-a-lattice": (add("markers", "places_um = [[1, 2]]"), "places_um"),
+    "places-too-few": (add("markers", 'layout = "scattered"\nplaces_um = [[1, 2]]'), "places_um"),
+    "places-twice": (
+        all_of(
+            add("markers", 'layout = "scattered"\nplaces_um = [[0, 0], [4000, 500], [0, 0], [5, 6]]'),
+            put("markers.n_x", "2"), put("markers.n_y", "2"),
+        ),
+        "twice",
+    ),
+    "places-beyond-the-pad": (
+        all_of(
+            add("markers", 'layout = "scattered"\nplaces_um = [[0, 0], [4000, 500], [20001, 0], [5, 6]]'),
+            put("markers.n_x", "2"), put("markers.n_y", "2"),
+        ),
+        "places_um",
+    ),
+    "places-of-three": (add("markers", 'layout = "scattered"\nplaces_um = [[1, 2, 3]]'), "places_um"),
+    "places-of-floats": (add("markers", 'layout = "scattered"\nplaces_um = [[1.0, 2.0]]'), "places_um"),
+    "places-of-bools": (add("markers", 'layout = "scattered"\nplaces_um = [[true, 2]]'), "places_um"),
+    "places-empty": (add("markers", 'layout = "scattered"\nplaces_um = []'), "places_um"),
+    "texture-and-scattered": (
+        all_of(
+            add("markers", 'layout = "scattered"'),
+            put("markers.polarity", '"texture"'),
+            put("pipeline.stages", '["difference", "markers", "displacement"]'),
+        ),
+        "layout",
     ),
     "polarity-unknown": (put("markers.polarity", '"grey"'), "polarity"),
     "gauge-unknown": (put("depth.gauge", '"guess"'), "gauge"),

@@ -1,0 +1,150 @@
+// Typed, checked reading of one board.toml.
+#pragma once
+
+#include <algorithm>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "board/plain_toml.h"
+#include "board/settings.h"
+
+namespace ruffini {
+
+// Reads the keys of one file; remembers the first error and which keys were asked for.
+class BoardReader {
+ public:
+  BoardReader(const toml::table& root, std::string where) : root_(root), where_(std::move(where)) {}
+
+  [[nodiscard]] bool has_section(const char* name) const { return root_.contains(name); }
+
+  void section(const char* name) {
+    section_ = name;
+    asked_sections_.insert(name);
+    table_ = root_.get_as<toml::table>(name);
+    if (table_ == nullptr) fail("section [" + section_ + "] is missing");
+  }
+
+  int64_t integer(const char* key, int64_t low, int64_t high) {
+    const toml::node* node = find(key);
+    if (node == nullptr) return low;
+    if (!node->is_integer()) return fail(path(key) + " must be an integer"), low;
+    const int64_t value = node->as_integer()->get();
+    if (value < low || value > high) {
+      fail(path(key) + " = " + std::to_string(value) + " is outside " + std::to_string(low) + " to " +
+           std::to_string(high));
+    }
+    return value;
+  }
+
+  std::string text(const char* key, size_t max_length = 64) {
+    const toml::node* node = find(key);
+    if (node == nullptr) return {};
+    if (!node->is_string()) return fail(path(key) + " must be a string"), std::string{};
+    const std::string value = node->as_string()->get();
+    if (!is_plain(value, max_length)) {
+      fail(path(key) + " must have 1 to " + std::to_string(max_length) + " printable ASCII characters");
+    }
+    return value;
+  }
+
+  std::vector<std::string> texts(const char* key, size_t max_count) {
+    std::vector<std::string> values;
+    const toml::node* node = find(key);
+    if (node == nullptr) return values;
+    if (!node->is_array()) return fail(path(key) + " must be a list of strings"), values;
+    for (const toml::node& item : *node->as_array()) {
+      if (!item.is_string()) return fail(path(key) + " must be a list of strings"), values;
+      values.push_back(item.as_string()->get());
+      if (!is_plain(values.back(), kMaxListedLength) || values.size() > max_count) {
+        fail(path(key) + " must hold at most " + std::to_string(max_count) + " texts of 1 to " +
+             std::to_string(kMaxListedLength) + " printable ASCII characters");
+        return values;
+      }
+    }
+    return values;
+  }
+
+  [[nodiscard]] bool has(const char* key) const { return table_ != nullptr && table_->contains(key); }
+
+  // A list of [x, y], both in [low, high].
+  std::vector<PadPlace> places(const char* key, int64_t low, int64_t high) {
+    std::vector<PadPlace> values;
+    const toml::node* node = find(key);
+    const toml::array* list = node == nullptr ? nullptr : node->as_array();
+    const auto refuse = [&] {
+      fail(path(key) + " must be a list of [x, y], integers from " + std::to_string(low) + " to " +
+           std::to_string(high));
+    };
+    if (list == nullptr || list->empty()) return refuse(), values;
+    for (const toml::node& item : *list) {
+      const toml::array* pair = item.as_array();
+      if (pair == nullptr || pair->size() != 2) return refuse(), values;
+      const auto x = (*pair)[0].value_exact<int64_t>();
+      const auto y = (*pair)[1].value_exact<int64_t>();
+      if (!x || !y || std::min(*x, *y) < low || std::max(*x, *y) > high) return refuse(), values;
+      values.push_back({*x, *y});
+    }
+    return values;
+  }
+
+  int choice(const char* key, const std::vector<std::string>& allowed) {
+    const std::string value = text(key);
+    const auto found = std::find(allowed.begin(), allowed.end(), value);
+    if (found != allowed.end()) return static_cast<int>(found - allowed.begin());
+    std::string list;
+    for (const std::string& name : allowed) list += (list.empty() ? "" : ", ") + name;
+    fail(path(key) + " = \"" + value + "\" must be one of " + list);
+    return 0;
+  }
+
+  // After all keys: whatever was not asked for is unknown.
+  void refuse_unknown() {
+    for (const auto& [key, node] : root_) {
+      const std::string name(key.str());
+      if (name == "schema") continue;
+      if (!asked_sections_.contains(name)) {
+        fail("unknown section [" + name + "]: check the spelling, or remove it");
+        continue;
+      }
+      const toml::table* table = node.as_table();
+      if (table == nullptr) continue;
+      for (const auto& [inner, unused] : *table) {
+        if (!asked_keys_.contains(name + "." + std::string(inner.str()))) {
+          fail("unknown key " + name + "." + std::string(inner.str()) + ": check the spelling, or remove it");
+        }
+      }
+    }
+  }
+
+  void fail(const std::string& what) {
+    if (error_.empty()) error_ = where_ + ": " + what + " (boards/README.md lists the keys)";
+  }
+  [[nodiscard]] const std::string& error() const { return error_; }
+
+ private:
+  // Escapes can spell what the file itself may not hold: a zero byte would cut a name short in C and on the wire.
+  static bool is_plain(const std::string& value, size_t max_length) {
+    return !value.empty() && value.size() <= max_length &&
+           std::all_of(value.begin(), value.end(), [](char c) { return c >= ' ' && c <= '~'; });
+  }
+
+  const toml::node* find(const char* key) {
+    asked_keys_.insert(section_ + "." + key);
+    if (table_ == nullptr) return nullptr;
+    const toml::node* node = table_->get(key);
+    if (node == nullptr) fail("key " + path(key) + " is missing");
+    return node;
+  }
+  [[nodiscard]] std::string path(const char* key) const { return section_ + "." + key; }
+
+  const toml::table& root_;
+  const toml::table* table_ = nullptr;
+  std::string where_;
+  std::string section_;
+  std::string error_;
+  std::set<std::string> asked_sections_;
+  std::set<std::string> asked_keys_;
+};
+
+}  // namespace ruffini

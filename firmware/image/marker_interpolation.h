@@ -1,0 +1,83 @@
+// From markers to the observed nodes: sixteen markers and their weights for each node, laid when rest is learned.
+//
+//   lattice    Catmull-Rom along each axis, linear beyond the outermost markers (at most one pitch). Where a node is on
+//              the lattice, (a, b) in pitches, follows from the markers' real rest places, not from the board's:
+//              kPlaceRounds times  a += (X_node - X(a, b)) / pitch,  X(a, b) interpolated likewise
+//   scattered  moving least squares (image/scattered_weights.h) over the nearest markers
+//
+// A node is filled where the markers lost or absent, whose displacement is their neighbours' mean, have at least half of
+// it: sum of their |weights| >= 1/2. The weights' plain sum is 1, so the rest knows little.
+// Frame thread; no allocation after the constructor.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "board/settings.h"
+#include "image/markers.h"
+
+namespace ruffini {
+
+// From the pad's centre, 1/8 um.
+struct PadPoint {
+  int64_t x = 0;
+  int64_t y = 0;
+};
+
+// Weights Q28, whose sum is 1; unused ones are zero.
+struct MarkerWeights {
+  static constexpr size_t kCount = 16;
+  std::array<int, kCount> marker{};
+  std::array<int64_t, kCount> weight_q28{};
+};
+
+class MarkerInterpolation {
+ public:
+  explicit MarkerInterpolation(const BoardSettings& board);
+
+  // `rest` is where the markers rest on the pad.
+  void learn(std::span<const PadPoint> rest, std::span<const Marker> markers);
+
+  // sum over the node's markers of weight value(marker), rounded to the value's own unit.
+  template <typename Value>
+  [[nodiscard]] int64_t at(size_t node, Value value) const {
+    return round_shift(sum(weights_[node], value), 28);
+  }
+  // 1 for each node that is filled, else 0.
+  void mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled) const;
+
+  [[nodiscard]] GridSize nodes() const { return nodes_; }
+  [[nodiscard]] const PadPoint& place(size_t node) const { return place_[node]; }
+
+ private:
+  // Four lattice lines and their Q14 weights.
+  struct Taps {
+    std::array<int, 4> line{};
+    std::array<int64_t, 4> weight{};
+  };
+  static constexpr int kPlaceRounds = 8;  // the pitch is right within 30 %: 0.3^8 of a pitch remains
+
+  template <typename Value>
+  static int64_t sum(const MarkerWeights& weights, Value value) {
+    int64_t total = 0;
+    for (size_t k = 0; k < MarkerWeights::kCount; ++k) {
+      total += weights.weight_q28[k] * value(static_cast<size_t>(weights.marker[k]));
+    }
+    return total;
+  }
+  static Taps taps(int64_t position_q16, int n_lines);
+  [[nodiscard]] MarkerWeights on_lattice(int64_t a_q16, int64_t b_q16) const;
+  [[nodiscard]] MarkerWeights on_lattice_of(size_t node, std::span<const PadPoint> rest) const;
+
+  bool is_scattered_;
+  GridSize lattice_;
+  GridSize nodes_;
+  PadPoint pitch_;
+  std::vector<PadPoint> place_;    // of each node
+  std::vector<PadPoint> nominal_;  // of each node on the board's lattice, Q16 pitches
+  std::vector<MarkerWeights> weights_;
+};
+
+}  // namespace ruffini

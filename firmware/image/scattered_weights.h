@@ -1,0 +1,22 @@
+// What each of the nearest scattered markers counts at one place: moving least squares by a polynomial of order 2.
+//
+//   K = 16 nearest markers that are there (one fewer than there are, where there are fewer), R the distance of the next
+//   (x, y) = (X_k - X) / R,  t = x^2 + y^2,  w = (1 - t)^2 / (t + 1/50),  b = (1, x, y, x^2, x y, y^2)
+//   G = sum w b b^T / sum w + diag(0, e, e, 10 e, 10 e, 10 e),  e = 1e-4
+//   weight_k = w_k / (sum w)  b_k . G^-1 (1, 0, 0, 0, 0, 0)
+//
+// The small diagonal lets curvature, then slope, go to zero where the markers do not tell it; what it and rounding take
+// from the sum goes to the nearest marker. Fixed point: b Q12, w Q16, G Q26, its inverse's column Q20, weights Q28.
+// Bounds: |1/G| <= 1e4 < 2^14, so that all products stay below 2^62.
+#pragma once
+
+#include <span>
+
+#include "image/marker_interpolation.h"
+
+namespace ruffini {
+
+[[nodiscard]] MarkerWeights scattered_weights(const PadPoint& place, std::span<const PadPoint> rest,
+                                              std::span<const Marker> markers);
+
+}  // namespace ruffini
