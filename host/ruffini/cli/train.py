@@ -24,7 +24,7 @@ def train() -> None:
 def displacement(
     board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="Folder; run the same command again to go on with it.")],
-    presses: Annotated[int, typer.Option(min=10, help="Simulated presses, every frame of each a sample.")] = 600,
+    presses: Annotated[int, typer.Option(min=10, help="Simulated presses, every frame of each a sample.")] = 400,
     passes: Annotated[int, typer.Option(min=1, help="Passes over all samples.")] = 12,
     seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 5,
     threads: Annotated[int, typer.Option(min=1, help="Threads of PyTorch; 1 gives the same weights every time.")] = 1,
