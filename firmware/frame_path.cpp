@@ -12,9 +12,10 @@ constexpr std::array kErrorTensors = {"support.error_reported", "support.error_q
                                       "support.error_wrench"};
 constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark |
                                  kFlagOverexposed | kFlagLight | kFlagFeatures;
-// What light does in a frame beyond which a faint touch cannot be told from it: 0.05 % that are not followed yet
-// (image/light.h takes a sixteenth a frame); noise makes less.
+// Light that for so many frames was further than 0.05 % from what is followed (image/light.h takes a sixteenth a frame)
+// makes depth that a faint touch cannot be told from. A touch moves it less, or begins earlier.
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
+constexpr int kDriftFrames = 8;
 constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board's pad
 
 int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
@@ -114,9 +115,13 @@ void FramePath::follow_light() {
   const uint64_t start = clock_();
   const Rest::Gain before = light_.gain();
   light_.run(state_.difference.change, hidden(), rest_);
-  is_light_steady_ = std::equal(before.begin(), before.end(), light_.gain().begin(),
-                                [](int32_t a, int32_t b) { return std::abs(a - b) < kDriftGain; });
   const bool is_balanced = photometric_ && photometric_->is_balanced();
+  const bool has_settled = std::equal(before.begin(), before.end(), light_.gain().begin(),
+                                      [](int32_t a, int32_t b) { return std::abs(a - b) < kDriftGain; });
+  n_drifting_ = has_settled || is_balanced ? 0 : std::min(n_drifting_ + 1, kDriftFrames);
+  const auto& touched = state_.solve.mask;  // by the frame before: what has begun goes on
+  is_light_steady_ =
+      n_drifting_ < kDriftFrames || std::any_of(touched.begin(), touched.end(), [](uint8_t m) { return m != 0; });
   if (is_balanced ? !light_.level_is_sure() : light_.is_off()) state_.flags |= kFlagLight;
   state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;
 }

@@ -120,6 +120,7 @@ class FramePath {
   NodeGrid nodes_;
   Rest rest_;
   LightTracker light_;  // where colours become depth
+  int n_drifting_ = 0;  // frames in a row, up to kDriftFrames
   bool is_light_steady_ = true;
   DotDetector dots_;
   MarkerTracker lattice_;

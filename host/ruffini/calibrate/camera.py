@@ -132,7 +132,8 @@ class CameraFit:
         }  # fmt: skip
 
 
-def _read(path: Path, board: Board) -> npt.NDArray[np.uint8]:
+def read_of_board(path: Path, board: Board) -> npt.NDArray[np.uint8]:
+    """An image of the board's size."""
     image = read_image(path)
     height, width = image.shape[:2]
     if (width, height) != (board.camera.width_px, board.camera.height_px):
@@ -150,7 +151,7 @@ def fit_camera(
     InputError
         Images of another size than the board's, the target found in too few, or not in the one on the pad.
     """
-    seen = [(path, target.find(_read(path, board))) for path in paths]
+    seen = [(path, target.find(read_of_board(path, board))) for path in paths]
     views = [found for _, found in seen if found is not None]
     skipped = [path.name for path, found in seen if found is None]
     size = f"{target.columns}x{target.rows}"
@@ -160,14 +161,14 @@ def fit_camera(
         )
     if len(views) < MIN_VIEWS:
         raise InputError(f"the {target.kind} is seen in {len(views)} images: at least {MIN_VIEWS} from several sides")
-    lens, residual = _fit_lens(views, board, is_fisheye)
+    lens, residual = fit_lens(views, board, is_fisheye)
     camera = board.camera
     thickness_mm = board.pad.thickness_um * 1e-3 if index != 1 else 0.0
     lift = thickness_mm * (1 - 1 / index)
     center = lens.directions(np.array([[camera.center_x_mpx, camera.center_y_mpx]]) * 1e-3)[0]
     turn, pinhole = np.eye(3), -center * camera.standoff_um * 1e-3 - [0, 0, lift]
     if on_pad is not None:
-        found = target.find(_read(on_pad, board))
+        found = target.find(read_of_board(on_pad, board))
         if found is None:
             raise InputError(f"{on_pad}: no {target.kind} of {size} found: it shows where the pad lies")
         turn, pinhole = _stand(lens, found, board, lift)
@@ -186,7 +187,7 @@ def _fisheye_flag(name: str) -> int:
     return int(getattr(home, f"CALIB_{name}"))
 
 
-def _fit_lens(views: list[tuple[Array, Array]], board: Board, is_fisheye: bool) -> tuple[Lens, Array]:
+def fit_lens(views: list[tuple[Array, Array]], board: Board, is_fisheye: bool) -> tuple[Lens, Array]:
     """Lens, and the residual of each view, px RMS."""
     import cv2
 
@@ -217,18 +218,29 @@ def _fit_lens(views: list[tuple[Array, Array]], board: Board, is_fisheye: bool) 
     return lens, np.array([np.sqrt((e**2).sum(axis=1).mean()) for e in off])
 
 
-def _stand(lens: Lens, found: tuple[Array, Array], board: Board, lift_mm: float) -> tuple[Array, Array]:
-    """The camera's turn and place in the pad's frame from the target on the pad."""
+def target_before(lens: Lens, px: Array, mm: Array) -> tuple[Array, Array]:
+    """Turn (3, 3) and shift (3,), mm, of a flat target in the camera's frame: of both that fit, the better one."""
     import cv2
 
-    px, mm = found
     plane = np.ascontiguousarray(lens.directions(px)[:, :2])
     flat = np.column_stack([mm, np.zeros(len(mm))])
-    is_found, turn, shift = cv2.solvePnP(flat, plane, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
-    if not is_found:
+    n, turns, shifts, _ = cv2.solvePnPGeneric(flat, plane, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    best: tuple[float, Array, Array] | None = None
+    for turn, shift in zip(turns[:n], shifts[:n], strict=True):
+        turn, shift = cv2.solvePnPRefineLM(flat, plane, np.eye(3), None, turn, shift)
+        off = np.square(cv2.projectPoints(flat, turn, shift, np.eye(3), None)[0].reshape(-1, 2) - plane).sum()
+        if best is None or off < best[0]:
+            best = float(off), np.asarray(cv2.Rodrigues(turn)[0], float), np.asarray(shift, float).ravel()
+    if best is None:
         raise InputError("the target on the pad does not tell where the camera stands: use a larger one")
-    normal = cv2.Rodrigues(turn)[0][:, 2]
-    away = float(normal @ shift.ravel())  # of the pad's plane from the pinhole, along its normal
+    return best[1], best[2]
+
+
+def _stand(lens: Lens, found: tuple[Array, Array], board: Board, lift_mm: float) -> tuple[Array, Array]:
+    """The camera's turn and place in the pad's frame from the target on the pad."""
+    turn, shift = target_before(lens, *found)
+    normal = turn[:, 2]
+    away = float(normal @ shift)  # of the pad's plane from the pinhole, along its normal
     normal, away = (normal, away) if away > 0 else (-normal, -away)
     camera = board.camera
     center = np.array([camera.center_x_mpx, camera.center_y_mpx]) * 1e-3
@@ -248,25 +260,42 @@ def tables(model: CameraModel, board: Board) -> tuple[dict[str, npt.NDArray[np.i
     InputError
         A pixel does not see the pad: its ray leads beyond a metre, or nearly along the surface.
     """
-    camera, step = board.camera, 1 << STEP_LOG2
-    lines = [np.arange(((n - 2) >> STEP_LOG2) + 2) * float(step) for n in (camera.width_px, camera.height_px)]
-    px = np.stack(np.meshgrid(*lines), axis=-1)
+    camera = board.camera
+    px = lattice_px(camera.width_px, camera.height_px)
     place, slope = model.rays(px.reshape(-1, 2))
-    sound = np.isfinite(place).all() and np.isfinite(slope).all()
-    if not sound or np.abs(place).max() > MAX_PLACE_UM or np.abs(slope).max() > MAX_SLOPE:
-        raise InputError("the fitted camera does not see the pad with every pixel: check --size, --pitch-mm, --on-pad")
-    rays = np.concatenate([place * 2**8, slope * 2**20], axis=1).reshape(*px.shape[:2], 4)
+    rays = checked_rays(place, slope).reshape(*px.shape[:2], 4)
     # The ideal pinhole's S is A / H: the distance that fits the rays best; the scale stays the board's.
     standoff = float((place**2).sum() / (place * slope).sum())
     ratio = np.clip(standoff / camera.standoff_um, 0.5, 4.0)
     return (
-        {"camera.rays": _rounded(rays), "camera.source": _rounded(_sources(model, board) * 2**16)},
+        {"camera.rays": rounded(rays), "camera.source": rounded(_sources(model, board) * 2**16)},
         {"camera.step_log2": str(STEP_LOG2), "camera.focal_mpx": str(round(camera.focal_mpx * ratio)),
          "camera.standoff_um": str(round(camera.standoff_um * ratio))},
     )  # fmt: skip
 
 
-def _rounded(values: Array) -> npt.NDArray[np.int32]:
+def lattice_px(width_px: int, height_px: int) -> Array:
+    """Image places of the lattice that rays are kept on, (n_y, n_x, 2)."""
+    lines = [np.arange(((n - 2) >> STEP_LOG2) + 2) * float(1 << STEP_LOG2) for n in (width_px, height_px)]
+    return np.stack(np.meshgrid(*lines), axis=-1)
+
+
+def checked_rays(place: Array, slope: Array) -> Array:
+    """A (n, 2) um and S (n, 2) as the board holds them, (n, 4) Q8 and Q20.
+
+    Raises
+    ------
+    InputError
+        A pixel does not see the pad: its ray leads beyond a metre, or nearly along the surface.
+    """
+    sound = np.isfinite(place).all() and np.isfinite(slope).all()
+    if not sound or np.abs(place).max() > MAX_PLACE_UM or np.abs(slope).max() > MAX_SLOPE:
+        raise InputError("the fitted camera does not see the pad with every pixel: check --size, --pitch-mm, --on-pad")
+    return np.concatenate([place * 2**8, slope * 2**20], axis=1)
+
+
+def rounded(values: Array) -> npt.NDArray[np.int32]:
+    """The board's integers."""
     return np.floor(values + 0.5).astype(np.int32)
 
 

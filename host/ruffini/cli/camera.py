@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit
 from ruffini.errors import InputError
+
+if TYPE_CHECKING:
+    from ruffini.boards import Board
+    from ruffini.calibrate.targets import Target
 
 
 def camera(
@@ -22,6 +26,10 @@ def camera(
     fisheye: Annotated[bool, typer.Option("--fisheye", help="A fisheye lens.")] = False,
     on_pad: Annotated[
         Path | None, typer.Option(help="Picture of the target lying on the pad: where the camera stands.")
+    ] = None,
+    views: Annotated[
+        str | None,
+        typer.Option(help="Views side by side in a frame, left first, e.g. straight,straight or straight,mirrored."),
     ] = None,
     index: Annotated[float, typer.Option(min=1.0, max=2.5, help="Refractive index of a clear pad.")] = 1.0,
     dictionary: Annotated[str, typer.Option(help="ChArUco markers.")] = "4X4_50",
@@ -40,6 +48,9 @@ def camera(
         raise InputError(f"--size {size!r}: give COLUMNSxROWS, e.g. 9x6")
     paths = image_files(images[0]) if len(images) == 1 and images[0].is_dir() else images
     shown = Target(target, int(columns), int(rows), pitch_mm, dictionary)
+    if views is not None:
+        _several(paths, shown, found, views, fisheye, on_pad, index, out, json_)
+        return
     fit = fit_camera(paths, shown, found, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit.model, found)
     report = fit.report()
@@ -51,3 +62,24 @@ def camera(
          f"residual {report['residual_px']:.3f} px = {report['residual_um']:.1f} um of pad, worst view "
          f"{report['worst_view_px']:.3f} px; mounting "
          + ("measured on the pad" if report["is_measured_on_pad"] else "as in board.toml"))  # fmt: skip
+
+
+def _several(
+    paths: list[Path], shown: Target, board: Board, views: str, fisheye: bool, on_pad: Path | None, index: float,
+    out: Path, json_: bool,
+) -> None:  # fmt: skip
+    from ruffini.calibrate import container
+    from ruffini.calibrate.views import fit_views, tables, view_kinds
+
+    kinds = view_kinds(views)
+    if on_pad is None:
+        raise InputError("--views needs --on-pad: one picture in which all views see the target lying on the pad")
+    fit = fit_views(paths, shown, board, kinds, is_fisheye=fisheye, on_pad=on_pad, index=index)
+    tensors, metadata = tables(fit, board)
+    report = fit.report()
+    base = {**container.base_metadata(board), "residuals": json.dumps(report)}
+    container.write(out, container.pack({**tensors}, {**base, **metadata}))
+    each = "; ".join(f"{v['kind']}: {v['pictures']} pictures, {v['residual_px']:.3f} px" for v in report["views"])
+    emit({"file": str(out), **report}, json_,
+         f"{out}: {each}; on the pad the rays of two views meet {report['height_um']:.1f} um off its height (RMS of "
+         f"{report['points']} points), {report['gap_um']:.1f} um apart")  # fmt: skip

@@ -161,7 +161,8 @@ def graded(quality: Array, error: Array) -> dict[str, float]:
     return {
         "stated_px": float(np.sqrt(expected2.mean())), "rms_px": rms(error),
         "best_quarter_px": rms(error[order[-quarter:]]),
-        "worst_quarter_px": rms(error[order[:quarter]]), "rank_correlation": float(np.corrcoef(*ranks)[0, 1]),
+        "worst_quarter_px": rms(error[order[:quarter]]),
+        "rank_correlation": float(np.corrcoef(ranks[0], ranks[1])[0, 1]),
     }  # fmt: skip
 
 

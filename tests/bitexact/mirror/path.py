@@ -65,6 +65,7 @@ class FramePath:
             part, time_ms = (tensors[f"relaxation.{name}"].astype(np.int32) for name in ("part", "time_ms"))
             self._relaxation = Relaxation(part, time_ms, len(self._places))
         self.is_light_steady = True
+        self._n_drifting, self._was_touched = 0, False
         self._noise: Noise | None = None
         if "contact.noise_un" in tensors:
             steps = [max(int(v) // board["field"]["force_lsb_un"], 1) for v in tensors["contact.noise_un"]]
@@ -90,7 +91,9 @@ class FramePath:
         markers = self._lattice.rows.copy()
         before = self.light.gain.copy()
         self.light.follow(change, markers)
-        self.is_light_steady = bool((np.abs(self.light.gain - before) < 32).all())
+        has_settled = bool((np.abs(self.light.gain - before) < 32).all())
+        self._n_drifting = 0 if has_settled or self._is_balanced else self._n_drifting + 1
+        self.is_light_steady = self._n_drifting < 8 or self._was_touched
         level = self.light.level if self._is_balanced else NO_LEVEL
         mask = marker_mask(board, markers)
         slope = cell_slope(board, change, mask, self._unmix, self._slope, self._bend, level)
@@ -100,6 +103,7 @@ class FramePath:
         depth = poisson(seen_from, slope, saturations)
         u = displacement(board, markers, depth, saturations, self._camera_map)
         force, mask = self.solve(u)
+        self._was_touched = bool(mask.any())
         if self._relaxation is not None:
             force = self._relaxation.run(capture_us, mask, force, saturations)
         return Outcome(
