@@ -10,6 +10,7 @@ from ruffini.cli import (
     board,
     cal,
     camera,
+    check,
     collect,
     contact,
     demo,
@@ -48,6 +49,7 @@ cal.app.command("flash")(flash.flash)
 cal.app.command("undo")(flash.undo)
 cal.app.command("report")(report.report)
 cal.app.command("auto")(auto.auto)
+cal.app.command("check")(check.check)
 cal.app.command("fleet")(fleet.fleet)
 app.add_typer(cal.app, name="cal")
 app.add_typer(sim.app, name="sim")

@@ -1,0 +1,121 @@
+"""`ruffini cal check`: does a unit still measure as its report said? A weight tells its forces, a ball its depth."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.error_model import node_places
+from ruffini.calibrate.gates import MAX_ERROR, MAX_REST_N
+from ruffini.calibrate.operator import board_slab
+from ruffini.errors import InputError
+from ruffini.rig.bench import Bench
+from ruffini.rig.program import Weight
+from ruffini.rig.units import GRAVITY_M_S2
+
+Array = npt.NDArray[np.float64]
+
+SETTLED_PART = 0.5  # of a hold, its end
+TIMES_REPORT = 2.0  # the report's 95th percentile: one touch in 20 is beyond it once, hardly one beyond it twice
+MAX_RADIUS_ERROR = 0.15  # of a ball, at nodes two thirds of a millimetre apart; a factor of the depth is the inverse
+DEEP_PART = 0.6  # of the deepest: above half of it a ball's contact ends (Hertz)
+LEAST_NODES = 6  # under the ball
+LEAST_DENT_M = 1e-4
+BALL_GRAMS = 100.0
+
+
+class Checked(NamedTuple):
+    """What was to be, what the sensor said, and how far they may be apart; `unit` of all three."""
+
+    what: str
+    wanted: float
+    said: float
+    allowed: float
+    unit: str
+
+    @property
+    def ok(self) -> bool:
+        """Whether the unit still meets its report."""
+        return abs(self.said - self.wanted) <= self.allowed
+
+
+def allowed_n(file: CalibrationFile | None, force_n: float) -> float:
+    """How far a force may be off: by the report in the calibration that is in force, else by the gates."""
+    floor = MAX_ERROR * force_n + MAX_REST_N
+    if file is None:
+        return floor
+    try:
+        stages: Any = json.loads(file.metadata.get("residuals", "{}"))["stages"]
+        return max(TIMES_REPORT * float(stages["material"]["left_out"]["force_p95_n"]), MAX_REST_N)
+    except (ValueError, KeyError, TypeError):
+        return floor
+
+
+def check_weight(bench: Bench, grams: float, file: CalibrationFile | None) -> Checked:
+    """A person puts a weight on the level pad, and takes it away."""
+    bench.person.confirm(f"put {Weight(0.0, 0.0, grams).told()}")
+    if bench.weight is not None:
+        bench.weight.place(grams)
+    begun = time.monotonic()
+    ended = bench.hold(begun)
+    frames = bench.stream.since(begun + (1 - SETTLED_PART) * (ended - begun)).frames
+    if bench.weight is not None:
+        bench.weight.place(0.0)
+    bench.person.confirm("take it away")
+    said = np.array([f.wrench[:3] for f in frames])
+    if not np.isfinite(said[:, 2]).all():
+        raise InputError("the sensor does not measure the normal force: flash a calibration first")
+    wanted = 1e-3 * grams * GRAVITY_M_S2
+    return Checked(f"a weight of {grams:g} g", wanted, float(-said[:, 2].mean()), allowed_n(file, wanted), "N")
+
+
+def check_ball(bench: Bench, board: Board, ball_mm: float) -> Checked:
+    """A person holds a ball pressed into the pad, and lets go."""
+    bench.person.confirm(
+        f"press the {ball_mm:g} mm ball half a millimetre into the middle of the pad and hold it there"
+    )
+    begun = time.monotonic()
+    ended = bench.hold(begun)
+    fields = bench.stream.since(begun + (1 - SETTLED_PART) * (ended - begun)).fields
+    bench.person.confirm("take it away")
+    if not fields:
+        raise InputError("the sensor sends no displacement: it cannot be checked with a ball")
+    radius_m = ball_radius_m(board, np.mean([f.displacement for f in fields], axis=0), ball_mm / 2e3)
+    allowed_mm = MAX_RADIUS_ERROR * ball_mm
+    return Checked(f"the diameter of a {ball_mm:g} mm ball", ball_mm, 2e3 * radius_m, allowed_mm, "mm")
+
+
+def ball_radius_m(board: Board, displacement: Array, start_m: float) -> float:
+    """Radius of the ball whose cap the nodes under it lie on; displacement (n_y, n_x, 3) m at the observed nodes.
+
+    Raises
+    ------
+    InputError
+        Too shallow, or too few nodes under it.
+    """
+    places = node_places(board_slab(board), board.observed)
+    x, y = np.meshgrid(places.x_m, places.y_m)
+    u = np.asarray(displacement, dtype=np.float64)
+    deepest = float(u[..., 2].min())
+    under = u[..., 2] < DEEP_PART * deepest
+    if deepest > -LEAST_DENT_M or under.sum() < LEAST_NODES:
+        raise InputError(
+            f"the dent is {-1e3 * deepest:.2f} mm deep and {under.sum()} nodes lie under the ball: press deeper, "
+            "or take a larger ball"
+        )
+    x, y, z = (x + u[..., 0])[under], (y + u[..., 1])[under], u[..., 2][under]
+
+    def residual(p: Array) -> Array:
+        radius, center_x, center_y, bottom = p
+        sag = (x - center_x) ** 2 + (y - center_y) ** 2
+        return np.asarray(bottom + radius - np.sqrt(np.maximum(radius**2 - sag, 0.0)) - z)
+
+    start = [start_m, float(x.mean()), float(y.mean()), deepest]
+    return float(least_squares(residual, start, x_scale=[1e-3, 1e-4, 1e-4, 1e-5]).x[0])
