@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,29 +14,67 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_live_twin import Twin, twin  # noqa: F401
 
-from ruffini.demo.twin_session import Simulated, TwinOptions, open_simulated
-from ruffini.errors import InputError, RefusedError
+from ruffini.demo.twin_session import LOGGER_DRIFT, Simulated, TwinOptions, open_logged, open_simulated
+from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.rig.bench import Bench
+from ruffini.rig.by_log import join, record
 from ruffini.rig.collect import Progress, collect
-from ruffini.rig.emulated_references import ASKEW
+from ruffini.rig.emulated_references import ASKEW, NO_MOUNT, Mount
 from ruffini.rig.found import is_held, on_reference_clock, reference_in_pad
 from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.log_file import LogWriter, read_log
-from ruffini.rig.program import Span, Touch, plan
-from ruffini.rig.session import ready_bench
+from ruffini.rig.program import ByHand, Span, Touch, plan
+from ruffini.rig.session import SensorParts, ready_bench, watched_stream
+from ruffini.rig.stage import Place
+from ruffini.rig.twin_bench import ORIGIN
+from ruffini.rig.units import POUND_N
 
 FACTS = {"board": "tiny", "program": "grid", "seed": 1}
 LIMITS = Limits(0.006, 0.005, 0.002, -0.0015, 0.001, 5.0, near_m=0.0003)
 PLAN = plan("grid", Span(0.004, 0.003, 0.0008, 0.0005), 8, seed=1)
+STRAIGHT = plan("balls", Span(0.003, 0.002, 0.0004, 0.0), 4, seed=1)
 
 
 @contextlib.contextmanager
-def bench(twin: Twin, program: str = "grid", machine: str = "marlin") -> Iterator[tuple[Bench, Simulated]]:  # noqa: F811
+def bench(
+    twin: Twin,  # noqa: F811
+    program: str = "grid",
+    machine: str = "marlin",
+    mount: Mount = ASKEW,
+    stall_s: float = 15.0,
+) -> Iterator[tuple[Bench, Simulated]]:
     """A bench on the tiny twin, calibrated, homed and at rest."""
     with contextlib.ExitStack() as stack:
-        simulated = open_simulated(stack, twin.board, program, TwinOptions(machine), twin.unit)
+        simulated = open_simulated(stack, twin.board, program, TwinOptions(machine, mount=mount), twin.unit)
         simulated.parts.sensor.flash(twin.calibration)
-        yield stack.enter_context(ready_bench(simulated.parts, twin.board, LIMITS)), simulated
+        parts = replace(simulated.parts, pace=simulated.parts.pace._replace(stall_s=stall_s))
+        yield stack.enter_context(ready_bench(parts, twin.board, LIMITS)), simulated
+
+
+class Disturbed:
+    """Collects four straight presses; disturbs them after the next one that is good."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+
+    def log(self) -> LogWriter:
+        return LogWriter(self.out, FACTS)
+
+    def run(self, b: Bench, disturb: Callable[[], object] = lambda: None) -> int:
+        """How many had been there before."""
+        n_before = len(self.log().done())
+
+        def tell(p: Progress) -> None:
+            if p.n_done == n_before + 1:
+                disturb()
+
+        collect(b, STRAIGHT, self.log(), tell=tell)
+        return n_before
+
+
+def is_up(simulated: Simulated) -> bool:
+    assert simulated.machine is not None
+    return simulated.machine.place().z_m >= ORIGIN.z_m + LIMITS.top_m - 1e-6
 
 
 def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
@@ -79,3 +120,154 @@ def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path)
         )
         assert abs(on_reference_clock(log, touch) - a["stream_host_s"]).max() < 0.5
     assert abs(log.found["clocks"][0]["late_s"]) < 0.2  # the camera's pipeline is slower than the reference's
+
+
+def test_a_reference_in_pounds_or_askew_is_told_before_the_first_touch(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+    pressed = Disturbed(tmp_path / "log.h5")
+    with bench(twin, mount=Mount((90.0, 0.0, 0.0))) as (b, simulated):
+        with pytest.raises(InputError, match=r"on \+y instead of -z: axes are swapped"):
+            pressed.run(b)
+        assert is_up(simulated)
+        simulated.twin.cell.mount = Mount((180.0, 0.0, 0.0))
+        with pytest.raises(InputError, match=r"sees a press as \+z"):
+            pressed.run(b)
+        simulated.twin.cell.mount = NO_MOUNT
+        simulated.twin.cell.gain = np.full(6, 1 / POUND_N)
+        with pytest.raises(InputError, match="seems to count in lb, not in N"):
+            pressed.run(b)
+        assert is_up(simulated)
+        assert pressed.log().done() == set()
+
+
+def test_reference_that_fails_in_the_middle_lifts_the_tip_and_loses_nothing(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+    """One bench, disturbed in one way after the other; each time the same command goes on."""
+    pressed = Disturbed(tmp_path / "log.h5")
+    with bench(twin) as (b, simulated):
+        cell, machine = simulated.twin.cell, simulated.machine
+        assert machine is not None
+        with pytest.raises(RefusedError, match="is saturated"):
+            pressed.run(b, lambda: setattr(cell, "is_saturated", True))
+        assert is_up(simulated)
+        cell.is_saturated = False
+        time.sleep(0.5)
+
+        with pytest.raises(RefusedError, match="lost steps") as told:
+            pressed.run(b, lambda: setattr(machine, "slip", Place(0.0, 0.0, 0.0008)))
+        assert "they are set aside" in told.value.__notes__[0]
+        assert is_up(simulated)
+        machine.slip = Place(0.0, 0.0, 0.0)
+        assert pressed.log().done() == {0}  # three were pressed on a pad that was not where it was
+
+        with pytest.raises(RefusedError, match=r"drifted by 7\.5 % of its range"):
+            pressed.run(b, lambda: setattr(cell, "drift", np.array([0, 0, 1.5, 0, 0, 0])))
+        assert is_up(simulated)
+        assert len(pressed.log().done()) == 2
+
+        with pytest.raises(NoDeviceError, match=r"fell silent|sends nothing"):
+            pressed.run(b, lambda: setattr(cell, "is_plugged", False))
+        assert is_up(simulated)
+        assert len(pressed.log().done()) == 3
+    with bench(twin) as (b, _):  # plugged in again
+        assert pressed.run(b) == 3
+    assert len(read_log(tmp_path / "log.h5").touches) == 4
+
+
+def test_machine_or_camera_that_fails_in_the_middle(
+    twin: Twin,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pressed, goes_on = Disturbed(tmp_path / "log.h5"), threading.Event()
+    with bench(twin, machine="grbl", stall_s=3.0) as (b, simulated):
+        machine = simulated.machine
+        assert machine is not None
+        with pytest.raises(RefusedError, match="alarm 1"):
+            pressed.run(b, lambda: setattr(machine, "bottom_z_m", ORIGIN.z_m + 0.0001))
+        assert is_up(simulated)  # by a way that needs no homing
+        with pytest.raises(RefusedError, match="not homed"):
+            pressed.run(b)
+        machine.bottom_z_m = -0.1
+        assert b.stage is not None
+        b.stage.stage.home()
+        with pytest.raises(RefusedError, match="stopped by a key"):
+            pressed.run(b, lambda: setattr(b, "guard", _stop))
+        b.guard = lambda: None
+
+        def stall() -> None:
+            """The camera stands still; the reference goes on, slowly."""
+            monkeypatch.setattr(simulated.twin.twin, "states", lambda _: goes_on.wait(20) and None)
+            threading.Thread(target=speak, daemon=True).start()
+
+        def speak() -> None:
+            for _ in range(10):
+                time.sleep(0.5)
+                simulated.twin.cell.measure(0, np.zeros(6))
+
+        with pytest.raises(NoDeviceError, match="no frame for 3 s"):
+            pressed.run(b, stall)
+        goes_on.set()
+        assert is_up(simulated)
+        assert len(pressed.log().done()) == 3
+
+
+def _stop() -> None:
+    raise RefusedError("stopped by a key")
+
+
+def test_the_sensors_force_stops_the_machine_too(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+    """The reference sees a tenth of the force; the sensor knows better."""
+    with contextlib.ExitStack() as stack:
+        simulated = open_simulated(stack, twin.board, "grid", TwinOptions(mount=NO_MOUNT), twin.unit)
+        simulated.twin.cell.gain = np.full(6, 0.1)
+        simulated.parts.sensor.flash(twin.calibration)
+        parts = replace(simulated.parts, max_force_n=0.5)
+        b = stack.enter_context(ready_bench(parts, twin.board, LIMITS))
+        b.reference.tare(0.3)
+        assert b.stage is not None
+        with pytest.raises(RefusedError, match="the sensor measures"), b.safely():
+            b.stage.approach(0.0, 0.0)
+        assert is_up(simulated)
+
+
+def test_weights_and_presses_by_hand(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+    span = Span(0.003, 0.002, 0.0006, 0.0)
+    with bench(twin, "weights") as (b, _):
+        collect(b, plan("weights", span, 2, 1, ByHand(grams=(40.0, 90.0))), LogWriter(tmp_path / "w.h5", {}))
+    log = read_log(tmp_path / "w.h5")
+    assert [t.facts["grams"] for t in log.touches] == [40, 90]
+    for touch in log.touches:
+        a, f = touch.arrays, touch.facts
+        weight_n = 9.80665e-3 * f["grams"]
+        assert a["reference_wrench"][is_held(a["reference_s"], f), 2] == pytest.approx(-weight_n)
+        assert a["stream_wrench"][is_held(a["stream_host_s"], f), 2].mean() == pytest.approx(-weight_n, rel=0.3)
+    with bench(twin, "free", mount=NO_MOUNT) as (b, _):
+        items = plan("free", span, 2, 1, ByHand(force_n=0.8))
+        collect(b, items, LogWriter(tmp_path / "f.h5", {}))
+        b.max_force_n = 0.3
+        with pytest.raises(RefusedError, match=r"more than the 0\.3 N allowed"):
+            collect(b, items, LogWriter(tmp_path / "too_hard.h5", {}))
+    for touch, item in zip(read_log(tmp_path / "f.h5").touches, items, strict=True):
+        a, f = touch.arrays, touch.facts
+        held_n = -a["reference_wrench"][is_held(a["reference_s"], f), 2].mean()
+        assert held_n == pytest.approx(item.force_n, rel=0.25)
+
+
+def test_another_programs_csv_with_a_drifting_clock(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+    log = LogWriter(tmp_path / "log.h5", {})
+    with contextlib.ExitStack() as stack:
+        parts, csv = open_logged(stack, twin.board, TwinOptions(), tmp_path / "force.csv", twin.unit)
+        assert isinstance(parts, SensorParts)
+        parts.sensor.flash(twin.calibration)
+        watched = stack.enter_context(watched_stream(parts.sensor, twin.board, parts.pace))
+        record(watched.stream, parts.person, log, watched.session)
+    (tmp_path / "no_time.csv").write_text(csv.read_text().replace("time_s", "when", 1))
+    with pytest.raises(InputError, match="no column of time"):
+        join(log, tmp_path / "no_time.csv", watched.bad_flags, longest_gap_s=8.0)
+    joined = join(log, csv, watched.bad_flags, longest_gap_s=8.0)
+    assert joined.n_touches >= 6
+    whole = read_log(tmp_path / "log.h5")
+    assert abs(whole.found["csv_clock"]["drift"] - LOGGER_DRIFT) < 5e-3
+    for touch in whole.touches:
+        a, f = touch.arrays, touch.facts
+        truth = a["reference_wrench"][is_held(a["reference_s"], f), 2].mean()
+        assert a["stream_wrench"][is_held(a["stream_host_s"], f), 2].mean() == pytest.approx(truth, rel=0.3)

@@ -155,3 +155,42 @@ def papers(
             result["frozen"] = bool(benchmark.freeze(one, result))
         results.append(result)
     emit({"simulated": True, "boards": results}, json_, "\n\n".join(benchmark.table(r) for r in results))
+
+
+@app.command("rig")
+def rig(
+    board: BoardOption,
+    n: Annotated[int | None, typer.Option("--n", min=1, help="Touches. Default: 20, with --quick 4.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Few touches.")] = False,
+    machine: Annotated[str, typer.Option(help="marlin or grbl.")] = "marlin",
+    calibration: Annotated[
+        Path | None, typer.Option(help="Flashed first. Default: made on the twin, where the board measures force.")
+    ] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """The simulated calibration bench: time for its presses, and the error of the clock offset that its log finds."""
+    from ruffini.bench import rig as benchmark
+    from ruffini.boards import find_board
+
+    data = None if calibration is None else calibration.read_bytes()
+    with progress_bar("rig") as progress:
+        result = benchmark.run(
+            find_board(board), n=n, quick=quick, machine=machine, calibration=data, progress=progress
+        )
+    emit(result, json_, benchmark.table(result))
+
+
+@app.command("fleet")
+def fleet(
+    board: BoardOption,
+    recordings: Annotated[Path, typer.Option("--recordings", help="Folder of the units' recordings; kept there.")],
+    units: Annotated[int, typer.Option(min=6, help="Simulated units, each with a pad of its own.")] = 20,
+    json_: JsonFlag = False,
+) -> None:
+    """Units of a simulated fleet before and after `cal fleet`, few presses with the fleet's prior, and the time."""
+    from ruffini.bench import fleet as benchmark
+    from ruffini.boards import find_board
+
+    with progress_bar("fleet") as progress:
+        result = benchmark.run(find_board(board), recordings, units, progress=progress)
+    emit(result, json_, benchmark.table(result))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from ruffini.errors import InputError, RefusedError
 from ruffini.rig.guarded_stage import GuardedStage
-from ruffini.rig.log_file import TouchRecord
 from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.reference import Reading
 from ruffini.rig.stage import Guard, nobody
@@ -115,6 +114,3 @@ class Bench:
             raise RefusedError(f"{facts.name} drifted by {100 * part.max():.1f} % of its range since it was tared: "
                                "let it warm up, look what hangs on it, then start again")  # fmt: skip
         return self.drift
-
-
-Perform = Callable[[Bench, "object"], tuple[TouchRecord, list[str]]]

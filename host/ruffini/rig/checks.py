@@ -36,6 +36,7 @@ def preflight(bench: Bench, known_grams: float | None = None) -> Result:
     facts = bench.reference.facts
     found: Result = {"rate": _rate(bench)}
     change = bench.reference.tare()
+    bench.drift = np.zeros(6)
     found["tare"] = _passed(f"at rest; {np.nan_to_num(np.linalg.norm(change[:3])):.3f} N were taken off")
     if known_grams is not None:
         found["unit"] = _weigh(bench, known_grams)

@@ -13,8 +13,9 @@ import numpy.typing as npt
 from ruffini.errors import RefusedError
 from ruffini.files import write_whole
 from ruffini.rig import by_hand
-from ruffini.rig.bench import HOLD_S, REST_S, Bench
+from ruffini.rig.bench import HOLD_S, REST_S, TARE_S, Bench
 from ruffini.rig.checks import preflight
+from ruffini.rig.contact_surface import ContactSurface, PadMovedError
 from ruffini.rig.found import estimate
 from ruffini.rig.guarded_stage import CONTACT_N, DryStage, GuardedStage, Limits
 from ruffini.rig.log_file import LogWriter, TouchRecord
@@ -26,6 +27,7 @@ Array = npt.NDArray[np.float64]
 Note = Callable[[Place], None]
 
 MAX_TRIES = 3
+CONTROL_EVERY = 5  # touches: then the middle of the pad is touched again, where it was touched first
 CHECKS = "checks.json"
 
 
@@ -66,23 +68,25 @@ def collect(
     n_redone = 0
     with bench.safely():
         if open_items:
+            _recall(bench, kept)
             checks = preflight(bench, known_grams)
             write_whole(log.side_file(CHECKS), json.dumps(checks).encode())
-            _recall(bench, kept)
             n_redone = _each(bench, open_items, len(plan), log, tell)
     finish(log, bench)
     return n_redone
 
 
 def _recall(bench: Bench, kept: dict[int, TouchRecord]) -> None:
-    """Where the pad was touched before the stop: the same pad must be there."""
+    """Where the pad was touched by touches that are kept, and no others: the same pad must be there."""
+    if bench.stage:
+        bench.stage.surface = ContactSurface()
     for record in kept.values():
         if bench.stage and "contact_z_m" in record.facts:
             bench.stage.surface.know(*(record.facts[name] for name in ("x_m", "y_m", "contact_z_m")))
 
 
 def _each(bench: Bench, open_items: list[tuple[int, Item]], n_total: int, log: LogWriter, tell: Tell) -> int:
-    n_redone, start = 0, time.monotonic()
+    n_redone, start, uncontrolled = 0, time.monotonic(), list[int]()
     for n, (i, item) in enumerate(open_items):
         n_done = n_total - len(open_items) + n
 
@@ -91,12 +95,30 @@ def _each(bench: Bench, open_items: list[tuple[int, Item]], n_total: int, log: L
 
         record, tries = _good_touch(bench, item, again)
         log.write(i, record)
+        uncontrolled.append(i)
+        if len(uncontrolled) == CONTROL_EVERY or n + 1 == len(open_items):
+            _control(bench, log, uncontrolled)
+            uncontrolled = []
         n_redone += tries - 1
         left_s = (time.monotonic() - start) / (n + 1) * (len(open_items) - n - 1)
         tell(Progress(n_done + 1, n_total, n_redone, left_s, f"{_line(record)}; {left_s:.0f} s to go"))
-    if bench.stage:
-        bench.stage.lift()
     return n_redone
+
+
+def _control(bench: Bench, log: LogWriter, numbers: list[int]) -> None:
+    """Is the pad still where it was before these touches? Else they are set aside, to be done again."""
+    if bench.stage is None:
+        return
+    bench.reference.tare_change(TARE_S)
+    try:
+        bench.stage.approach(0.0, 0.0)
+    except PadMovedError as error:
+        log.doubt(numbers)
+        error.add_note(f"touches {', '.join(map(str, numbers))} came after the pad was last where it was: "
+                       "they are set aside and will be done again")  # fmt: skip
+        raise
+    bench.stage.lift()
+    bench.rest()
 
 
 def finish(log: LogWriter, bench: Bench) -> None:

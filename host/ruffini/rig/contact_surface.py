@@ -14,6 +14,10 @@ MIN_CONTACTS = 9  # for a surface of second order, which has six unknowns
 CURVED_M = 1e-4  # what a dome of 22 mm is off its second order, 8 mm from the top
 
 
+class PadMovedError(RefusedError):
+    """The pad is not where it was: the machine lost steps, or the pad moved."""
+
+
 class ContactSurface:
     """Heights of contacts; flat, tilted or gently curved in between."""
 
@@ -49,15 +53,15 @@ class ContactSurface:
 
         Raises
         ------
-        RefusedError
-            It is not where the pad must be: the machine lost steps, or the pad moved.
+        PadMovedError
+            It is not where the pad must be.
         """
         known_m = self.expected(x_m, y_m)
         is_same = self._before(x_m, y_m) is not None
         if known_m is not None and abs(known_m - z_m) > tolerance_m + (0 if is_same else CURVED_M):
             told = f"before at {1e3 * known_m:.2f} mm" if is_same else f"by the others at {1e3 * known_m:.2f} mm"
-            raise RefusedError(f"the pad is touched at {1e3 * z_m:.2f} mm, {told}: "
-                               "the machine lost steps or the pad moved: home it again")  # fmt: skip
+            raise PadMovedError(f"the pad is touched at {1e3 * z_m:.2f} mm, {told}: "
+                                "the machine lost steps or the pad moved: home it again")  # fmt: skip
         if not is_same:
             self.know(x_m, y_m, z_m)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -90,6 +90,11 @@ class LogWriter:
     def touches(self) -> dict[int, TouchRecord]:
         """The touches that are there, by number."""
         return {int(p.stem): _get_file(p) for p in sorted(self._folder.glob("[0-9]*.h5"))}
+
+    def doubt(self, numbers: Iterable[int]) -> None:
+        """Set touches aside that must not be believed: they count as not done."""
+        for number in numbers:
+            (self._folder / f"{number:05d}.h5").replace(self._folder / f"doubtful-{number:05d}.h5")
 
     def side_file(self, name: str) -> Path:
         """A file that is kept beside the touches until the log is whole."""

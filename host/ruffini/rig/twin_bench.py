@@ -74,18 +74,20 @@ class PressedTwin:
         self.unit, self.loader = unit, loader
         self._rig, self._indenter, self._is_free = unit.rig(), indenter, True
         self.wrench = np.zeros(6)
-        self.frame = -1
-        self.listeners: list[Callable[[int, Array], None]] = []  # told frame and wrench
+        self.listeners: list[Callable[[int, Array], None]] = []  # told frame and wrench, when the camera has the frame
 
     def states(self, frame: int) -> States | None:
         before = self._rig.displacement.copy()
         load = self.loader.load(self.wrench)
         with contextlib.suppress(InputError):  # deeper than the body's model goes: it stays as it was
             self._take(load)
-        self.wrench, self.frame = self._felt(load), frame
+        self.wrench = self._felt(load)
+        return self._rig.displacement, before, self._rig.tray
+
+    def tell(self, frame: int) -> None:
+        """The camera has this frame now: so do the references have its wrench."""
         for listener in self.listeners:
             listener(frame, self.wrench)
-        return self._rig.displacement, before, self._rig.tray
 
     def _take(self, load: Load) -> None:
         if load is None:
@@ -122,6 +124,7 @@ def build_twin_bench(
     """A bench whose camera is the UNIX socket `camera`; `rate_hz` is what its reference says of itself."""
     twin = PressedTwin(unit, indenter, loader)
     server = TwinServer(unit.renderer(), twin, Scenario(seed=seed), camera)
+    server.after_sending = twin.tell
     cell = EmulatedNetworkCell(rate_hz, seed, mount)
     twin.listeners.append(cell.measure)
     return TwinBench(twin, server, cell)

@@ -12,7 +12,7 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
 
@@ -149,6 +149,7 @@ class TwinServer:
         self._listener = _listen(path)
         self._thread = threading.Thread(target=self.run, daemon=True)
         self.n_sent = 0
+        self.after_sending: Callable[[int], None] = lambda _: None  # told the frame that the camera just got
 
     def __enter__(self) -> TwinServer:
         self._thread.start()
@@ -221,6 +222,7 @@ class TwinServer:
                 data = self._scenario.picture(self._renderer, frame, *states).tobytes()
                 self._send(camera, struct.pack("<4sIQ", b"RFTF", len(data), frame) + data)
                 self.n_sent += 1
+                self.after_sending(frame)
             frame += 1
 
     def _send(self, camera: socket.socket, data: bytes) -> None:
