@@ -23,7 +23,7 @@ from ruffini.calibrate.gauge import gauge_uncertainty_m
 from ruffini.calibrate.material import MIN_TOUCHES, MaterialFit, MaterialProblem, log_of_touches
 from ruffini.calibrate.material_model import MaterialLog, Predictor
 from ruffini.calibrate.operator import Material
-from ruffini.calibrate.prior import Prior, fleet_prior
+from ruffini.calibrate.prior import LEAST_SPREAD, Prior, fleet_prior
 from ruffini.calibrate.stages.material import SIGMA_M, TILT_M, touch_figures
 from ruffini.calibrate.touch_log import read_touch_log
 from ruffini.errors import InputError, RuffiniError
@@ -33,7 +33,9 @@ Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 LARGEST_GROUP = 16  # units: their frames are in memory together
-OUTLIER = 3.5  # robust standard deviations (median, MAD) from the fleet: one unit of 2,000 by chance
+OUTLIER = 3.5  # robust standard deviations (median, MAD) from a large fleet: one unit of 2,000 by chance
+FEW_UNITS = 4.0  # of so many units the MAD is off by its own size: OUTLIER is doubled
+LEAST_ERROR_SPREAD = 0.002  # of the largest force: units alike within that are alike
 MAD_TO_SIGMA = 1.4826
 
 
@@ -177,21 +179,20 @@ def _unit(path: str, fit: MaterialFit) -> Unit:
 def outliers_of(units: list[Unit]) -> dict[int, str]:
     """Numbers of the units that stand out among the fitted ones, and by what."""
     fitted = [i for i, u in enumerate(units) if u.material is not None]
+    materials = [u.material for u in units if u.material is not None]
     columns = {
-        "E": [m.modulus_pa for m in _materials(units)], "Poisson's ratio": [m.poisson for m in _materials(units)],
-        "thickness": [m.thickness_m for m in _materials(units)],
+        "E": [m.modulus_pa for m in materials], "Poisson's ratio": [m.poisson for m in materials],
+        "thickness": [m.thickness_m for m in materials],
         "error": [u.after_n / u.largest_n for u in units if u.material is not None],
     }  # fmt: skip
+    limit = OUTLIER * (1 + FEW_UNITS / len(fitted))
     found: dict[int, str] = {}
-    for name, values in columns.items():
+    for (name, values), relative in zip(columns.items(), (*LEAST_SPREAD, None), strict=True):
         middle = float(np.median(values))
-        sigma = MAD_TO_SIGMA * float(np.median(np.abs(np.array(values) - middle)))
+        least = LEAST_ERROR_SPREAD if relative is None else relative * middle
+        sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(np.array(values) - middle))), least)
         for i, value in zip(fitted, values, strict=True):
-            if sigma > 0 and abs(value - middle) > OUTLIER * sigma and (name != "error" or value > middle):
+            if abs(value - middle) > limit * sigma and (name != "error" or value > middle):
                 said = f"{name} {abs(value - middle) / sigma:.1f} sigma off"
                 found[i] = f"{found[i]}, {said}" if i in found else said
     return found
-
-
-def _materials(units: list[Unit]) -> list[Material]:
-    return [u.material for u in units if u.material is not None]

@@ -1,0 +1,181 @@
+"""Stages, gates, report and fleet on logs of a pad that is off its board file."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_material import TRUE, board, touches  # noqa: F401
+
+from ruffini.boards import Board
+from ruffini.calibrate import container
+from ruffini.calibrate.fit import finished, run_stages
+from ruffini.calibrate.fleet import fit_fleet, outliers_of
+from ruffini.calibrate.gates import MAX_ERROR, Gate, failed, gates_in
+from ruffini.calibrate.operator import Material, board_slab
+from ruffini.calibrate.report import report_of
+from ruffini.calibrate.report_page import write_page
+from ruffini.calibrate.stages.job import Job, left_after, material_of
+from ruffini.calibrate.touch_log import read_touch_log
+from ruffini.errors import InputError
+from ruffini.rig.log_file import Log, TouchRecord, write_log
+
+N_FRAMES = 12
+BOARD_FACTS = {"board": "sample", "rig": "sim"}
+
+
+def rig_log(board: Board, path: Path, n: int, seed: int, *, gain: float = 1.0) -> Path:  # noqa: F811
+    """A log of n touches of the pad TRUE; `gain` of the reference, which may be wrong."""
+    rng = np.random.default_rng(seed)
+    u, wrench = touches(board, n, rng)
+    rows, columns = board.observed
+    shape = (rows.stop - rows.start, columns.stop - columns.start, 3)
+    records = []
+    for i in range(n):
+        strongest = 5 * i + 4  # an untouched frame, then four of each touch, one after the last
+        time_s = 10.0 * i + 0.05 * np.arange(N_FRAMES)
+        held = np.tile(gain * wrench[strongest], (N_FRAMES, 1))
+        arrays = {
+            "stream_s": time_s, "stream_host_s": time_s, "stream_frame": np.arange(N_FRAMES),
+            "stream_flags": np.zeros(N_FRAMES, int), "stream_wrench": 0.9 * held,
+            "stream_validity": np.ones((N_FRAMES, 6)),
+            "reference_s": time_s, "reference_wrench": held, "stage_s": time_s[:1], "stage_place": np.zeros((1, 3)),
+            "field_s": time_s[-2:], "field_displacement": np.tile(u[strongest].reshape(shape), (2, 1, 1, 1)),
+            "rest_field_s": time_s[:2], "rest_field_displacement": rng.normal(0, 1e-6, (2, *shape)),
+        }  # fmt: skip
+        records.append(TouchRecord({"held_host_s": time_s[0] - 0.01, "lifted_host_s": time_s[-1] + 0.01}, arrays))
+    found = {"checks": {"unit": {"ok": True, "text": "as the sensor says"}}}
+    write_log(path, Log(BOARD_FACTS, records, found))
+    return path
+
+
+def colours(board: Board) -> container.CalibrationFile:  # noqa: F811
+    tensors = {
+        "photometric.unmix": np.zeros((13, 17, 2, 3), np.int16), "photometric.slope": np.zeros((65, 65, 2), np.int16)
+    }  # fmt: skip
+    return container.pack(tensors, container.base_metadata(board))
+
+
+@pytest.fixture(scope="module")
+def fitted(board: Board, tmp_path_factory: pytest.TempPathFactory) -> tuple[Job, container.CalibrationFile, list[Gate]]:  # noqa: F811
+    log = rig_log(board, tmp_path_factory.mktemp("log") / "log.h5", 14, seed=4)
+    job = Job(board, [log], parts=[colours(board)])
+    told = []
+    outcomes = run_stages(job, frozenset(), tell=lambda name, *_: told.append(name))
+    assert told == ["camera", "photometric", "material", "relaxation", "noise", "operator", "threshold"]
+    file, gates = finished(job, outcomes)
+    return job, file, gates
+
+
+def test_a_log_makes_a_calibration_that_passes_and_says_so(fitted, board: Board) -> None:  # noqa: F811
+    job, file, gates = fitted
+    assert failed(gates) == []
+    assert {"touches", "coverage", "error", "gain", "on the board", "rest", "reference unit"} <= {g.name for g in gates}
+    assert gates_in(container.unpack(file.data)) == gates_rounded(gates)
+    assert material_of(file) == pytest.approx(TRUE, rel=0.03)
+    assert job.noise is not None
+    assert job.noise.sigma_m[0] < 20e-6
+    assert set(file.kinds) == {"operator", "photometric", "support"}
+    residuals = json.loads(file.metadata["residuals"])
+    assert residuals["stages"]["photometric"]["state"] == "given"
+    assert residuals["stages"]["relaxation"]["state"] == "open"
+
+
+def gates_rounded(gates: list[Gate]) -> list[Gate]:
+    def short(value: float | None) -> float | None:
+        return None if value is None else float(f"{value:.6g}")
+
+    return [g._replace(value=short(g.value), limit=short(g.limit)) for g in gates]
+
+
+def test_a_reference_that_is_wrong_by_touch_fails_the_gates(board: Board, tmp_path: Path) -> None:  # noqa: F811
+    """Two logs of one unit whose references differ by 30 %: no pad fits both."""
+    logs = [rig_log(board, tmp_path / f"{g}.h5", 8, seed=5, gain=g) for g in (1.0, 1.3)]
+    job = Job(board, logs, parts=[colours(board)])
+    file, gates = finished(job, run_stages(job, frozenset({"threshold"}), tell=lambda *_: None))
+    bad = {g.name: g for g in failed(gates)}
+    assert bad["error"].value > MAX_ERROR
+    assert failed(gates_in(file) or []) != []
+
+
+def test_skipped_stages_keep_what_was_before(fitted, board: Board, tmp_path: Path) -> None:  # noqa: F811
+    _, before, _ = fitted
+    log = rig_log(board, tmp_path / "log.h5", 3, seed=6)
+    job = Job(board, [log], previous=before)
+    outcomes = run_stages(job, frozenset({"material", "operator"}), tell=lambda *_: None)
+    assert {n: o.state for n, o in outcomes.items()} == {
+        "camera": "board", "photometric": "kept", "material": "kept", "relaxation": "open", "noise": "fitted",
+        "operator": "kept", "threshold": "open",
+    }  # fmt: skip
+    for name, tensor in before.tensors.items():
+        np.testing.assert_array_equal(job.tensors[name], tensor)
+    with pytest.raises(InputError, match="there is no such stage; there are camera, photometric"):
+        run_stages(job, frozenset({"polish"}), tell=lambda *_: None)
+    with pytest.raises(InputError, match="nothing gives this board its colours"):
+        run_stages(Job(board, [log]), frozenset(), tell=lambda *_: None)
+
+
+def test_three_presses_are_enough_after_a_gel_was_changed(fitted, board: Board, tmp_path: Path) -> None:  # noqa: F811
+    _, before, _ = fitted
+    job = Job(board, [rig_log(board, tmp_path / "log.h5", 3, seed=7)], previous=before)
+    _, gates = finished(job, run_stages(job, frozenset(), tell=lambda *_: None))
+    assert failed(gates) == []
+    assert job.fit is not None
+    assert job.fit.prior.source == "previous"
+    assert tuple(job.fit.material) == pytest.approx(TRUE, rel=0.03)
+    alone = Job(board, job.paths, parts=[colours(board)])
+    with pytest.raises(InputError, match="3 touches above") as caught:
+        run_stages(alone, frozenset(), tell=lambda *_: None)
+    assert "in stage material" in caught.value.__notes__[0]
+
+
+def test_report_judges_on_a_log_that_was_not_fitted(fitted, board: Board, tmp_path: Path) -> None:  # noqa: F811
+    _, file, _ = fitted
+    log = read_touch_log([rig_log(board, tmp_path / "other.h5", 13, seed=9)], board, None)
+    report = report_of(board, file, log)
+    tree = json.loads(json.dumps(report.tree))
+    assert tree["passed"]
+    assert not tree["log"]["in_the_fit"]
+    rows = tree["accuracy_of_presses"]
+    assert [r["presses"] for r in rows] == [0, 1, 2, 3, 5, 10]
+    assert rows[-1]["board"] < 0.4 * rows[0]["board"]
+    assert tree["valid_for"]["temperature_c"] is None
+    assert sum(map(sum, tree["coverage"])) == 13
+    page = tmp_path / "report.html"
+    write_page(page, board, file, report)
+    text = page.read_text()
+    assert text.count("data:image/png;base64,") == 3
+    assert not re.search(r'(src|href)="(?!data:)', text)
+    assert "SIMULATED" in text
+
+
+def test_a_fleet_has_a_spread_outliers_and_a_prior(board: Board, tmp_path: Path) -> None:  # noqa: F811
+    good = [rig_log(board, tmp_path / f"unit{i}.h5", 5, seed=20 + i, gain=1 + 0.01 * i) for i in range(5)]
+    odd = rig_log(board, tmp_path / "odd.h5", 5, seed=30, gain=1.9)
+    few = rig_log(board, tmp_path / "few.h5", 2, seed=31)
+    fleet = fit_fleet([*good, odd, few], board, None)
+    tree = json.loads(json.dumps(fleet.report()))
+    assert tree["fitted"] == 6
+    assert list(tree["outliers"]) == ["odd.h5"]
+    assert "2 touches above" in tree["units"][6]["error"]
+    assert fleet.prior is not None
+    assert fleet.prior.source == "fleet of 5"
+    assert fleet.prior.mean[0] == pytest.approx(1.02 * TRUE.modulus_pa, rel=0.04)
+    assert tree["after_rmse_n"] < tree["before_rmse_n"]
+    assert outliers_of(fleet.units[:5]) == {}
+    with pytest.raises(InputError, match=r"several logs are called few\.h5"):
+        fit_fleet([few, few], board, None)
+
+
+def test_relaxed_force_after_a_while() -> None:
+    tensors = {"relaxation.part": np.array([104858], np.int32), "relaxation.time_ms": np.array([500], np.int32)}
+    assert left_after(tensors, 0.5) == pytest.approx(1 - 0.1 * (1 - np.exp(-1)), abs=1e-6)
+    assert left_after({}, 0.5) == 1.0
+
+
+def test_board_is_what_the_tests_assume(board: Board) -> None:  # noqa: F811
+    slab = board_slab(board)
+    assert Material(slab.modulus_pa, slab.poisson, slab.thickness_m) == pytest.approx((2e5, 0.48, 4e-3))
