@@ -14,6 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_live_twin import Twin, twin  # noqa: F401
 
+from ruffini.boards import find_board
 from ruffini.demo.twin_session import LOGGER_DRIFT, Simulated, TwinOptions, open_logged, open_simulated
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.rig.bench import Bench
@@ -28,6 +29,9 @@ from ruffini.rig.session import SensorParts, ready_bench, watched_stream
 from ruffini.rig.stage import Place
 from ruffini.rig.twin_bench import ORIGIN
 from ruffini.rig.units import POUND_N
+from ruffini.sim.bodies.platform import Platform
+from ruffini.sim.bodies.platform_unit import PlatformUnit
+from ruffini.sim.settings import load_twin
 
 FACTS = {"board": "tiny", "program": "grid", "seed": 1}
 LIMITS = Limits(0.006, 0.005, 0.002, -0.0015, 0.001, 5.0, near_m=0.0003)
@@ -271,3 +275,27 @@ def test_another_programs_csv_with_a_drifting_clock(twin: Twin, tmp_path: Path) 
         a, f = touch.arrays, touch.facts
         truth = a["reference_wrench"][is_held(a["reference_s"], f), 2].mean()
         assert a["stream_wrench"][is_held(a["stream_host_s"], f), 2].mean() == pytest.approx(truth, rel=0.3)
+
+
+def test_the_conditions_of_a_rigid_connector(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+    platform = load_twin(find_board("ftouch")).platform
+    assert platform is not None
+    unit, board = twin.unit, twin.board
+    sprung = PlatformUnit(
+        board, unit.twin.model_copy(update={"platform": platform}), unit.model, unit.compliance,
+        platform=Platform.of(platform),
+    )  # fmt: skip
+    items = plan("conditions", Span(0.003, 0.002, 0.0006, 0.0), 18, 1, ByHand(force_n=0.8, torque_nm=0.008))[9:11]
+    with contextlib.ExitStack() as stack:
+        simulated = open_simulated(stack, board, "conditions", TwinOptions(mount=NO_MOUNT), sprung)
+        b = stack.enter_context(ready_bench(simulated.parts, board, None))
+        collect(b, items, LogWriter(tmp_path / "log.h5", {}))
+        with pytest.raises(InputError, match="needs a stage"):
+            collect(b, STRAIGHT, LogWriter(tmp_path / "none.h5", {}))
+    for touch, item in zip(read_log(tmp_path / "log.h5").touches, items, strict=True):
+        a = touch.arrays
+        assert tuple(touch.facts["signs"]) == item.signs
+        peak = a["reference_wrench"][np.linalg.norm(a["reference_wrench"][:, :3], axis=1).argmax()]
+        assert np.array_equal(np.sign(peak) * (abs(item.part(peak)) > 0.1), item.signs)
+        assert len(a["reference_s"]) > 20  # the whole push, not only its end
+        assert len(a["image"]) >= 2

@@ -6,6 +6,7 @@ import os
 import pty
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,6 +66,18 @@ def test_contact_is_found_and_pressed_in_steps(dry):
     rig.lift()
     assert rig.place().z_m == pytest.approx(LIMITS.top_m)
     assert rig.place().x_m == pytest.approx(0.0023)
+
+
+def test_slow_only_near_the_pad_and_a_reference_that_stands_askew_stops_it_too():
+    stage = DryStage(ORIGIN.plus(Place(0, 0, 0.003)))
+    spring = Spring(stage.position)
+    askew = lambda: spring.force()[[2, 0, 1]]  # noqa: E731 - presses come on x
+    rig = GuardedStage(stage, ORIGIN, replace(LIMITS, near_m=0.0005), askew)
+    assert -0.0004 < rig.approach(0, 0) < 0
+    heights = [m.z_m - ORIGIN.z_m for m in stage.moves]
+    assert heights[2] == pytest.approx(0.0005)  # after lifting and going there
+    assert np.allclose(np.diff(heights[2:]), -2e-4)
+    assert len(heights) < 10
 
 
 @pytest.mark.parametrize(("x", "y", "sentence"), [(0.007, 0, "beside the pad"), (0, -0.0061, "beside the pad")])

@@ -101,6 +101,20 @@ def test_unplugged_is_told(pair):
         stage.move(Place(0.06, 0.02, 0.04), 0.05)
 
 
+def test_after_a_limit_switch_it_can_still_be_raised(pair):
+    machine, stage = pair
+    stage.move(A, 0.5)
+    with pytest.raises(RefusedError):
+        stage.move(Place(0.01, 0.02, 0.0), 0.5)
+    stage.raise_by(0.005, 0.1)
+    assert machine.place().z_m == pytest.approx(0.015)
+    with pytest.raises(RefusedError, match="not homed"):
+        stage.move(A, 0.5)
+    stage.home()
+    stage.move(A, 0.5)
+    assert machine.place().distance(A) < 1e-6
+
+
 def test_marlin_sends_again_what_was_garbled():
     with EmulatedMarlin() as machine:
         stage = Marlin(machine.port)
