@@ -1,4 +1,4 @@
-"""A few ball presses adapt a colour table: one factor on its unmixing, with a prior.
+"""A few ball presses adapt a colour table: one factor on the normals that it makes, with a prior.
 
 A new gel of the same recipe has the same lights before it; its coating is a little more or less reflective towards the
 side, which scales how strongly colours answer to slope. The factor is sought with a prior of 1 +- PRIOR.
@@ -11,7 +11,6 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize_scalar
 
-from ruffini.calibrate.colour_lattice import ColourAxis
 from ruffini.calibrate.container import Tensors
 from ruffini.calibrate.photometric import Samples, angle_deg
 from ruffini.calibrate.presses import FITTED_INSIDE
@@ -19,7 +18,7 @@ from ruffini.calibrate.presses import FITTED_INSIDE
 Array = npt.NDArray[np.float64]
 
 PRIOR = 0.1
-DEVIATION = 0.05  # of one press's tangential normal, as the factor leaves it: presses differ by more than pixels
+SPREAD = 0.05  # of the factor from press to press: pixels of one press err together
 WIDEST = 3.0  # standard deviations of the prior that are searched
 Q12, Q14 = 4096.0, 16384.0
 
@@ -32,9 +31,9 @@ def fit_scale(tables: Tensors, samples: list[Samples]) -> tuple[float, float, fl
 
     def cost(scale: float) -> float:
         misfit = sum(
-            float(np.mean(((_limited(scale * a) - b) ** 2).sum(axis=1))) for a, b in zip(q, truth, strict=True)
+            float(((_limited(scale * a) - b) ** 2).sum() / (b**2).sum()) for a, b in zip(q, truth, strict=True)
         )
-        return misfit / DEVIATION**2 + ((scale - 1) / PRIOR) ** 2
+        return misfit / SPREAD**2 + ((scale - 1) / PRIOR) ** 2
 
     bounds = (1 - WIDEST * PRIOR, 1 + WIDEST * PRIOR)
     scale = float(minimize_scalar(cost, bounds=bounds, method="bounded").x)
@@ -45,13 +44,13 @@ def fit_scale(tables: Tensors, samples: list[Samples]) -> tuple[float, float, fl
 
 
 def scaled(tables: Tensors, scale: float) -> Tensors:
-    """The tables with their normals times `scale`."""
-    names = [name for name in ("photometric.unmix", "photometric.bend") if name in tables]
-    return {**tables, **{name: _times(tables[name], scale) for name in names}}
-
-
-def _times(table: npt.NDArray[np.generic], scale: float) -> npt.NDArray[np.int16]:
-    return np.clip(np.round(table.astype(float) * scale), -32767, 32767).astype(np.int16)
+    """The tables with the normals that they make times `scale`."""
+    out = dict(tables)
+    for name in ("photometric.unmix", "photometric.bend"):
+        if name in tables:
+            values = np.round(tables[name].astype(float) * scale)
+            out[name] = np.clip(values, -32767, 32767).astype(np.int16)
+    return out
 
 
 def _limited(q: Array) -> Array:
@@ -60,19 +59,20 @@ def _limited(q: Array) -> Array:
 
 def _normal(tables: Tensors, samples: Samples) -> Array:
     """q (n, 2) by the tables, as firmware/image/photometric.h has it."""
-    change = samples.seen(bool(tables["photometric.balance"][0]) if "photometric.balance" in tables else False)
+    balance = tables.get("photometric.balance")
+    change = samples.seen(balance is not None and bool(balance[0]))
     unmix = tables["photometric.unmix"].astype(float)
     rows, columns = unmix.shape[:2]
     at = np.stack([(samples.place[:, 1] + 1) / 2 * (rows - 1), (samples.place[:, 0] + 1) / 2 * (columns - 1)])
     matrix = np.stack([
         map_coordinates(unmix[:, :, i, j], at, order=1, mode="nearest") for i in range(2) for j in range(3)
     ], axis=1).reshape(-1, 2, 3)  # fmt: skip
-    q = np.einsum("nqc,nc->nq", matrix, change) / Q12
+    q = np.asarray(np.einsum("nqc,nc->nq", matrix, change) / Q12)
     if "photometric.bend" in tables:
-        low, shift = tables["photometric.bend_axis"].astype(np.int32)
-        nodes = tables["photometric.bend"].astype(float).reshape(-1, 2) / Q14
-        q = q + ColourAxis(low, shift).weights(change) @ nodes
-    return np.asarray(q)
+        bend, (first, step_log2) = tables["photometric.bend"].astype(float), tables["photometric.bend_axis"].astype(int)
+        place = ((change * Q12 - first) / 2**step_log2).T
+        q += np.stack([map_coordinates(bend[..., k], place, order=1, mode="nearest") for k in range(2)], axis=1) / Q14
+    return q
 
 
 def _error_deg(tables: Tensors, samples: list[Samples], q: list[Array], scale: float) -> float:
