@@ -128,6 +128,11 @@ void FramePath::follow_light() {
 
 void FramePath::run_depth() {
   if (!photometric_) return;
+  if (photometric_->is_of_depth()) {
+    timed(Stage::kPhotometric,
+          [&] { photometric_->run_depth(state_.difference.change, light_.level(), state_.poisson.depth); });
+    return;
+  }
   timed(Stage::kPhotometric, [&] {
     photometric_->run(state_.difference.change, hidden(), light_.level(), state_.photometric.slope);
     if (camera_map_) camera_map_->rectify(state_.photometric.slope);

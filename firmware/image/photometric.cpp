@@ -27,6 +27,7 @@ int64_t blend(int64_t a, int64_t b, int64_t fraction_q16) { return a * (65'536 -
 std::vector<int16_t> unmix_of_cells(const BoardSettings& board, GridSize grid, const PhotometricTable& table) {
   const auto n = static_cast<size_t>(grid.count());
   std::vector<int16_t> out(6 * n);
+  if (table.unmix.empty()) return out;
   for (int y = 0; y < grid.n_y; ++y) {
     const LatticePlace v = lattice_place(y, board.depth.step_px, board.camera.height_px, table.cells.n_y);
     for (int x = 0; x < grid.n_x; ++x) {
@@ -65,6 +66,7 @@ Photometric::Photometric(const BoardSettings& board, const PhotometricTable& tab
       unmix_(unmix_of_cells(board, grid_, table)),
       slope_(packed(table.slope)),
       bend_(packed(table.bend)),
+      depth_(table.depth.begin(), table.depth.end()),
       is_balanced_(table.is_balanced),
       keep_(static_cast<size_t>(width_px_ * height_px_)),
       n_kept_(static_cast<size_t>(grid_.count())),
@@ -165,6 +167,33 @@ void Photometric::run(std::span<const RelativeChange> difference, std::span<cons
     row.n_kept += grid_.n_x;
   }
   fill_.run(n_kept_, out);
+}
+
+void Photometric::run_depth(std::span<const RelativeChange> difference, const LightLevel& level,
+                            std::span<DisplacementUm> out) {
+  constexpr int64_t kOneQ16 = 65'536;
+  constexpr int64_t kLineQ16 = 3 * 2 * kOneQ16 / (PhotometricTable::kDepthSize - 1);  // of the sum over three channels
+  set_level(is_balanced_ ? level : LightLevel{});
+  const size_t plane = keep_.size();
+  const auto n = static_cast<size_t>(step_px_ * step_px_);
+  for (int i = 0; i < grid_.count(); ++i) {
+    const auto first = static_cast<size_t>(i / grid_.n_x * step_px_ * width_px_ + i % grid_.n_x * step_px_);
+    int64_t change = 0;
+    for (size_t c = 0; c < 3; ++c) {
+      int64_t sum = 0;
+      for (int y = 0; y < step_px_; ++y) {
+        const auto* row = &difference[c * plane + first + static_cast<size_t>(y * width_px_)];
+        for (int x = 0; x < step_px_; ++x) sum += row[x].raw();
+      }
+      change += round_shift(sum * per_count_[c][n], 16) - level_q16_[c];
+    }
+    const int64_t t = std::clamp<int64_t>(change + 3 * kOneQ16, 0, 6 * kOneQ16);
+    const auto line = static_cast<size_t>(std::min<int64_t>(t / kLineQ16, PhotometricTable::kDepthSize - 2));
+    const int64_t fraction = t - static_cast<int64_t>(line) * kLineQ16;
+    const int64_t z = depth_[line] * (kLineQ16 - fraction) + depth_[line + 1] * fraction;
+    out[static_cast<size_t>(i)] =
+        DisplacementUm::from_raw(static_cast<int16_t>(floor_div(2 * z + kLineQ16, 2 * kLineQ16)));
+  }
 }
 
 }  // namespace ruffini

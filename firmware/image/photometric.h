@@ -10,6 +10,11 @@
 // The mean over the cell comes before the tables: what noise the cell's pixels have is halved before it is bent.
 // Pixels under a printed dot, where it rests or where it is now, carry no shading and are masked. A cell with no pixel
 // left takes what its neighbours along x and along y have, each weighted by its nearness (photometric_fill.h).
+//
+// Skins of one colour that darken where they are pressed give depth at once, without slopes and Poisson:
+//
+//   z = depth(mean of d' over the three channels)   lines from -1 to +1, linear between, half up
+//
 // Frame thread; no allocation after the constructor.
 #pragma once
 
@@ -60,6 +65,10 @@ class Photometric {
   void run(std::span<const RelativeChange> difference, std::span<const Marker> markers, const LightLevel& level,
            std::span<CellSlope> out);
 
+  // In place of run() where the table is one of depths; masked cells are read through their dots.
+  void run_depth(std::span<const RelativeChange> difference, const LightLevel& level, std::span<DisplacementUm> out);
+
+  [[nodiscard]] bool is_of_depth() const { return !depth_.empty(); }
   [[nodiscard]] GridSize cells() const { return grid_; }
   [[nodiscard]] bool is_balanced() const { return is_balanced_; }
 
@@ -77,6 +86,7 @@ class Photometric {
   std::vector<int16_t> unmix_;  // six planes, per cell
   std::vector<int32_t> slope_;  // the table, packed
   std::vector<int32_t> bend_;   // the same
+  std::vector<int16_t> depth_;
   std::array<int32_t, 3> bend_low_q16_{};
   std::array<int32_t, 3> bend_shift_{};
   bool is_balanced_;

@@ -33,11 +33,9 @@ Status load_bend(const Calibration& calibration, PhotometricTable& table) {
   return Unit{};
 }
 
-}  // namespace
-
-Result<PhotometricTable> PhotometricTable::load(const Calibration& calibration) {
-  PhotometricTable table;
-  auto slope = calibration.tensor("photometric.slope", Tensor::Type::kI16, {kSlopeSize, kSlopeSize, 2});
+Status load_slopes(const Calibration& calibration, PhotometricTable& table) {
+  constexpr int n = PhotometricTable::kSlopeSize;
+  auto slope = calibration.tensor("photometric.slope", Tensor::Type::kI16, {n, n, 2});
   if (!slope) return slope.error();
   table.slope = slope.value()->as<int16_t>();
   const Tensor* unmix = calibration.tensor("photometric.unmix");
@@ -47,8 +45,26 @@ Result<PhotometricTable> PhotometricTable::load(const Calibration& calibration) 
   }
   table.unmix = unmix->as<int16_t>();
   table.cells = {static_cast<int>(unmix->shape[1]), static_cast<int>(unmix->shape[0])};
-  const Status bend = load_bend(calibration, table);
-  if (!bend) return bend.error();
+  return load_bend(calibration, table);
+}
+
+Status load_depth(const Calibration& calibration, PhotometricTable& table) {
+  auto depth = calibration.tensor("photometric.depth", Tensor::Type::kI16, {PhotometricTable::kDepthSize});
+  if (!depth) return depth.error();
+  if (calibration.tensor("photometric.slope") != nullptr || calibration.has_kind("camera")) {
+    return bad("photometric.depth stands alone, without slopes and without a camera map");
+  }
+  table.depth = depth.value()->as<int16_t>();
+  return Unit{};
+}
+
+}  // namespace
+
+Result<PhotometricTable> PhotometricTable::load(const Calibration& calibration) {
+  PhotometricTable table;
+  const bool is_depth = calibration.tensor("photometric.depth") != nullptr;
+  const Status tables = is_depth ? load_depth(calibration, table) : load_slopes(calibration, table);
+  if (!tables) return tables.error();
   if (calibration.tensor("photometric.balance") != nullptr) {
     auto balance = calibration.tensor("photometric.balance", Tensor::Type::kI32, {1});
     if (!balance) return balance.error();

@@ -14,6 +14,7 @@ namespace ruffini {
 struct PhotometricTable {
   static constexpr int kSlopeSize = 65;
   static constexpr int kBendSize = 9;
+  static constexpr int kDepthSize = 257;
 
   // kBadInput where a tensor is missing, or of another shape or range.
   [[nodiscard]] static Result<PhotometricTable> load(const Calibration& calibration);
@@ -24,6 +25,7 @@ struct PhotometricTable {
   std::span<const int16_t> bend;          // [9][9][9][2], or empty
   std::array<int32_t, 3> bend_low_q12{};  // change of B, G, R at the first line
   std::array<int32_t, 3> bend_shift{};    // from one line to the next: 2^shift in Q12
+  std::span<const int16_t> depth;         // [257], or empty: of skins that darken, in place of all above
   bool is_balanced = false;               // the level of a frame's light counts
 };
 

@@ -134,6 +134,19 @@ class CoreStages:
         )
         return out
 
+    def intensity(
+        self, table: npt.NDArray[np.int16], difference: npt.NDArray[np.int16], grid: tuple[int, int], level_q16: I32
+    ) -> npt.NDArray[np.int16]:
+        out = np.zeros(grid, np.int16)
+        self._lib.stages_intensity(
+            self._handle,
+            _pointer(table, np.int16),
+            _pointer(np.ascontiguousarray(np.moveaxis(difference, 2, 0)), np.int16),
+            _pointer(level_q16, np.int32),
+            _pointer(out, np.int16),
+        )
+        return out
+
     def poisson(self, slope: npt.NDArray[np.int16]) -> tuple[npt.NDArray[np.int16], int]:
         depth = np.zeros(slope.shape[:2], np.int16)
         saturations = self._lib.stages_poisson(self._handle, _pointer(slope, np.int16), _pointer(depth, np.int16))

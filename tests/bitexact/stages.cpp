@@ -195,6 +195,20 @@ void stages_photometric(Stages* stages, const int16_t* difference_q12, const int
   }
 }
 
+// Depth of a skin that darkens, by a balanced table of 257 lines.
+void stages_intensity(Stages* stages, const int16_t* depth_table, const int16_t* difference_q12,
+                      const int32_t* level_q16, int16_t* out) {
+  PhotometricTable table;
+  table.depth = {depth_table, size_t{PhotometricTable::kDepthSize}};
+  table.is_balanced = true;
+  Photometric stage(stages->board, table);
+  std::vector<RelativeChange> change(3 * n_pixels(*stages));
+  for (size_t i = 0; i < change.size(); ++i) change[i] = RelativeChange::from_raw(difference_q12[i]);
+  std::vector<DisplacementUm> depth(static_cast<size_t>(stage.cells().count()));
+  stage.run_depth(change, {level_q16[0], level_q16[1], level_q16[2]}, depth);
+  for (const DisplacementUm& z : depth) *out++ = z.raw();
+}
+
 // Returns the saturations.
 int64_t stages_poisson(Stages* stages, const int16_t* slope_q12, int16_t* depth_q3) {
   const int step = stages->board.depth.step_px;

@@ -15,7 +15,7 @@ from mirror.dots import detect_dots
 from mirror.fixed import Saturations
 from mirror.light import difference, grey, reciprocal, rest_image
 from mirror.markers import ABSENT, DX, DY, LOST, Lattice
-from mirror.photometric import Bend, cell_slope, marker_mask, unmix_of_cells
+from mirror.photometric import Bend, cell_depth, cell_slope, marker_mask, unmix_of_cells
 from mirror.poisson import cos_pi_q30, poisson
 
 from ruffini.bench.markers import NodesOnLattice, fill_lost
@@ -197,6 +197,18 @@ def test_photometric_with_bend_under_another_light(open_stages: OpenStages, text
         board, change.astype(np.int64), mask, unmix_of_cells(board, unmix), table, bend, level.astype(np.int64)
     )
     assert np.array_equal(core.photometric(change, markers, depth_grid(board), level), expected)
+
+
+@pytest.mark.parametrize("text", [*SIZES, board_text("gelslim")])
+def test_depth_of_a_skin_that_darkens(open_stages: OpenStages, text: str) -> None:
+    core, board = open_stages(text)
+    rng = np.random.default_rng(6)
+    height, width, _ = frame_shape(board)
+    table = rng.integers(-32768, 32768, 257).astype(np.int16)
+    change = np.clip(rng.normal(0, 3000, (height, width, 3)), -32768, 32767).astype(np.int16)
+    level = np.array([-16384, 16384, 1234], np.int32)
+    expected = cell_depth(board, change.astype(np.int64), table, level.astype(np.int64))
+    assert np.array_equal(core.intensity(table, change, depth_grid(board), level), expected)
 
 
 def test_photometric_with_every_pixel_masked(open_stages: OpenStages) -> None:

@@ -125,3 +125,15 @@ def cell_slope(
                 value += 4096 // d * out[y + d * dy, x + d * dx]
         filled[y, x] = div_half_up(value, weight) if weight else 0
     return filled
+
+
+def cell_depth(board: Board, change: I64, table: npt.NDArray[np.int16], level: I64 = NO_LEVEL) -> I64:
+    """Depth in 1/8 um of the mean change over a cell and its channels: lines from -1 to +1."""
+    step = board["depth"]["step_px"]
+    n_y, n_x = depth_grid(board)
+    total = change[: n_y * step, : n_x * step].reshape(n_y, step, n_x, step, 3).sum(axis=(1, 3))
+    d = mean_change(total, np.full((n_y, n_x), step * step), level).sum(axis=-1)
+    t = np.clip(d + 3 * 65536, 0, 6 * 65536)
+    line = np.minimum(t // 1536, len(table) - 2)
+    fraction, lines = t - line * 1536, table.astype(np.int64)
+    return np.asarray(div_half_up(lines[line] * (1536 - fraction) + lines[line + 1] * fraction, 1536), np.int64)
