@@ -23,8 +23,9 @@ from ruffini.calibrate import container
 from ruffini.calibrate.error_model import node_places
 from ruffini.calibrate.material import fit_material, log_from_frames
 from ruffini.calibrate.operator import Material, board_slab, make_operator
+from ruffini.calibrate.pad_view import Pinhole
 from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import Pinhole, load_presses
+from ruffini.calibrate.presses import load_presses
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.fem.operators import Noise
 from ruffini.sim.recording import record_balls

@@ -27,7 +27,8 @@ import numpy.typing as npt
 
 from ruffini.calibrate.colour_lattice import N_LINES, ColourAxis, bending
 from ruffini.calibrate.light_level import light_level
-from ruffini.calibrate.presses import FITTED_INSIDE, Pinhole, PressSet, ball_slope
+from ruffini.calibrate.pad_view import PadView
+from ruffini.calibrate.presses import FITTED_INSIDE, PressSet, ball_slope
 from ruffini.errors import InputError
 from ruffini.frames import read_image
 
@@ -166,7 +167,7 @@ def pixel_place(shape: tuple[int, int]) -> Array:
 
 
 def collect_samples(
-    presses: PressSet, camera: Pinhole | None, *, per_press: int = 3000, seed: int = 0
+    presses: PressSet, camera: PadView | None, *, per_press: int = 3000, seed: int = 0
 ) -> list[Samples]:
     """Labelled pixels of each press, inside the contact and without printed dots, at most `per_press` each."""
     import cv2

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.calibrate.find_balls import find_balls
+from ruffini.calibrate.pad_view import PadView, mm_per_px
 from ruffini.errors import InputError
 from ruffini.frames import image_files, read_image
 
@@ -49,16 +50,6 @@ class PressSet:
     ball_mm: float
     px_per_mm: float
     is_found: bool = False  # circles without marks by hand
-
-
-@dataclass(frozen=True)
-class Pinhole:
-    """The view on the pad: focal length and centre in pixels, distance to the surface in mm."""
-
-    focal_px: float
-    center_x_px: float
-    center_y_px: float
-    standoff_mm: float
 
 
 def load_presses(
@@ -157,7 +148,7 @@ def ball_slope(
     *,
     ball_radius_mm: float,
     px_per_mm: float,
-    camera: Pinhole | None,
+    camera: PadView | None,
     inside: float = FITTED_INSIDE,
 ) -> tuple[npt.NDArray[np.bool_], Array]:
     """Slope of the ball's surface at the pixels well inside the contact.
@@ -180,33 +171,24 @@ def ball_slope(
     if camera is None:
         x, y = dx_px[mask] / px_per_mm, dy_px[mask] / px_per_mm
     else:
-        x, y = _on_ball(press, mask, rows, columns, ball_radius_mm, px_per_mm, camera)
+        px = np.stack([columns[mask], rows[mask]], axis=1).astype(float)
+        x, y = _on_ball(press, px, ball_radius_mm, camera)
     radius2 = np.minimum(x**2 + y**2, 0.98 * ball_radius_mm**2)
     return mask, np.stack([x, y], axis=1) / np.sqrt(ball_radius_mm**2 - radius2)[:, None]
 
 
-def _on_ball(
-    press: Press,
-    mask: npt.NDArray[np.bool_],
-    rows: npt.NDArray[np.int_],
-    columns: npt.NDArray[np.int_],
-    ball_mm: float,
-    px_per_mm: float,
-    camera: Pinhole,
-) -> tuple[Array, Array]:
-    """Pad coordinates, from the ball's centre, where the rays of the mask meet the ball."""
-    contact_mm = min(press.radius_px / px_per_mm, 0.98 * ball_mm)
+def _on_ball(press: Press, px: Array, ball_mm: float, camera: PadView) -> tuple[Array, Array]:
+    """Pad coordinates, from the ball's centre, where the rays of image places (n, 2) meet the ball."""
+    middle_px = np.array([press.center_x_px, press.center_y_px])
+    contact_mm = min(press.radius_px * mm_per_px(camera, middle_px, 0.0), 0.98 * ball_mm)
     edge_z = -(contact_mm**2) / (2 * ball_mm)
-    contact_mm *= (camera.standoff_mm + edge_z) / camera.standoff_mm
+    contact_mm = min(press.radius_px * mm_per_px(camera, middle_px, edge_z), 0.98 * ball_mm)
     center_z = edge_z + np.sqrt(ball_mm**2 - contact_mm**2)
-    ray_x = (columns[mask] - camera.center_x_px) / camera.focal_px
-    ray_y = (rows[mask] - camera.center_y_px) / camera.focal_px
-    edge_distance = camera.standoff_mm + edge_z
-    center_x = (press.center_x_px - camera.center_x_px) / camera.focal_px * edge_distance
-    center_y = (press.center_y_px - camera.center_y_px) / camera.focal_px * edge_distance
-    z = np.full(ray_x.shape, edge_z)
+    place, slope = camera.rays(middle_px[None])
+    middle = place + slope * edge_z
+    place, slope = camera.rays(px)
+    z = np.full(len(px), edge_z)
     for _ in range(6):  # fixed point: each round gains a factor of about 10
-        x = ray_x * (camera.standoff_mm + z) - center_x
-        y = ray_y * (camera.standoff_mm + z) - center_y
+        x, y = (place + slope * z[:, None] - middle).T
         z = center_z - np.sqrt(np.maximum(ball_mm**2 - x**2 - y**2, 0.02 * ball_mm**2))
     return x, y

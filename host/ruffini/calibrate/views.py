@@ -148,7 +148,7 @@ def _places(
     stands, middles, along = [], [], np.zeros(2)
     for i, (lens, (px, mm)) in enumerate(zip(lenses, found, strict=True)):
         stand = target_before(lens, px, mm)
-        middle, beside = _on_target(lens, stand, np.stack([center, center + [1.0, 0.0]]))
+        middle, beside = _on_target(lens, stand, np.stack([center, center + np.array([1.0, 0.0])]))
         if i == 0:
             along = (beside - middle) / np.linalg.norm(beside - middle)
         elif (beside - middle) @ along < 0:  # the same target, turned by half a turn

@@ -16,6 +16,7 @@ from ruffini.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     from ruffini.boards import Board
+    from ruffini.calibrate.container import CalibrationFile
     from ruffini.calibrate.operator import Material
     from ruffini.fem.operators import Noise
 
@@ -252,6 +253,10 @@ def photometric(
     truth: Annotated[
         Path | None, typer.Option(help="CSV of contact circles (default: DIR/presses.csv; without one they are found).")
     ] = None,
+    camera: Annotated[
+        Path | None,
+        typer.Option(help="File of `cal camera`: where each pixel looks, in place of board.toml's pinhole."),
+    ] = None,
     foreign: Annotated[
         bool,
         typer.Option("--foreign", help="The presses come from other optics than the board's: z stays UNCALIBRATED."),
@@ -261,19 +266,18 @@ def photometric(
     """Fit colour change -> surface slope on ball presses of known size."""
     from ruffini.boards import find_board
     from ruffini.calibrate import container
+    from ruffini.calibrate.pad_view import pad_view
     from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-    from ruffini.calibrate.presses import Pinhole, load_presses
+    from ruffini.calibrate.presses import load_presses
 
     found = find_board(board)
+    seen_by = None if camera is None else _camera_of(camera, found)
     presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, may_find=True)
     height, width = presses.reference.shape[:2]
     if not foreign and (width, height) != (found.camera.width_px, found.camera.height_px):
         raise InputError(f"{folder}: images are {width}x{height}, board {found.name!r} has {found.resolution}: "
                          "give --foreign if they come from other optics")  # fmt: skip
-    camera = found.camera
-    view = Pinhole(
-        camera.focal_mpx / 1e3, camera.center_x_mpx / 1e3, camera.center_y_mpx / 1e3, camera.standoff_um / 1e3
-    )
+    view = pad_view(found, *(({}, {}) if seen_by is None else (seen_by.tensors, seen_by.metadata)))
     with progress_bar("fit") as progress:
         fit = fit_photometric(collect_samples(presses, None if foreign else view), progress=progress)
     report = {**fit.report(), "circles": "found" if presses.is_found else "marked"}
@@ -285,6 +289,16 @@ def photometric(
          f"{out}: normals of presses left out of the fit: median {report['held_out_normal_median_deg']:.2f} deg, "
          f"worst press {report['held_out_normal_worst_deg']:.2f} deg ({report['n_presses']} presses, "
          f"circles {report['circles']})")  # fmt: skip
+
+
+def _camera_of(path: Path, board: Board) -> CalibrationFile:
+    from ruffini.calibrate import container
+
+    file = container.read(path)
+    container.check_board(file, board)
+    if "camera.rays" not in file.tensors:
+        raise InputError(f"{path} holds no camera: make one with `ruffini cal camera`")
+    return file
 
 
 @app.command("merge")

@@ -22,8 +22,9 @@ from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.error_model import N_TOUCHES
 from ruffini.calibrate.operator import make_operator
+from ruffini.calibrate.pad_view import Pinhole
 from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import Pinhole, load_presses
+from ruffini.calibrate.presses import load_presses
 from ruffini.cli.common import note, progress_bar
 from ruffini.demo.daemon import running_daemon
 from ruffini.demo.live import LiveField

@@ -17,7 +17,8 @@ import numpy.typing as npt
 
 from ruffini.boards import Board, parse_board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
-from ruffini.calibrate.presses import Pinhole, Press, PressSet, ball_slope
+from ruffini.calibrate.pad_view import Pinhole
+from ruffini.calibrate.presses import Press, PressSet, ball_slope
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
 from ruffini.frames import read_image

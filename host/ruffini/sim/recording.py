@@ -30,6 +30,8 @@ from ruffini import __version__
 from ruffini.errors import InputError
 from ruffini.files import write_whole
 from ruffini.sim.contact import ContactSolver, Pose
+from ruffini.sim.optics.camera import View
+from ruffini.sim.optics.settings import ViewSettings
 from ruffini.sim.programs import Step, Touch, ball_presses, n_frames_of
 from ruffini.sim.rig import Unit
 from ruffini.sim.scenario import Fault, Scenario
@@ -43,6 +45,7 @@ __all__ = ["PadError", "TwinUnit", "record_balls", "record_touches"]
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
+RIM_POINTS = 36  # of a contact circle that a lens bends
 N_REFERENCES = 8  # untouched images of a set of ball presses
 MARKING_ERROR_PX = 0.5  # standard deviation with which a person marks the contact circle
 
@@ -180,6 +183,18 @@ def _contact_circle_px(unit: TwinUnit, solver: ContactSolver, pose: Pose) -> Arr
     touching = solver.hat_force[:, 2] < 0
     radius_m = np.sqrt(hat_areas(unit.model)[touching].sum() / np.pi)
     edge_height_m = float(solver.indenter.height(radius_m, 0.0)) - pose.depth_m
+    if unit.twin.lens is not None:
+        return _bent_circle_px(unit, pose, radius_m, edge_height_m)
     px_per_m = camera.focal_mpx * 1e-3 / (camera.standoff_um * 1e-6 + edge_height_m)
     center = np.array([camera.center_x_mpx, camera.center_y_mpx]) * 1e-3
     return np.append(center + np.array([pose.x_m, pose.y_m]) * px_per_m, radius_m * px_per_m)
+
+
+def _bent_circle_px(unit: TwinUnit, pose: Pose, radius_m: float, height_m: float) -> Array:
+    """The same through a lens: centre and mean radius of what a rim of that size looks like."""
+    view = View(unit.board, unit.twin.view[0] if unit.twin.view else ViewSettings(), unit.twin.lens)
+    angle = np.linspace(0, 2 * np.pi, RIM_POINTS, endpoint=False)
+    rim = np.stack([pose.x_m + radius_m * np.cos(angle), pose.y_m + radius_m * np.sin(angle)], axis=1)
+    px = view.project(1e3 * np.column_stack([rim, np.full(RIM_POINTS, height_m)]))[0]
+    center = px.mean(axis=0)
+    return np.append(center, np.linalg.norm(px - center, axis=1).mean())

@@ -12,22 +12,16 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.boards import Board
 from ruffini.calibrate.container import Tensors
+from ruffini.calibrate.pad_view import pad_view
 from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
 from ruffini.calibrate.photometric_scale import fit_scale, scaled
-from ruffini.calibrate.presses import Pinhole, PressSet, load_presses
+from ruffini.calibrate.presses import PressSet, load_presses
 from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage
 from ruffini.errors import InputError
 from ruffini.rig.log_file import Log, read_log
 
 ENOUGH = 12  # presses for a table of its own; with fewer a previous one is only scaled
-
-
-def pinhole_of(board: Board) -> Pinhole:
-    """The board's view on its pad."""
-    c = board.camera
-    return Pinhole(c.focal_mpx / 1e3, c.center_x_mpx / 1e3, c.center_y_mpx / 1e3, c.standoff_um / 1e3)
 
 
 def run(job: Job, progress: Progress) -> Outcome:
@@ -44,7 +38,7 @@ def run(job: Job, progress: Progress) -> Outcome:
         presses = _presses(job, Path(folder))
         if presses is None:
             return _taken(job)
-        n, samples = len(presses.presses), collect_samples(presses, pinhole_of(job.board))
+        n, samples = len(presses.presses), collect_samples(presses, pad_view(job.board, job.tensors, job.metadata))
     job.has_new_colours = True
     before = job.take("photometric") if n < ENOUGH else None
     if before is not None:
