@@ -23,8 +23,9 @@ from ruffini.bench.fitted import NOISE
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.operator import make_operator
+from ruffini.calibrate.pad_view import Pinhole
 from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import Pinhole, load_presses
+from ruffini.calibrate.presses import load_presses
 from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated, reach_of
 from ruffini.rig.collect import collect
 from ruffini.rig.log_file import Log, LogWriter, read_log
