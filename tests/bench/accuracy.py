@@ -30,8 +30,9 @@ from ruffini.calibrate import container
 from ruffini.calibrate.gauge import gauge_uncertainty_m
 from ruffini.calibrate.material import fit_material, log_from_recording
 from ruffini.calibrate.operator import Material, OperatorKind, board_slab, make_operator, second_pass
+from ruffini.calibrate.pad_view import Pinhole
 from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import Pinhole, load_presses
+from ruffini.calibrate.presses import load_presses
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.fem.operators import Noise
 from ruffini.frames import read_frames

@@ -20,8 +20,9 @@ from conftest import Sensor, write_board
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
+from ruffini.calibrate.pad_view import Pinhole
 from ruffini.calibrate.photometric import Choice, collect_samples, fit_model, tabulate
-from ruffini.calibrate.presses import Pinhole, load_presses
+from ruffini.calibrate.presses import load_presses
 from ruffini.demo.daemon import find_daemon, running_daemon
 from ruffini.device import Connection
 from ruffini.errors import RuffiniError
