@@ -164,7 +164,10 @@ class Connection:
         """
         self._request_id = self._request_id % 0xFFFFFFFF + 1
         request = self._request_id
-        payload = self.schema.new("Command", request_id=request, **action).SerializeToString()
+        try:
+            payload = self.schema.new("Command", request_id=request, **action).SerializeToString()
+        except ValueError as error:  # a device that is older than this host brought its own schema
+            raise RefusedError(f"{self.port}: this firmware knows no {next(iter(action))}: update it") from error
         for _ in range(RETRIES):
             self._send("COMMAND", payload)
             reply = self._wait_for("REPLY", timeout_s, lambda m: m.request_id == request)
