@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,8 +16,15 @@ import pytest
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.operator import make_operator
+from ruffini.calibrate.pad_view import Pinhole
+from ruffini.calibrate.photometric import Choice, collect_samples, fit_model, tabulate
+from ruffini.calibrate.presses import load_presses
 from ruffini.demo.daemon import find_daemon
 from ruffini.fem.operators import Noise
+from ruffini.sim.pad import PadModel, surface_compliance
+from ruffini.sim.recording import record_balls
+from ruffini.sim.settings import load_twin
+from ruffini.sim.unit import TwinUnit
 
 ROOT = Path(__file__).parents[2]
 N_REST, N_FRAMES = 10, 40
@@ -138,3 +146,36 @@ def start(sensor: Sensor, store: Path, *options: str, serial: str = "0001", link
     finally:
         process.kill()
         process.communicate(timeout=10)
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A tiny twin and a calibration that fits it."""
+
+    unit: TwinUnit
+    calibration: bytes
+
+    @property
+    def board(self) -> Board:
+        return self.unit.board
+
+
+@pytest.fixture(scope="session")
+def twin(sensor: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Twin:
+    root = tmp_path_factory.mktemp("twin")
+    folder = write_board(root / "tiny", {})
+    shutil.copy(find_board("gelslim").folder / "twin.toml", folder)
+    board = find_board(folder)
+    pad, camera = board.pad, board.camera
+    model = PadModel(
+        pad.size_x_um * 1e-6, pad.size_y_um * 1e-6, pad.thickness_um * 1e-6, pad.modulus_pa,
+        pad.poisson_1e4 * 1e-4, n_cells_x=16, n_cells_y=13, layers=(0.2, 0.3, 0.5),
+    )  # fmt: skip
+    unit = TwinUnit(board, load_twin(board), model, surface_compliance(model))
+    record_balls(unit, 16, root / "balls", ball_mm=9.0, seed=1)
+    pinhole = Pinhole(
+        camera.focal_mpx / 1e3, camera.center_x_mpx / 1e3, camera.center_y_mpx / 1e3, camera.standoff_um / 1e3
+    )
+    colours = fit_model(collect_samples(load_presses(root / "balls"), pinhole), Choice(unmix_order=2, stiffness=1e-5))
+    file = container.unpack(sensor.calibration)  # the same board: its operator fits
+    return Twin(unit, container.pack({**file.tensors, **tabulate(colours)}, file.metadata).data)

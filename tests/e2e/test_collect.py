@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Twin
 from scipy.spatial.transform import Rotation
-from test_live_twin import Twin, twin  # noqa: F401
 
 from ruffini.boards import find_board
 from ruffini.demo.twin_session import LOGGER_DRIFT, Simulated, TwinOptions, open_logged, open_simulated
@@ -41,7 +41,7 @@ STRAIGHT = plan("balls", Span(0.003, 0.002, 0.0004, 0.0), 4, seed=1)
 
 @contextlib.contextmanager
 def bench(
-    twin: Twin,  # noqa: F811
+    twin: Twin,
     program: str = "grid",
     machine: str = "marlin",
     mount: Mount = ASKEW,
@@ -81,7 +81,7 @@ def is_up(simulated: Simulated) -> bool:
     return simulated.machine.place().z_m >= ORIGIN.z_m + LIMITS.top_m - 1e-6
 
 
-def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path) -> None:
     told: list[Progress] = []
     out = tmp_path / "log.h5"
     with bench(twin) as (b, _):
@@ -126,7 +126,7 @@ def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path)
     assert abs(log.found["clocks"][0]["late_s"]) < 0.2  # the camera's pipeline is slower than the reference's
 
 
-def test_a_reference_in_pounds_or_askew_is_told_before_the_first_touch(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+def test_a_reference_in_pounds_or_askew_is_told_before_the_first_touch(twin: Twin, tmp_path: Path) -> None:
     pressed = Disturbed(tmp_path / "log.h5")
     with bench(twin, mount=Mount((90.0, 0.0, 0.0))) as (b, simulated):
         with pytest.raises(InputError, match=r"on \+y instead of -z: axes are swapped"):
@@ -143,7 +143,7 @@ def test_a_reference_in_pounds_or_askew_is_told_before_the_first_touch(twin: Twi
         assert pressed.log().done() == set()
 
 
-def test_reference_that_fails_in_the_middle_lifts_the_tip_and_loses_nothing(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+def test_reference_that_fails_in_the_middle_lifts_the_tip_and_loses_nothing(twin: Twin, tmp_path: Path) -> None:
     """One bench, disturbed in one way after the other; each time the same command goes on."""
     pressed = Disturbed(tmp_path / "log.h5")
     with bench(twin) as (b, simulated):
@@ -177,7 +177,7 @@ def test_reference_that_fails_in_the_middle_lifts_the_tip_and_loses_nothing(twin
 
 
 def test_machine_or_camera_that_fails_in_the_middle(
-    twin: Twin,  # noqa: F811
+    twin: Twin,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -218,7 +218,7 @@ def _stop() -> None:
     raise RefusedError("stopped by a key")
 
 
-def test_the_sensors_force_stops_the_machine_too(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+def test_the_sensors_force_stops_the_machine_too(twin: Twin, tmp_path: Path) -> None:
     """The reference sees a tenth of the force; the sensor knows better."""
     with contextlib.ExitStack() as stack:
         simulated = open_simulated(stack, twin.board, "grid", TwinOptions(mount=NO_MOUNT), twin.unit)
@@ -233,7 +233,7 @@ def test_the_sensors_force_stops_the_machine_too(twin: Twin, tmp_path: Path) -> 
         assert is_up(simulated)
 
 
-def test_weights_and_presses_by_hand(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+def test_weights_and_presses_by_hand(twin: Twin, tmp_path: Path) -> None:
     span = Span(0.003, 0.002, 0.0006, 0.0)
     with bench(twin, "weights") as (b, _):
         collect(b, plan("weights", span, 2, 1, ByHand(grams=(40.0, 90.0))), LogWriter(tmp_path / "w.h5", {}))
@@ -256,7 +256,7 @@ def test_weights_and_presses_by_hand(twin: Twin, tmp_path: Path) -> None:  # noq
         assert held_n == pytest.approx(item.force_n, rel=0.25)
 
 
-def test_another_programs_csv_with_a_drifting_clock(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+def test_another_programs_csv_with_a_drifting_clock(twin: Twin, tmp_path: Path) -> None:
     log = LogWriter(tmp_path / "log.h5", {})
     with contextlib.ExitStack() as stack:
         parts, csv = open_logged(stack, twin.board, TwinOptions(), tmp_path / "force.csv", twin.unit)
@@ -277,7 +277,7 @@ def test_another_programs_csv_with_a_drifting_clock(twin: Twin, tmp_path: Path) 
         assert a["stream_wrench"][is_held(a["stream_host_s"], f), 2].mean() == pytest.approx(truth, rel=0.3)
 
 
-def test_the_conditions_of_a_rigid_connector(twin: Twin, tmp_path: Path) -> None:  # noqa: F811
+def test_the_conditions_of_a_rigid_connector(twin: Twin, tmp_path: Path) -> None:
     platform = load_twin(find_board("ftouch")).platform
     assert platform is not None
     unit, board = twin.unit, twin.board

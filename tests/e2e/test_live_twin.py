@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
 import signal
 import socket
 import struct
@@ -11,64 +10,23 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Sensor, write_board
+from conftest import Twin
 
-from ruffini.boards import Board, find_board
-from ruffini.calibrate import container
-from ruffini.calibrate.pad_view import Pinhole
-from ruffini.calibrate.photometric import Choice, collect_samples, fit_model, tabulate
-from ruffini.calibrate.presses import load_presses
+from ruffini.boards import find_board
 from ruffini.demo.daemon import find_daemon, running_daemon
 from ruffini.device import Connection
 from ruffini.errors import RuffiniError
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.optics.renderer import Renderer
-from ruffini.sim.pad import PadModel, surface_compliance
-from ruffini.sim.recording import record_balls
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.serve import Resting, Scripted, Steered, TwinServer
 from ruffini.sim.settings import load_twin
-from ruffini.sim.unit import TwinUnit
 
 MM = 1e-3
-
-
-@dataclass(frozen=True)
-class Twin:
-    """A tiny twin and a calibration that fits it."""
-
-    unit: TwinUnit
-    calibration: bytes
-
-    @property
-    def board(self) -> Board:
-        return self.unit.board
-
-
-@pytest.fixture(scope="module")
-def twin(sensor: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Twin:
-    root = tmp_path_factory.mktemp("twin")
-    folder = write_board(root / "tiny", {})
-    shutil.copy(find_board("gelslim").folder / "twin.toml", folder)
-    board = find_board(folder)
-    pad, camera = board.pad, board.camera
-    model = PadModel(
-        pad.size_x_um * 1e-6, pad.size_y_um * 1e-6, pad.thickness_um * 1e-6, pad.modulus_pa,
-        pad.poisson_1e4 * 1e-4, n_cells_x=16, n_cells_y=13, layers=(0.2, 0.3, 0.5),
-    )  # fmt: skip
-    unit = TwinUnit(board, load_twin(board), model, surface_compliance(model))
-    record_balls(unit, 16, root / "balls", ball_mm=9.0, seed=1)
-    pinhole = Pinhole(
-        camera.focal_mpx / 1e3, camera.center_x_mpx / 1e3, camera.center_y_mpx / 1e3, camera.standoff_um / 1e3
-    )
-    colours = fit_model(collect_samples(load_presses(root / "balls"), pinhole), Choice(unmix_order=2, stiffness=1e-5))
-    file = container.unpack(sensor.calibration)  # the same board: its operator fits
-    return Twin(unit, container.pack({**file.tensors, **tabulate(colours)}, file.metadata).data)
 
 
 @contextlib.contextmanager

@@ -120,7 +120,7 @@ def _by_log(
             note(f"SIMULATED bench of {board.name}")
         else:
             assert isinstance(settings.reference, CsvSettings)
-            path = settings.reference.path
+            path = Path(settings.reference.path)
             parts = SensorParts(stack.enter_context(open_sensor()), TerminalPerson(note))
         if calibration is not None:
             parts.sensor.flash(calibration.read_bytes())

@@ -45,9 +45,9 @@ MACHINES: dict[str, tuple[type[EmulatedMachine], Callable[[str], Stage]]] = {
 }
 # How fast a body's mechanics and pictures can be made on a busy computer of two cores.
 PACES = {
-    "plane": Pace(20.0, stall_s=15.0, longest_gap_s=8.0, max_hold_s=30.0, image_bytes_per_s=4e6),
-    "dome": Pace(3.0, stall_s=30.0, longest_gap_s=20.0, max_hold_s=90.0, image_bytes_per_s=4e6),
-    "tube": Pace(1.0, stall_s=60.0, longest_gap_s=40.0, max_hold_s=180.0, image_bytes_per_s=4e6),
+    "plane": Pace(20.0, stall_s=15.0, longest_gap_s=8.0, max_hold_s=30.0, image_bytes_per_s=1e6),
+    "dome": Pace(3.0, stall_s=30.0, longest_gap_s=20.0, max_hold_s=90.0, image_bytes_per_s=1e6),
+    "tube": Pace(1.0, stall_s=60.0, longest_gap_s=40.0, max_hold_s=180.0, image_bytes_per_s=1e6),
 }
 REFERENCE_HZ = {"plane": 4.0, "dome": 0.8, "tube": 0.3}
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable
 
 from ruffini.errors import RefusedError
+from ruffini.rig.stop_key import stdin
 
 GO_ON = (b"\n", b"\r")
 
@@ -16,7 +16,7 @@ class TerminalPerson:
 
     def __init__(self, say: Callable[[str], None], descriptor: int | None = None) -> None:
         self.say = say
-        self._terminal = sys.stdin.fileno() if descriptor is None else descriptor
+        self._terminal = stdin() if descriptor is None else descriptor
 
     def confirm(self, text: str) -> None:
         """Ask, and wait for Enter.
@@ -27,7 +27,7 @@ class TerminalPerson:
             Another key, or nobody is there.
         """
         self.say(f"{text}, then press Enter (any other key stops)")
-        answer = os.read(self._terminal, 1)
+        answer = b"" if self._terminal is None else os.read(self._terminal, 1)
         if answer not in GO_ON:
             raise RefusedError(f"stopped {'by a key' if answer else 'because nobody answers'} at {text!r}: what was "
                                "collected is kept, the same command goes on from there")  # fmt: skip

@@ -21,6 +21,7 @@ from ruffini.rig.touch import LONGEST_GAP_S
 from ruffini.rig.watch import Watch
 
 NO_REFERENCE = "FLAG_NO_REFERENCE"
+DENSE_HZ = 20.0  # of fields and markers: a few are kept, and the host has to read all that comes
 BAD_FLAGS = (NO_REFERENCE, "FLAG_MARKERS_LOST", "FLAG_SATURATED", "FLAG_OVER_RANGE", "FLAG_DARK", "FLAG_OVEREXPOSED")
 
 
@@ -83,9 +84,10 @@ def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Wat
     bits = {found[0]: bit for bit, found in names.items() if found and found[0] in BAD_FLAGS}
     camera, stages = board.camera, board.pipeline.stages
     frame_hz = pace.frame_hz or camera.rate_mhz * 1e-3
+    dense_every = max(1, round(camera.rate_mhz * 1e-3 / DENSE_HZ))
     image_every = math.ceil(frame_hz * camera.width_px * camera.height_px * 3 / pace.image_bytes_per_s)
     with StreamWatch(
-        sensor, field_every=int("displacement" in stages), marker_every=int("markers" in stages),
+        sensor, field_every=dense_every * ("displacement" in stages), marker_every=dense_every * ("markers" in stages),
         image_every=image_every, stall_s=pace.stall_s,
     ) as stream:  # fmt: skip
         stream.wait_for_rest(bits[NO_REFERENCE])

@@ -124,7 +124,7 @@ class CsvSettings(_Section):
     """What another program writes while the sensor streams."""
 
     kind: Literal["csv"]
-    path: Path
+    path: str
 
     def open(self) -> Reference:
         """It cannot be watched; raises InputError."""

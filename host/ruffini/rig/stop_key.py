@@ -14,11 +14,19 @@ from ruffini.errors import RefusedError
 from ruffini.rig.stage import Guard, nobody
 
 
+def stdin() -> int | None:
+    """Descriptor of the standard input; None where there is none."""
+    try:
+        return sys.stdin.fileno()
+    except (AttributeError, OSError, ValueError):  # closed, or not a file at all
+        return None
+
+
 @contextlib.contextmanager
 def stop_key(descriptor: int | None = None) -> Iterator[Guard]:
     """A guard that raises RefusedError once a key was pressed; lets everything pass where there is no terminal."""
-    terminal = sys.stdin.fileno() if descriptor is None else descriptor
-    if not os.isatty(terminal):
+    terminal = stdin() if descriptor is None else descriptor
+    if terminal is None or not os.isatty(terminal):
         yield nobody
         return
 

@@ -20,6 +20,7 @@ T = TypeVar("T")
 
 LONGEST_GAP_S = 0.3  # without a frame
 MIN_FRAMES, MIN_READINGS = 5, 3  # while it is held
+SEEN_PART = 0.1  # of the reference's force: a sensor that is yet to be calibrated sees more than that
 FREE_N = CONTACT_N / 2  # of the reference after the tip was lifted
 FIELDS_KEPT, REST_FIELDS_KEPT, IMAGES_KEPT = 4, 2, 4  # of a hold, of before it: they are all alike
 MARKERS_KEPT = 40
@@ -60,6 +61,10 @@ def faults_of(
     pressed_n = float(np.linalg.norm(np.nan_to_num(wrench[is_seen, :3].mean(axis=0))))
     if pressed_n < CONTACT_N:
         found.append(f"the reference saw only {pressed_n:.3f} N")
+    seen = arrays["stream_wrench"][is_held, :3]
+    seen_n = float(np.linalg.norm(seen.mean(axis=0))) if len(seen) else np.nan  # NaN where not measured, too
+    if seen_n < SEEN_PART * pressed_n:
+        found.append(f"the sensor saw {seen_n:.3f} N of {pressed_n:.3f} N: is it this pad that was pressed?")
     left_n = float(np.linalg.norm(np.nan_to_num(wrench[-1, :3])))
     if left_n > FREE_N:
         found.append(f"{left_n:.3f} N stayed after the tip was lifted: the reference drifted, or the tip sticks")

@@ -115,6 +115,8 @@ def test_each_fault_of_a_touch_is_named():
     assert fault(lose("stream", 0.1, 0.6))[0].startswith("no frame for 0.5")
     assert fault(lose("stream", 1.02, 1.99))[0].startswith("0 frames while it was held")
     assert fault(lose("reference", 1.02, 1.99))[0].startswith("0 readings of the reference")
+    assert fault(put("stream_wrench", np.s_[:, 2], -0.05))[0].startswith("the sensor saw 0.050 N of 1.000 N")
+    assert fault(put("stream_wrench", np.s_[:], np.nan)) == []
     assert fault(put("reference_wrench", np.s_[:, 2], 0.0)) == ["the reference saw only 0.000 N"]
     assert fault(put("reference_wrench", np.s_[110:, 2], -0.06))[0].startswith("0.060 N stayed")
 

@@ -1,0 +1,151 @@
+"""`ruffini cal collect` with a bench's file: each program on devices that speak their real protocols on ptys."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Twin
+
+from ruffini.cli import main
+from ruffini.demo.daemon import running_daemon
+from ruffini.rig.emulated_dialects import EmulatedMarlin
+from ruffini.rig.emulated_person import EmulatedPerson
+from ruffini.rig.emulated_references import EmulatedLogger, EmulatedTextCell
+from ruffini.rig.found import is_held
+from ruffini.rig.log_file import Log, read_log
+from ruffini.rig.twin_bench import ORIGIN, Hanging, Loader, build_twin_bench
+from ruffini.sim.indenters import Indenter
+
+LIMITS = """[limits]
+max_force_n = 5.0
+half_x_mm = 4.0
+half_y_mm = 3.0
+top_mm = 2.0
+bottom_mm = -1.5
+deepest_mm = 0.8
+near_mm = 0.3
+"""
+TEXT = '[reference]\nkind = "text"\nport = "{port}"\nunit = "g"\nfull_scale_n = 20.0\nsigma_n = 0.005\nrate_hz = 2.0\n'
+GRAMS_A_NEWTON = 1e3 / 9.80665
+
+
+class Desk:
+    """A sensor, whatever presses it, and a person at the terminal."""
+
+    def __init__(self, twin: Twin, folder: Path, loader: Loader, capsys: pytest.CaptureFixture[str]) -> None:
+        self.twin, self.folder, self._capsys = twin, folder, capsys
+        self.bench = build_twin_bench(twin.unit, Indenter("sphere", 0.003), loader, folder / "twin", 1)
+        self.port = ""
+
+    @contextlib.contextmanager
+    def running(self) -> Iterator[Desk]:
+        assert self.twin.board.folder is not None
+        camera = f"twin:{self.folder / 'twin'}"
+        with self.bench.server, running_daemon(self.twin.board.folder, camera, self.folder / "store") as self.port:
+            (self.folder / "calibration").write_bytes(self.twin.calibration)
+            yield self
+
+    def collect(self, monkeypatch: pytest.MonkeyPatch, rig: str, *words: object) -> tuple[dict[str, object], Log]:
+        """Run the verb as a person would; its result and its log."""
+        (self.folder / "rig.toml").write_text("schema = 1\n" + rig)
+        out = self.folder / "log.h5"
+        board = self.twin.board.folder
+        argv = ["ruffini", "--port", self.port, "cal", "collect", "--board", board, "--out", out, "--json",
+                "--rig", self.folder / "rig.toml", "--calibration", self.folder / "calibration", *words]  # fmt: skip
+        monkeypatch.setattr(sys, "argv", [str(word) for word in argv])
+        self._capsys.readouterr()
+        code = main()
+        text, error = self._capsys.readouterr()
+        assert code == 0, error
+        return json.loads(text), read_log(out)
+
+
+def held(touch, name: str, clock: str) -> float:
+    """Mean normal force of a touch's hold."""
+    return float(touch.arrays[name][is_held(touch.arrays[clock], touch.facts), 2].mean())
+
+
+@pytest.fixture
+def slow_is_fine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The twin shares its computer with everything else."""
+    monkeypatch.setattr("ruffini.rig.session.Pace.__new__.__defaults__", (None, 15.0, 8.0, 30.0, 1e6))
+
+
+@pytest.fixture
+def person(monkeypatch: pytest.MonkeyPatch) -> Iterator[EmulatedPerson]:
+    """Hears what the verb writes, does it, and presses Enter."""
+    reader, writer = os.pipe()
+    someone = EmulatedPerson(1)
+
+    def hear(text: str) -> None:
+        asked, has_to_answer, _ = text.partition(", then press Enter")
+        (someone.confirm if has_to_answer else someone.say)(asked)
+        if has_to_answer:
+            os.write(writer, b"\n")
+
+    monkeypatch.setattr("ruffini.cli.collect.note", hear)
+    with os.fdopen(reader) as keyboard:
+        monkeypatch.setattr(sys, "stdin", keyboard)
+        yield someone
+    os.close(writer)
+
+
+def test_a_stage_and_a_cell_that_prints_grams(twin: Twin, tmp_path, monkeypatch, capsys, slow_is_fine) -> None:
+    with EmulatedMarlin() as machine, EmulatedTextCell(1, unit="g", per_newton=GRAMS_A_NEWTON) as cell:
+        desk = Desk(twin, tmp_path, Hanging(machine, twin.unit, Indenter("sphere", 0.003)), capsys)
+        desk.bench.twin.listeners.append(cell.measure)
+        origin = ", ".join(f"{1e3 * v:.3f}" for v in ORIGIN)
+        stage = f'[stage]\nkind = "marlin"\nport = "{machine.port}"\norigin_mm = [{origin}]\n'
+        tip = '[tip]\nshape = "sphere"\ndiameter_mm = 6.0\n'
+        with desk.running():
+            result, log = desk.collect(monkeypatch, TEXT.format(port=cell.port) + stage + tip + LIMITS,
+                                       "--program", "balls", "--n", 3, "--depth-mm", 0.5)  # fmt: skip
+    assert (result["state"], result["touches"], result["simulated"]) == ("complete", 3, False)
+    assert log.facts["tip"] == {"shape": "sphere", "radius_m": 0.003}
+    assert log.found["checks"]["unit"]["ok"]
+    assert log.found["reference"]["axes"] == ["fz"]
+    for touch in log.touches:
+        assert np.isnan(touch.arrays["reference_wrench"][:, 0]).all()
+        truth = held(touch, "reference_wrench", "reference_s")
+        assert held(touch, "stream_wrench", "stream_host_s") == pytest.approx(truth, rel=0.3)
+
+
+def test_weights(twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:
+    desk = Desk(twin, tmp_path, person, capsys)
+    with desk.running():
+        _, log = desk.collect(monkeypatch, '[reference]\nkind = "weight"\nsigma_g = 0.1\n' + LIMITS,
+                              "--program", "weights", "--grams", "40,90", "--n", 2)  # fmt: skip
+    for touch, grams in zip(log.touches, (40, 90), strict=True):
+        weight_n = grams / GRAMS_A_NEWTON
+        assert held(touch, "reference_wrench", "reference_s") == pytest.approx(-weight_n, rel=1e-6)
+        assert held(touch, "stream_wrench", "stream_host_s") == pytest.approx(-weight_n, rel=0.3)
+
+
+def test_presses_by_hand(twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:
+    with EmulatedTextCell(1, unit="g", per_newton=GRAMS_A_NEWTON) as cell:
+        desk = Desk(twin, tmp_path, person, capsys)
+        desk.bench.twin.listeners.append(cell.measure)
+        with desk.running():
+            _, log = desk.collect(monkeypatch, TEXT.format(port=cell.port) + LIMITS,
+                                  "--program", "free", "--force-n", 0.8, "--n", 2)  # fmt: skip
+    for touch in log.touches:
+        assert -held(touch, "reference_wrench", "reference_s") == pytest.approx(touch.facts["force_n"], rel=0.25)
+
+
+def test_a_csv_of_another_program(twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:
+    desk = Desk(twin, tmp_path, person, capsys)
+    desk.bench.twin.listeners.append(EmulatedLogger(tmp_path / "force.csv", 1, offset_s=77.0).measure)
+    with desk.running():
+        result, log = desk.collect(monkeypatch, f'[reference]\nkind = "csv"\npath = "{tmp_path}/force.csv"\n' + LIMITS,
+                                   "--program", "log")  # fmt: skip
+    assert result["touches"] == len(log.touches) >= 6
+    for touch in log.touches:
+        truth = held(touch, "reference_wrench", "reference_s")
+        assert held(touch, "stream_wrench", "stream_host_s") == pytest.approx(truth, rel=0.3)
