@@ -14,6 +14,9 @@ from mirror.targets import Targets, nominal
 
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, pack
+from ruffini.calibrate.feature_log import Features
+from ruffini.calibrate.wrench_map import TIMES_S, Fit, Frames, WrenchMap
+from ruffini.calibrate.wrench_tables import tables as tables_of
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
 
@@ -150,3 +153,25 @@ def test_numbers_out_of_range_are_refused(name: str, value: int) -> None:
     kind[name].flat[0] = value  # type: ignore[index]
     with pytest.raises(InputError, match=r"wrench.* out of range"):
         opened(board_text(), kind)
+
+
+def test_a_fitted_map_says_the_same_in_integers() -> None:
+    """`cal wrench` tables on the core's arithmetic against the fit in float: within 1e-4 of full scale."""
+    rng = np.random.default_rng(8)
+    full = np.array([1.0, 1.0, 8.0, 20.0, 20.0, 20.0])
+    features = rng.normal(size=(50, 9)) * 3e5
+    gain = rng.normal(size=(6, 9)) * full[:, None] / 1.5e6
+    relax = np.zeros((len(TIMES_S), 6))
+    relax[1] = 0.1
+    made = WrenchMap(
+        gain, full, rng.normal(size=(6, 21)) * 0.02 * full[:, None], relax, np.zeros((9, 27)), np.full(9, 6e7),
+        np.zeros((2, 6, 6)),
+    )  # fmt: skip
+    fit = Fit(made, 0.0, 0.0, {}, full, full, full, 1.0, 50, 1, "recording")
+    kind, _ = tables_of(fit, Features("targets", 9))
+    frames = Frames(np.round(features), np.zeros((50, 6)), 0.1 * np.arange(50), np.zeros(50, np.intp))
+    core, saturations = FeatureWrench(kind), Saturations()
+    said = [core.run(row.astype(int).tolist(), 1 + 100_000 * t, saturations) for t, row in enumerate(frames.features)]
+    wrench = np.array([s.wrench for s in said]) * [1e-6, 1e-6, 1e-6, 1e-9, 1e-9, 1e-9]
+    assert (np.abs(wrench - made.predicted(frames)) < 1e-4 * full).all()
+    assert saturations.count == 0

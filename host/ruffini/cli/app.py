@@ -23,6 +23,7 @@ from ruffini.cli import (
     report,
     sim,
     train,
+    wrench,
 )
 
 app = typer.Typer(
@@ -42,6 +43,7 @@ app.command("depth")(offline.depth)
 app.command("field")(offline.field)
 cal.app.command("camera")(camera.camera)
 cal.app.command("contact")(contact.contact)
+cal.app.command("wrench")(wrench.wrench)
 cal.app.command("collect")(collect.collect)
 cal.app.command("convert")(collect.convert)
 cal.app.command("fit")(fit.fit)

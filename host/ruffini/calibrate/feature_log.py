@@ -1,0 +1,143 @@
+"""Image features with a reference wrench beside them: what `ruffini cal wrench` fits and judges on.
+
+The features are the core's own integers (`Pipeline.features`), whatever the file: a folder of frames with
+`wrench.csv`, a run of `ruffini sim reproduce` with what its bench read, a folder of such runs, or the markers of a
+`cal collect` log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.reference_log import reference_wrench
+from ruffini.core.pipeline import Pipeline
+from ruffini.errors import InputError
+from ruffini.frames import read_frames
+from ruffini.rig.found import on_reference_clock, reference_in_pad
+from ruffini.rig.log_file import read_log
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
+Q16 = 65536.0
+
+
+@dataclass(frozen=True)
+class FeatureRun:
+    """One recording from rest on.
+
+    features (t, n) raw integers at time_s (t,), is_good (t,) nothing lost; reference (r, 6) N and N m at reference_s
+    (r,).
+    """
+
+    name: str
+    time_s: Array
+    features: Array
+    is_good: npt.NDArray[np.bool_]
+    reference_s: Array
+    reference: Array
+
+    def at(self, lag_s: float) -> Array:
+        """Reference of each frame (t, 6) where it is read `lag_s` after what the camera sees."""
+        when = self.time_s + lag_s
+        return np.stack([np.interp(when, self.reference_s, column) for column in self.reference.T], axis=1)
+
+
+class Features(NamedTuple):
+    """What the features of a log are: `targets` or `markers`, and how many numbers a frame has."""
+
+    sort: str
+    n: int
+
+
+def features_of(board: Board) -> Features:
+    """What the stage feature_wrench of a board reads.
+
+    Raises
+    ------
+    InputError
+        It has neither targets nor markers.
+    """
+    if board.targets is not None and "targets" in board.pipeline.stages:
+        return Features("targets", 3 * len(board.targets.places_um))
+    if board.markers is not None and "markers" in board.pipeline.stages:
+        return Features("markers", 2 * board.markers.n_x * board.markers.n_y)
+    raise InputError(f"board {board.name!r} has neither targets nor markers: there is nothing to make a wrench of")
+
+
+def read_feature_runs(paths: list[Path], board: Board, *, progress: Progress = lambda _: None) -> list[FeatureRun]:
+    """Every run of the files and folders.
+
+    Raises
+    ------
+    InputError
+        Nothing to read, another board's log, or a reference that does not fit its frames.
+    """
+    features_of(board)
+    sources = [run for path in paths for run in _runs_below(path)]
+    out: list[FeatureRun] = []
+    for i, source in enumerate(sources):
+        out += _of_log(source, board) if source.is_file() and source.suffix == ".h5" else [_of_frames(source, board)]
+        progress((i + 1) / len(sources))
+    return out
+
+
+def _runs_below(path: Path) -> list[Path]:
+    if not path.is_dir() or (path / "frames").is_dir() or (path / "wrench.csv").is_file():
+        return [path]
+    runs = sorted({folder.parent for folder in path.glob("**/frames")})
+    if not runs:
+        raise InputError(f"{path} holds no recording: give frames with wrench.csv, or runs of sim reproduce")
+    return runs
+
+
+def _of_frames(path: Path, board: Board) -> FeatureRun:
+    rig = path / "rig.npz"
+    wrench = np.load(rig)["force"] if rig.is_file() else reference_wrench(path, None)
+    frames = read_frames(path)
+    if len(frames) != len(wrench):
+        raise InputError(f"{path} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")
+    rows, good, kept = [], [], []
+    with Pipeline(board) as pipeline:
+        for i, image in enumerate(frames):
+            frame = pipeline.process(image)
+            if frame.has_reference:
+                kept.append(i)
+                rows.append(pipeline.features())
+                good.append(not frame.flags & LOST_OR_DARK)
+    if not any(good):
+        raise InputError(f"{path}: no frame shows all targets or markers: is it this board?")
+    period_s = 1000.0 / board.camera.rate_mhz
+    return FeatureRun(
+        f"{path.parent.name}/{path.name}", np.array(kept) * period_s, np.array(rows, dtype=np.float64), np.array(good),
+        np.arange(len(wrench), dtype=np.float64) * period_s, np.asarray(wrench, dtype=np.float64),
+    )  # fmt: skip
+
+
+def _of_log(path: Path, board: Board) -> list[FeatureRun]:
+    log = read_log(path)
+    if log.facts.get("board") != board.name:
+        raise InputError(f"{path} was collected on board {log.facts.get('board')!r}, not {board.name!r}")
+    wanted = features_of(board)
+    out = []
+    for number, touch in enumerate(log.touches):
+        moved = touch.arrays.get("marker_displacement")
+        if moved is None or log.facts.get("marker_unit", "px") != "px" or wanted.sort != "markers":
+            continue
+        rows = moved.astype(np.float64).reshape(len(moved), -1) * Q16
+        if rows.shape[1] != wanted.n:
+            raise InputError(f"{path}, touch {number}: {rows.shape[1] // 2} markers, the board has {wanted.n // 2}")
+        offset = float(np.median(on_reference_clock(log, touch) - touch.arrays["stream_s"]))
+        out.append(FeatureRun(f"{path.name}/{number}", touch.arrays["marker_s"] + offset, rows,
+                              np.asarray(np.isfinite(rows).all(axis=1)), touch.arrays["reference_s"],
+                              reference_in_pad(log, touch)))  # fmt: skip
+    if not out:
+        raise InputError(f"{path} holds no {wanted.sort} in pixels: give recordings of frames instead")
+    return out

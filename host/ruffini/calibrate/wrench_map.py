@@ -1,0 +1,384 @@
+"""Wrench of a vector of image features, fitted to a reference sensor: tables of kind `wrench` (proto/CALIBRATION.md).
+
+K by least squares is the paper's (F-TOUCH, eq. 2). Quadratic terms and what the structure forgets under a held load
+are taken in where they lessen the error on recordings (or touches) that were not fitted; the reference's lag is found
+first.
+firmware/estimators/feature_wrench.h has the equations; `predicted` is the same in float. Units here: N and N mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
+
+from ruffini.calibrate.feature_log import FeatureRun
+from ruffini.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+TO_NMM = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])  # N and N m to N and N mm
+Bend = Callable[[Array], Array]
+PAIRS = np.triu_indices(6)
+TIMES_S = (0.3, 3.0, 30.0)  # a third of a second to half a minute: rubber forgets over decades of time
+LAGS_S = np.arange(-0.1, 0.1001, 0.0125)
+MOST_FOR_MEMORIES = 30  # features
+SAME_LAG_S = 0.005  # a sixth of a frame of a usual camera
+RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)  # of the features' mean square: only many features need more than the first
+LEAST_GAIN = 0.01  # a term stays where it lessens the error of an axis on what was not fitted by this part
+LEAST_R2 = 0.3  # an axis that the log hardly loads is not measured
+LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
+LEAST_PRODUCT = 0.03  # of u_j u_k, root mean square: a pair that the log hardly loads together gets no term
+FREE_RIDGE = 1e-5  # of quadratic terms that no geometry gives
+TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames of a log, in order: features (t, n), reference (t, 6) N and N mm, time, and number of the recording."""
+
+    features: Array
+    wrench: Array
+    time_s: Array
+    run: npt.NDArray[np.intp]
+
+    def take(self, which: npt.NDArray[np.bool_]) -> Frames:
+        return Frames(self.features[which], self.wrench[which], self.time_s[which], self.run[which])
+
+
+def frames_of(runs: list[FeatureRun], lag_s: float) -> Frames:
+    """The good frames of recordings."""
+    good = [run.is_good for run in runs]
+    return Frames(
+        np.concatenate([run.features[g] for run, g in zip(runs, good, strict=True)]),
+        np.concatenate([run.at(lag_s)[g] for run, g in zip(runs, good, strict=True)]) * TO_NMM,
+        np.concatenate([run.time_s[g] for run, g in zip(runs, good, strict=True)]),
+        np.concatenate([np.full(int(g.sum()), i) for i, g in enumerate(good)]),
+    )
+
+
+@dataclass(frozen=True)
+class WrenchMap:
+    """The tables in float.
+
+    gain (6, n) N and N mm a raw unit; full (6,) what makes u = 1, 0 of an axis that is not measured; square (6, 21);
+    relax (terms, 6) parts; forward (n, 27); tolerance (n,); error (2, 6, 6) vectors of the covariance.
+    """
+
+    gain: Array
+    full: Array
+    square: Array
+    relax: Array
+    forward: Array
+    tolerance: Array
+    error: Array
+
+    def scaled(self, y: Array) -> Array:
+        """u (t, 6) of the linear estimate."""
+        return np.asarray(np.where(self.full > 0, y / np.where(self.full > 0, self.full, 1), 0).clip(-2, 2))
+
+    def predicted(self, frames: Frames) -> Array:
+        """Wrench of frames in time order, (t, 6); each recording starts from rest."""
+        elastic = self.elastic(frames)
+        return elastic if not self.relax.any() else elastic - forgotten(elastic, frames, self.relax)
+
+    def elastic(self, frames: Frames) -> Array:
+        """Without relaxation."""
+        y = frames.features @ self.gain.T
+        return np.asarray(y + products(self.scaled(y)) @ self.square.T)
+
+
+def products(u: Array) -> Array:
+    """u_j u_k, j <= k by rows, (t, 21)."""
+    return np.asarray(u[:, PAIRS[0]] * u[:, PAIRS[1]])
+
+
+def memories(elastic: Array, frames: Frames) -> Array:
+    """h of each term (terms, t, k): tau dh/dt = elastic - h, from zero in every recording."""
+    out = np.zeros((len(TIMES_S), *elastic.shape))
+    for k, tau in enumerate(TIMES_S):
+        h = before = np.zeros(elastic.shape[1])
+        for t in range(len(elastic)):
+            if t == 0 or frames.run[t] != frames.run[t - 1]:
+                h = before = np.zeros(elastic.shape[1])
+            else:
+                step = 1 - np.exp(-(frames.time_s[t] - frames.time_s[t - 1]) / tau)
+                h = h + step * ((elastic[t] + before) / 2 - h)
+            before = elastic[t]
+            out[k, t] = h
+    return out
+
+
+def forgotten(elastic: Array, frames: Frames, relax: Array) -> Array:
+    """What relaxation takes from the elastic wrench, (t, 6)."""
+    return np.asarray(np.einsum("ktj,kj->tj", memories(elastic, frames), relax))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A map, what it was made with, and what it errs by on what was not fitted.
+
+    rmse, r2 : of each axis against the reference, held out; `linear_rmse` of K alone there.
+    """
+
+    map: WrenchMap
+    lag_s: float
+    ridge: float
+    terms: dict[str, list[str]]  # term: axes that keep it
+    rmse: Array
+    r2: Array
+    linear_rmse: Array
+    condition: float
+    n_frames: int
+    n_runs: int
+    holdout: str
+    checks: list[str] = field(default_factory=list)
+
+    def report(self) -> dict[str, object]:
+        """For JSON."""
+        by_axis = {
+            axis: {"rmse": float(e), "r2": float(r), "rmse_linear": float(p), "full_scale": float(f)}
+            for axis, e, r, p, f in zip(AXES, self.rmse, self.r2, self.linear_rmse, self.map.full, strict=True)
+        }
+        return {
+            "axes": by_axis, "unit": "N, N mm", "held_out_by": self.holdout, "lag_ms": 1e3 * self.lag_s,
+            "ridge": self.ridge, "terms": self.terms, "condition": self.condition, "n_frames": self.n_frames,
+            "n_recordings": self.n_runs, "checks": self.checks,
+            "not_measured": [a for a, f in zip(AXES, self.map.full, strict=True) if f == 0],
+        }  # fmt: skip
+
+
+def fit_wrench_map(runs: list[FeatureRun], *, holdout: str = "recording", bend: Bend | None = None) -> Fit:
+    """Fit K and what goes beyond it where that pays on held-out data.
+
+    bend : what products of axes add to the features (n, 21), for features that are linear in them by (n, 6), where the
+        board's geometry says it (`target_geometry`); else quadratic terms are free.
+    holdout : `recording` leaves whole recordings out, `touch` single loads (from one touch-free moment to the next).
+
+    Raises
+    ------
+    InputError
+        Too few recordings or frames, or units that cannot be right.
+    """
+    if holdout not in ("recording", "touch"):
+        raise InputError(f"--holdout {holdout!r}: recording or touch")
+    seen = frames_of(runs, 0.0)
+    _checks(seen)
+    ways = (False, True) if seen.features.shape[1] <= MOST_FOR_MEMORIES else (False,)
+    lags = [_lag(runs, has_memory) for has_memory in ways]
+    if abs(lags[-1] - lags[0]) < SAME_LAG_S:
+        lags = lags[:1]
+    fits = [_fit_at(runs, lag_s, holdout, bend) for lag_s in lags]
+    return min(fits, key=lambda fit: float((1 - fit.r2).sum()))
+
+
+def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | None) -> Fit:
+    frames = frames_of(runs, lag_s)
+    groups = frames.run if holdout == "recording" else _touches(frames)
+    folds = _folds(groups)
+    checks = _checks(frames)
+    ridge = _best_ridge(frames, folds)
+    plain = _Terms(ridge, square=np.zeros(6, bool), relax=np.zeros(6, bool), bend=bend)
+    linear = _held_out(frames, folds, plain)
+    chosen, errors = plain, linear
+    is_loaded = np.abs(frames.wrench).max(axis=0) > 1e-9
+    for name in ("square", "relax"):
+        trial = replace(chosen, **{name: is_loaded})
+        # A geometry that is known stays unless it does harm: the log may not load the pairs that it is for.
+        least = -LEAST_GAIN if name == "square" and bend is not None else LEAST_GAIN
+        gains = is_loaded & (_rms(_held_out(frames, folds, trial)) < (1 - least) * _rms(errors))
+        chosen = replace(chosen, **{name: gains})
+        errors = _held_out(frames, folds, chosen) if gains.any() else errors
+    spread = frames.wrench.std(axis=0)
+    r2 = 1 - (_rms(errors) / np.where(spread > 0, spread, 1)) ** 2
+    full = np.where(r2 >= LEAST_R2, np.abs(frames.wrench).max(axis=0), 0.0)
+    found = _with_forward(_fitted(frames, chosen, full), frames, errors, bend)
+    terms = {"quadratic": chosen.square, "relaxation": chosen.relax}
+    scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)
+    return Fit(
+        found, lag_s, ridge, {n: [a for a, on in zip(AXES, m, strict=True) if on] for n, m in terms.items()},
+        _rms(errors), r2, _rms(linear), _condition(scaled), len(frames.features), len(runs), holdout, checks,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Terms:
+    ridge: float
+    square: npt.NDArray[np.bool_]
+    relax: npt.NDArray[np.bool_]
+    bend: Bend | None = None
+
+
+def _rms(errors: Array) -> Array:
+    return np.asarray(np.sqrt(np.nanmean(errors**2, axis=0)))
+
+
+def _condition(scaled: Array) -> float:
+    """Of the six strongest directions of the features, each scaled by its spread."""
+    values = np.linalg.svd(scaled - scaled.mean(axis=0), compute_uv=False)
+    return float(values[0] / values[min(5, len(values) - 1)])
+
+
+def _solve(features: Array, wrench: Array, ridge: float) -> Array:
+    """K (6, n), each feature scaled by its own spread."""
+    scale = np.maximum(np.sqrt((features**2).mean(axis=0)), 1e-9)
+    a = features / scale
+    normal = a.T @ a + ridge * len(a) * np.eye(a.shape[1])
+    return np.asarray(np.linalg.solve(normal, a.T @ wrench).T / scale)
+
+
+def _fitted(frames: Frames, terms: _Terms, full: Array | None = None) -> WrenchMap:
+    n = frames.features.shape[1]
+    if full is None:
+        full = np.abs(frames.wrench).max(axis=0)
+    relax, target = np.zeros((len(TIMES_S), 6)), frames.wrench
+    for _ in range(3 if terms.relax.any() else 1):
+        gain = _solve(frames.features, target, terms.ridge)
+        square = np.zeros((6, len(PAIRS[0])))
+        made = WrenchMap(gain, full, square, relax, np.zeros((n, 27)), np.ones(n), np.zeros((2, 6, 6)))
+        for _ in range(2 if terms.square.any() else 0):  # u is of the gain, which the products change a little
+            made = _with_square(made, frames, target, terms)
+        if not terms.relax.any():
+            return made
+        elastic = made.elastic(frames)
+        h = memories(elastic, frames)
+        for axis in np.flatnonzero(terms.relax):
+            columns = np.stack([elastic[:, axis], *(-h[k, :, axis] for k in range(len(TIMES_S)))], axis=1)
+            weights = nnls(columns, frames.wrench[:, axis])[0]
+            relax[:, axis] = (weights[1:] / max(weights[0], 1e-9)).clip(0, 0.9)
+        target = frames.wrench + forgotten(elastic, frames, relax)
+    return replace(made, relax=relax.copy())
+
+
+def _with_square(made: WrenchMap, frames: Frames, target: Array, terms: _Terms) -> WrenchMap:
+    """Gain and quadratic terms together, on the axes that have them."""
+    n, keep = frames.features.shape[1], terms.square[:, None]
+    u = made.scaled(frames.features @ made.gain.T)
+    basis = products(u)
+    if terms.bend is not None:  # what the geometry says that the features do; then the rest is linear
+        beyond = terms.bend(_solve(u, frames.features, RIDGES[0]))
+        gain = _solve(frames.features - basis @ beyond.T, target, terms.ridge)
+        square = -gain @ beyond
+    else:
+        is_excited = np.sqrt((basis**2).mean(axis=0)) > LEAST_PRODUCT
+        columns = np.concatenate([frames.features, basis[:, is_excited]], axis=1)
+        both = _solve(columns, target, max(terms.ridge, FREE_RIDGE))
+        gain, square = both[:, :n], np.zeros((6, len(PAIRS[0])))
+        square[:, is_excited] = both[:, n:]
+    return replace(made, gain=np.where(keep, gain, made.gain), square=np.where(keep, square, 0.0))
+
+
+def _folds(groups: npt.NDArray[np.intp], n: int = 5) -> list[npt.NDArray[np.bool_]]:
+    """What each fold leaves out: whole groups, dealt round."""
+    names = np.unique(groups)
+    if len(names) < n:
+        raise InputError(f"only {len(names)} recordings or touches: {n} are needed to tell what a fit is worth")
+    return [np.isin(groups, names[i::n]) for i in range(n)]
+
+
+def _touches(frames: Frames) -> npt.NDArray[np.intp]:
+    """Number of the load that a frame belongs to."""
+    size = (np.abs(frames.wrench) / np.maximum(np.abs(frames.wrench).max(axis=0), 1e-12)).max(axis=1)
+    starts = np.diff((size > 0.1).astype(int), prepend=0) == 1
+    starts |= np.diff(frames.run, prepend=frames.run[0]) != 0
+    return np.asarray(np.cumsum(starts))
+
+
+def _held_out(frames: Frames, folds: list[npt.NDArray[np.bool_]], terms: _Terms) -> Array:
+    """Error of every frame by a map that was not fitted on it, (t, 6)."""
+    out = np.full_like(frames.wrench, np.nan)
+    for left in folds:
+        out[left] = _fitted(frames.take(~left), terms).predicted(frames.take(left)) - frames.wrench[left]
+    return out
+
+
+def _best_ridge(frames: Frames, folds: list[npt.NDArray[np.bool_]]) -> float:
+    off = np.zeros(6, bool)
+    spread = np.maximum(frames.wrench.std(axis=0), 1e-12)
+    worth = [(_rms(_held_out(frames, folds, _Terms(r, off, off))) / spread).mean() for r in RIDGES]
+    return next(r for r, w in zip(RIDGES, worth, strict=True) if w <= 1.001 * min(worth))
+
+
+def _lag(runs: list[FeatureRun], has_memory: bool) -> float:
+    """By how much the reference is behind the pictures: where features explain it best, between grid points a parabola.
+
+    What the structure forgets looks like a lag too; with memories of the features let in it does not, but products do.
+    """
+    seen = frames_of(runs, 0.0)
+    scaled = seen.features / np.maximum(np.sqrt((seen.features**2).mean(axis=0)), 1e-9)
+    features = np.concatenate([scaled, *memories(scaled, seen)], axis=1) if has_memory else scaled
+    misfit = []
+    for lag in LAGS_S:
+        wrench = frames_of(runs, float(lag)).wrench
+        error = features @ _solve(features, wrench, RIDGES[0]).T - wrench
+        misfit.append((_rms(error) ** 2 / np.maximum(wrench.var(axis=0), 1e-12)).sum())
+    best = int(np.argmin(misfit))
+    if best in (0, len(LAGS_S) - 1) and not has_memory:
+        raise InputError(
+            f"the reference is {1e3 * abs(LAGS_S[best]):.0f} ms or more off the pictures: "
+            "give both one clock, one row a frame"
+        )
+    best = min(max(best, 1), len(LAGS_S) - 2)
+    before, at, after = misfit[best - 1 : best + 2]
+    return float(LAGS_S[best] + (LAGS_S[1] - LAGS_S[0]) * 0.5 * (before - after) / (before - 2 * at + after))
+
+
+def _checks(frames: Frames) -> list[str]:
+    """What looks wrong with units and axes. Raises InputError where it cannot be a sensor of this size."""
+    force, torque = (np.sqrt((frames.wrench[:, part] ** 2).mean()) for part in (slice(0, 3), slice(3, 6)))
+    arm_mm = torque / max(force, 1e-12)
+    if arm_mm > 1000 or arm_mm < 0.01:
+        raise InputError(
+            f"torques are {arm_mm:.3g} mm times the forces: give them in N mm, forces in N (axes fx fy fz tx ty tz)"
+        )
+    said = []
+    if frames.wrench[:, 2].mean() > 0:
+        said.append("Fz is positive on average: pressing must be negative (forces act on the pad, +z out of it)")
+    return said
+
+
+def _with_forward(found: WrenchMap, frames: Frames, errors: Array, bend: Bend | None) -> WrenchMap:
+    """Adds what features a wrench makes, how far they may be off, and the covariance."""
+    u = found.scaled(frames.features @ found.gain.T)
+    pairs = products(u)
+    if bend is not None:
+        beyond = bend(_solve(u, frames.features, RIDGES[0]))
+        first = _solve(u, frames.features - pairs @ beyond.T, RIDGES[0])
+    else:
+        is_excited = np.sqrt((pairs**2).mean(axis=0)) > LEAST_PRODUCT
+        both = _solve(np.concatenate([u, pairs * is_excited], axis=1), frames.features, FREE_RIDGE)
+        first, beyond = both[:, :6], both[:, 6:] * is_excited
+    off = np.abs(frames.features - u @ first.T - pairs @ beyond.T)
+    forward = np.concatenate([first, beyond], axis=1)
+    return replace(found, forward=forward, tolerance=TOLERANCE * off.max(axis=0), error=_error(found, frames, errors))
+
+
+def _error(found: WrenchMap, frames: Frames, errors: Array) -> Array:
+    """Vectors of the covariance: at rest the features' noise through K; of a load what is left of the held-out errors.
+
+    The reference's own noise is in both and goes: it is what the reference says of rest frames, where nothing presses.
+    """
+    u = found.scaled(frames.features @ found.gain.T)
+    size2 = (u**2).sum(axis=1)
+    at_rest = size2 < 0.02**2
+    if at_rest.sum() < 20:
+        raise InputError("the log has fewer than 20 frames at rest: leave some before every load")
+    quiet = np.cov((frames.features[at_rest] @ found.gain.T).T)
+    loaded = size2 > 0.1**2
+    left = np.cov(errors[loaded].T) - np.cov(errors[at_rest].T)
+    growing = left / size2[loaded].mean()
+    return np.stack([_vectors(quiet), _vectors(growing, least=LEAST_ERROR * found.full)])
+
+
+def _vectors(covariance: Array, least: Array | None = None) -> Array:
+    """Rows whose outer products sum to the nearest covariance that is one; `least` standard deviations are added."""
+    values, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    rows = (axes * np.sqrt(values.clip(0))).T
+    if least is not None:
+        values, axes = np.linalg.eigh(rows.T @ rows + np.diag(least**2))
+        rows = (axes * np.sqrt(values.clip(0))).T
+    return np.asarray(rows)

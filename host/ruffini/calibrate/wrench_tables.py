@@ -1,0 +1,55 @@
+"""A wrench map as the firmware's integers, kind `wrench` of proto/CALIBRATION.md."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.calibrate.container import Tensors
+from ruffini.calibrate.feature_log import Features
+from ruffini.calibrate.wrench_map import TIMES_S, Fit
+from ruffini.errors import InputError
+
+FINE = 16e6  # steps of 1/16 uN or 1/16 uN mm in a newton or N mm
+MICRO = 1e6
+MAX_ENTRY, MAX_SHIFT, MAX_SIGMA = 1 << 26, 40, 1 << 25
+PART = 1 << 20
+
+I32 = npt.NDArray[np.int32]
+
+
+def tables(fit: Fit, features: Features) -> tuple[Tensors, dict[str, str]]:
+    """Tensors and metadata.
+
+    Raises
+    ------
+    InputError
+        A number does not fit the format: the units of the log cannot be right.
+    """
+    found = fit.map
+    gain, shift = np.zeros(found.gain.shape, np.int32), np.zeros(6, np.uint8)
+    for i, row in enumerate(found.gain * FINE):
+        largest = max(float(np.abs(row).max()), 2.0**-14)
+        shift[i] = int(np.clip(np.floor(np.log2(MAX_ENTRY / largest) - 1e-9), 1, MAX_SHIFT))
+        gain[i] = _held(row * 2.0 ** shift[i], MAX_ENTRY, "gain")
+    tensors: Tensors = {
+        "wrench.gain": gain,
+        "wrench.shift": shift,
+        "wrench.full_scale": _held(found.full * MICRO, 1 << 30, "full scale"),
+        "wrench.square": _held(found.square * FINE, MAX_ENTRY, "quadratic term"),
+        "wrench.error": _held(found.error * MICRO, MAX_SIGMA, "error"),
+        "wrench.forward": _held(found.forward, MAX_ENTRY, "feature"),
+        "wrench.tolerance": np.maximum(_held(found.tolerance, MAX_ENTRY, "tolerance"), 1).astype(np.int32),
+    }
+    if found.relax.any():
+        tensors["wrench.relax_time_ms"] = np.array([round(1e3 * t) for t in TIMES_S], np.int32)
+        tensors["wrench.relax_part"] = _held(found.relax * PART, PART, "relaxation")
+    return tensors, {"wrench.features": features.sort, "residuals": json.dumps(fit.report())}
+
+
+def _held(values: npt.NDArray[np.float64], limit: int, what: str) -> I32:
+    if np.abs(values).max(initial=0) > limit:
+        raise InputError(f"the {what} does not fit the table: are forces in N, torques in N mm, shifts in pixels?")
+    return np.round(values).astype(np.int32)

@@ -1,0 +1,172 @@
+"""A wrench fitted to features: what was put into made-up recordings comes out again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from ruffini.boards import find_board
+from ruffini.calibrate.feature_log import FeatureRun, Features
+from ruffini.calibrate.target_geometry import TargetGeometry
+from ruffini.calibrate.wrench_map import AXES, Fit, fit_wrench_map, frames_of, memories
+from ruffini.calibrate.wrench_tables import tables
+from ruffini.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+RATE_HZ, LAG_S, N_FEATURES = 30.0, 0.023, 9
+FULL = np.array([1.0, 1.0, 8.0, 20.0, 20.0, 20.0])  # N, N mm
+TO_N_M = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])
+NOISE = 300.0  # of a feature, raw units; a full load makes about 5e5
+
+
+def loads(seed: int, n_frames: int = 60, n_held: int = 0) -> Array:
+    """Rest, push, hold and release, rest: (t, 6) N and N mm."""
+    rng = np.random.default_rng(seed)
+    way = np.sin(np.pi * np.arange(n_frames) / n_frames) ** 2
+    middle = n_frames // 2
+    push = np.concatenate([np.zeros(10), way[:middle], np.ones(n_held), way[middle:], np.zeros(10)])
+    peak = rng.uniform(-1, 1, 6) * FULL
+    peak[2] = -abs(peak[2])
+    return np.asarray(push[:, None] * peak)
+
+
+def recordings(
+    n: int, *, bend: float = 0.0, forgets: float = 0.0, silent: int | None = None, noise: float = NOISE
+) -> list[FeatureRun]:
+    """A sensor whose features are linear in the wrench up to `bend`, and that forgets `forgets` of it."""
+    truth = np.random.default_rng(1)
+    made_by = truth.normal(size=(N_FEATURES, 6)) * 5e5 / FULL
+    square = truth.normal(size=(N_FEATURES, 6)) * 5e5
+    out = []
+    for k in range(n):
+        rng = np.random.default_rng(100 + k)
+        wrench = loads(k, n_held=90 if forgets else 0)
+        if silent is not None:
+            wrench[:, silent] = 0
+        strained = wrench.copy()
+        if forgets:  # what it is strained by, so that the wrench is what is left of it after 0.3 s
+            h, before = np.zeros(6), np.zeros(6)
+            step = 1 - np.exp(-1 / RATE_HZ / 0.3)
+            for t, w in enumerate(wrench):
+                fixed = h + step * (before / 2 - h)
+                strained[t] = (w + forgets * fixed) / (1 - forgets * step / 2)
+                h = h + step * ((strained[t] + before) / 2 - h)
+                before = strained[t]
+        features = strained @ made_by.T + bend * (strained / FULL) ** 2 @ square.T
+        features += rng.normal(size=features.shape) * noise
+        time_s = np.arange(len(wrench)) / RATE_HZ
+        late = np.stack([np.interp(time_s - LAG_S, time_s, column) for column in wrench.T], axis=1)
+        out.append(FeatureRun(f"made/{k}", time_s, features, np.ones(len(wrench), bool), time_s, late * TO_N_M))
+    return out
+
+
+def error_on_new(fit: Fit, **made: float) -> Array:
+    """RMSE of each axis over its range, on recordings that nothing was fitted on."""
+    frames = frames_of(recordings(40, **made)[30:], LAG_S)  # type: ignore[arg-type]
+    return np.asarray(np.sqrt(((fit.map.predicted(frames) - frames.wrench) ** 2).mean(axis=0)) / FULL)
+
+
+def test_k_and_the_lag_of_a_linear_sensor() -> None:
+    fit = fit_wrench_map(recordings(30))
+    assert fit.lag_s == pytest.approx(LAG_S, abs=0.004)
+    assert fit.terms == {"quadratic": [], "relaxation": []}
+    assert (error_on_new(fit) < 0.004).all()
+    assert (fit.r2 > 0.99).all()
+
+
+def test_quadratic_terms_stay_where_they_pay() -> None:
+    fit = fit_wrench_map(recordings(30, bend=0.08))
+    assert fit.terms["quadratic"]
+    assert (fit.rmse < 0.7 * fit.linear_rmse).any()
+    assert (error_on_new(fit, bend=0.08) < 0.02).all()
+
+
+def test_what_the_structure_forgets_is_found() -> None:
+    fit = fit_wrench_map(recordings(30, forgets=0.2))
+    assert set(fit.terms["relaxation"]) == set(AXES)
+    assert fit.map.relax[0] == pytest.approx(np.full(6, 0.2), abs=0.05)
+    assert (error_on_new(fit, forgets=0.2) < 0.01).all()
+
+
+def test_an_axis_that_nobody_loads_is_not_measured() -> None:
+    fit = fit_wrench_map(recordings(30, silent=5))
+    assert fit.report()["not_measured"] == ["Tz"]
+    assert tables(fit, Features("targets", N_FEATURES))[0]["wrench.full_scale"][5] == 0
+
+
+def test_wrong_units_and_too_little_are_refused() -> None:
+    runs = recordings(10)
+    thousand = [replace(r, reference=r.reference * np.array([1, 1, 1, 1e3, 1e3, 1e3])) for r in runs]
+    with pytest.raises(InputError, match="give them in N mm"):
+        fit_wrench_map(thousand)
+    with pytest.raises(InputError, match="only 3 recordings"):
+        fit_wrench_map(recordings(3))
+    with pytest.raises(InputError, match="recording or touch"):
+        fit_wrench_map(runs, holdout="frame")
+    late = [replace(r, reference_s=r.reference_s + 0.3) for r in runs]
+    with pytest.raises(InputError, match="off the pictures"):
+        fit_wrench_map(late)
+
+
+def test_touches_of_one_recording_can_be_held_out() -> None:
+    runs = recordings(12)
+    joined = FeatureRun(
+        "one", np.arange(sum(len(r.time_s) for r in runs)) / RATE_HZ, np.concatenate([r.features for r in runs]),
+        np.concatenate([r.is_good for r in runs]), np.arange(sum(len(r.time_s) for r in runs)) / RATE_HZ,
+        np.concatenate([r.reference for r in runs]),
+    )  # fmt: skip
+    assert (fit_wrench_map([joined], holdout="touch").r2 > 0.99).all()
+    with pytest.raises(InputError, match="only 1 recordings"):
+        fit_wrench_map([joined])
+
+
+def test_the_covariance_covers_what_it_errs_by() -> None:
+    """Within three stated sigmas, 99 % of the frames of every axis, and not many times too wide."""
+    fit = fit_wrench_map(recordings(30, bend=0.05))
+    frames = frames_of(recordings(40, bend=0.05)[30:], LAG_S)
+    error = fit.map.predicted(frames) - frames.wrench
+    size = np.sqrt((fit.map.scaled(frames.features @ fit.map.gain.T) ** 2).sum(axis=1))
+    constant, growing = fit.map.error
+    sigma = np.sqrt((constant**2).sum(axis=0) + size[:, None] ** 2 * (growing**2).sum(axis=0))
+    assert (np.mean(np.abs(error) < 3 * sigma, axis=0) > 0.97).all()
+    assert (np.sqrt(np.mean((error / sigma) ** 2, axis=0)) > 0.1).all()
+
+
+def test_the_geometry_gives_pairs_that_no_load_of_the_log_has() -> None:
+    """A tray of one stiffness, loaded one axis at a time; judged under all axes together."""
+    geometry = TargetGeometry(find_board("ftouch"))
+    compliance = np.array([0.4, 0.4, 0.08, 6e-4, 6e-4, 2e-3])  # mm or rad for 1 N or N mm
+
+    def recording(k: int, peak: Array) -> FeatureRun:
+        push = np.concatenate([np.zeros(12), np.sin(np.pi * np.arange(40) / 40) ** 2, np.zeros(12)])
+        wrench = push[:, None] * peak
+        features = geometry.features(wrench * compliance)
+        features += np.random.default_rng(k).normal(size=features.shape) * NOISE
+        time_s = np.arange(len(push)) / RATE_HZ
+        return FeatureRun(f"axis/{k}", time_s, features, np.ones(len(push), bool), time_s, wrench * TO_N_M)
+
+    rng = np.random.default_rng(5)
+    single = [
+        recording(k, np.eye(6)[k % 6] * FULL * rng.uniform(0.5, 1) * (1 if k % 6 != 2 else -1)) for k in range(36)
+    ]
+    together = frames_of([recording(100 + k, rng.uniform(-1, 1, 6) * FULL) for k in range(20)], 0.0)
+    errors = {}
+    for name, bend in (("free", None), ("geometry", geometry.second_order)):
+        found = fit_wrench_map(single, bend=bend).map
+        errors[name] = np.sqrt(((found.predicted(together) - together.wrench) ** 2).mean(axis=0)) / FULL
+    assert (errors["geometry"] < 0.03).all()
+    assert errors["geometry"].sum() < 0.7 * errors["free"].sum(), errors
+
+
+def test_memories_follow_their_equation() -> None:
+    """After a step held for one time constant, 1 - 1/e of it is forgotten."""
+    runs = recordings(1)
+    frames = frames_of(runs, 0.0)
+    held = np.ones((len(frames.features), 6))
+    h = memories(held, frames)
+    after = int(0.3 * RATE_HZ)
+    assert h[0, after, 0] == pytest.approx(1 - np.exp(-1), abs=0.06)
