@@ -432,6 +432,11 @@ Status FramePath::load_tables() {
     return Error{ErrorKind::kBadInput, "calibration file: larger than the " + std::to_string(board_.calibration_kb) +
                                            " kB of [memory] calibration_kb: make one with fewer nodes"};
   }
+  if (c.has_kind("dark")) {
+    auto dark = c.tensor("dark.image", Tensor::Type::kU16, {board_.camera.height_px, board_.camera.width_px, 3});
+    if (!dark) return dark.error();
+    rest_.set_dark(dark.value()->as<uint16_t>());
+  }
   if (c.has_kind("camera")) {
     const Status camera = load_camera_map();
     if (!camera) return camera.error();

@@ -35,6 +35,11 @@ void Rest::load(std::span<const uint16_t> image) {
   finish();
 }
 
+void Rest::set_dark(std::span<const uint16_t> image) {
+  dark_.assign(image.begin(), image.end());
+  if (is_ready_) finish();
+}
+
 bool Rest::add(const FrameView& frame) {
   const size_t row_values = static_cast<size_t>(width_px_) * 3;
   for (int y = 0; y < height_px_; ++y) {
@@ -52,7 +57,7 @@ bool Rest::add(const FrameView& frame) {
 void Rest::finish() {
   const size_t n_pixels = image_.size() / 3;
   for (size_t i = 0; i < image_.size(); ++i) {
-    const uint32_t divisor = std::max(image_[i], kMinRest);
+    const uint32_t divisor = std::max(static_cast<uint16_t>(image_[i] - dark(i)), kMinRest);
     unit_reciprocal_[i % 3 * n_pixels + i / 3] =
         static_cast<int16_t>(std::min(((uint32_t{1} << 24) + divisor / 2) / divisor, kMaxReciprocal));
   }
@@ -65,7 +70,9 @@ void Rest::set_gain(const Gain& gain) {
   for (size_t c = 0; c < 3; ++c) {
     const int64_t inverse_q14 = ((int64_t{1} << 34) + gain[c] / 2) / gain[c];
     for (size_t i = 0; i < n_pixels; ++i) {
-      const int64_t rest8 = (int64_t{8} * std::min(image_[3 * i + c], kMaxRest) * gain[c] + kUnitGain / 2) >> 20;
+      const int64_t unlit = std::min(dark(3 * i + c), kMaxRest);
+      const int64_t lit = std::min(image_[3 * i + c], kMaxRest) - unlit;
+      const int64_t rest8 = 8 * unlit + ((8 * lit * gain[c] + kUnitGain / 2) >> 20);
       const int64_t reciprocal = (unit_reciprocal_[c * n_pixels + i] * inverse_q14 + (1 << 13)) >> 14;
       planes8_[c * n_pixels + i] = static_cast<int16_t>(std::min(rest8, kMax16));
       reciprocal_[c * n_pixels + i] = static_cast<int16_t>(std::min(reciprocal, kMax16));

@@ -3,12 +3,16 @@
 //   rest = (16 sum + n / 2) / n          per channel, 1/16 grey level, uint16
 //   reciprocal = (2^24 + floor / 2) / floor, floor = max(rest, 512), at most 2^15 - 1
 //
+// With a dark frame (what the camera shows with the lamps off: black level, daylight) only rest - dark is of the lamps:
+// it stands for rest in the reciprocal, and the gain multiplies it alone.
+//
 // Below 32 grey levels (512) a ratio says little and could leave the 16 bits of RelativeChange. A gain per channel
 // (image/light.h) makes it the image under other light: rest gain, reciprocal / gain.
 //
 // Frame thread; no allocation after the constructor.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -33,6 +37,9 @@ class Rest {
   // One more untouched frame; true when this one completed the mean.
   bool add(const FrameView& frame);
 
+  // What is not of the lamps, width x height x 3 in 1/16 grey levels; empty: nothing.
+  void set_dark(std::span<const uint16_t> image);
+
   // The light is this many times what it was; a new image starts from 1 again.
   void set_gain(const Gain& gain);
 
@@ -44,6 +51,7 @@ class Rest {
 
  private:
   void finish();
+  [[nodiscard]] uint16_t dark(size_t i) const { return dark_.empty() ? uint16_t{0} : std::min(dark_[i], image_[i]); }
 
   int width_px_;
   int height_px_;
@@ -53,6 +61,7 @@ class Rest {
   bool is_ready_ = false;
   std::vector<uint32_t> sum_;
   std::vector<uint16_t> image_;
+  std::vector<uint16_t> dark_;    // at most the image; empty: 0
   std::vector<int16_t> planes8_;  // 8 rest
   std::vector<int16_t> reciprocal_;
   std::vector<int16_t> unit_reciprocal_;  // at gain 1

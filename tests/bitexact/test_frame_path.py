@@ -83,8 +83,10 @@ def test_every_stage_over_a_recording(step: int, has_camera_map: bool) -> None:
     relaxation, relaxation_metadata = memory.tensors() if step == 2 else ({}, {})
     camera, camera_metadata = camera_tables(board, rng) if has_camera_map else ({}, {})
     noise = {} if has_camera_map else {"contact.noise_un": np.array(NOISE_UN, np.int32)}
+    shape = (board["camera"]["height_px"], board["camera"]["width_px"], 3)
+    dark = {"dark.image": rng.integers(0, 16 * 60, shape).astype(np.uint16)} if has_camera_map else {}
     file = pack(
-        {**kind.tensors, **photometric_tables(rng), **relaxation, **camera, **noise},
+        {**kind.tensors, **photometric_tables(rng), **relaxation, **camera, **noise, **dark},
         {**base_metadata(typed), **kind.metadata, **relaxation_metadata, **camera_metadata},
     )
     rest = np.stack([render(board, np.random.default_rng(7), 0.0) for _ in range(N_REST)])
@@ -125,6 +127,7 @@ def test_drifting_light_is_followed_while_nothing_touches() -> None:
     rng = np.random.default_rng(3)
     kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
     noise = {"contact.noise_un": np.array(NOISE_UN, np.int32)}
+    noise["dark.image"] = np.full((board["camera"]["height_px"], board["camera"]["width_px"], 3), 300, np.uint16)
     file = pack({**kind.tensors, **photometric_tables(rng), **noise}, {**base_metadata(typed), **kind.metadata})
     mirror = FramePath(board, file.tensors, file.metadata)
     rest = np.stack([render(board, rng, 0.0) for _ in range(N_REST)])

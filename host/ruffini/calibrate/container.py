@@ -25,6 +25,7 @@ MAX_RANK = 8
 KINDS = {
     "camera",
     "contact",
+    "dark",
     "finite_strain",
     "operator",
     "photometric",

@@ -13,6 +13,7 @@ from ruffini.cli import (
     check,
     collect,
     contact,
+    dark,
     demo,
     device,
     evaluate,
@@ -42,6 +43,7 @@ app.command("track")(offline.track)
 app.command("depth")(offline.depth)
 app.command("field")(offline.field)
 cal.app.command("camera")(camera.camera)
+cal.app.command("dark")(dark.dark)
 cal.app.command("contact")(contact.contact)
 cal.app.command("wrench")(wrench.wrench)
 cal.app.command("collect")(collect.collect)

@@ -68,9 +68,11 @@ def light_level(sample: I64, median: I64) -> tuple[I64, bool]:
 class Light:
     """Rest (h, w, 3) under the light of now: gain (3,) Q20, followed while nothing touches."""
 
-    def __init__(self, rest: I64) -> None:
+    def __init__(self, rest: I64, dark: I64 | None = None) -> None:
         height, width, _ = rest.shape
-        self._unit = np.minimum(rest, 16 * 255), reciprocal(rest)
+        unlit = np.zeros_like(rest) if dark is None else np.minimum(dark, rest)
+        self._unit = np.minimum(rest, 16 * 255), reciprocal(rest - unlit)
+        self._unlit = np.minimum(unlit, 16 * 255)
         samples = [(y, x) for y in range(4, height - 1, 8) for x in range(4, width - 7, 16)]
         self._samples = [(y, x) for y, x in samples if all(_is_usable(row) for row in rest[y : y + 2, x : x + 8])]
         self.gain = np.full(3, UNIT_GAIN)
@@ -84,7 +86,8 @@ class Light:
         image, unit = self._unit
         self._in_force = self.gain.copy()
         inverse_q14 = ((1 << 34) + self.gain // 2) // self.gain
-        self.rest8 = np.minimum(round_shift(8 * image * self.gain, 20), 32767)
+        lit = image - self._unlit
+        self.rest8 = np.minimum(8 * self._unlit + round_shift(8 * lit * self.gain, 20), 32767)
         self.reciprocal = np.minimum(round_shift(unit * inverse_q14, 14), 32767)
 
     def follow(self, change: I64, markers: I64) -> None:

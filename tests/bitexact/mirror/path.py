@@ -64,6 +64,7 @@ class FramePath:
         if "relaxation.part" in tensors:
             part, time_ms = (tensors[f"relaxation.{name}"].astype(np.int32) for name in ("part", "time_ms"))
             self._relaxation = Relaxation(part, time_ms, len(self._places))
+        self._dark = tensors["dark.image"].astype(np.int64) if "dark.image" in tensors else None
         self.is_light_steady = True
         self._n_drifting, self._was_touched = 0, False
         self._noise: Noise | None = None
@@ -81,7 +82,7 @@ class FramePath:
     def learn(self, frames: npt.NDArray[np.uint8]) -> int:
         """Rest from untouched frames; number of markers found."""
         rest = rest_image(frames)
-        self.light = Light(rest)
+        self.light = Light(rest, self._dark)
         return self._lattice.learn(detect_dots(self.board, grey_of_rest(rest)))
 
     def process(self, frame: npt.NDArray[np.uint8], capture_us: int) -> Outcome:

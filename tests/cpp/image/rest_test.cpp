@@ -48,5 +48,23 @@ TEST(Rest, LoadedImageIsInForceAtOnce) {
   EXPECT_TRUE(std::equal(stored.begin(), stored.end(), rest.image().begin()));
 }
 
+TEST(Rest, OnlyWhatIsNotDarkIsOfTheLamps) {
+  Rest rest(2, 1, 1);
+  const std::vector<uint16_t> dark = {16 * 36, 0, 16 * 200, 16 * 5, 16 * 5, 16 * 5};
+  rest.set_dark(dark);
+  ASSERT_TRUE(rest.add(view({100, 100, 100, 69, 5, 0})));
+  // Of 64 and 64 grey levels; darker than the dark frame is nothing, which counts as 32.
+  EXPECT_EQ(rest.reciprocal()[0], 16'384);
+  EXPECT_EQ(rest.reciprocal()[1], 16'384);
+  EXPECT_EQ(rest.reciprocal()[4], 32'767);
+  EXPECT_EQ(rest.planes8()[0], 8 * 1'600);
+  rest.set_gain({Rest::kUnitGain * 5 / 4, Rest::kUnitGain, Rest::kUnitGain});
+  EXPECT_EQ(rest.planes8()[0], 8 * 16 * (36 + 80));
+  EXPECT_EQ(rest.planes8()[1], 8 * 16 * (5 + 80));
+  EXPECT_EQ(rest.planes8()[2], 8 * 1'600);
+  rest.set_dark({});
+  EXPECT_EQ(rest.reciprocal()[0], 10'486);  // 2^24 / 1600
+}
+
 }  // namespace
 }  // namespace ruffini

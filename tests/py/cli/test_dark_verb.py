@@ -1,0 +1,75 @@
+"""ruffini cal dark as typed, and what the core makes of it: daylight that leaks in no longer makes slopes smaller."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from small_board import Files, Run
+
+from ruffini.calibrate import container
+from ruffini.calibrate.dark import dark_frame, dark_of
+from ruffini.core import Pipeline
+from ruffini.errors import InputError
+
+SHAPE = (240, 320, 3)
+LEAK = np.linspace(40, 0, 320)[None, :, None] * np.ones(SHAPE) + 4  # daylight from the left, and a black level
+
+
+def write_dark(folder: Path, n: int = 12, level: float = 0.0) -> Path:
+    folder.mkdir()
+    rng = np.random.default_rng(1)
+    for i in range(n):
+        frame = LEAK + level + rng.normal(0, 1.5, SHAPE)
+        cv2.imwrite(str(folder / f"{i:03}.png"), np.clip(np.round(frame), 0, 255).astype(np.uint8))
+    return folder
+
+
+def test_a_change_of_the_lamps_light_is_told_whatever_leaks_in(files: Files, run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "dark.safetensors"
+    code, text, err = run("cal", "dark", write_dark(tmp_path / "log"), "--board", files.folder, "--out", out, "--json")
+    assert code == 0, err
+    report = json.loads(text)
+    assert report["frames"] == 12
+    np.testing.assert_allclose(report["level_bgr"], LEAK.mean(), atol=0.2)
+    assert report["noise"] == pytest.approx(1.5, abs=0.2)
+    file = container.read(out)
+    assert file.kinds == ["dark"]
+    np.testing.assert_allclose(dark_of(file), LEAK, atol=2.5)
+    lit = np.round(LEAK + 100).astype(np.uint8)
+    pressed = np.round(LEAK + 120).astype(np.uint8)  # 20 % more of the lamps' light
+    changes = []
+    for data in (None, file.data):
+        with Pipeline(files.board, data) as pipeline:
+            pipeline.set_rest(lit)
+            pipeline.process(pressed)
+            changes.append(pipeline.raw("change")[..., 0] / 4096)
+    assert changes[0].min() < 0.15
+    np.testing.assert_allclose(changes[1], 0.20, atol=0.01)
+
+
+def test_lamps_that_are_on_are_refused(files: Files, run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "dark.safetensors"
+    code, _, err = run("cal", "dark", write_dark(tmp_path / "log", level=100), "--board", files.folder, "--out", out)
+    assert code == 2
+    assert "are the lamps off?" in err
+    assert not out.exists()
+
+
+def test_too_few_frames_and_other_sizes_are_refused(files: Files) -> None:
+    frame = np.zeros(SHAPE, np.uint8)
+    with pytest.raises(InputError, match="at least 8"):
+        dark_frame(files.board, [frame] * 7)
+    with pytest.raises(InputError, match="frame 8 is 100x50, board 'small' needs 320x240"):
+        dark_frame(files.board, [*[frame] * 8, np.zeros((50, 100, 3), np.uint8)])
+    with pytest.raises(InputError, match="no dark frame"):
+        dark_of(container.read(files.operator))
+
+
+def test_a_dark_frame_of_another_size_is_refused_by_the_core(files: Files) -> None:
+    tensors = {"dark.image": np.zeros((10, 10, 3), np.uint16)}
+    with pytest.raises(InputError, match=r"dark\.image"):
+        Pipeline(files.board, container.pack(tensors, container.base_metadata(files.board)).data)
