@@ -15,9 +15,9 @@ from conftest import Twin
 
 from ruffini.cli import main
 from ruffini.demo.daemon import running_daemon
-from ruffini.rig.emulated_dialects import EmulatedMarlin
+from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
 from ruffini.rig.emulated_person import EmulatedPerson
-from ruffini.rig.emulated_references import EmulatedLogger, EmulatedTextCell
+from ruffini.rig.emulated_references import EmulatedLogger, EmulatedPage, EmulatedTextCell, Mount
 from ruffini.rig.found import is_held
 from ruffini.rig.log_file import Log, read_log
 from ruffini.rig.twin_bench import ORIGIN, Hanging, Loader, build_twin_bench
@@ -115,6 +115,34 @@ def test_a_stage_and_a_cell_that_prints_grams(twin: Twin, tmp_path, monkeypatch,
         assert np.isnan(touch.arrays["reference_wrench"][:, 0]).all()
         truth = held(touch, "reference_wrench", "reference_s")
         assert held(touch, "stream_wrench", "stream_host_s") == pytest.approx(truth, rel=0.3)
+
+
+def test_six_axes_over_the_network_that_stand_turned(twin: Twin, tmp_path, monkeypatch, capsys, slow_is_fine) -> None:
+    with EmulatedGrbl() as machine, EmulatedPage(4.0) as page:
+        desk = Desk(twin, tmp_path, Hanging(machine, twin.unit, Indenter("sphere", 0.003)), capsys)
+        desk.bench.cell.mount = Mount((0.0, 0.0, 90.0))  # the pad's x is its y
+        origin = ", ".join(f"{1e3 * v:.3f}" for v in ORIGIN)
+        rig = f"""[reference]
+kind = "network"
+host = "127.0.0.1"
+port = {desk.bench.cell.port}
+http_port = {page.server_port}
+axes = ["+y", "-x", "+z"]
+full_scale = [20.0, 20.0, 20.0, 0.5, 0.5, 0.5]
+sigma = [0.005, 0.005, 0.005, 0.00005, 0.00005, 0.00005]
+[stage]
+kind = "grbl"
+port = "{machine.port}"
+origin_mm = [{origin}]
+"""
+        with desk.running(), desk.bench.cell:
+            _, log = desk.collect(monkeypatch, rig + LIMITS, "--n", 3, "--depth-mm", 0.5, "--shear-mm", 0.5)
+    for touch in log.touches:
+        truth = touch.arrays["reference_wrench"][is_held(touch.arrays["reference_s"], touch.facts)].mean(axis=0)
+        assert truth[2] < -0.09
+        shear = np.array([touch.facts["shear_x_m"], touch.facts["shear_y_m"]])
+        if shear.any():
+            assert truth[:2] @ shear > 0.9 * np.linalg.norm(truth[:2]) * np.linalg.norm(shear)
 
 
 def test_weights(twin: Twin, tmp_path, monkeypatch, capsys, person, slow_is_fine) -> None:

@@ -14,11 +14,19 @@ from ruffini.device import Connection
 from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
 from ruffini.rig.emulated_machine import EmulatedMachine
 from ruffini.rig.emulated_person import EmulatedPerson
-from ruffini.rig.emulated_references import ASKEW, FULL_SCALE, SIGMA, EmulatedLogger, EmulatedTextCell, Mount
+from ruffini.rig.emulated_references import (
+    ASKEW,
+    FULL_SCALE,
+    SIGMA,
+    EmulatedLogger,
+    EmulatedPage,
+    EmulatedTextCell,
+    Mount,
+)
 from ruffini.rig.grbl import Grbl
 from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.marlin import Marlin
-from ruffini.rig.network_cell import NetworkCell
+from ruffini.rig.network_cell import NetworkCell, fetch_settings
 from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.program import BY_STAGE, Span
 from ruffini.rig.reference import Reference
@@ -125,7 +133,8 @@ def open_simulated(
         stage = driver(machine.port)
         stack.callback(stage.close)
     text_cell = stack.enter_context(EmulatedTextCell(options.seed)) if kind == "tube" else None
-    reference = _reference(twin, text_cell, program, REFERENCE_HZ[kind])
+    page = stack.enter_context(EmulatedPage(REFERENCE_HZ[kind]))
+    reference = _reference(twin, text_cell, page, program, REFERENCE_HZ[kind])
     parts = Parts(sensor, person, PACES[kind], reference=reference, max_force_n=MAX_FORCE_N, stage=stage, origin=ORIGIN)
     return Simulated(parts, twin, machine, text_cell)
 
@@ -141,11 +150,14 @@ def open_logged(
     return SensorParts(simulated.parts.sensor, simulated.parts.person, simulated.parts.pace), csv
 
 
-def _reference(twin: TwinBench, text_cell: EmulatedTextCell | None, program: str, rate_hz: float) -> Reference:
+def _reference(
+    twin: TwinBench, text_cell: EmulatedTextCell | None, page: EmulatedPage, program: str, rate_hz: float
+) -> Reference:
     """Weights are their own reference; a tube's paper has a cell on the tip, which has one axis; the others six."""
     if program == "weights":
         return PlacedWeight(WEIGHT_SIGMA_G)
     if text_cell is not None:
         twin.twin.listeners.append(text_cell.measure)
         return TextCell(text_cell.port, "N", float(FULL_SCALE[2]), float(SIGMA[2]), rate_hz=rate_hz)
-    return NetworkCell("127.0.0.1", FULL_SCALE, SIGMA, settings=twin.cell.settings, port=twin.cell.port)
+    settings = fetch_settings("127.0.0.1", page.server_port)
+    return NetworkCell("127.0.0.1", FULL_SCALE, SIGMA, settings=settings, port=twin.cell.port)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import http.server
 import os
 import pty
 import queue
@@ -105,6 +106,38 @@ class EmulatedNetworkCell:
         counts = np.round(self.gain * (self.mount.reads(wrench) + self.drift + noise) / PER_COUNT).astype(int)
         status = ERROR_BIT | SATURATED_BIT if self.is_saturated else 0
         return RECORD.pack(sequence, sequence, status, *counts.tolist())
+
+
+PAGE = """<?xml version="1.0"?><netft><cfgcpf>{:g}</cfgcpf><cfgcpt>{:g}</cfgcpt>
+<scfgfu>N</scfgfu><scfgtu>Nm</scfgtu><comrdtrate>{:g}</comrdtrate></netft>"""
+
+
+class EmulatedPage(http.server.ThreadingHTTPServer):
+    """The web page of a force/torque box, on loopback."""
+
+    daemon_threads = True
+
+    def __init__(self, rate_hz: float) -> None:
+        page = PAGE.format(1 / PER_COUNT[0], 1 / PER_COUNT[3], rate_hz).encode()
+
+        class Handler(http.server.BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                self.send_response(200 if self.path == "/netftapi2.xml" else 404)
+                self.end_headers()
+                self.wfile.write(page)
+
+            def log_message(self, format: str, *_: object) -> None:
+                """Nobody reads it."""
+
+        super().__init__(("127.0.0.1", 0), Handler)
+
+    def __enter__(self) -> EmulatedPage:
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.shutdown()
+        self.server_close()
 
 
 class EmulatedTextCell:
