@@ -34,6 +34,7 @@ from ruffini.frames import read_image
 
 Array = npt.NDArray[np.float64]
 
+DARKEST_REST = 32.0  # grey levels of the lamps' light below which a ratio says little (firmware/image/rest.h)
 LATTICE = (13, 17)  # lines of the unmixing table over y, x
 SLOPE_SIZE = 65  # lines of the slope table over q_y, q_x
 Q_LIMIT = 0.97  # |n_t| beyond which the slope is held (76 degrees)
@@ -155,8 +156,10 @@ def _lambertian_slope(q: Array) -> Array:
     return np.asarray(q * scale[:, None])
 
 
-def relative_change(image: Array, reference: Array) -> Array:
-    """d = I / I_rest - 1 per channel, as the firmware's difference stage."""
+def relative_change(image: Array, reference: Array, dark: Array | None = None) -> Array:
+    """d = I / I_rest - 1 per channel, or (I - I_rest) / (I_rest - dark), as the firmware's difference stage."""
+    if dark is not None:
+        return np.asarray((image - reference) / np.maximum(reference - dark, DARKEST_REST))
     return np.asarray(image / np.maximum(reference, 1.0) - 1.0)
 
 
@@ -189,7 +192,7 @@ def collect_samples(
             press, shape, ball_radius_mm=presses.ball_mm / 2, px_per_mm=presses.px_per_mm, camera=camera, inside=1.0
         )
         usable = ~(_dot_mask(image, smooth_reference) | rest_dots)[mask]
-        change = relative_change(image, presses.reference)
+        change = relative_change(image, presses.reference, presses.dark)
         offset = np.argwhere(mask)[:, ::-1] - [press.center_x_px, press.center_y_px]
         level = light_level(change, presses.reference)
         found = Samples(change[mask][usable], place[mask][usable], slope[usable], offset[usable], level,

@@ -50,6 +50,7 @@ class PressSet:
     ball_mm: float
     px_per_mm: float
     is_found: bool = False  # circles without marks by hand
+    dark: Array | None = None  # (h, w, 3) grey levels with the lamps off, where they were measured
 
 
 def load_presses(

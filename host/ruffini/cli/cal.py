@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import resource
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from ruffini.boards import Board
     from ruffini.calibrate.container import CalibrationFile
     from ruffini.calibrate.operator import Material
+    from ruffini.calibrate.presses import PressSet
     from ruffini.fem.operators import Noise
 
 app = typer.Typer(
@@ -257,6 +259,10 @@ def photometric(
         Path | None,
         typer.Option(help="File of `cal camera`: where each pixel looks, in place of board.toml's pinhole."),
     ] = None,
+    dark: Annotated[
+        Path | None,
+        typer.Option(help="File of `cal dark`, where the sensor will have it too: give both to `cal flash`."),
+    ] = None,
     foreign: Annotated[
         bool,
         typer.Option("--foreign", help="The presses come from other optics than the board's: z stays UNCALIBRATED."),
@@ -273,6 +279,7 @@ def photometric(
     found = find_board(board)
     seen_by = None if camera is None else _camera_of(camera, found)
     presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, may_find=True)
+    presses = presses if dark is None else _less_dark(presses, dark, found)
     height, width = presses.reference.shape[:2]
     if not foreign and (width, height) != (found.camera.width_px, found.camera.height_px):
         raise InputError(f"{folder}: images are {width}x{height}, board {found.name!r} has {found.resolution}: "
@@ -289,6 +296,19 @@ def photometric(
          f"{out}: normals of presses left out of the fit: median {report['held_out_normal_median_deg']:.2f} deg, "
          f"worst press {report['held_out_normal_worst_deg']:.2f} deg ({report['n_presses']} presses, "
          f"circles {report['circles']})")  # fmt: skip
+
+
+def _less_dark(presses: PressSet, path: Path, board: Board) -> PressSet:
+    from ruffini.calibrate import container
+    from ruffini.calibrate.dark import dark_of
+
+    file = container.read(path)
+    container.check_board(file, board)
+    image = dark_of(file)
+    if image.shape != presses.reference.shape:
+        height, width = presses.reference.shape[:2]
+        raise InputError(f"{path}: a dark frame of {board.resolution}, the presses are {width}x{height}")
+    return replace(presses, dark=image)
 
 
 def _camera_of(path: Path, board: Board) -> CalibrationFile:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,9 @@ from small_board import Files, Run
 
 from ruffini.calibrate import container
 from ruffini.calibrate.dark import dark_frame, dark_of
+from ruffini.calibrate.pad_view import pad_view
+from ruffini.calibrate.photometric import collect_samples
+from ruffini.calibrate.presses import load_presses
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
 
@@ -73,3 +77,44 @@ def test_a_dark_frame_of_another_size_is_refused_by_the_core(files: Files) -> No
     tensors = {"dark.image": np.zeros((10, 10, 3), np.uint16)}
     with pytest.raises(InputError, match=r"dark\.image"):
         Pipeline(files.board, container.pack(tensors, container.base_metadata(files.board)).data)
+
+
+def write_presses(folder: Path, leak: np.ndarray) -> Path:
+    """A ball of 4 mm at 15 px/mm in light that grows with the slope along x in blue and along y in red."""
+    folder.mkdir()
+    rng, lines = np.random.default_rng(7), ["image,center_x_px,center_y_px,contact_radius_px"]
+    y, x = np.mgrid[:240, :320].astype(float)
+    for i in range(-1, 4):
+        cx, cy, radius = rng.uniform(40, 280), rng.uniform(40, 200), rng.uniform(12, 18)
+        dx, dy = x - cx, y - cy
+        inside = (np.hypot(dx, dy) < radius) & (i >= 0)
+        light = np.stack([1 + 0.5 * dx / 30 * inside, np.ones_like(x), 1 + 0.5 * dy / 30 * inside], axis=-1)
+        frame = np.clip(np.round(100 * light + leak + rng.normal(0, 0.5, SHAPE)), 0, 255).astype(np.uint8)
+        name = "reference.png" if i < 0 else f"{i}.png"
+        cv2.imwrite(str(folder / name), frame)
+        lines += [f"{name},{cx:.2f},{cy:.2f},{radius:.2f}"] * (i >= 0)
+    (folder / "presses.csv").write_text("\n".join(lines) + "\n")
+    (folder / "presses.toml").write_text("ball_mm = 4.0\npx_per_mm = 15.0\n")
+    return folder
+
+
+def test_colours_are_fitted_without_what_leaks_in(files: Files, tmp_path: Path) -> None:
+    clean, leaky = (load_presses(write_presses(tmp_path / n, k * LEAK)) for n, k in (("clean", 0), ("leaky", 1)))
+    dark = replace(leaky, dark=LEAK)
+    view = pad_view(files.board, {}, {})
+    true, spoilt, told = (np.concatenate([s.change for s in collect_samples(p, view)]) for p in (clean, leaky, dark))
+    gain_spoilt, gain_told = ((v * true).sum() / (true**2).sum() for v in (spoilt, told))
+    assert gain_spoilt < 0.85
+    assert gain_told == pytest.approx(1, abs=0.03)
+
+
+def test_the_verb_fits_colours_with_it(files: Files, run: Run, tmp_path: Path) -> None:
+    folder, out = write_presses(tmp_path / "presses", LEAK), tmp_path / "colours.safetensors"
+    words = ("cal", "photometric", folder, "--board", files.folder, "--out", out, "--dark")
+    code, _, err = run(*words, files.operator)
+    assert code == 2
+    assert "no dark frame" in err
+    dark = container.pack({"dark.image": np.round(LEAK * 16).astype(np.uint16)}, container.base_metadata(files.board))
+    container.write(tmp_path / "dark.safetensors", dark)
+    assert run(*words, tmp_path / "dark.safetensors")[0] == 0
+    assert container.read(out).kinds == ["photometric"]
