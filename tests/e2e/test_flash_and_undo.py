@@ -1,0 +1,52 @@
+"""What is flashed can be taken back, and what fails its gates is not flashed: the real daemon on a pty."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from conftest import Sensor, start
+from test_bad_input import run_host
+
+from ruffini.calibrate import container
+
+
+def judged(sensor: Sensor, path: Path, value: float) -> container.CalibrationFile:
+    """The sensor's calibration with a report of one gate, at most 0.05."""
+    file = container.unpack(sensor.calibration)
+    text = f"{value} of the largest force"
+    gate = {"name": "error", "ok": value <= 0.05, "value": value, "limit": 0.05, "text": text}
+    made = container.pack(file.tensors, {**file.metadata, "residuals": json.dumps({"gates": [gate]})})
+    container.write(path, made)
+    return made
+
+
+def test_nothing_is_flashed_that_fails_and_what_was_flashed_can_be_undone(sensor: Sensor, tmp_path: Path) -> None:
+    good, bad = judged(sensor, tmp_path / "good", 0.01), judged(sensor, tmp_path / "bad", 0.2)
+
+    def ask(port: str, *words: str) -> tuple[int, dict[str, str], str]:
+        code, out, text = run_host("cal", *words, "--json", port=port)
+        return code, json.loads(out) if out else {}, text
+
+    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon:
+        port = daemon.port
+        code, _, text = ask(port, "undo")
+        assert code == 4, text
+        assert "no calibration was in force before" in text
+        code, result, text = ask(port, "flash", str(tmp_path / "good"))
+        assert code == 0, text
+        assert (result["state"], result["sha256"]) == ("active", good.sha256.hex())
+        code, _, text = ask(port, "flash", str(tmp_path / "bad"))
+        assert code == 4
+        assert "error: 0.2 of the largest force" in text
+        assert "--force" in text
+        code, result, text = ask(port, "flash", str(tmp_path / "bad"), "--force")
+        assert (code, result["sha256"]) == (0, bad.sha256.hex())
+        assert "FAILS ITS GATES" in text
+        for wanted, replaced in ((good, bad), (bad, good), (good, bad)):
+            code, result, _ = ask(port, "undo")
+            assert (code, result["sha256"]) == (0, wanted.sha256.hex())
+            assert result["replaced_sha256"] == replaced.sha256.hex()
+    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon:  # what was undone stays so
+        code, result, _ = ask(daemon.port, "flash", str(tmp_path / "good"))
+        assert (code, result["state"]) == (0, "same")
