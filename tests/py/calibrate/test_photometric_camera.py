@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ruffini.boards import find_board
-from ruffini.calibrate import container, photometric
+from ruffini.calibrate import container
 from ruffini.calibrate.camera import CameraModel, Lens, tables
 from ruffini.calibrate.pad_view import MappedCamera, PadView, Pinhole, mm_per_px, pad_view
 from ruffini.calibrate.photometric import angle_deg
@@ -90,15 +90,12 @@ def test_the_verb_takes_the_camera(
     record_balls(TwinUnit.build(BOARD), 3, folder, ball_mm=2 * RADIUS_MM, seed=5)
     container.write(tmp_path / "camera", camera)
     words = ["cal", "photometric", str(folder), "--board", str(BOARD.folder), "--out", str(tmp_path / "out")]
-    views: list[object] = []
 
-    def collect(presses: object, view: object) -> None:
-        views.append(view)
-        raise InputError("far enough")
+    def looked_at(_: MappedCamera, px: Array) -> tuple[Array, Array]:
+        raise InputError(f"{len(px)} pixels looked at by the map")
 
-    monkeypatch.setattr(photometric, "collect_samples", collect)
-    for more in ([], ["--camera", str(tmp_path / "camera")]):
-        assert "far enough" in str(CliRunner().invoke(app, [*words, *more]).exception)
-    assert [type(view) for view in views] == [Pinhole, MappedCamera]
+    monkeypatch.setattr(MappedCamera, "rays", looked_at)
+    done = CliRunner().invoke(app, [*words, "--camera", str(tmp_path / "camera")])
+    assert "pixels looked at by the map" in str(done.exception)
     container.write(tmp_path / "none", container.pack({"rest.image": np.zeros((1, 1, 3), np.uint16)}, camera.metadata))
     assert "holds no camera" in str(CliRunner().invoke(app, [*words, "--camera", str(tmp_path / "none")]).exception)
