@@ -6,6 +6,7 @@ into the folder that is given and kept there. Their colours are one table: the s
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,8 @@ import numpy as np
 from ruffini.bench.fitted import colours_of
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.fleet import Fleet, fit_fleet, predictors
-from ruffini.calibrate.material import MaterialProblem, log_of_touches
+from ruffini.calibrate.fleet import Fleet, fit_fleet, predictors, unit_log
+from ruffini.calibrate.material import MaterialProblem
 from ruffini.calibrate.material_model import MaterialLog, Predictor
 from ruffini.calibrate.prior import board_prior, fleet_prior
 from ruffini.calibrate.report import touch_errors
@@ -37,7 +38,8 @@ def record_fleet(board: Board, folder: Path, n_units: int, *, progress: Progress
     """Recordings of units 1 to n; those that are there are kept."""
     paths = [folder / f"unit{i:03d}" for i in range(1, n_units + 1)]
     for i, path in enumerate(paths):
-        if not (path / "recording.toml").is_file():  # written last
+        if not (path / "recording.toml").is_file():  # written last: what lacks it was stopped
+            shutil.rmtree(path, ignore_errors=True)
             unit, seed = build_unit(board, fleet_error(board, i + 1)), SEED + i + 1
             record_touches(unit, grid(board, N_TOUCHES, np.random.default_rng(seed)), path, seed=seed, program="grid")
         progress((i + 1) / n_units)
@@ -89,8 +91,7 @@ def adapted(
     logs = []
     for path in paths:
         if path.name in names:
-            read = read_touch_log([path], board, colours)
-            logs.append(log_of_touches(read.displacement, read.wrench, read.touch))
+            logs.append(unit_log(read_touch_log([path], board, colours)))
     rng = np.random.default_rng(SEED)
     error: dict[int, dict[str, list[float]]] = {n: {"board": [], "fleet": []} for n in (0, *PRESSES)}
     for i, (log, predictor) in enumerate(zip(logs, predictors(board, logs), strict=True)):

@@ -25,13 +25,14 @@ from ruffini.calibrate.material_model import MaterialLog, Predictor
 from ruffini.calibrate.operator import Material
 from ruffini.calibrate.prior import LEAST_SPREAD, Prior, fleet_prior
 from ruffini.calibrate.stages.material import SIGMA_M, TILT_M, touch_figures
-from ruffini.calibrate.touch_log import read_touch_log
+from ruffini.calibrate.touch_log import TouchLog, read_touch_log
 from ruffini.errors import InputError, RuffiniError
 from ruffini.fem.operators import Noise
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
+FRAMES_A_TOUCH = 3  # they err together: more cost time and tell little
 LARGEST_GROUP = 16  # units: their frames are in memory together
 OUTLIER = 3.5  # robust standard deviations (median, MAD) from a large fleet: one unit of 2,000 by chance
 FEW_UNITS = 4.0  # of so many units the MAD is off by its own size: OUTLIER is doubled
@@ -137,7 +138,7 @@ def fit_group(text: str, name: str, colours: bytes | None, groups: list[list[str
     for path in groups[number]:
         try:
             read = read_touch_log([Path(path)], board, calibration)
-            logs.append(log_of_touches(read.displacement, read.wrench, read.touch, MIN_TOUCHES))
+            logs.append(unit_log(read))
         except RuffiniError as error:
             logs.append(str(error))
     good = [log for log in logs if not isinstance(log, str)]
@@ -153,6 +154,11 @@ def fit_group(text: str, name: str, colours: bytes | None, groups: list[list[str
         except InputError as error:
             units.append(_unfitted(path, str(error)))
     return units
+
+
+def unit_log(read: TouchLog) -> MaterialLog:
+    """The frames of a unit that are fitted."""
+    return log_of_touches(read.displacement, read.wrench, read.touch, MIN_TOUCHES, at_most_frames=FRAMES_A_TOUCH)
 
 
 def predictors(board: Board, logs: list[MaterialLog]) -> list[Predictor]:

@@ -104,9 +104,10 @@ def force_size(wrench: Array) -> Array:
 
 
 def log_of_touches(
-    displacement: Array, wrench: Array, touch: npt.NDArray[np.int64], at_least: int = MIN_TOUCHES
-) -> MaterialLog:
-    """Choose the frames that count: touched ones, at most MAX_FRAMES_A_TOUCH of each touch, strongest last.
+    displacement: Array, wrench: Array, touch: npt.NDArray[np.int64], at_least: int = MIN_TOUCHES,
+    *, at_most_frames: int = MAX_FRAMES_A_TOUCH,
+) -> MaterialLog:  # fmt: skip
+    """Choose the frames that count: touched ones, of each touch at most so many, evenly.
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ def log_of_touches(
     touches = [np.flatnonzero((size > TOUCHED_N) & (touch == i)) for i in np.unique(touch)]
     touches = [frames for frames in touches if len(frames)]
     for frames in touches:
-        chosen += frames[np.unique(np.linspace(0, len(frames) - 1, MAX_FRAMES_A_TOUCH).astype(int))].tolist()
+        chosen += frames[np.unique(np.linspace(0, len(frames) - 1, at_most_frames).astype(int))].tolist()
     if len(touches) < at_least:
         raise InputError(
             f"the log holds {len(touches)} touches above {TOUCHED_N} N: at least {at_least} are needed, "
