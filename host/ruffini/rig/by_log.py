@@ -16,14 +16,14 @@ import numpy.typing as npt
 from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
 from ruffini.rig.bench import Person
-from ruffini.rig.clock import ClockFit, fit_clock
+from ruffini.rig.clock import ClockFit, fit_curved
 from ruffini.rig.csv_log import read_csv_log
 from ruffini.rig.cutting import Cut, cut, tare_of
 from ruffini.rig.found import estimate
 from ruffini.rig.log_file import LogWriter
 from ruffini.rig.reference import Reading
 from ruffini.rig.stream_watch import StreamWatch, Window
-from ruffini.rig.touch import faults_of, record_of
+from ruffini.rig.touch import activity_of, faults_of, record_of
 from ruffini.rig.window_file import packed, read_window
 
 Array = npt.NDArray[np.float64]
@@ -117,10 +117,10 @@ def align(stream_s: Array, stream_signal: Array, log_s: Array, log_n: Array) -> 
     Raises
     ------
     InputError
-        As `fit_clock`.
+        As `fit_curved`.
     """
     rough_s = _rough_shift(stream_s, stream_signal, log_s, log_n)
-    fit = fit_clock(stream_s + rough_s, stream_signal, log_s, log_n)
+    fit = fit_curved(stream_s + rough_s, stream_signal, log_s, log_n)
     return fit._replace(offset_s=fit.offset_s + rough_s, middle_s=fit.middle_s - rough_s)
 
 
@@ -144,11 +144,11 @@ def _activity(window: Window) -> Array:
     force = np.array([f.wrench[2] for f in window.frames])
     if not np.isnan(force).any():
         return force
-    if not window.markers:
+    activity = activity_of(window)
+    if activity is None:
         raise InputError("the sensor measures neither force nor markers yet: its stream shows no touch to compare with "
                          "the CSV: use --program free with a reference that is read here")  # fmt: skip
-    moved = [float(np.linalg.norm(m.displacement, axis=1).mean()) for m in window.markers]
-    return np.interp([f.stream_s for f in window.frames], [m.stream_s for m in window.markers], moved)
+    return activity
 
 
 def _touch(

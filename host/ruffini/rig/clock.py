@@ -23,6 +23,7 @@ ROBUST = 0.02  # of the peak to peak: what lies further off counts less
 MIN_SAMPLES = 50
 MIN_SIGNAL = 8.0  # peak to peak over the noise from sample to sample
 MIN_CORRELATION = 0.9
+CURVE_ROUNDS, CURVE_DEGREE = 2, 3
 LOST_SHIFT = 0.98  # of MAX_OFFSET_S: the best shift lies outside
 
 
@@ -87,6 +88,21 @@ def fit_clock(
         coarse_s + COARSE_S * fit.x[0], COARSE_S * sigma[0],
         COARSE_S * fit.x[1] / half_s, COARSE_S * sigma[1] / half_s, middle_s, abs(correlation),
     )  # fmt: skip
+
+
+def fit_curved(stream_s: Array, stream_signal: Array, reference_s: Array, reference_n: Array) -> ClockFit:
+    """`fit_clock` for a signal that follows the force along a curve, such as the way of markers; raises as that.
+
+    A curve that is taken for a line draws the shift where pressing is slow and letting go is fast: so the curve is
+    fitted at the shift that was found, and the shift again.
+    """
+    fit = fit_clock(stream_s, stream_signal, reference_s, reference_n)
+    for _ in range(CURVE_ROUNDS):
+        felt = np.interp(fit.to_reference(stream_s), reference_s, reference_n)
+        scaled = stream_signal / np.ptp(stream_signal)
+        straight: Array = np.polyval(np.polyfit(scaled, felt, CURVE_DEGREE), scaled).astype(np.float64)
+        fit = fit_clock(stream_s, straight, reference_s, reference_n)
+    return fit
 
 
 class _Smoothed(NamedTuple):

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
-from ruffini.rig.clock import fit_clock
+from ruffini.rig.clock import fit_clock, fit_curved
 from ruffini.rig.frame_fit import FrameFit, fit_frame
-from ruffini.rig.log_file import Log, TouchRecord
+from ruffini.rig.log_file import ACTIVITY, Log, TouchRecord
 
 Array = npt.NDArray[np.float64]
 
@@ -43,15 +43,21 @@ def estimate(touches: list[TouchRecord], reference: dict[str, Any]) -> dict[str,
 
 def _clock(touches: list[TouchRecord]) -> dict[str, Any]:
     touches = sorted(touches, key=lambda t: float(t.arrays["stream_s"][0]))
-    stream_s, host_s, force_n, reference_s, reference_n = (
-        np.concatenate([t.arrays[name] if t.arrays[name].ndim == 1 else t.arrays[name][:, 2] for t in touches])
-        for name in ("stream_s", "stream_host_s", "stream_wrench", "reference_s", "reference_wrench")
+    stream_s, host_s, reference_s = (
+        np.concatenate([t.arrays[name] for t in touches]) for name in ("stream_s", "stream_host_s", "reference_s")
     )
-    if np.isnan(force_n).any():
-        return {"why_not": "the stream does not measure the normal force: nothing to compare with the reference"}
+    wrench = np.concatenate([t.arrays["reference_wrench"] for t in touches])
+    seen, felt = np.concatenate([t.arrays["stream_wrench"][:, 2] for t in touches]), wrench[:, 2]
     rough_s = float(np.median(host_s - stream_s))
     try:
-        fit = fit_clock(stream_s + rough_s, force_n, reference_s, reference_n)
+        if not np.isnan(seen).any():
+            fit = fit_clock(stream_s + rough_s, seen, reference_s, felt)
+        elif all(ACTIVITY in t.arrays for t in touches):
+            activity = np.concatenate([t.arrays[ACTIVITY] for t in touches])
+            felt = np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1)
+            fit = fit_curved(stream_s + rough_s, activity, reference_s, felt)
+        else:
+            return {"why_not": "the stream measures neither the normal force nor markers: nothing to compare with"}
     except InputError as error:
         return {"why_not": str(error)}
     return {

@@ -35,12 +35,13 @@ OPTIONAL = {  # clock: array, number of dimensions, unit; a unit of None is fact
     "marker_s": ("marker_displacement", 3, None),
     "image_s": ("image", 4, ""),
 }
-MARKER_PLACE = "marker_place"
+MARKER_PLACE, ACTIVITY = "marker_place", "stream_activity"
 UNITS = {
     **{name: unit for name, (_, unit) in ARRAYS.items()},
     **{clock: "s" for clock in OPTIONAL},
     **{name: unit for name, _, unit in OPTIONAL.values()},
     MARKER_PLACE: None,
+    ACTIVITY: "px",
 }
 
 
@@ -184,6 +185,10 @@ def _check(where: str, arrays: dict[str, npt.NDArray[Any]]) -> None:
         if name in arrays and (arrays[name].ndim, len(arrays[name])) != (n_dimensions, len(arrays[clock])):
             raise InputError(f"{where}: {name} is {arrays[name].shape}, {clock} asks for {len(arrays[clock])} in "
                              f"{n_dimensions} dimensions")  # fmt: skip
+    if ACTIVITY in arrays and arrays[ACTIVITY].shape != arrays["stream_s"].shape:
+        raise InputError(
+            f"{where}: stream_activity is {arrays[ACTIVITY].shape}, one value for each stream_s is asked for"
+        )
     if MARKER_PLACE in arrays:
         n_markers = arrays["marker_displacement"].shape[1] if "marker_displacement" in arrays else 0
         if arrays[MARKER_PLACE].shape != (n_markers, 2):

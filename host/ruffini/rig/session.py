@@ -87,7 +87,8 @@ def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Wat
     dense_every = max(1, round(camera.rate_mhz * 1e-3 / DENSE_HZ))
     image_every = math.ceil(frame_hz * camera.width_px * camera.height_px * 3 / pace.image_bytes_per_s)
     with StreamWatch(
-        sensor, field_every=dense_every * ("displacement" in stages), marker_every=dense_every,
+        sensor, field_every=dense_every * ("displacement" in stages),
+        marker_every=dense_every if "operator" in stages else 1,
         image_every=image_every, stall_s=pace.stall_s,
     ) as stream:  # fmt: skip
         stream.wait_for_rest(bits[NO_REFERENCE])

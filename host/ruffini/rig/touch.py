@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.rig.guarded_stage import CONTACT_N
-from ruffini.rig.log_file import TouchRecord
+from ruffini.rig.log_file import ACTIVITY, TouchRecord
 from ruffini.rig.reference import Reading
 from ruffini.rig.stage import Place
 from ruffini.rig.stream_watch import StreamSample, Window
@@ -31,7 +31,7 @@ def record_of(
 ) -> TouchRecord:
     """What arrived since the touch began; `facts` says when it was held."""
     arrays = {
-        **_stream_arrays(window.frames), **_kept(window, facts),
+        **_stream_arrays(window.frames), **_activity(window), **_kept(window, facts),
         "reference_s": np.array([r.host_s for r in readings]),
         "reference_wrench": np.array([r.wrench for r in readings]).reshape(-1, 6),
         "stage_s": np.array([t for t, _ in path]), "stage_place": np.array([p for _, p in path]).reshape(-1, 3),
@@ -79,6 +79,19 @@ def _stream_arrays(samples: list[StreamSample]) -> Arrays:
         "stream_wrench": np.array([s.wrench for s in samples]).reshape(-1, 6),
         "stream_validity": np.array([s.validity for s in samples], np.int64).reshape(-1, 6),
     }  # fmt: skip
+
+
+def activity_of(window: Window) -> Array | None:
+    """How far the markers moved on the average, px, in each frame: what is pressed shows where no force is measured."""
+    if not window.markers:
+        return None
+    moved = [float(np.linalg.norm(m.displacement, axis=1).mean()) for m in window.markers]
+    return np.interp([f.stream_s for f in window.frames], [m.stream_s for m in window.markers], moved)
+
+
+def _activity(window: Window) -> Arrays:
+    activity = activity_of(window)
+    return {} if activity is None else {ACTIVITY: activity}
 
 
 def _kept(window: Window, facts: dict[str, Any]) -> Arrays:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ruffini.errors import InputError
-from ruffini.rig.clock import fit_clock
+from ruffini.rig.clock import fit_clock, fit_curved
 
 
 def presses(time_s: np.ndarray, period_s: float = 2.5) -> np.ndarray:
@@ -76,3 +76,18 @@ def test_records_that_cannot_be_matched_are_refused():
         fit_clock(t[:20], f[:20], rt, rf)
     with pytest.raises(InputError, match="overlap"):
         fit_clock(t, f, rt + 100, rf)
+
+
+def test_a_signal_that_follows_the_force_along_a_curve():
+    """Slow presses, fast releases: a line through the curve would be off by more."""
+    errors, straight = [], []
+    for seed in range(5):
+        t, _, rt, _ = record(seed, 0.02, 0)
+        slow = np.where((t % 2.5) < 1.5, np.clip((t % 2.5 - 0.3) / 1.2, 0, 1), np.clip((1.9 - t % 2.5) / 0.1, 0, 1))
+        truth = (1 + 0.5 * np.sin(7 * np.floor(t / 2.5))) * slow
+        way = truth ** (2 / 3) + 0.01 * np.random.default_rng(seed).normal(size=len(t))
+        felt = np.interp(rt - 0.02, t, truth)
+        errors.append(abs(fit_curved(t, way, rt, felt).offset_s - 0.02))
+        straight.append(abs(fit_clock(t, way, rt, felt).offset_s - 0.02))
+    assert max(errors) < 2e-3
+    assert max(errors) < min(straight)

@@ -63,10 +63,19 @@ def test_clock_and_place_of_the_reference_are_found_and_used():
 def test_a_stream_without_force_says_why_not_and_changes_nothing():
     blind = touches(is_blind=True)
     log = Log({}, blind, estimate(blind, {"sigma": SIGMA}))
-    assert "does not measure the normal force" in log.found["clocks"][0]["why_not"]
+    assert "measures neither the normal force nor markers" in log.found["clocks"][0]["why_not"]
     assert "direction is not known" in log.found["frame"]["why_not"]
     assert reference_in_pad(log, blind[0]) is blind[0].arrays["reference_wrench"]
     assert on_reference_clock(log, blind[0]) is blind[0].arrays["stream_host_s"]
+
+
+def test_markers_tell_the_clock_where_no_force_is_measured():
+    blind = touches(is_blind=True)
+    for touch, sees in zip(blind, touches(), strict=True):
+        touch.arrays["stream_activity"] = 3.0 * np.linalg.norm(sees.arrays["stream_wrench"][:, :3], axis=1)
+    log = Log({}, blind, estimate(blind, {"sigma": SIGMA}))
+    true_host_s = blind[3].arrays["reference_s"][::2]
+    assert abs(on_reference_clock(log, blind[3]) - true_host_s).max() < 4e-3
 
 
 def test_no_stage_no_frame():
@@ -101,6 +110,7 @@ def test_found_and_optional_arrays_are_kept(tmp_path):
         ({"image_s": np.zeros(2), "image": np.zeros((1, 4, 4, 3))}, "image is"),
         ({"marker_s": np.zeros(1), "marker_displacement": np.zeros((1, 4))}, "marker_displacement is"),
         ({"marker_place": np.zeros((3, 2))}, "marker_place is"),
+        ({"stream_activity": np.zeros(3)}, "stream_activity is"),
     ],
 )
 def test_optional_arrays_that_are_wrong(tmp_path, wrong, sentence):
