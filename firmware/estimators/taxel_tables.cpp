@@ -85,6 +85,8 @@ Result<TaxelTables> TaxelTables::load(const Calibration& c, const BoardSettings&
   if (!place) return place.error();
   const auto gain = c.tensor("skin.taxel_gain", Tensor::Type::kI32, {n});
   if (!gain) return gain.error();
+  const auto bend = c.tensor("skin.bend", Tensor::Type::kI32, {kBends});
+  if (!bend) return bend.error();
   const auto near = c.tensor("skin.taxel_near", Tensor::Type::kI16, {n, kNeighbours});
   if (!near) return near.error();
   const auto shift = c.tensor("skin.taxel_shift", Tensor::Type::kI32, {n, 2, kCoefficients});
@@ -97,6 +99,9 @@ Result<TaxelTables> TaxelTables::load(const Calibration& c, const BoardSettings&
   if (!is_within(gains, 1, kMaxGainQ16)) return bad("taxel_gain is not within 0 to 16");
   if (!is_within(nears, -1, n - 1)) return bad("taxel_near names no taxel");
   if (!is_within(shifts, -256 * kMaxPlaceUm, 256 * kMaxPlaceUm)) return bad("taxel_shift leads beyond 1 m of skin");
+  const auto bends = bend.value()->as<int32_t>();
+  if (!is_within(bends, -kMaxGainQ16, kMaxGainQ16)) return bad("bend is beyond 16");
+  std::copy(bends.begin(), bends.end(), t.bend_q16.begin());
   t.taxels.resize(static_cast<size_t>(n));
   for (size_t i = 0; i < t.taxels.size(); ++i) {
     Taxel& taxel = t.taxels[i];

@@ -16,6 +16,7 @@ struct TaxelTables {
   static constexpr int kSize = 577;           // from -1 to 8 times the light at rest
   static constexpr size_t kNeighbours = 8;    // left, right, up, down, then the diagonals
   static constexpr size_t kCoefficients = 4;  // of a polynomial of the third degree
+  static constexpr size_t kBends = 5;         // of the gain between taxels
 
   struct Taxel {
     int64_t x_um = 0;
@@ -31,9 +32,10 @@ struct TaxelTables {
   [[nodiscard]] int64_t reach_q14(int64_t dx_um, int64_t dy_um) const;
 
   std::vector<Taxel> taxels;
-  std::vector<int32_t> sink_q12;   // how far a taxel is pressed in, in any unit, over its ratio
-  std::vector<int32_t> press_lsb;  // its elastic force in force steps, over its ratio
-  std::vector<int16_t> reach;      // [y][x], by offset
+  std::array<int64_t, kBends> bend_q16{};  // of E, q_x^2, q_y^2, E q_x^2, E q_y^2; E in 10 N
+  std::vector<int32_t> sink_q12;           // how far a taxel is pressed in, in any unit, over its ratio
+  std::vector<int32_t> press_lsb;          // its elastic force in force steps, over its ratio
+  std::vector<int16_t> reach;              // [y][x], by offset
   GridSize reach_size;
   int64_t reach_step_um = 0;
   int64_t round_um = 0;  // way once round a tube, else 0

@@ -8,7 +8,9 @@ namespace ruffini {
 namespace {
 
 constexpr int64_t kOneQ12 = 4096;
-constexpr int64_t kLeastReachQ14 = 1 << 10;  // strength is not read off where a touch hardly reaches
+constexpr int64_t kBendUn = 10'000'000;       // 10 N
+constexpr int64_t kMostBentUn = 100'000'000;  // the gain bends no further
+constexpr int64_t kLeastReachQ14 = 1 << 10;   // strength is not read off where a touch hardly reaches
 
 int64_t read_table(const std::vector<int32_t>& table, int64_t ratio_q12) {
   const int64_t at =
@@ -84,7 +86,8 @@ bool TaxelTouches::find_another() {
     if (unexplained <= most) continue;
     int64_t strongest = sink_q12_[i];
     for (size_t k = 0; k < n_touches_; ++k) {
-      if (explained(i, touch_[k]) > 0) strongest = std::max(strongest, touch_[k].strength_q12);
+      const bool is_reached = explained(i, touch_[k]) > 0;
+      strongest = std::max(strongest, touch_[k].strength_q12 / (is_reached ? 1 : kBeyond));
     }
     if (unexplained * kOneQ12 < tables_.apart_q12 * strongest) continue;
     best = i;
@@ -96,7 +99,8 @@ bool TaxelTouches::find_another() {
   return true;
 }
 
-int64_t TaxelTouches::shift_um(const TaxelTables::Taxel& taxel, const Touch& touch, size_t axis, int64_t here) const {
+// q along an axis.
+int64_t TaxelTouches::lean_q12(const TaxelTables::Taxel& taxel, const Touch& touch, size_t axis, int64_t here) const {
   const int16_t before = taxel.near[2 * axis];
   const int16_t behind = taxel.near[2 * axis + 1];
   int64_t q = 0;
@@ -107,7 +111,7 @@ int64_t TaxelTouches::shift_um(const TaxelTables::Taxel& taxel, const Touch& tou
   } else if (before >= 0 || behind >= 0) {
     q = floor_div(left(static_cast<size_t>(std::max(before, behind)), &touch) * kOneQ12, std::max<int64_t>(here, 1));
   }
-  return cubic(taxel.shift[axis], std::clamp(q, -kOneQ12, kOneQ12));
+  return std::clamp(q, -kOneQ12, kOneQ12);
 }
 
 // Place and strength, the other touches as they are; it may move on by one taxel.
@@ -121,8 +125,9 @@ void TaxelTouches::fit(Touch& touch) const {
     touch.taxel = static_cast<size_t>(other);
   }
   const TaxelTables::Taxel& taxel = tables_.taxels[touch.taxel];
-  const int64_t dx = shift_um(taxel, touch, 0, here);
-  const int64_t dy = shift_um(taxel, touch, 1, here);
+  for (const size_t axis : {size_t{0}, size_t{1}}) touch.q_q12[axis] = lean_q12(taxel, touch, axis, here);
+  const int64_t dx = cubic(taxel.shift[0], touch.q_q12[0]);
+  const int64_t dy = cubic(taxel.shift[1], touch.q_q12[1]);
   touch.x_um = taxel.x_um + dx;
   touch.y_um = taxel.y_um + dy;
   if (tables_.round_um > 0 && 2 * touch.x_um > tables_.round_um) touch.x_um -= tables_.round_um;
@@ -150,9 +155,21 @@ void TaxelTouches::share_out() {
   }
 }
 
+int64_t TaxelTouches::force_un(const Touch& touch, int64_t elastic_lsb) const {
+  const int64_t elastic_un = elastic_lsb * force_lsb_un_;
+  const int64_t e_q12 = floor_div(std::clamp(elastic_un, -kMostBentUn, kMostBentUn) * kOneQ12, kBendUn);
+  const auto& b = tables_.bend_q16;
+  int64_t gain = tables_.taxels[touch.taxel].gain_q16 + round_shift(b[0] * e_q12, 12);
+  for (size_t axis = 0; axis < 2; ++axis) {
+    const int64_t square = round_shift(touch.q_q12[axis] * touch.q_q12[axis], 12);
+    gain += round_shift((b[1 + axis] + round_shift(b[3 + axis] * e_q12, 12)) * square, 12);
+  }
+  return round_shift(elastic_un * std::clamp<int64_t>(gain, 1 << 14, 1 << 18), 16);
+}
+
 SkinTouch TaxelTouches::told(size_t k) const {
   const Touch& t = touch_[k];
-  const int64_t force_un = round_shift(force_lsb_[k] * tables_.taxels[t.taxel].gain_q16, 16) * force_lsb_un_;
+  const int64_t force_un = this->force_un(t, force_lsb_[k]);
   const int64_t part_un = round_shift(force_un * tables_.sigma_q12, 12);
   const int64_t faint_um = floor_div(tables_.faint_place_sigma_um * threshold_un_, std::max(force_un, threshold_un_));
   return {.x_um = t.x_um,

@@ -4,11 +4,13 @@
 //   memory        press less what the rubber lost since it was pressed (solve/relaxation.h)
 //   touch k       strength s_k at place X_k: sinks a taxel at X by s_k reach(X - X_k)
 //   found         the taxel with the most sink that the touches so far do not explain is another touch, if that is more
-//                 than `apart` of its own sink and of the strength of touches that reach it; then all are fitted again
+//                 than `apart` of its own sink and of the strength of each touch, or of a kBeyond-th of it where that
+//                 does not reach; then all are fitted again
 //   place         on the taxel c that the others leave the most sink u on, with neighbours a, b along an axis:
 //                 q = (u_b - u_a) / (u_c - min(u_a, u_b)), or u_a / u_c of the only neighbour; shift = c's cubic in q
 //   strength      s = u_c / reach(X_c - X)
-//   force         gain_c times the sum of press over the taxels, each shared out by what the touches sink it
+//   force         E, the sum of press over the taxels, each shared out by what the touches sink it, times
+//                 gain_c + b0 E + (b1 + b3 E) q_x^2 + (b2 + b4 E) q_y^2, E in 10 N there; the factor is held to 1/4 to 4
 //   sigma         of force: sqrt(constant^2 + (part force)^2); of place: constant + faint threshold / force
 //
 // Everything by tables of the calibration. Not in the paper. Frame thread; no allocation after load().
@@ -30,6 +32,7 @@ namespace ruffini {
 class TaxelTouches {
  public:
   static constexpr int kRounds = 3;  // of fitting all touches again
+  static constexpr int64_t kBeyond = 3;
 
   [[nodiscard]] static Result<TaxelTouches> load(const Calibration& calibration, const BoardSettings& board);
 
@@ -49,6 +52,7 @@ class TaxelTouches {
     int64_t x_um = 0;
     int64_t y_um = 0;
     int64_t strength_q12 = 0;
+    std::array<int64_t, 2> q_q12{};
   };
 
   void read(std::span<const int32_t> ratio);
@@ -56,7 +60,8 @@ class TaxelTouches {
   [[nodiscard]] int64_t left(size_t taxel, const Touch* except) const;
   [[nodiscard]] bool find_another();
   void fit(Touch& touch) const;
-  [[nodiscard]] int64_t shift_um(const TaxelTables::Taxel& taxel, const Touch& touch, size_t axis, int64_t here) const;
+  [[nodiscard]] int64_t lean_q12(const TaxelTables::Taxel& taxel, const Touch& touch, size_t axis, int64_t here) const;
+  [[nodiscard]] int64_t force_un(const Touch& touch, int64_t elastic_lsb) const;
   void share_out();
   [[nodiscard]] SkinTouch told(size_t k) const;
 

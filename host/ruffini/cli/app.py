@@ -23,6 +23,7 @@ from ruffini.cli import (
     offline,
     report,
     sim,
+    skin,
     train,
     wrench,
 )
@@ -47,6 +48,7 @@ cal.app.command("dark")(dark.dark)
 cal.app.command("contact")(contact.contact)
 cal.app.command("wrench")(wrench.wrench)
 cal.app.command("collect")(collect.collect)
+cal.app.command("skin")(skin.skin)
 cal.app.command("convert")(collect.convert)
 cal.app.command("fit")(fit.fit)
 cal.app.command("flash")(flash.flash)
