@@ -73,9 +73,10 @@ Photometric::Photometric(const BoardSettings& board, const PhotometricTable& tab
       fill_(grid_) {
   // Half the diameter, an eighth for ink and stretch, and one pixel for the lens: beyond it the dots of the recorded
   // GelSight Mini video darken less than 1 %, pressed and sheared as well. A wider mask costs depth at steep walls.
-  const CameraSettings& camera = board.camera;
-  const int64_t diameter_q16 =
-      floor_div(board.markers.diameter_um * camera.focal_mpx * 65'536, camera.standoff_um * 1'000);
+  const bool are_targets = board.markers.lattice.count() == 0;  // these hide the surface then, from nearer
+  const int64_t diameter_um = are_targets ? board.targets.diameter_um : board.markers.diameter_um;
+  const int64_t distance_um = board.camera.standoff_um - (are_targets ? board.targets.below_um : 0);
+  const int64_t diameter_q16 = floor_div(diameter_um * board.camera.focal_mpx * 65'536, distance_um * 1'000);
   mask_radius_q16_ = diameter_q16 * 5 / 8 + 65'536;
   for (size_t c = 0; c < 3; ++c) {
     bend_low_q16_[c] = table.bend_low_q12[c] * 16;

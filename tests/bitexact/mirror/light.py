@@ -102,6 +102,7 @@ class Light:
         self.level, self.level_is_sure = light_level(sample, median)
         n_level = int((np.abs(sample - median) <= 61).sum(axis=0).min())
         seen = markers[markers[:, LOST] == 0]
+        self.is_lit_from_outside = bool(8 * int((sample.min(axis=1) > 328).sum()) >= n)
         is_still = 8 * n_level >= 7 * n and bool((np.abs(seen[:, [DX, DY]]) <= 16384).all())
         self.is_off = (is_still and np.abs(median).max() > 164) or (2 * n_level >= n and abs(median.sum()) > 738)
         self._n_still = min(self._n_still + 1, 16) if is_still else 0

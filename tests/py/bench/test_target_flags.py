@@ -1,0 +1,80 @@
+"""What a sensor with targets says when something is wrong with it: flagged within three frames, on the twin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from ruffini.boards import Board, find_board
+from ruffini.core import Pipeline
+from ruffini.sim.programs import Load, Rest
+from ruffini.sim.scenario import Scenario
+from ruffini.sim.story import play
+from ruffini.sim.units import build_unit
+
+Picture = npt.NDArray[np.uint8]
+MARKERS_LOST, DARK, LIGHT = 8, 64, 1024
+WITHIN = 3
+LOAD = np.array([0.3, -0.2, -2.0, 3e-3, -2e-3, 1e-3])  # N and N m
+
+
+@pytest.fixture(scope="module")
+def board() -> Board:
+    return find_board("ftouch")
+
+
+def shown(board: Board, *, n_rest: int, n_loaded: int, **fault: object) -> Iterator[Picture]:
+    """Frames of a rest and a held load, with a fault from the first loaded frame on."""
+    faults = [{"first_frame": n_rest, "n_frames": n_loaded, **fault}] if fault else []
+    scenario = Scenario.model_validate({"seed": 4, "fault": faults})
+    unit = build_unit(board)
+    renderer = unit.renderer()
+    story = [Rest(n_rest), Load(np.repeat(LOAD[None], n_loaded, axis=0), [True] * n_loaded)]
+    for frame, moment in enumerate(play(unit, story)):
+        yield scenario.picture(renderer, frame, moment.displacement, None, moment.tray)
+
+
+def flags_after(board: Board, pictures: Iterator[Picture], n_rest: int) -> list[int]:
+    """Flags of every frame after the rest, without those of a board that has no calibration."""
+    with Pipeline(board) as core:
+        said = [core.process(picture) for picture in pictures]
+    return [frame.flags & (MARKERS_LOST | DARK | LIGHT) for frame in said[n_rest:]]
+
+
+def test_a_load_is_no_fault(board: Board) -> None:
+    n_rest = board.pipeline.n_rest_frames
+    assert flags_after(board, shown(board, n_rest=n_rest, n_loaded=4), n_rest) == [0] * 4
+
+
+@pytest.mark.parametrize(
+    ("fault", "flag"),
+    [
+        ({"kind": "lens_cap"}, DARK),
+        ({"kind": "light_leak", "level_1e3": 600}, LIGHT),
+        ({"kind": "led_off", "leds": [0, 1, 2]}, LIGHT),
+    ],
+)
+def test_a_fault_is_flagged_within_three_frames(board: Board, fault: dict[str, object], flag: int) -> None:
+    n_rest = board.pipeline.n_rest_frames
+    flags = flags_after(board, shown(board, n_rest=n_rest, n_loaded=WITHIN, **fault), n_rest)
+    assert any(each & flag for each in flags), flags
+
+
+def test_a_removed_and_a_half_covered_target_are_flagged_at_once(board: Board) -> None:
+    n_rest = board.pipeline.n_rest_frames
+    pictures = list(shown(board, n_rest=n_rest, n_loaded=3))
+    with Pipeline(board) as core:
+        for picture in pictures[: n_rest + 1]:
+            core.process(picture)
+        x, y, radius = (int(core.targets()[0, k]) // 65536 for k in (4, 5, 4))
+        radius = 40
+        removed, half = pictures[-2].copy(), pictures[-1].copy()
+        removed[y - radius : y + radius, x - radius : x + radius] = removed[y + radius + 4, x]
+        half[y - radius : y, x - radius : x + radius] = half[y + radius + 4, x]
+        for picture in (removed, half):
+            said = core.process(picture)
+            assert said.flags & MARKERS_LOST
+            assert core.targets()[:, 8].tolist() == [1, 0, 0]
