@@ -18,28 +18,31 @@ presses; each is moved to where a first fit to all of them has it, and the fit m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import functools
+import operator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import linalg
 
 from ruffini.calibrate.colour_lattice import N_LINES, ColourAxis, bending
 from ruffini.calibrate.light_level import light_level
 from ruffini.calibrate.pad_view import PadView
-from ruffini.calibrate.presses import FITTED_INSIDE, PressSet, ball_slope
+from ruffini.calibrate.presses import FITTED_INSIDE, PressSet, ball_slope, relative_change
 from ruffini.errors import InputError
 from ruffini.frames import read_image
 
 Array = npt.NDArray[np.float64]
 
-DARKEST_REST = 32.0  # grey levels of the lamps' light below which a ratio says little (firmware/image/rest.h)
 LATTICE = (13, 17)  # lines of the unmixing table over y, x
 SLOPE_SIZE = 65  # lines of the slope table over q_y, q_x
 Q_LIMIT = 0.97  # |n_t| beyond which the slope is held (76 degrees)
 MARKER_CHANGE = -0.30  # relative change of all channels that tells a printed dot from shading
 UNMIX_ORDERS = (0, 1, 2, 3, 4)
+BENT_ORDERS = (0, 1, 2)  # with the lattice; with more of both the recorded presses are worse
 STIFFNESS = (1e-4, 1e-5, 1e-6)  # of the lattice: bending over the mean square misfit of q
 UNMIX_RIDGE = 1e-4  # over the mean of its normal equations' diagonal
 LATTICE_RIDGE = 1e-7  # what M can say, M says
@@ -156,13 +159,6 @@ def _lambertian_slope(q: Array) -> Array:
     return np.asarray(q * scale[:, None])
 
 
-def relative_change(image: Array, reference: Array, dark: Array | None = None) -> Array:
-    """d = I / I_rest - 1 per channel, or (I - I_rest) / (I_rest - dark), as the firmware's difference stage."""
-    if dark is not None:
-        return np.asarray((image - reference) / np.maximum(reference - dark, DARKEST_REST))
-    return np.asarray(image / np.maximum(reference, 1.0) - 1.0)
-
-
 def pixel_place(shape: tuple[int, int]) -> Array:
     """Place of each pixel, x and y from -1 to 1 over the image: (h, w, 2)."""
     y, x = np.meshgrid(np.linspace(-1, 1, shape[0]), np.linspace(-1, 1, shape[1]), indexing="ij")
@@ -217,65 +213,6 @@ def _dot_mask(image: Array, background: npt.NDArray[np.uint8]) -> npt.NDArray[np
     return np.asarray(grown, dtype=bool)
 
 
-class Equations:
-    """Normal equations of presses, each of the same weight, for all orders and with the lattice."""
-
-    def __init__(self, axis: ColourAxis, is_balanced: bool) -> None:
-        self.axis, self.is_balanced = axis, is_balanced
-        self._zero = axis.zero()
-        self._bending = bending()
-
-    def of(self, samples: Samples, shift_px: Array | None = None) -> tuple[Array, Array]:
-        """(k, k) and (k, 2) of one press; unmixing of all orders first, then the nodes."""
-        if shift_px is not None:
-            samples = samples.moved(shift_px)
-        near = samples.inside(FITTED_INSIDE)
-        change, q = near.seen(self.is_balanced), near.normal()
-        terms = _monomials(near.place, max(UNMIX_ORDERS))
-        features = (terms[:, :, None] * change[:, None, :]).reshape(len(q), -1)
-        weights = self.axis.weights(change)
-        both = np.asarray(weights.T @ features)
-        gram = np.block([[features.T @ features, both.T], [both, (weights.T @ weights).toarray()]])
-        right = np.concatenate([features.T @ q, np.asarray(weights.T @ q)])
-        return gram / len(q), right / len(q)
-
-    def solve(self, presses: Iterable[tuple[Array, Array]], choice: Choice) -> PhotometricModel:
-        """The model of least squares."""
-        n_all, n = 3 * _n_terms(max(UNMIX_ORDERS)), 3 * _n_terms(choice.unmix_order)
-        n_nodes = 0 if choice.stiffness is None else N_LINES**3
-        use = np.r_[np.arange(n), np.arange(n_all, n_all + n_nodes)]
-        gram, right, count = np.zeros((len(use), len(use))), np.zeros((len(use), 2)), 0
-        for one_gram, one_right in presses:
-            gram += one_gram[np.ix_(use, use)]
-            right += one_right[use]
-            count += 1
-        gram, right = gram / count, right / count
-        unmix = np.arange(n)
-        gram[unmix, unmix] += UNMIX_RIDGE * np.trace(gram[:n, :n]) / n
-        if choice.stiffness is not None:
-            gram[n:, n:] += choice.stiffness * self._bending + LATTICE_RIDGE * np.eye(n_nodes)
-            gram[n + self._zero, n + self._zero] += 1e6  # no change is flat
-        found: Array = np.asarray(np.linalg.solve(gram, right), dtype=np.float64)
-        return PhotometricModel(choice, found[:n].reshape(-1, 3, 2), found[n:], self.axis)
-
-
-def fit_model(samples: list[Samples], choice: Choice) -> PhotometricModel:
-    """Least squares on the circles as marked, then on the circles where that fit has them."""
-    axis = ColourAxis.covering(np.concatenate([s.inside(JUDGED_INSIDE).seen(choice.is_balanced) for s in samples]))
-    equations = Equations(axis, choice.is_balanced)
-    return _fit_moved(samples, [equations.of(s) for s in samples], equations, choice)
-
-
-def _fit_moved(
-    samples: list[Samples], marked: list[tuple[Array, Array]], equations: Equations, choice: Choice
-) -> PhotometricModel:
-    first = equations.solve(marked, choice)
-    moved = (
-        equations.of(s, first.shift_px(s, FITTED_INSIDE, MOVED_AT_MOST * s.ball_px)) for s in samples
-    )  # one at a time: each is some megabytes
-    return equations.solve(moved, choice)
-
-
 def angle_deg(slope: Array, truth: Array) -> Array:
     """Angle between the normals of two sets of slopes, degrees."""
 
@@ -285,6 +222,82 @@ def angle_deg(slope: Array, truth: Array) -> Array:
 
     cosine = (normal(slope) * normal(truth)).sum(axis=1)
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Normal equations of some presses, added up: (k, k) and (k, 2), unmixing of all orders first, then the nodes."""
+
+    gram: Array
+    right: Array
+    count: int = 1
+
+    def __add__(self, other: Sums) -> Sums:
+        return Sums(self.gram + other.gram, self.right + other.right, self.count + other.count)
+
+    def __sub__(self, other: Sums) -> Sums:
+        return Sums(self.gram - other.gram, self.right - other.right, self.count - other.count)
+
+
+def _total(presses: Iterable[Sums]) -> Sums:
+    return functools.reduce(operator.add, presses)
+
+
+class Equations:
+    """Normal equations of presses, each of the same weight, for all orders and with the lattice."""
+
+    def __init__(self, samples: list[Samples], is_balanced: bool) -> None:
+        self.is_balanced = is_balanced
+        self.axis = ColourAxis.covering(np.concatenate([s.inside(JUDGED_INSIDE).seen(is_balanced) for s in samples]))
+        self._zero = self.axis.zero()
+        self._bending = bending()
+
+    def of(self, samples: Samples) -> Sums:
+        """Of one press."""
+        near = samples.inside(FITTED_INSIDE)
+        change, q = near.seen(self.is_balanced), near.normal()
+        terms = _monomials(near.place, max(UNMIX_ORDERS))
+        features = (terms[:, :, None] * change[:, None, :]).reshape(len(q), -1)
+        weights = self.axis.weights(change)
+        both = np.asarray(weights.T @ features)
+        gram = np.block([[features.T @ features, both.T], [both, (weights.T @ weights).toarray()]])
+        right = np.concatenate([features.T @ q, np.asarray(weights.T @ q)])
+        return Sums(gram / len(q), right / len(q))
+
+    def solve(self, sums: Sums, choice: Choice) -> PhotometricModel:
+        """The model of least squares."""
+        n_all, n = 3 * _n_terms(max(UNMIX_ORDERS)), 3 * _n_terms(choice.unmix_order)
+        n_nodes = 0 if choice.stiffness is None else N_LINES**3
+        use = np.r_[np.arange(n), np.arange(n_all, n_all + n_nodes)]
+        gram, right = sums.gram[np.ix_(use, use)] / sums.count, sums.right[use] / sums.count
+        unmix = np.arange(n)
+        gram[unmix, unmix] += UNMIX_RIDGE * np.trace(gram[:n, :n]) / n
+        if choice.stiffness is not None:
+            gram[n:, n:] += choice.stiffness * self._bending + LATTICE_RIDGE * np.eye(n_nodes)
+            gram[n + self._zero, n + self._zero] += 1e6  # no change is flat
+        found: Array = np.asarray(linalg.solve(gram, right, assume_a="pos"), dtype=np.float64)
+        return PhotometricModel(choice, found[:n].reshape(-1, 3, 2), found[n:], self.axis)
+
+    def solve_moved(self, samples: list[Samples], marked: Sums, choice: Choice) -> PhotometricModel:
+        """By the circles as marked, then by the circles where that model has them."""
+        first = self.solve(marked, choice)
+        shifts = [first.shift_px(s, FITTED_INSIDE, MOVED_AT_MOST * s.ball_px) for s in samples]
+        return self.solve(_total(self.of(s.moved(shift)) for s, shift in zip(samples, shifts, strict=True)), choice)
+
+
+def fit_model(samples: list[Samples], choice: Choice) -> PhotometricModel:
+    """Least squares on the circles as marked, then on the circles where that fit has them."""
+    equations = Equations(samples, choice.is_balanced)
+    return equations.solve_moved(samples, _total(equations.of(s) for s in samples), choice)
+
+
+def models_without(samples: list[Samples], choice: Choice) -> Iterator[PhotometricModel]:
+    """For each press the model of all others."""
+    equations = Equations(samples, choice.is_balanced)
+    marked = [equations.of(s) for s in samples]
+    everything = _total(marked)
+    for i, without in enumerate(marked):
+        yield equations.solve_moved(samples[:i] + samples[i + 1 :], everything - without, choice)
 
 
 @dataclass(frozen=True)
@@ -312,25 +325,27 @@ class PhotometricFit:
 def fit_photometric(samples: list[Samples], *, progress: Callable[[float], None] = lambda _: None) -> PhotometricFit:
     """Choose the model by cross-validation over presses, then fit it on all of them."""
     tried: dict[Choice, Array] = {}
-    equations = {}
+    known = {}
     for is_balanced in (False, True):
-        axis = ColourAxis.covering(np.concatenate([s.inside(JUDGED_INSIDE).seen(is_balanced) for s in samples]))
-        equations[is_balanced] = Equations(axis, is_balanced), [Equations(axis, is_balanced).of(s) for s in samples]
+        equations = Equations(samples, is_balanced)
+        known[is_balanced] = equations, [equations.of(s) for s in samples]
         for stiffness in (None, STIFFNESS[1]):
             choice = Choice(1, stiffness, is_balanced)
-            tried[choice] = _left_out(samples, *equations[is_balanced], choice)
+            tried[choice] = _left_out(samples, *known[is_balanced], choice)
+        progress(0.1 + 0.1 * is_balanced)
     is_balanced = _best(tried).is_balanced
-    rest = [Choice(order, stiffness, is_balanced) for order in UNMIX_ORDERS for stiffness in (None, *STIFFNESS)]
+    rest = [Choice(order, None, is_balanced) for order in UNMIX_ORDERS]
+    rest += [Choice(order, stiffness, is_balanced) for order in BENT_ORDERS for stiffness in STIFFNESS]
     for i, choice in enumerate(rest):
         if choice not in tried:
-            tried[choice] = _left_out(samples, *equations[is_balanced], choice)
-        progress((i + 1) / (len(rest) + 1))
+            tried[choice] = _left_out(samples, *known[is_balanced], choice)
+        progress(0.2 + 0.7 * (i + 1) / len(rest))
     choice = _best(tried)
-    chosen, marked = equations[choice.is_balanced]
-    errors = _left_out(samples, chosen, marked, choice, is_moved=True)
+    equations, marked = known[choice.is_balanced]
+    errors = _left_out(samples, equations, marked, choice, is_moved=True)
     progress(1.0)
     names = {str(c): round(float(e.mean()), 3) for c, e in tried.items()}
-    return PhotometricFit(_fit_moved(samples, marked, chosen, choice), errors, names)
+    return PhotometricFit(equations.solve_moved(samples, _total(marked), choice), errors, names)
 
 
 def _best(tried: dict[Choice, Array]) -> Choice:
@@ -339,16 +354,16 @@ def _best(tried: dict[Choice, Array]) -> Choice:
 
 
 def _left_out(
-    samples: list[Samples], equations: Equations, marked: list[tuple[Array, Array]], choice: Choice, *,
-    is_moved: bool = False,
-) -> Array:  # fmt: skip
+    samples: list[Samples], equations: Equations, marked: list[Sums], choice: Choice, *, is_moved: bool = False
+) -> Array:
     """Error of each press by a model that was fitted without it."""
     folds = min(len(samples), FOLDS)
     errors = np.zeros(len(samples))
+    everything = _total(marked)
     for fold in range(folds):
-        kept = [i for i in range(len(samples)) if i % folds != fold]
-        their, known = [samples[i] for i in kept], [marked[i] for i in kept]
-        model = _fit_moved(their, known, equations, choice) if is_moved else equations.solve(known, choice)
+        others = everything - _total(marked[fold::folds])
+        kept = [s for i, s in enumerate(samples) if i % folds != fold]
+        model = equations.solve_moved(kept, others, choice) if is_moved else equations.solve(others, choice)
         for i in range(fold, len(samples), folds):
             errors[i] = model.error_deg(samples[i])
     return errors

@@ -1,6 +1,7 @@
 """A folder of ball presses with known ball and contact circle, and the slope that each pixel must see.
 
-Layout: `reference.png` (or several `reference*.png`, averaged), press images, and `presses.csv` with
+Layout: `reference.png` (or several `reference*.png`, averaged; or `press_ref*.png` beside `press_sample*.png`), press
+images, and `presses.csv` with
 columns image, center_x_px, center_y_px, contact_radius_px (for a fit they are found where nobody marked
 them: find_balls.py); optionally `presses.toml` with ball_mm and px_per_mm.
 
@@ -29,6 +30,7 @@ COLUMNS = ("image", "center_x_px", "center_y_px", "contact_radius_px")
 # up to 12 %. Recorded presses left out of fits within each half: peak to edge 0.985, 0.963 with 0.75, 1.011, 0.988 with
 # 0.80, 1.028, 1.011 with 0.85; normals 4.1, 3.8 degrees with all three.
 FITTED_INSIDE = 0.80
+DARKEST_REST = 32.0  # grey levels of the lamps' light below which a ratio says little (firmware/image/rest.h)
 
 
 @dataclass(frozen=True)
@@ -102,15 +104,23 @@ def load_presses(
 
 def _found(folder: Path, reference: Array, ball_radius_px: float) -> list[Press]:
     """All images that are no reference, with the contact that each shows."""
+    from ruffini.calibrate.intensity import find_discs, is_monochrome
+
     pressed = folder / "press" if (folder / "press").is_dir() else folder
-    paths = [p for p in image_files(pressed) if not p.name.startswith("reference")]
-    circles = find_balls([read_image(p).astype(float) for p in paths], reference, ball_radius_px, paths)
+    paths = sorted(folder.glob("press_sample*.png"))
+    if not paths:
+        paths = [p for p in image_files(pressed) if not p.name.startswith(("reference", "press_ref"))]
+    images = [read_image(p).astype(float) for p in paths]
+    if images and all(i.shape == reference.shape for i in images) and is_monochrome(images, reference):
+        circles = find_discs(images, reference, paths)
+    else:
+        circles = find_balls(images, reference, ball_radius_px, paths)
     return [Press(path, c.center_x_px, c.center_y_px, c.radius_px) for path, c in zip(paths, circles, strict=True)]
 
 
 def reference_images(folder: Path) -> list[Path]:
     """Images of the untouched pad in a press folder, at least one."""
-    references = sorted(folder.glob("reference*.png"))
+    references = sorted(folder.glob("reference*.png")) or sorted(folder.glob("press_ref*.png"))
     if not references:
         raise InputError(f"{folder} has no reference.png: one image of the untouched pad is needed")
     return references
@@ -141,6 +151,13 @@ def _parse_row(folder: Path, table: Path, index: int, row: dict[str, str]) -> Pr
     if not np.isfinite(numbers).all() or numbers[2] <= 0:
         raise InputError(f"{table} row {index + 1}: circle {numbers} is not finite and positive")
     return Press(path, *numbers)
+
+
+def relative_change(image: Array, reference: Array, dark: Array | None = None) -> Array:
+    """d = I / I_rest - 1 per channel, or (I - I_rest) / (I_rest - dark), as the firmware's difference stage."""
+    if dark is not None:
+        return np.asarray((image - reference) / np.maximum(reference - dark, DARKEST_REST))
+    return np.asarray(image / np.maximum(reference, 1.0) - 1.0)
 
 
 def ball_slope(

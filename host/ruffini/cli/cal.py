@@ -267,35 +267,40 @@ def photometric(
         bool,
         typer.Option("--foreign", help="The presses come from other optics than the board's: z stays UNCALIBRATED."),
     ] = False,
+    source: Annotated[
+        str,
+        typer.Option(help="colour (side light: colours -> slopes), intensity (a skin that darkens -> depth), or auto."),
+    ] = "auto",
+    report: Annotated[
+        Path | None,
+        typer.Option(help="HTML page, and JSON beside it, with every press judged by a table fitted without it."),
+    ] = None,
     json_: JsonFlag = False,
 ) -> None:
-    """Fit colour change -> surface slope on ball presses of known size."""
+    """Fit colour change -> surface slope, or brightness -> depth, on ball presses of known size."""
     from ruffini.boards import find_board
     from ruffini.calibrate import container
+    from ruffini.calibrate.fit_presses import fit_presses
     from ruffini.calibrate.pad_view import pad_view
-    from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
     from ruffini.calibrate.presses import load_presses
 
     found = find_board(board)
-    seen_by = None if camera is None else _camera_of(camera, found)
-    presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, may_find=True)
+    measured = None if camera is None else _camera_of(camera, found)
+    view = None if measured is None else pad_view(found, measured.tensors, measured.metadata)
+    presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, may_find=True, at_least=1)
     presses = presses if dark is None else _less_dark(presses, dark, found)
-    height, width = presses.reference.shape[:2]
-    if not foreign and (width, height) != (found.camera.width_px, found.camera.height_px):
-        raise InputError(f"{folder}: images are {width}x{height}, board {found.name!r} has {found.resolution}: "
-                         "give --foreign if they come from other optics")  # fmt: skip
-    view = pad_view(found, *(({}, {}) if seen_by is None else (seen_by.tensors, seen_by.metadata)))
     with progress_bar("fit") as progress:
-        fit = fit_photometric(collect_samples(presses, None if foreign else view), progress=progress)
-    report = {**fit.report(), "circles": "found" if presses.is_found else "marked"}
-    metadata = {**container.base_metadata(found), "residuals": json.dumps(report)}
-    if foreign:
-        metadata["optics"] = "foreign"
-    container.write(out, container.pack({**tabulate(fit.model)}, metadata))
-    emit({"file": str(out), **report}, json_,
-         f"{out}: normals of presses left out of the fit: median {report['held_out_normal_median_deg']:.2f} deg, "
-         f"worst press {report['held_out_normal_worst_deg']:.2f} deg ({report['n_presses']} presses, "
-         f"circles {report['circles']})")  # fmt: skip
+        fit = fit_presses(presses, found, is_foreign=foreign, source=source, view=view, progress=progress)
+        metadata = {**container.base_metadata(found), "residuals": json.dumps(fit.report), **fit.metadata}
+        container.write(out, container.pack(fit.tensors, metadata))
+        result = {"file": str(out), **fit.report}
+        text = f"{out}: {fit.summary}"
+        if report is not None:
+            from ruffini.evaluate.press_report import write_report
+
+            result["report"] = [str(path) for path in write_report(report, presses, fit, found, progress)]
+            text += "\n" + "\n".join(result["report"])
+    emit(result, json_, text)
 
 
 def _less_dark(presses: PressSet, path: Path, board: Board) -> PressSet:

@@ -67,15 +67,17 @@ def photometric(
     found = container.board_of(file, board)
     if "photometric" not in file.kinds:
         raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal photometric`")
-    presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, at_least=1)
+    # The disc of a skin that darkens has an edge to be found by; that of colours would be found by what is judged.
+    may_find = "photometric.depth" in file.tensors
+    presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, at_least=1, may_find=may_find)
     still = image_files(untouched) if untouched is not None else []
     with progress_bar("presses") as progress:
         result, surfaces = judge.evaluate(presses, file, found, still, reference_images(folder), progress=progress)
     text = judge.table(result)
     if out is not None:
-        from ruffini.evaluate.pictures import press_depths
+        from ruffini.evaluate.pictures import press_depths, save
 
-        result["picture"] = str(press_depths(out, presses, surfaces, result))
+        result["picture"] = str(save(press_depths(presses, surfaces, result), out))
         text += f"\n{out}"
     emit(result, json_, text)
 

@@ -8,7 +8,7 @@ marked and on the one within `REFIT_PX` of it that the normals agree with best.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ REFIT_STEPS_PX = (1.0, 0.5, 0.25)
 CENTER = 0.12  # radius of the middle whose height is the peak's, contact radii
 RING = 0.04  # half width of the ring whose height is the edge's
 EQUATOR = 0.98  # contact radius over ball radius: where the surface is upright no camera sees its slope
+DEPTH_SMOOTHED_PX = 3.0  # before the slope is taken of a depth that was not made of slopes
 FAR_MM = 500.0  # pinhole of a view without perspective
 
 # The view of a recording that is not of the board's own size: scale as the presses say, no perspective.
@@ -108,15 +109,17 @@ def view_of(board: Board, file: CalibrationFile, presses: PressSet) -> View:
 
 @dataclass(frozen=True)
 class Judgement:
-    """One press on one circle: degrees, millimetres, ratio to the ball's."""
+    """One press on one circle: degrees, millimetres, ratio to the ball's, peak as it is and as the circle says."""
 
     normal_deg: float
     cap_rms_mm: float
     peak_to_edge: float
+    peak_mm: float
+    ball_peak_mm: float
 
     def row(self) -> dict[str, float]:
         """For --json."""
-        return {"normal_deg": self.normal_deg, "cap_rms_mm": self.cap_rms_mm, "peak_to_edge": self.peak_to_edge}
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,18 @@ class Surface:
 def _normals(slope: Array) -> Array:
     n = np.concatenate([-slope, np.ones((*slope.shape[:-1], 1))], axis=-1)
     return np.asarray(n / np.linalg.norm(n, axis=-1, keepdims=True))
+
+
+def normal_error_deg(presses: PressSet, circle: Press, seen: Surface) -> Array:
+    """Angle to the ball's normal in the judged part of a circle, seen without perspective; elsewhere NaN."""
+    shape = presses.reference.shape[:2]
+    mask, slope = ball_slope(
+        circle, shape, ball_radius_mm=presses.ball_mm / 2, px_per_mm=presses.px_per_mm, camera=None, inside=INSIDE
+    )
+    out = np.full(shape, np.nan)
+    cosine = (_normals(seen.slope[mask]) * _normals(slope)).sum(axis=1)
+    out[mask] = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    return out
 
 
 class Judge:
@@ -157,16 +172,21 @@ class Judge:
         cosine = (_normals(seen.slope[mask]) * _normals(slope)).sum(axis=1)
         angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
         apart = seen.depth_mm[mask] - self._height(slope)
-        return Judgement(float(np.median(angle)), float(apart.std()), self._peak_to_edge(circle, seen))
+        ratio, peak_mm = self._peak_to_edge(circle, seen)
+        contact_mm = min(circle.radius_px / self.presses.px_per_mm, self.ball_mm)
+        ball_peak_mm = self.ball_mm - float(np.sqrt(self.ball_mm**2 - contact_mm**2))
+        return Judgement(float(np.median(angle)), float(apart.std()), ratio, peak_mm, ball_peak_mm)
 
-    def _peak_to_edge(self, circle: Press, seen: Surface) -> float:
+    def _peak_to_edge(self, circle: Press, seen: Surface) -> tuple[float, float]:
+        """Height of the cap over the ball's, and the depth of its middle, millimetres."""
         mask, slope = self.truth(circle, INSIDE + RING)
         y, x = np.nonzero(mask)
         radius = np.hypot(x - circle.center_x_px, y - circle.center_y_px) / circle.radius_px
         is_peak, is_edge = radius < CENTER, radius > INSIDE - RING
         depth, height = seen.depth_mm[mask], self._height(slope)
         risen = height[is_edge].mean() - height[is_peak].mean()
-        return float((depth[is_edge].mean() - depth[is_peak].mean()) / risen)
+        peak = float(depth[is_peak].mean())
+        return float((depth[is_edge].mean() - peak) / risen), -peak
 
     def refit(self, circle: Press, seen: Surface) -> Press:
         """The circle near the marked one whose ball has the nearest normals, by a pattern search."""
@@ -195,12 +215,16 @@ def _moved(circle: Press, shift: Array) -> Press:
     return Press(circle.path, circle.center_x_px + x, circle.center_y_px + y, circle.radius_px + r)
 
 
-def _surface(pipeline: Pipeline, image: npt.NDArray[np.uint8]) -> Surface:
-    """Slope and depth of an image, brought to its pixels."""
+def _surface(pipeline: Pipeline, image: npt.NDArray[np.uint8], px_per_mm: float | None = None) -> Surface:
+    """Slope and depth of an image, brought to its pixels; with `px_per_mm` the slope is the depth's own."""
     import cv2
 
     pipeline.process(image)
     size = image.shape[1::-1]
+    if px_per_mm is not None:
+        depth = np.asarray(cv2.resize(pipeline.depth_m() * 1e3, size), dtype=np.float64)
+        along_y, along_x = np.gradient(cv2.GaussianBlur(depth, (0, 0), DEPTH_SMOOTHED_PX) * px_per_mm)
+        return Surface(np.stack([along_x, along_y], axis=-1), depth)
     slope = cv2.resize(pipeline.raw("slope") / 4096, size, interpolation=cv2.INTER_LINEAR)
     return Surface(np.asarray(slope), np.asarray(cv2.resize(pipeline.depth_m() * 1e3, size)))
 
@@ -228,11 +252,13 @@ def evaluate(
     """
     view = view_of(board, file, presses)
     judge = Judge(presses, view)
+    is_of_depth = "photometric.depth" in file.tensors
+    own_slope = presses.px_per_mm if is_of_depth else None
     rows, surfaces = [], []
     with Pipeline(view.board, view.calibration) as pipeline:
         pipeline.set_rest(presses.reference)
         for done, press in enumerate(presses.presses):
-            seen = _surface(pipeline, _read(press.path, presses.reference.shape))
+            seen = _surface(pipeline, _read(press.path, presses.reference.shape), own_slope)
             best = judge.refit(press, seen)
             rows.append({
                 "image": press.path.name,
@@ -245,8 +271,9 @@ def evaluate(
             progress((done + 1) / len(presses.presses))
         still = _untouched(pipeline, presses, untouched, references)
     result = {
+        "source": "intensity" if is_of_depth else "colour", "circles": "found" if presses.is_found else "marked",
         "board": board.name, "is_own_view": view.board is board, "inside": INSIDE,
-        "n_presses": len(rows), "marked": _summary(rows, "marked"), "refitted": _summary(rows, "refitted"),
+        "n_presses": len(rows), "marked": summary(rows, "marked"), "refitted": summary(rows, "refitted"),
         "untouched": {"n": len(still), "rms_um": still, "worst_um": max(still) if still else None}, "presses": rows,
     }  # fmt: skip
     return result, surfaces
@@ -268,7 +295,7 @@ def _untouched(pipeline: Pipeline, presses: PressSet, images: list[Path], refere
     return out
 
 
-def _summary(rows: list[dict[str, Any]], circle: str) -> dict[str, float]:
+def summary(rows: list[dict[str, Any]], circle: str) -> dict[str, float]:
     """Median and worst over the presses; heights of presses at the equator are left out."""
     normal = [row[circle]["normal_deg"] for row in rows]
     cap = [row[circle]["cap_rms_mm"] for row in rows]
@@ -284,8 +311,8 @@ def _summary(rows: list[dict[str, Any]], circle: str) -> dict[str, float]:
 def table(result: dict[str, Any]) -> str:
     """The result as text."""
     lines = [
-        f"{result['n_presses']} presses, inside {result['inside']} of the contact radius; circle as marked | refitted "
-        f"within {REFIT_PX:.0f} px",
+        f"{result['n_presses']} presses, inside {result['inside']} of the contact radius; circle as "
+        f"{result['circles']} | refitted within {REFIT_PX:.0f} px",
         f"{'image':16} normals, deg    cap RMS, mm        peak to edge      dx, dy, dr px",
     ]
     for row in result["presses"]:
@@ -302,6 +329,12 @@ def table(result: dict[str, Any]) -> str:
             f"{s['cap_median_mm']:.4f} mm median, {s['cap_worst_mm']:.4f} worst; peak to edge "
             f"{s['peak_to_edge_median']:.3f} median, {s['peak_to_edge_least']:.3f} to {s['peak_to_edge_most']:.3f}"
         )
+    if result["source"] == "intensity":
+        for row in result["presses"]:
+            peak = row["refitted"]
+            lines.append(
+                f"{row['image']}: {peak['peak_mm']:.3f} mm deep, {peak['ball_peak_mm']:.3f} by ball and circle"
+            )
     still = result["untouched"]
     lines.append(
         f"untouched: {still['n']} images, worst RMS {still['worst_um']:.3f} um"

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from ruffini.boards import Board
-from ruffini.calibrate.presses import PressSet
+from ruffini.calibrate.presses import Press, PressSet
 from ruffini.demo.pictures import COLOURS, PRESSURE_MAP, _figure, _save
 from ruffini.evaluate import flow
 from ruffini.evaluate.markers import Tracks
-from ruffini.evaluate.photometric import Surface
+from ruffini.evaluate.photometric import Surface, normal_error_deg
 from ruffini.evaluate.warps import Picture, Warp
+from ruffini.frames import read_image
 
 
 def marker_tracks(path: Path, frames: list[Picture], tracks: Tracks, result: dict[str, Any]) -> Path:
@@ -40,11 +41,42 @@ def marker_tracks(path: Path, frames: list[Picture], tracks: Tracks, result: dic
     return _save(figure, path)
 
 
-def press_depths(path: Path, presses: PressSet, surfaces: list[Surface], result: dict[str, Any]) -> Path:
-    """The best, a middling and the worst press by their normals: depth, and the profile through the ball beside it."""
+def _shown_presses(result: dict[str, Any]) -> list[int]:
+    """The best, a middling and the worst press by their normals; fewer where there are not three."""
     by_error = np.argsort([row["refitted"]["normal_deg"] for row in result["presses"]])
-    shown = [int(by_error[i]) for i in (0, len(by_error) // 2, -1)]
-    figure, axes = _figure(12.0, 7.0, nrows=2, ncols=3)
+    return list(dict.fromkeys(int(by_error[i]) for i in (0, len(by_error) // 2, -1)))
+
+
+def press_errors(presses: PressSet, surfaces: list[Surface], result: dict[str, Any]) -> Any:
+    """Those presses as pictures with their circles, and the error of the normals inside them."""
+    shown = _shown_presses(result)
+    figure, axes = _figure(4.0 * len(shown), 7.4, nrows=2, ncols=len(shown), squeeze=False)
+    turn = np.linspace(0, 2 * np.pi, 100)
+    for column, index in enumerate(shown):
+        row, seen, press = result["presses"][index], surfaces[index], presses.presses[index]
+        dx, dy, dr = row["correction_px"]
+        moved = Press(press.path, press.center_x_px + dx, press.center_y_px + dy, press.radius_px + dr)
+        top, bottom = axes[0, column], axes[1, column]
+        top.imshow(read_image(press.path)[..., ::-1])
+        for circle, style, name in ((press, "k--", result["circles"]), (moved, "w-", "refitted")):
+            x, y, r = circle.center_x_px, circle.center_y_px, circle.radius_px
+            top.plot(x + r * np.cos(turn), y + r * np.sin(turn), style, linewidth=1, label=name)
+        top.set(title=f"{row['image']}: normals {row['refitted']['normal_deg']:.1f} deg", xlabel="x, px")
+        top.legend(loc="lower left", fontsize=8)
+        error = normal_error_deg(presses, moved, seen)
+        shades = bottom.imshow(error, vmin=0, vmax=20, cmap=PRESSURE_MAP)
+        reach = 1.2 * moved.radius_px
+        for axis in (top, bottom):
+            axis.set(xlim=(moved.center_x_px - reach, moved.center_x_px + reach))
+            axis.set(ylim=(moved.center_y_px + reach, moved.center_y_px - reach))
+        figure.colorbar(shades, ax=bottom, label="error of the normal, degrees")
+    return figure
+
+
+def press_depths(presses: PressSet, surfaces: list[Surface], result: dict[str, Any]) -> Any:
+    """Those presses: depth, and the profile through the ball beside it."""
+    shown = _shown_presses(result)
+    figure, axes = _figure(4.0 * len(shown), 7.0, nrows=2, ncols=len(shown), squeeze=False)
     scale, ball_mm = presses.px_per_mm, presses.ball_mm / 2
     for column, index in enumerate(shown):
         row, seen, press = result["presses"][index], surfaces[index], presses.presses[index]
@@ -69,6 +101,11 @@ def press_depths(path: Path, presses: PressSet, surfaces: list[Surface], result:
         bottom.set(title=f"cap {row['refitted']['cap_rms_mm']:.3f} mm RMS, "
                          f"height {row['refitted']['peak_to_edge']:.2f}")  # fmt: skip
         bottom.legend()
+    return figure
+
+
+def save(figure: Any, path: Path) -> Path:
+    """Write a figure that a page could hold, too."""
     return _save(figure, path)
 
 

@@ -1,0 +1,164 @@
+"""Skins of one colour that darken where they are pressed: brightness -> depth, fitted on ball presses.
+
+    z = T(d), d = the mean of the three channels' relative change, T(0) = 0
+
+Inside the contact the depth is the ball's below the contact's edge, z = sqrt(R^2 - a^2) - sqrt(R^2 - r^2). T is a line
+of nodes, linear between, held straight by its second differences and run on linearly beyond the darkest press. Where a
+press makes the skin brighter (a ring of raised gel round the contact) nobody knows the depth: T is zero there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.calibrate.find_balls import LEAST_CHANGE, Circle
+from ruffini.calibrate.presses import Press, PressSet, relative_change
+from ruffini.errors import InputError
+from ruffini.frames import read_image
+
+Array = npt.NDArray[np.float64]
+
+N_LINES = 257  # of the board's table, from -1 to +1; firmware: PhotometricTable::kDepthSize
+N_NODES = 33  # of the fit, from -1 to 0
+STIFFNESS = 1e-3  # bending in mm^2 a node, over the mean square misfit in mm^2
+FITTED_INSIDE = 0.95  # of the contact radius: light strays into its edge
+ANCHOR = 1e3  # weight of T(0) = 0
+LSB_PER_MM = 8e3  # 1/8 um
+MOST_CHROMA = 0.25  # spread of the channels' changes over their mean: side light of several colours has above 1
+DARK_SHARE = 0.3  # of the darkest: what is surely inside the contact
+SMOOTH_PX = 2.0
+
+
+def is_monochrome(images: list[Array], reference: Array) -> bool:
+    """Whether all channels change alike where the skin is pressed."""
+    chroma, mean = [], []
+    for image in images:
+        change = _smoothed(relative_change(image, reference))
+        size = np.linalg.norm(change, axis=2)
+        pressed = change[size > 0.5 * np.quantile(size, 0.995)]
+        chroma.append(float(pressed.std(axis=1).mean()))
+        mean.append(float(np.abs(pressed.mean(axis=1)).mean()))
+    return float(np.median(chroma)) < MOST_CHROMA * float(np.median(mean))
+
+
+def _smoothed(change: Array) -> Array:
+    import cv2
+
+    return np.asarray(cv2.GaussianBlur(change, (0, 0), SMOOTH_PX), dtype=np.float64)
+
+
+def find_discs(images: list[Array], reference: Array, names: list[Path]) -> list[Circle]:
+    """The contact in each picture: the dark disc's middle, and how far out the skin is darker than at rest."""
+    circles = []
+    for image, name in zip(images, names, strict=True):
+        if image.shape != reference.shape:
+            raise InputError(f"{name}: is of another size than the reference: one size is needed")
+        circles.append(_disc(_smoothed(relative_change(image, reference)).mean(axis=2), name))
+    return circles
+
+
+def _disc(change: Array, name: Path) -> Circle:
+    import cv2
+
+    darkest = float(np.quantile(change, 0.002))
+    if darkest > -LEAST_CHANGE:
+        raise InputError(f"{name}: ball not found: nothing is darker by {100 * LEAST_CHANGE:.0f} % than the reference; "
+                         "take the picture out, or press deeper")  # fmt: skip
+    mask = (change < DARK_SHARE * darkest).astype(np.uint8)
+    _, _, stats, centres = cv2.connectedComponentsWithStats(mask)
+    x, y = centres[1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())]
+    rows, columns = np.indices(change.shape)
+    ring = np.hypot(columns - x, rows - y).astype(int)
+    profile = np.bincount(ring.ravel(), change.ravel()) / np.maximum(np.bincount(ring.ravel()), 1)
+    brighter = np.flatnonzero(profile >= 0)
+    if not len(brighter) or brighter[0] == 0:
+        raise InputError(f"{name}: the dark disc has no edge inside the picture: mark the circle in presses.csv")
+    out = int(brighter[0])
+    radius = out + 0.5 - profile[out] / max(profile[out] - profile[out - 1], 1e-9)
+    return Circle(float(x), float(y), float(radius))
+
+
+@dataclass(frozen=True)
+class IntensityFit:
+    """T at the nodes, millimetres (negative: pressed in), and the RMS of each press about its ball, offset removed."""
+
+    node_mm: Array
+    fitted_rms_mm: list[float]
+    held_out_rms_mm: list[float]  # by a table without that press; empty for one press
+
+    def depth_mm(self, change: Array) -> Array:
+        """T(d)."""
+        return np.asarray(_weights(change) @ self.node_mm)
+
+    def report(self) -> dict[str, Any]:
+        """Residuals for the manifest and the screen."""
+        held_out = self.held_out_rms_mm
+        return {
+            "source": "intensity",
+            "n_presses": len(self.fitted_rms_mm),
+            "fitted_cap_rms_mm": round(float(np.median(self.fitted_rms_mm)), 4),
+            "held_out_cap_rms_mm": round(float(np.median(held_out)), 4) if held_out else None,
+        }
+
+    def tabulate(self) -> dict[str, npt.NDArray[Any]]:
+        """The table of proto/CALIBRATION.md."""
+        z = self.depth_mm(np.linspace(-1, 1, N_LINES)) * LSB_PER_MM
+        return {"photometric.depth": np.clip(np.floor(z + 0.5), -32767, 32767).astype(np.int16)}
+
+
+def _weights(change: Array) -> Array:
+    """(n, nodes), linear between; zero where the skin is brighter."""
+    at = np.clip((change + 1) * (N_NODES - 1), 0, N_NODES - 1)
+    low = np.minimum(at.astype(int), N_NODES - 2)
+    out = np.zeros((len(change), N_NODES))
+    rows = np.arange(len(change))
+    out[rows, low], out[rows, low + 1] = 1 - (at - low), at - low
+    return out
+
+
+def fit_intensity(presses: PressSet) -> IntensityFit:
+    """Least squares over all presses; each left out in turn where there are several."""
+    samples = [_samples(press, presses) for press in presses.presses]
+    node = _solve(samples)
+    held_out = []
+    if len(samples) > 1:
+        for i, sample in enumerate(samples):
+            held_out.append(_rms(_solve(samples[:i] + samples[i + 1 :]), sample))
+    return IntensityFit(node, [_rms(node, s) for s in samples], held_out)
+
+
+def _samples(press: Press, presses: PressSet) -> tuple[Array, Array]:
+    """Change (n,) and depth (n,) in millimetres of the pixels inside the contact."""
+    image = read_image(press.path).astype(float)
+    if image.shape != presses.reference.shape:
+        raise InputError(f"{press.path}: is of another size than the reference: one size is needed")
+    rows, columns = np.indices(image.shape[:2])
+    away_mm = np.hypot(columns - press.center_x_px, rows - press.center_y_px) / presses.px_per_mm
+    contact_mm, ball_mm = press.radius_px / presses.px_per_mm, presses.ball_mm / 2
+    inside = away_mm < FITTED_INSIDE * min(contact_mm, ball_mm)
+    if inside.sum() < 50:
+        raise InputError(f"{press.path}: only {int(inside.sum())} pixels inside the contact: is its circle right?")
+    edge = np.sqrt(max(ball_mm**2 - contact_mm**2, 0.0))
+    depth = edge - np.sqrt(ball_mm**2 - away_mm[inside] ** 2)
+    return relative_change(image, presses.reference, presses.dark).mean(axis=2)[inside], depth
+
+
+def _solve(samples: list[tuple[Array, Array]]) -> Array:
+    second = np.diff(np.eye(N_NODES), n=2, axis=0)
+    gram = STIFFNESS * second.T @ second
+    right = np.zeros(N_NODES)
+    for change, depth in samples:
+        weights = _weights(change)
+        gram += weights.T @ weights / len(depth) / len(samples)
+        right += weights.T @ depth / len(depth) / len(samples)
+    gram[-1, -1] += ANCHOR
+    return np.asarray(np.linalg.solve(gram, right), dtype=np.float64)
+
+
+def _rms(node: Array, sample: tuple[Array, Array]) -> float:
+    return float((_weights(sample[0]) @ node - sample[1]).std())
