@@ -17,6 +17,7 @@ from ruffini.cli import (
     demo,
     device,
     evaluate,
+    experiment,
     fit,
     flash,
     fleet,
@@ -64,3 +65,4 @@ app.add_typer(evaluate.app, name="eval")
 app.add_typer(board.app, name="board")
 app.add_typer(train.app, name="train")
 app.command("demo")(demo.demo)
+app.command("reproduce")(experiment.reproduce)

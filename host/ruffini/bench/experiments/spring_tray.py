@@ -1,0 +1,228 @@
+"""Wrench of three targets on a sprung tray: Table III, Fig. 7, 8 and 10 of its paper, by us and by the paper's method.
+
+Both are fitted on the same log of hand loads on the rigid connector (loads.toml, part "fit") and its noisy reference;
+both are judged against the twin's truth on other loads, places, indenters and seeds, loading and unloading in equal
+parts, where the load is in the paper's ranges. What we say is what the core says of each frame, with the calibration
+in force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.papers.recorded import Recorded
+from ruffini.boards import Board
+from ruffini.calibrate import container
+from ruffini.calibrate.feature_log import features_of, read_feature_runs
+from ruffini.calibrate.pad_view import pad_view
+from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
+from ruffini.calibrate.presses import load_presses
+from ruffini.calibrate.target_geometry import second_order_of
+from ruffini.calibrate.wrench_map import AXES, Fit, fit_wrench_map
+from ruffini.calibrate.wrench_tables import tables
+from ruffini.core import Pipeline
+from ruffini.papers.spring_tray import calibrate, targets, variables
+from ruffini.sim.recording import record_balls
+from ruffini.sim.reproduce.make import digest
+from ruffini.sim.reproduce.make import reproduce as record
+from ruffini.sim.reproduce.runs import runs_of
+from ruffini.sim.reproduce.settings import ReproduceSettings, load_reproduce
+from ruffini.sim.unit import TwinUnit
+
+Array = npt.NDArray[np.float64]
+
+BENCH = "loads.toml"
+TO_NMM = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
+RANGES = np.array([1.0, 1.0, 8.0, 20.0, 20.0, 20.0])  # of the paper's sensor, N and N mm; Table III divides by them
+N_BALLS, QUICK_BALLS, BALL_SEED = 40, 15, 11
+WRONG_SIGMAS, WRONG_PART = 5.0, 0.05  # an error beyond both without a flag must not be
+N_COVARIANCE = 6
+
+
+@dataclass(frozen=True)
+class Played:
+    """One run, frame by frame from the first touch on: N and N mm.
+
+    The paper's is NaN where it sees no three targets.
+    """
+
+    recorded: Recorded
+    truth: Array
+    reference: Array
+    ours: Array
+    paper: Array
+    sigma: Array
+    flags: npt.NDArray[np.int64]
+    features: Array  # (t, n, 3) shift and change of area of each target, px and px^2
+    places_px: Array  # (n, 3) centre and radius of each target at rest
+    depth_um: Array | None  # at the deepest frame
+
+    @property
+    def judged(self) -> npt.NDArray[np.bool_]:
+        """In the ranges of the paper's sensor, and not flagged."""
+        return np.asarray((self.flags == 0) & (np.abs(self.truth) <= RANGES).all(axis=1))
+
+
+def reproduce(board: Board, out: Path, options: Options) -> Experiment:
+    """Record what is missing, fit, judge, draw."""
+    from ruffini.bench.experiments import spring_tray_pictures as pictures
+
+    settings = load_reproduce(board, BENCH)
+    folder = (options.folder or default_folder(board)) / f"{board.name}-{digest(board, BENCH)[:12]}"
+    record(board, folder, bench=BENCH, quick=options.quick, n_workers=options.n_workers,
+           progress=lambda p: options.progress(0.6 * p))  # fmt: skip
+    runs = _recorded(settings, folder, quick=options.quick)
+    fitted = [r for r in runs if r.part == "fit"]
+    fit = fit_wrench_map(read_feature_runs([r.folder for r in fitted], board), bend=second_order_of(board))
+    data = _calibration(board, fit, folder.with_name(f"{folder.name}-balls"), quick=options.quick)
+    k = calibrate(*_papers_log(fitted))
+    options.progress(0.8)
+    played = [play(board, data, r, k) for r in runs if r.part != "fit"]
+    sets = {name: [p for p in played if p.recorded.set_name == name] for name in _names(played)}
+    result: dict[str, Any] = {
+        "board": board.name, "paper": settings.paper, "simulated": True, "quick": options.quick, "fit": fit.report(),
+        "sets": {name: _judge(group) for name, group in sets.items()},
+        "published": {p.name: p.value_1e6 * 1e-6 for p in settings.published},
+    }  # fmt: skip
+    made = pictures.draw(out, sets)
+    text = "\n".join([table(result), *(str(path) for path in made)])
+    return Experiment(result, text, made)
+
+
+def default_folder(board: Board) -> Path:
+    """Where recordings are kept between runs."""
+    from ruffini.bench.papers import default_folder as papers_folder
+
+    return papers_folder(board).parent
+
+
+def _names(played: Sequence[Played]) -> list[str]:
+    return list(dict.fromkeys(p.recorded.set_name for p in played))
+
+
+def _recorded(settings: ReproduceSettings, folder: Path, *, quick: bool) -> list[Recorded]:
+    runs = [Recorded(run, folder / run.key) for run in runs_of(settings, quick=quick)]
+    return [r for r in runs if (r.folder / "run.json").is_file()]
+
+
+def _calibration(board: Board, fit: Fit, balls: Path, *, quick: bool) -> bytes:
+    """Wrench, and colours to depth from ball presses of the twin: one file, as a unit would have it."""
+    wrench, said = tables(fit, features_of(board))
+    n = QUICK_BALLS if quick else N_BALLS
+    if not (balls / "presses.csv").is_file():
+        record_balls(TwinUnit.build(board), n, balls, ball_mm=5.0, seed=BALL_SEED)
+    colours = fit_photometric(collect_samples(load_presses(balls), pad_view(board, {}, {})))
+    return container.pack({**wrench, **tabulate(colours.model)}, {**container.base_metadata(board), **said}).data
+
+
+def _papers_log(runs: Sequence[Recorded]) -> tuple[Array, Array]:
+    """Nine variables and the reference (N and N m) of the loaded frames of the paper's method."""
+    nine, wrench = [], []
+    for r in runs:
+        unloaded = np.mean([targets(r.picture(i)) for i in range(int(r.touched[0]))], axis=0)
+        for frame in r.touched:
+            try:
+                nine.append(variables(targets(r.picture(int(frame))), unloaded))
+            except ValueError:  # not three dark blobs
+                continue
+            wrench.append(r.rig["force"][frame])
+    return np.array(nine), np.array(wrench)
+
+
+def play(board: Board, data: bytes, r: Recorded, k: Array) -> Played:
+    """One run through the core with its calibration, and through the paper's method."""
+    first = int(r.touched[0])
+    ours, paper, sigma, flags, seen = [], [], [], [], []
+    rest: list[Array] = []
+    depth, deepest = None, first + int(np.argmin(r.truth["wrench"][first:, 2]))
+    with Pipeline(board, data) as core:
+        for i in range(len(r.truth["frame"])):
+            picture = r.picture(i)
+            said = core.process(picture)
+            try:
+                blobs = targets(picture)
+            except ValueError:
+                blobs = np.full((3, 3), np.nan)
+            if i < first:
+                rest.append(blobs)
+                continue
+            ours.append(said.wrench * TO_NMM)
+            paper.append(k @ variables(blobs, np.mean(rest, axis=0)) * TO_NMM)
+            sigma.append(_sigma(core))
+            flags.append(said.flags)
+            seen.append(core.features().reshape(-1, 3) / [65536, 65536, 256])
+            if i == deepest:
+                depth = core.depth_m() * 1e6
+        rows = core.targets()
+    return Played(
+        r, r.truth["wrench"][first:] * TO_NMM, r.rig["force"][first:] * TO_NMM, np.array(ours), np.array(paper),
+        np.array(sigma), np.array(flags), np.array(seen),
+        np.column_stack([rows[:, :2] / 65536, np.sqrt(rows[:, 2] / 256 / np.pi)]), depth,
+    )  # fmt: skip
+
+
+def _sigma(core: Pipeline) -> Array:
+    whole = np.zeros((N_COVARIANCE, N_COVARIANCE))
+    whole[np.triu_indices(N_COVARIANCE)] = core.covariance() * 1e-12
+    return np.asarray(np.sqrt(np.diag(whole)))
+
+
+def _judge(group: Sequence[Played]) -> dict[str, Any]:
+    """RMSE and R^2 of each axis against the truth, by us and by the paper's method, on the frames that both have."""
+    truth, ours, paper, reference, sigma = (
+        np.concatenate([getattr(p, name)[p.judged] for p in group])
+        for name in ("truth", "ours", "paper", "reference", "sigma")
+    )
+    flagged = np.concatenate([p.flags != 0 for p in group])
+    both = np.isfinite(paper).all(axis=1)
+    error = ours - truth
+
+    def rmse(a: Array, b: Array) -> list[float]:
+        return [float(v) for v in np.sqrt(((a - b)[both] ** 2).mean(axis=0))]
+
+    spread = ((truth - truth.mean(axis=0))[both] ** 2).mean(axis=0)
+    wrong = (np.abs(error) > WRONG_SIGMAS * sigma) & (np.abs(error) > WRONG_PART * RANGES)
+    return {
+        "what": group[0].recorded.run.settings.what, "frames": len(truth), "flagged": int(flagged.sum()),
+        "paper_lost": int((~both).sum()), "largest": np.abs(truth).max(axis=0).tolist(),
+        "ours": rmse(ours, truth), "paper": rmse(paper, truth),
+        "ours_to_reference": rmse(ours, reference), "paper_to_reference": rmse(paper, reference),
+        "r2": (1 - np.array(rmse(ours, truth)) ** 2 / np.maximum(spread, 1e-12)).tolist(),
+        "paper_r2": (1 - np.array(rmse(paper, truth)) ** 2 / np.maximum(spread, 1e-12)).tolist(),
+        "unflagged_wrong": int(wrong.any(axis=1).sum()),
+        "within_2_sigma": float((np.abs(error) < 2 * sigma).mean()),
+    }  # fmt: skip
+
+
+def table(result: dict[str, Any]) -> str:
+    """Table III as text, set by set."""
+    quick = ", quick: not the figures of the README" if result["quick"] else ""
+    printed = result["published"]
+    lines = [f"{result['board']}: Table III, SIMULATED{quick}; RMSE in N and N mm (of the range), against the truth"]
+    for name, s in result["sets"].items():
+        lines += [
+            f"{name}: {s['what']}; {s['frames']} frames in the paper's ranges, {s['flagged']} flagged, "
+            f"{s['paper_lost']} without three blobs for the paper's method, wrong without a flag: "
+            f"{s['unflagged_wrong']}",
+            f"  {'':4}{'ours':>16}{'its method':>16}{'ratio':>7}{'R2':>7}{'its R2':>8}{'paper':>16}{'GelSight':>16}",
+        ]
+        for i, axis in enumerate(AXES):
+            ours, paper = s["ours"][i], s["paper"][i]
+            gel = printed.get(f"GelSight, {axis}")
+            said = f"{gel:.3g} ({printed[f'GelSight, {axis} of its range']:.1f} %)" if gel else "-"
+            lines.append(
+                f"  {axis:4}{_of(ours, i):>16}{_of(paper, i):>16}{ours / paper:>7.2f}{s['r2'][i]:>7.3f}"
+                f"{s['paper_r2'][i]:>8.3f}{_of(printed[axis], i):>16}{said:>16}"
+            )
+    return "\n".join(lines)
+
+
+def _of(value: float, axis: int) -> str:
+    return f"{value:.3g} ({100 * value / RANGES[axis]:.2f} %)"
