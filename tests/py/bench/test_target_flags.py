@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from ruffini.boards import Board, find_board
+from ruffini.calibrate.target_geometry import TargetGeometry
 from ruffini.core import Pipeline
 from ruffini.sim.programs import Load, Rest
 from ruffini.sim.scenario import Scenario
@@ -78,3 +79,25 @@ def test_a_removed_and_a_half_covered_target_are_flagged_at_once(board: Board) -
             said = core.process(picture)
             assert said.flags & MARKERS_LOST
             assert core.targets()[:, 8].tolist() == [1, 0, 0]
+
+
+def test_shifts_and_areas_are_those_of_the_trays_pose(board: Board) -> None:
+    """Against perspective of the twin's true pose: 0.05 px and 0.2 % of the area, under noise and JPEG."""
+    n_rest, n_loaded = board.pipeline.n_rest_frames, 6
+    unit, scenario = build_unit(board), Scenario(seed=4)
+    renderer, poses = unit.renderer(), []
+    with Pipeline(board) as core:
+        seen = []
+        story = [Rest(n_rest), Load(np.repeat(LOAD[None], n_loaded, axis=0), [True] * n_loaded)]
+        for frame, moment in enumerate(play(unit, story)):
+            core.process(scenario.picture(renderer, frame, moment.displacement, None, moment.tray))
+            if frame >= n_rest:
+                assert moment.tray is not None
+                poses.append([*(1e3 * v for v in moment.tray.shift_m), *moment.tray.turn_rad])
+                seen.append(core.features())
+        area = core.targets()[:, 2] / 256
+    expected = TargetGeometry(board).features(np.array(poses)).reshape(n_loaded, -1, 3)
+    off = np.array(seen).reshape(n_loaded, -1, 3) - expected
+    assert np.abs(expected[:, :, :2]).max() > 2 * 65536  # a load that moves them
+    assert np.abs(off[:, :, :2]).max() < 0.05 * 65536
+    assert (np.abs(off[:, :, 2] / 256) < 2e-3 * area).all()
