@@ -24,13 +24,13 @@ from ruffini.calibrate.reference_log import VALID, reference_wrench
 from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
 from ruffini.frames import read_frames
-from ruffini.rig.found import is_held, on_reference_clock, reference_in_pad
+from ruffini.rig.found import on_reference_clock, reference_in_pad
 from ruffini.rig.log_file import Log, TouchRecord, read_log
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
-SETTLED_PART = 0.5  # of a hold, its end
+NEAR_S = 0.05  # readings of the reference about a frame's time that are averaged
 UNTOUCHED_N = 0.01  # of the reference: a frame of a recording in which nothing presses
 
 
@@ -121,14 +121,14 @@ def _of_log(path: Path, board: Board, colours: CalibrationFile | None) -> TouchL
     rest = [np.zeros((0, n_nodes, 3))]
     seen = None if colours is None else _in_pictures(path, log, board, colours)
     for number, touch in enumerate(log.touches):
-        fields = touch.arrays.get("field_displacement") if seen is None else seen.get(number)
+        time_s, fields = _measured(touch) if seen is None else seen.get(number, (np.zeros(0), None))
         if fields is None:
             continue
         if fields.shape[1:] != shape:
             raise InputError(f"{path}, touch {number}: displacement at {fields.shape[1:]}, the board has {shape}")
-        wrench, device = _held(log, touch)
+        wrench, device = _at(log, touch, time_s)
         flat = fields.astype(np.float64).reshape(len(fields), n_nodes, 3)
-        held += [(u, wrench, number, device) for u in flat]
+        held += [(u, w, number, d) for u, w, d in zip(flat, wrench, device, strict=True)]
         if "rest_field_displacement" in touch.arrays and seen is None:
             rest.append(touch.arrays["rest_field_displacement"].astype(np.float64).reshape(-1, n_nodes, 3))
     if not held:
@@ -140,33 +140,42 @@ def _of_log(path: Path, board: Board, colours: CalibrationFile | None) -> TouchL
     )  # fmt: skip
 
 
-def _in_pictures(path: Path, log: Log, board: Board, colours: CalibrationFile) -> dict[int, Array]:
-    """Displacement (k, n_y, n_x, 3) m of each touch in its pictures; the first one of each is of the untouched pad."""
-    images = {i: t.arrays["image"] for i, t in enumerate(log.touches)
-              if len(t.arrays.get("image", ())) > 1 and t.facts.get("image_step_px", 1) == 1}  # fmt: skip
-    if not images:
+def _measured(touch: TouchRecord) -> tuple[Array, Array | None]:
+    """Times and displacement of the frames of the hold that the log keeps."""
+    return touch.arrays.get("field_s", np.zeros(0)), touch.arrays.get("field_displacement")
+
+
+def _in_pictures(path: Path, log: Log, board: Board, colours: CalibrationFile) -> dict[int, tuple[Array, Array | None]]:
+    """Times and displacement (k, n_y, n_x, 3) m of each touch's pictures; the first of each is of the untouched pad."""
+    touches = {i: t for i, t in enumerate(log.touches)
+               if len(t.arrays.get("image", ())) > 1 and t.facts.get("image_step_px", 1) == 1}  # fmt: skip
+    if not touches:
         raise InputError(
             f"{path} was measured with other colours and holds no whole pictures: flash these colours, collect again"
         )
-    out = {}
+    out: dict[int, tuple[Array, Array | None]] = {}
     with Pipeline(board, colours.data) as pipeline:
-        for i, pictures in images.items():
+        for i, touch in touches.items():
+            pictures, time_s = touch.arrays["image"], touch.arrays["image_s"]
             pipeline.set_rest(pictures[0])
-            held = []
-            for picture in pictures[1:]:
-                if pipeline.process(picture).depth_validity == VALID:
-                    held.append(pipeline.displacement_m())
+            held = [(t, pipeline.displacement_m()) for t, picture in zip(time_s[1:], pictures[1:], strict=True)
+                    if pipeline.process(picture).depth_validity == VALID]  # fmt: skip
             if held:
-                out[i] = np.array(held)
+                out[i] = np.array([t for t, _ in held]), np.array([u for _, u in held])
     return out
 
 
-def _held(log: Log, touch: TouchRecord) -> tuple[Array, Array]:
-    """What the reference and the device said at the end of the hold, (6,) each."""
-    a, f = touch.arrays, touch.facts
-    settled = is_held(a["reference_s"], f, part=SETTLED_PART)
-    seen = is_held(a["stream_host_s"], f, part=SETTLED_PART)
-    return reference_in_pad(log, touch)[settled].mean(axis=0), a["stream_wrench"][seen].mean(axis=0)
+def _at(log: Log, touch: TouchRecord, frame_s: Array) -> tuple[Array, Array]:
+    """What reference and device said at frames of the stream, (k, 6) each: on one clock, for holds are never still."""
+    a = touch.arrays
+    frame = np.abs(a["stream_s"] - frame_s[:, None]).argmin(axis=1)
+    reference, reference_s = reference_in_pad(log, touch), a["reference_s"]
+    wrench = []
+    for when in on_reference_clock(log, touch)[frame]:
+        near = np.abs(reference_s - when) < NEAR_S
+        wrench.append(reference[near].mean(axis=0) if near.any() else
+                      np.array([np.interp(when, reference_s, column) for column in reference.T]))  # fmt: skip
+    return np.array(wrench), a["stream_wrench"][frame]
 
 
 def _series(log: Log, touch: TouchRecord) -> Series:

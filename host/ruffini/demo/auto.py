@@ -58,6 +58,7 @@ class Counts(NamedTuple):
     error_touches: int
 
 
+FITTED_PART = 0.7  # of the span, in which the material's touches lie; the judged ones are all over it
 FITTED = ("balls", "grid")  # logs that something is fitted to; the others are judged
 WHOLE, QUICK = Counts(30, 40, 20, 120), Counts(16, 16, 6, 40)
 
@@ -198,9 +199,10 @@ class Auto:
             self.say(f"{name}: {path} is there")
             return path, None
         with self.site.open(program, calibration) as (bench, truth):
-            touches = (
-                plan(program, self.site.span, n, seed) if name in FITTED else judged_touches(self.site.span, n, seed)
-            )
+            span = self.site.span
+            if name == "grid":  # inside, where a dent does not reach the rim that the depth is gauged by
+                span = span._replace(half_x_m=FITTED_PART * span.half_x_m, half_y_m=FITTED_PART * span.half_y_m)
+            touches = plan(program, span, n, seed) if name in FITTED else judged_touches(span, n, seed)
             collect(bench, touches, LogWriter(path, facts),
                     tell=lambda p: self.say(f"{name} {p.n_done}/{p.n_total} {p.text}"))  # fmt: skip
         return path, truth

@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from test_material import TRUE, board, touches  # noqa: F401
@@ -168,6 +169,20 @@ def test_a_fleet_has_a_spread_outliers_and_a_prior(board: Board, tmp_path: Path)
     assert outliers_of(fleet.units[:5]) == {}
     with pytest.raises(InputError, match=r"several logs are called few\.h5"):
         fit_fleet([few, few], board, None)
+
+
+def test_a_hold_that_is_not_still_is_paired_by_time(board: Board, tmp_path: Path) -> None:  # noqa: F811
+    """The reference rises while the frames are kept: each frame has what it read then, not the hold's mean."""
+    path = rig_log(board, tmp_path / "log.h5", 2, seed=8)
+    with h5py.File(path, "r+") as file:
+        touch = file["touch/00000"]
+        ramp = np.linspace(0.5, 1.0, N_FRAMES)
+        touch["reference_wrench"][...] = ramp[:, None] * touch["reference_wrench"][-1]
+        touch["field_s"][...] = touch["stream_s"][[3, 6]]
+        last = touch["reference_wrench"][-1]
+    log = read_touch_log([path], board, None)
+    assert log.wrench[0, 2] == pytest.approx(ramp[3] * last[2], rel=1e-6)
+    assert log.wrench[1, 2] == pytest.approx(ramp[6] * last[2], rel=1e-6)
 
 
 def test_relaxed_force_after_a_while() -> None:
