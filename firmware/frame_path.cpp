@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <utility>
 
+#include "image/pitch_check.h"
+
 namespace ruffini {
 namespace {
 
 constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark |
-                                 kFlagOverexposed | kFlagLight | kFlagFeatures;
+                                 kFlagOverexposed | kFlagLight | kFlagFeatures | kFlagOtherPad;
 // Light that for so many frames was further than 0.05 % from what is followed (image/light.h takes a sixteenth a frame)
 // makes depth that a faint touch cannot be told from. A touch moves it less, or begins earlier.
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
@@ -72,7 +74,14 @@ void FramePath::learn_features() {
   const std::span<const uint16_t> grey = state_.difference.grey;
   if (has(Stage::kTargets)) targets_.learn(grey);
   if (!has(Stage::kMarkers)) return;
-  n_markers_at_rest_ = flow_ ? flow_->learn(grey) : lattice_.learn(dots_.detect(grey));
+  if (flow_) {
+    n_markers_at_rest_ = flow_->learn(grey);
+  } else {
+    const std::span<const Dot> dots = dots_.detect(grey);
+    n_markers_at_rest_ = lattice_.learn(dots);
+    // Of twice as many, every second one would do.
+    is_other_pad_ = (!camera_map_ && !pitch_fits(markers(), board_)) || std::ssize(dots) > 2 * lattice_.size().count();
+  }
   displacement_.learn(markers());
 }
 
@@ -291,6 +300,7 @@ void FramePath::judge_input() {
                                100 * n_missing > (100 - kMinMarkersPercent) * lattice_.size().count())) {
     s.flags |= kFlagMarkersLost;
   }
+  if (is_other_pad_) s.flags |= kFlagOtherPad;
   if (s.targets.n_lost > 0) s.flags |= kFlagMarkersLost;
   const int64_t limit_q3 = board_.pad.thickness_um * 8 / 2;
   for (const NodeDisplacement& u : s.displacement.node) {

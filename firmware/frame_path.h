@@ -126,6 +126,7 @@ class FramePath {
   MarkerTracker lattice_;
   std::optional<TextureFlow> flow_;  // in place of dots and lattice where the board's markers are patches of a texture
   int n_markers_at_rest_ = 0;
+  bool is_other_pad_ = false;
   TargetTracker targets_;
   std::vector<Marker> target_marks_;  // targets as what hides the surface
   std::optional<CameraMap> camera_map_;

@@ -37,6 +37,7 @@ enum Flag : uint32_t {
   kFlagWindowBorder = 512,
   kFlagLight = 1024,
   kFlagFeatures = 2048,
+  kFlagOtherPad = 4096,
 };
 
 // Numbers are those of Validity in ruffini.proto.

@@ -41,6 +41,7 @@ def track(
 
     from ruffini.boards import find_board
     from ruffini.core import Pipeline
+    from ruffini.core.faults import count_faults, fault_words, faults
     from ruffini.files import write_whole
     from ruffini.frames import read_frames
 
@@ -49,6 +50,11 @@ def track(
     with Pipeline(found) as pipeline, progress_bar("track") as progress:
         frames = read_frames(video)
         for i, frame in enumerate(frames):
+            height, width = frame.shape[:2]
+            if (width, height) != (found.camera.width_px, found.camera.height_px):
+                raise InputError(
+                    f"{video}: frame {i} is {width}x{height}, board {found.name!r} needs {found.resolution}"
+                )
             result = pipeline.process(frame)
             rest, displacement, state = pipeline.markers()
             if not result.has_reference:
@@ -70,20 +76,21 @@ def track(
     step = np.linalg.norm(np.diff(displacement[learned:], axis=0), axis=-1)
     per_frame = [
         {"frame": i, "lost": int((s == 1).sum()), "mean_px": d.reshape(-1, 2).mean(axis=0).round(4).tolist(),
-         "displacement_px": d.round(4).tolist()}
-        for i, (d, s) in enumerate(zip(displacement, state, strict=True))
+         "displacement_px": d.round(4).tolist(), "faults": faults(f)}
+        for i, (d, s, f) in enumerate(zip(displacement, state, flags, strict=True))
     ]  # fmt: skip
     summary = {
         "frames": len(displacement), "lattice": list(rest.shape[1::-1]), "markers_at_rest": result.n_markers_at_rest,
         "rest_px": rest.round(4).tolist(), "largest_displacement_px": round(float(length.max()), 3),
         "largest_step_px": round(float(step.max(initial=0.0)), 3),
         "lost_most": int((state == 1).sum(axis=(1, 2)).max()),
-        "seen_share": round(float(seen.mean()), 5) if seen.size else None,
+        "seen_share": round(float(seen.mean()), 5) if seen.size else None, "faults": count_faults(flags),
     }  # fmt: skip
+    wrong = fault_words(summary["faults"])
     emit({**summary, "per_frame": per_frame}, json_,
          f"{summary['frames']} frames, {summary['markers_at_rest']} markers at rest, largest displacement "
          f"{summary['largest_displacement_px']} px, largest step {summary['largest_step_px']} px, "
-         f"at most {summary['lost_most']} lost")  # fmt: skip
+         f"at most {summary['lost_most']} lost" + (f"; NOT TO BE USED: {wrong}" if wrong else ""))  # fmt: skip
 
 
 def depth(
@@ -106,6 +113,7 @@ def depth(
 
     from ruffini.calibrate import container
     from ruffini.core import Pipeline
+    from ruffini.core.faults import faults
     from ruffini.demo.pictures import depth_map
     from ruffini.files import write_array
 
@@ -137,9 +145,13 @@ def depth(
                 depth_map(out / f"{path.stem}.png", full * 1e6, title=path.name)
             rows.append({"image": str(path), "lowest_um": round(float(grid.min() * 1e6), 3),
                          "highest_um": round(float(grid.max() * 1e6), 3), "flags": result.flags,
-                         "validity": result.depth_validity})  # fmt: skip
+                         "validity": result.depth_validity, "faults": faults(result.flags)})  # fmt: skip
             progress((i + 1) / len(images))
-    text = "\n".join(f"{r['image']}: {r['lowest_um']:.1f} to {r['highest_um']:.1f} um" for r in rows)
+    text = "\n".join(
+        f"{r['image']}: {r['lowest_um']:.1f} to {r['highest_um']:.1f} um"
+        + (f"; NOT TO BE USED: {', '.join(r['faults'])}" if r["faults"] else "")
+        for r in rows
+    )
     emit({"images": rows}, json_, text)
 
 

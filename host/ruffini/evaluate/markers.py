@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.core import Pipeline
+from ruffini.core.faults import faults
 from ruffini.errors import InputError
 from ruffini.evaluate.warps import Picture, Warp
 
@@ -161,7 +162,7 @@ def judge_orders(
 
 def judge_rest(tracks: Tracks) -> dict[str, Any]:
     """Displacement of the frames before the first motion; `sd_px` is about each marker's own mean."""
-    touched = np.flatnonzero(tracks.largest_px > MOVED_PX)
+    touched = np.flatnonzero((tracks.largest_px > MOVED_PX) | ~tracks.is_seen.any(axis=(1, 2)))
     n = int(touched[0]) if touched.size else len(tracks.moved_px)
     if n < 2:
         return {"frames": n}
@@ -207,9 +208,7 @@ def evaluate(
         raise InputError(f"frame {odd} is {width}x{height}, board {board.name!r} needs {board.resolution}")
     rest = np.mean([frame.astype(float) for frame in frames[:n_rest]], axis=0)
     tracks = follow(board, rest, frames)
-    n_at_rest = _markers_at_rest(board, rest, frames[0])
-    if n_at_rest == 0:
-        raise InputError(f"no markers of board {board.name!r} in the first {n_rest} frames: is it the right board?")
+    n_at_rest = _markers_at_rest(board, rest, frames[0], n_rest)
     result = {
         "board": board.name, "frames": len(frames), "markers_at_rest": n_at_rest,
         "warp": judge_warps(board, frames[0], n_fields),
@@ -221,10 +220,20 @@ def evaluate(
     return result, tracks
 
 
-def _markers_at_rest(board: Board, rest: Array, frame: Picture) -> int:
+def _markers_at_rest(board: Board, rest: Array, frame: Picture, n_rest: int) -> int:
     with Pipeline(board) as pipeline:
         pipeline.set_rest(rest)
-        return pipeline.process(frame).n_markers_at_rest
+        result = pipeline.process(frame)
+        n = pipeline.layout.marker_n_x * pipeline.layout.marker_n_y
+    if result.n_markers_at_rest == 0:
+        raise InputError(f"no markers of board {board.name!r} in the first {n_rest} frames: is it the right board?")
+    wrong = faults(result.flags)
+    if wrong:
+        raise InputError(
+            f"the first frames cannot be judged: {', '.join(wrong)} ({result.n_markers_at_rest} of the {n} markers of "
+            f"board {board.name!r} found at rest): is it the right board and resolution?"
+        )
+    return result.n_markers_at_rest
 
 
 def table(result: dict[str, Any]) -> str:
