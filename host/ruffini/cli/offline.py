@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -132,7 +132,7 @@ def depth(
     if out is not None and twice:
         raise InputError(f"several images would be written to {out / twice[0]}.npy: give them other names")
     rest = np.mean([_read_picture(p, found).astype(float) for p in references], axis=0)
-    rows = []
+    rows: list[dict[str, Any]] = []
     with Pipeline(found, file.data) as pipeline, progress_bar("depth") as progress:
         pipeline.set_rest(rest)
         for i, path in enumerate(images):
