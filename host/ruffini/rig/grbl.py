@@ -11,7 +11,7 @@ from ruffini.rig.gcode_line import GcodeLine
 from ruffini.rig.stage import Guard, Place, nobody
 
 BAUD = 115200
-START_S, ANSWER_S, HOME_S, REPORT_S, HOLD_S = 3.0, 5.0, 120.0, 0.02, 2.0
+START_S, ANSWER_S, HOME_S, REPORT_S, HOLD_S = 3.0, 15.0, 120.0, 0.02, 2.0
 ARRIVED_M = 5e-6
 REPORT = re.compile(r"<(\w+(?::\d+)?)\|MPos:(-?[\d.]+),(-?[\d.]+),(-?[\d.]+)")
 ALARMS = {
