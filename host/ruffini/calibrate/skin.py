@@ -94,8 +94,10 @@ def untouched(board: Board, folder: Path) -> Array:
     return np.asarray(np.mean(list(Frames(folder))[:n_rest], axis=0, dtype=np.float64))
 
 
-def fit_skin(board: Board, points: Array, presses: Path, progress: Progress = lambda _: None) -> SkinFit:
-    """Fit everything to known points and a folder of presses.
+def fit_skin(
+    board: Board, points: Array, presses: Path, progress: Progress = lambda _: None, *, only: str = "*"
+) -> SkinFit:
+    """Fit everything to known points and a folder of presses; `only` : pattern of the folders in it that count.
 
     Raises
     ------
@@ -104,9 +106,9 @@ def fit_skin(board: Board, points: Array, presses: Path, progress: Progress = la
     """
     skin = skin_of(board)
     view = fit_view(board, points)
-    rest = weighted(untouched(board, press_folders(presses)[0]), skin)
+    rest = weighted(untouched(board, press_folders(presses, only)[0]), skin)
     openings = find_openings(board, rest, view.project(lattice_mm(board)))
-    pressed = read_presses(presses, board, openings, lambda done: progress(0.7 * done))
+    pressed = read_presses(presses, board, openings, lambda done: progress(0.7 * done), only=only)
     layout = layout_of(board, openings.places_mm)
     force, places = fit_force(pressed, layout), fit_places(pressed, layout)
     progress(0.8)

@@ -21,9 +21,10 @@ Numbers = npt.NDArray[np.int32]
 
 LEVEL = 0.5  # of an opening's own brightness: its edge
 LEAST_PX = 4  # of an opening
-PATCHES = (12, 8)  # of the black surroundings, along x and y
+PATCHES = (8, 5)  # of the black surroundings, along x and y
 BLACK_LEVEL = 2.0  # of the untouched picture, weighted: nothing shines there
-LEAST_PATCH_PX = 400
+LEAST_PATCH_PX = 4000
+CLEAR_PX = 41  # twice what a patch keeps away from openings: they light up the mask about them, and JPEG spreads it
 LEAST_FOUND = 0.9  # of the openings
 
 
@@ -157,7 +158,7 @@ def find_openings(board: Board, rest: Array, guess_px: Array) -> Openings:
     order = np.full(len(places) + 1, -1)  # the last one is of pixels of no opening, -1
     order[found] = np.arange(len(found))
     height, width = rest.shape
-    patch = _patches(near < BLACK_LEVEL, (height, width))
+    patch = _patches(cv2.dilate(near, np.ones((CLEAR_PX, CLEAR_PX))) < BLACK_LEVEL, (height, width))
     rows = [
         *_runs(order[taxel_of]),
         *((first, length, number + len(found)) for first, length, number in _runs(patch)),

@@ -57,9 +57,10 @@ def weighted(picture: npt.NDArray[np.generic], skin: Skin) -> Array:
     return np.asarray(picture.astype(np.float64) @ np.array(skin.weights, dtype=float))
 
 
-def press_folders(root: Path) -> list[Path]:
-    """Folders of presses below `root`, in order. Raises InputError where there is none."""
-    found = sorted(p.parent for p in root.rglob("frames") if p.is_dir())
+def press_folders(root: Path, only: str = "*") -> list[Path]:
+    """Folders of presses below `root`, or below those in it that `only` names, in order. Raises InputError for none."""
+    tops = [root] if only == "*" else sorted(root.glob(only))
+    found = sorted(p.parent for top in tops for p in top.rglob("frames") if p.is_dir())
     found = [p for p in found if (p / "press.csv").is_file() or (p / "rig.npz").is_file()]
     if not found:
         raise InputError(f"{root} holds no press: each is a folder with frames/ and press.csv")
@@ -133,9 +134,11 @@ def read_press(folder: Path, board: Board, openings: Openings) -> Press:
     return Press(folder.name, time_s, force, place, (change - common) / (1 + common))
 
 
-def read_presses(root: Path, board: Board, openings: Openings, progress: Progress = lambda _: None) -> list[Press]:
-    """All presses below a folder."""
-    folders, out = press_folders(root), []
+def read_presses(
+    root: Path, board: Board, openings: Openings, progress: Progress = lambda _: None, *, only: str = "*"
+) -> list[Press]:
+    """All presses below a folder, or below those in it that `only` names."""
+    folders, out = press_folders(root, only), []
     for done, folder in enumerate(folders, 1):
         out.append(read_press(folder, board, openings))
         progress(done / len(folders))
