@@ -8,7 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, simplest_good, tabulate
+from ruffini.calibrate.photometric import (
+    Choice,
+    best_choice,
+    collect_samples,
+    fit_photometric,
+    simplest_good,
+    tabulate,
+)
 from ruffini.calibrate.presses import load_presses
 from ruffini.errors import InputError
 
@@ -62,6 +69,12 @@ def test_a_correction_must_be_demanded_by_the_presses() -> None:
     plain, corrected, coarse = 2.40 + noise[0], 2.38 + noise[1], 2.90 + noise[2]
     assert simplest_good(np.stack([coarse, plain, corrected]), [6, 18, 36]) == 1  # 0.02 better is no better
     assert simplest_good(np.stack([coarse, plain + 0.5, corrected]), [6, 18, 36]) == 2
+
+
+def test_a_lattice_must_take_off_a_tenth_of_the_error() -> None:
+    plain, bent = Choice(1, None), Choice(1, 1e-4)
+    assert best_choice({plain: np.full(32, 2.24), bent: np.full(32, 2.17)}) == plain
+    assert best_choice({plain: np.full(32, 6.69), bent: np.full(32, 4.12)}) == bent
 
 
 def test_lambertian_light_is_fitted_without_a_correction(folder: Path) -> None:
