@@ -155,13 +155,13 @@ FeatureWrench::Axes FeatureWrench::scaled_q14(const Axes& y) const {
   return u;
 }
 
-bool FeatureWrench::agrees(std::span<const int32_t> features, const Axes& u) const {
+bool FeatureWrench::agrees(std::span<const int32_t> features, const Axes& s) const {
   if (forward_.empty()) return true;
-  const auto pairs = products(u);
+  const auto pairs = products(s);
   const int32_t* row = forward_.data();
   for (size_t m = 0; m < n_; ++m) {
     int64_t sum = 0;
-    for (const int64_t each : u) sum += *row++ * each;
+    for (const int64_t each : s) sum += *row++ * each;
     for (const int64_t each : pairs) sum += *row++ * each;
     if (std::abs(features[m] - round_shift(sum, kScaledFraction)) > tolerance_[m]) return false;
   }
@@ -215,9 +215,11 @@ FeatureWrench::Outcome FeatureWrench::run(std::span<const int32_t> features, uin
     e[i] += round_shift(sum, kScaledFraction);
   }
   Outcome out;
-  out.is_in_agreement = agrees(features, u);
+  const Axes strained = scaled_q14(e);
+  out.is_in_agreement = agrees(features, strained);
   if (out.is_in_agreement) relax(e, capture_us);
-  out.is_in_range = std::all_of(u.begin(), u.end(), [](int64_t each) { return std::abs(each) <= kInRange; });
+  out.is_in_range =
+      std::all_of(strained.begin(), strained.end(), [](int64_t each) { return std::abs(each) <= kInRange; });
   out.covariance = covariance_of(scaled_q14(e));
   const auto force = [&](size_t i) { return measures(i) ? round_shift(e[i], kFine) : 0; };
   const auto torque = [&](size_t i) { return measures(i) ? round_shift(1'000 * e[i], kFine) : 0; };

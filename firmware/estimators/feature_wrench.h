@@ -3,9 +3,9 @@
 //   linear       y = K f                                      6 x n, per axis a shift; the paper's K
 //   quadratic    e_i = y_i + sum_{j <= k} q_ijk u_j u_k       u = y / full scale, Q14, within +-2
 //   relaxation   w_i = e_i - sum_t g_ti h_ti,  tau_t dh_ti/dt = e_i - h_ti     what a held load loses (solve/relaxation.h)
-//   agreement    |f_m - (G u + H u u)_m| <= tolerance_m       G, H: features that a wrench makes; else the features contradict
-//                                                             each other, and some of them are not what they seem
-//   covariance   sum v v^T of 6 constant vectors, and of 6 vectors that grow with |u|: positive semi-definite in integers
+//   agreement    |f_m - (G s + H s s)_m| <= tolerance_m       s: as u, of e; G, H: features that a wrench makes. Else the
+//                                                             features contradict each other: some are not what they seem
+//   covariance   sum v v^T of 6 constant vectors, and of 6 vectors that grow with |s|: positive semi-definite in integers
 //
 // y and e in 1/16 uN and uN mm. Any features: targets (image/targets.h) or markers; the table says how many, and which axes
 // it was fitted on. Only K is from the paper. Frame thread; no allocation after load.
@@ -37,7 +37,7 @@ class FeatureWrench {
     Wrench wrench;
     WrenchCovariance covariance;
     bool is_in_agreement = false;
-    bool is_in_range = false;  // |u| <= 5/4 on every measured axis
+    bool is_in_range = false;  // |s| <= 5/4 on every measured axis
   };
 
   // Kind "wrench" of the calibration, for features of this sort. Errors: kBadInput; kRefused where it is for others.
@@ -63,7 +63,7 @@ class FeatureWrench {
   [[nodiscard]] Status load_relaxation(const Calibration& calibration);
   [[nodiscard]] Axes linear(std::span<const int32_t> features, SaturationCounter& saturations) const;
   [[nodiscard]] Axes scaled_q14(const Axes& y) const;
-  [[nodiscard]] bool agrees(std::span<const int32_t> features, const Axes& u) const;
+  [[nodiscard]] bool agrees(std::span<const int32_t> features, const Axes& s) const;
   void relax(Axes& e, uint64_t capture_us);
   [[nodiscard]] WrenchCovariance covariance_of(const Axes& u) const;
 

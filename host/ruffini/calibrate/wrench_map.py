@@ -31,6 +31,7 @@ SAME_LAG_S = 0.005  # a sixth of a frame of a usual camera
 RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)  # of the features' mean square: only many features need more than the first
 LEAST_GAIN = 0.01  # a term stays where it lessens the error of an axis on what was not fitted by this part
 LEAST_R2 = 0.3  # an axis that the log hardly loads is not measured
+REST_PART = 0.02  # of full scale: nothing presses
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
 LEAST_PRODUCT = 0.03  # of u_j u_k, root mean square: a pair that the log hardly loads together gets no term
 FREE_RIDGE = 1e-5  # of quadratic terms that no geometry gives
@@ -205,6 +206,25 @@ def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | Non
     )  # fmt: skip
 
 
+def linear_map(runs: list[FeatureRun], lag_s: float) -> WrenchMap:
+    """K alone, as the paper's."""
+    return _fitted(frames_of(runs, lag_s), _Terms(RIDGES[0], np.zeros(6, bool), np.zeros(6, bool)))
+
+
+def share_in_disagreement(found: WrenchMap, runs: list[FeatureRun], n: int, rng: np.random.Generator) -> float:
+    """Share of n good frames that would be flagged: loads drawn from the log's, noise as at rest there."""
+    frames = frames_of(runs, 0.0)
+    loads = found.scaled(found.elastic(frames))
+    at_rest = np.abs(loads).max(axis=1) < REST_PART
+    noise = rng.multivariate_normal(np.zeros(frames.features.shape[1]), np.cov(frames.features[at_rest].T), n)
+    u = loads[rng.integers(len(loads), size=n)]
+    features = np.concatenate([u, products(u)], axis=1) @ found.forward.T + noise
+    y = features @ found.gain.T
+    said = found.scaled(y + products(found.scaled(y)) @ found.square.T)
+    off = np.abs(features - np.concatenate([said, products(said)], axis=1) @ found.forward.T)
+    return float((off > found.tolerance).any(axis=1).mean())
+
+
 @dataclass(frozen=True)
 class _Terms:
     ridge: float
@@ -343,7 +363,7 @@ def _checks(frames: Frames) -> list[str]:
 
 def _with_forward(found: WrenchMap, frames: Frames, errors: Array, bend: Bend | None) -> WrenchMap:
     """Adds what features a wrench makes, how far they may be off, and the covariance."""
-    u = found.scaled(frames.features @ found.gain.T)
+    u = found.scaled(found.elastic(frames))
     pairs = products(u)
     if bend is not None:
         beyond = bend(_solve(u, frames.features, RIDGES[0]))
@@ -364,7 +384,7 @@ def _error(found: WrenchMap, frames: Frames, errors: Array) -> Array:
     """
     u = found.scaled(frames.features @ found.gain.T)
     size2 = (u**2).sum(axis=1)
-    at_rest = size2 < 0.02**2
+    at_rest = size2 < REST_PART**2
     if at_rest.sum() < 20:
         raise InputError("the log has fewer than 20 frames at rest: leave some before every load")
     quiet = np.cov((frames.features[at_rest] @ found.gain.T).T)

@@ -45,6 +45,10 @@ class FeatureWrench:
             for v, full in zip(y, self._full, strict=True)
         ]
 
+    @staticmethod
+    def _products(u: list[int]) -> list[int]:
+        return [_round_shift(u[j] * u[k], 14) for j in range(6) for k in range(j, 6)]
+
     def run(self, features: list[int], capture_us: int, saturations: Saturations) -> Said:
         table = self._table
         y = []
@@ -54,12 +58,13 @@ class FeatureWrench:
             y.append(min(max(exact, -MAX_FORCE), MAX_FORCE))
             saturations.count += y[-1] != exact
         u = self._scaled(y)
-        pairs = [_round_shift(u[j] * u[k], 14) for j in range(6) for k in range(j, 6)]
+        pairs = self._products(u)
         e = [
             v + _round_shift(sum(int(q) * p for q, p in zip(row, pairs, strict=True)), 14)
             for v, row in zip(y, table["wrench.square"], strict=True)
         ]
-        agrees = self._agrees(features, [*u, *pairs])
+        strained = self._scaled(e)
+        agrees = self._agrees(features, [*strained, *self._products(strained)])
         if agrees and capture_us:
             e = self._relaxed(e, capture_us)
         covariance = self._covariance(self._scaled(e))
@@ -67,7 +72,7 @@ class FeatureWrench:
             0 if not full else _round_shift(v if i < 3 else 1000 * v, 4)
             for i, (v, full) in enumerate(zip(e, self._full, strict=True))
         ]
-        return Said(wrench, covariance, agrees, all(abs(v) <= 5 << 12 for v in u))
+        return Said(wrench, covariance, agrees, all(abs(v) <= 5 << 12 for v in strained))
 
     def _agrees(self, features: list[int], basis: list[int]) -> bool:
         if "wrench.forward" not in self._table:

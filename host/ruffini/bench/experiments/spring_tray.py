@@ -20,12 +20,12 @@ from ruffini.bench.experiments import Experiment, Options
 from ruffini.bench.papers.recorded import Recorded
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.feature_log import features_of, read_feature_runs
+from ruffini.calibrate.feature_log import FeatureRun, features_of, read_feature_runs
 from ruffini.calibrate.pad_view import pad_view
 from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
 from ruffini.calibrate.presses import load_presses
 from ruffini.calibrate.target_geometry import second_order_of
-from ruffini.calibrate.wrench_map import AXES, Fit, fit_wrench_map
+from ruffini.calibrate.wrench_map import AXES, Fit, Frames, fit_wrench_map, linear_map, share_in_disagreement
 from ruffini.calibrate.wrench_tables import tables
 from ruffini.core import Pipeline
 from ruffini.papers.spring_tray import calibrate, targets, variables
@@ -44,6 +44,8 @@ RANGES = np.array([1.0, 1.0, 8.0, 20.0, 20.0, 20.0])  # of the paper's sensor, N
 N_BALLS, QUICK_BALLS, BALL_SEED = 40, 15, 11
 WRONG_SIGMAS, WRONG_PART = 5.0, 0.05  # an error beyond both without a flag must not be
 N_COVARIANCE = 6
+N_DRAWN = 100_000
+RAW = np.array([65536.0, 65536.0, 256.0])  # of a target's features in px and px^2
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
            progress=lambda p: options.progress(0.6 * p))  # fmt: skip
     runs = _recorded(settings, folder, quick=options.quick)
     fitted = [r for r in runs if r.part == "fit"]
-    fit = fit_wrench_map(read_feature_runs([r.folder for r in fitted], board), bend=second_order_of(board))
+    log = read_feature_runs([r.folder for r in fitted], board)
+    fit = fit_wrench_map(log, bend=second_order_of(board))
     data = _calibration(board, fit, folder.with_name(f"{folder.name}-balls"), quick=options.quick)
     k = calibrate(*_papers_log(fitted))
     options.progress(0.8)
@@ -89,6 +92,8 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     result: dict[str, Any] = {
         "board": board.name, "paper": settings.paper, "simulated": True, "quick": options.quick, "fit": fit.report(),
         "sets": {name: _judge(group) for name, group in sets.items()},
+        "routes": _routes(board, log, fit, sets), "drawn_frames": N_DRAWN,
+        "false_flags": round(N_DRAWN * share_in_disagreement(fit.map, log, N_DRAWN, np.random.default_rng(3))),
         "published": {p.name: p.value_1e6 * 1e-6 for p in settings.published},
     }  # fmt: skip
     made = pictures.draw(out, sets)
@@ -157,7 +162,7 @@ def play(board: Board, data: bytes, r: Recorded, k: Array) -> Played:
             paper.append(k @ variables(blobs, np.mean(rest, axis=0)) * TO_NMM)
             sigma.append(_sigma(core))
             flags.append(said.flags)
-            seen.append(core.features().reshape(-1, 3) / [65536, 65536, 256])
+            seen.append(core.features().reshape(-1, 3) / RAW)
             if i == deepest:
                 depth = core.depth_m() * 1e6
         rows = core.targets()
@@ -166,6 +171,28 @@ def play(board: Board, data: bytes, r: Recorded, k: Array) -> Played:
         np.array(sigma), np.array(flags), np.array(seen),
         np.column_stack([rows[:, :2] / 65536, np.sqrt(rows[:, 2] / 256 / np.pi)]), depth,
     )  # fmt: skip
+
+
+def _routes(
+    board: Board, log: list[FeatureRun], fit: Fit, sets: dict[str, list[Played]]
+) -> dict[str, dict[str, list[float]]]:
+    """RMSE of three maps of the same features, in float, on every judged set."""
+    maps = {"K alone": linear_map(log, fit.lag_s), "quadratic terms by the log": fit_wrench_map(log).map,
+            "second order by the geometry": fit.map}  # fmt: skip
+    out: dict[str, dict[str, list[float]]] = {name: {} for name in maps}
+    for name, group in sets.items():
+        judged = np.concatenate([p.judged for p in group])
+        truth = np.concatenate([p.truth for p in group])
+        period_s = 1000.0 / board.camera.rate_mhz
+        frames = Frames(
+            np.concatenate([(p.features * RAW).reshape(len(p.features), -1) for p in group]), truth,
+            np.concatenate([period_s * np.arange(len(p.truth)) for p in group]),
+            np.concatenate([np.full(len(p.truth), i) for i, p in enumerate(group)]),
+        )  # fmt: skip
+        for route, found in maps.items():
+            error = (found.predicted(frames) - truth)[judged]
+            out[route][name] = [float(v) for v in np.sqrt((error**2).mean(axis=0))]
+    return out
 
 
 def _sigma(core: Pipeline) -> Array:
@@ -221,6 +248,11 @@ def table(result: dict[str, Any]) -> str:
                 f"  {axis:4}{_of(ours, i):>16}{_of(paper, i):>16}{ours / paper:>7.2f}{s['r2'][i]:>7.3f}"
                 f"{s['paper_r2'][i]:>8.3f}{_of(printed[axis], i):>16}{said:>16}"
             )
+    for route, by_set in result.get("routes", {}).items():
+        said = "; ".join(f"{name} " + ", ".join(f"{v:.3g}" for v in e) for name, e in by_set.items())
+        lines.append(f"route, {route}: {said}")
+    if "false_flags" in result:
+        lines.append(f"false flags in {result['drawn_frames']:,} drawn good frames: {result['false_flags']}")
     return "\n".join(lines)
 
 
