@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 N_LINES = 9  # firmware: PhotometricTable::kBendSize
 ONE_Q12 = 4096
 SHIFTS = range(6, 12)  # step between two lines, 2^shift of Q12
+STRAIGHT_AT_REST = 1e5
 COVERED = 0.001  # share of the pixels that may lie beyond either end
 
 
@@ -67,8 +68,12 @@ def _lines(low: float, high: float) -> tuple[int, int]:
     return -(N_LINES // 2) << SHIFTS[-1], SHIFTS[-1]
 
 
-def bending() -> Array:
-    """(nodes, nodes): the sum of squares of all second differences, straight and mixed."""
+def bending(zero: int) -> Array:
+    """(nodes, nodes): the sum of squares of all second differences, straight and mixed.
+
+    Those across the node `zero` weigh STRAIGHT_AT_REST times as much: a bend there would make slopes of the noise of
+    untouched pictures, all of one sign, and their sum a tilt.
+    """
     line = sparse.identity(N_LINES)
     second = sparse.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(N_LINES - 2, N_LINES))
     first = sparse.diags([-1.0, 1.0], [0, 1], shape=(N_LINES - 1, N_LINES))
@@ -79,4 +84,9 @@ def bending() -> Array:
         for parts, times in ((straight, 1.0), (mixed, 2.0)):
             operator = sparse.kron(sparse.kron(parts[0], parts[1]), parts[2])
             total += times * (operator.T @ operator).toarray()
+        step = N_LINES ** (2 - along)
+        if 0 < zero // step % N_LINES < N_LINES - 1:
+            across = np.zeros(N_LINES**3)
+            across[[zero - step, zero, zero + step]] = 1.0, -2.0, 1.0
+            total += STRAIGHT_AT_REST * np.outer(across, across)
     return total

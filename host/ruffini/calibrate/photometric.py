@@ -254,7 +254,7 @@ class Equations:
         self.is_balanced = is_balanced
         self.axis = ColourAxis.covering(np.concatenate([s.inside(JUDGED_INSIDE).seen(is_balanced) for s in samples]))
         self._zero = self.axis.zero()
-        self._bending = bending()
+        self._bending = bending(self._zero)
 
     def of(self, samples: Samples) -> Sums:
         """Of one press."""
