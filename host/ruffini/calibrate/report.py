@@ -72,10 +72,16 @@ def report_of(
         raise InputError("this calibration has no operator: there are no forces to judge")
     before = None if previous is None else judged(board, previous, log)
     prior = fleet or _prior_of(previous)
-    with threadpool_limits(limits=1):
-        fit, curve = _fitted(board, log, prior, progress)
     origin = _origin(file, log)
-    gates = gates_of(board, log, {}, fit, now, before)
+    fit: MaterialFit | None = None
+    curve: list[dict[str, Any]] = []
+    unfit: Gate | None = None
+    try:
+        with threadpool_limits(limits=1):
+            fit, curve = _fitted(board, log, prior, progress)
+    except InputError as error:  # the log contradicts every pad: that is for the page, too
+        unfit = Gate("pad", False, None, None, str(error))
+    gates = [*gates_of(board, log, {}, fit, now, before), *([unfit] if unfit else [])]
     if origin["in_the_fit"]:  # what its own stages found is not in this log any more
         gates += [g for g in gates_in(file) or [] if g.name not in {gate.name for gate in gates}]
     tree = {

@@ -169,7 +169,7 @@ def _at(log: Log, touch: TouchRecord, frame_s: Array) -> tuple[Array, Array]:
     """What reference and device said at frames of the stream, (k, 6) each: on one clock, for holds are never still."""
     a = touch.arrays
     frame = np.abs(a["stream_s"] - frame_s[:, None]).argmin(axis=1)
-    reference, reference_s = reference_in_pad(log, touch), a["reference_s"]
+    reference, reference_s = _reference(log, touch), a["reference_s"]
     wrench = []
     for when in on_reference_clock(log, touch)[frame]:
         near = np.abs(reference_s - when) < NEAR_S
@@ -178,8 +178,16 @@ def _at(log: Log, touch: TouchRecord, frame_s: Array) -> tuple[Array, Array]:
     return np.array(wrench), a["stream_wrench"][frame]
 
 
+def _reference(log: Log, touch: TouchRecord) -> Array:
+    """The reference's wrench on the pad; without its moments where the log could not tell where it stands."""
+    wrench = reference_in_pad(log, touch)
+    if "why_not" in log.found.get("frame", {}):
+        wrench = np.column_stack([wrench[:, :3], np.full((len(wrench), 3), np.nan)])
+    return np.asarray(wrench)
+
+
 def _series(log: Log, touch: TouchRecord) -> Series:
-    time_s, reference = on_reference_clock(log, touch), reference_in_pad(log, touch)
+    time_s, reference = on_reference_clock(log, touch), _reference(log, touch)
     at = [np.interp(time_s, touch.arrays["reference_s"], column) for column in reference.T]
     return Series(time_s, touch.arrays["stream_wrench"], np.stack(at, axis=1))
 

@@ -42,9 +42,10 @@ def auto(
 ) -> None:
     """Collect, fit, report, flash; then press where nothing was pressed before, and say the error before and after."""
     from ruffini.boards import find_board
-    from ruffini.demo.auto import QUICK, WHOLE, Auto
+    from ruffini.demo.auto import QUICK, WHOLE, Auto, need_estimators
 
     found = find_board(board)
+    need_estimators(found)
     folder = Path(tempfile.mkdtemp(prefix="ruffini-auto-")) if out is None else out
     folder.mkdir(parents=True, exist_ok=True)
     if rig == SIMULATED:

@@ -40,13 +40,12 @@ from ruffini.fem.operators import Noise
 from ruffini.files import read_array, write_array
 from ruffini.rig.bench import Bench
 from ruffini.rig.collect import collect
-from ruffini.rig.found import is_held, reference_in_pad
+from ruffini.rig.found import is_settled, reference_in_pad
 from ruffini.rig.log_file import Log, LogWriter, TouchRecord, read_log
 from ruffini.rig.program import Span, Touch, plan
 
 Array = npt.NDArray[np.float64]
 Say = Callable[[str], None]
-SETTLED_PART = 0.5  # of a hold, its end, is judged
 
 
 class Counts(NamedTuple):
@@ -84,7 +83,7 @@ class Truth:
 
     def of(self, touch: TouchRecord) -> Array:
         """Mean over the end of a touch's hold, (6,)."""
-        held = is_held(np.array(self.time_s), touch.facts, part=SETTLED_PART)
+        held = is_settled(np.array(self.time_s), touch.facts)
         return np.asarray(np.array(self.wrench)[held].mean(axis=0))
 
 
@@ -115,14 +114,10 @@ class Auto:
 
         Raises
         ------
-        InputError
-            The board has no estimator that can be fitted here.
         RefusedError
             The calibration fails its gates: nothing was flashed; the page says why.
         """
-        if not {"operator", "photometric"} <= set(self.board.pipeline.stages):
-            raise InputError(f"board {self.board.name!r} has no estimator that `cal fit` fits yet: its pipeline is "
-                             f"{', '.join(self.board.pipeline.stages)}")  # fmt: skip
+        need_estimators(self.board)
         start = time.monotonic()
         with self._step("colours"):
             first = self._first()
@@ -220,7 +215,7 @@ class Auto:
         is_known = known.exists()
         true = np.asarray(read_array(known), float) if is_known else np.array([_reference(log, t) for t in log.touches])
         said = np.array([
-            t.arrays["stream_wrench"][is_held(t.arrays["stream_host_s"], t.facts, part=SETTLED_PART)].mean(axis=0)
+            t.arrays["stream_wrench"][is_settled(t.arrays["stream_host_s"], t.facts)].mean(axis=0)
             for t in log.touches
         ])  # fmt: skip
         error = np.linalg.norm((said - true)[:, :3], axis=1)
@@ -232,6 +227,13 @@ class Auto:
             "axes_rmse_n_nm": np.sqrt(np.mean((said - true) ** 2, axis=0)).tolist(), "largest_force_n": largest,
             "against": "the twin's truth" if is_known else "the reference",
         }  # fmt: skip
+
+
+def need_estimators(board: Board) -> None:
+    """Raises InputError where the board has no estimator that can be fitted here."""
+    if not {"operator", "photometric"} <= set(board.pipeline.stages):
+        raise InputError(f"board {board.name!r} has no estimator that `cal auto` fits yet: its pipeline is "
+                         f"{', '.join(board.pipeline.stages)}")  # fmt: skip
 
 
 def judged_touches(span: Span, n: int, seed: int) -> list[Touch]:
@@ -247,5 +249,5 @@ def judged_touches(span: Span, n: int, seed: int) -> list[Touch]:
 
 
 def _reference(log: Log, touch: TouchRecord) -> Array:
-    settled = is_held(touch.arrays["reference_s"], touch.facts, part=SETTLED_PART)
+    settled = is_settled(touch.arrays["reference_s"], touch.facts)
     return np.asarray(reference_in_pad(log, touch)[settled].mean(axis=0))

@@ -28,6 +28,12 @@ def is_held(times: Array, facts: dict[str, Any], *, part: float = 1.0) -> npt.ND
     return np.asarray((times > start) & (times < facts["lifted_host_s"]))
 
 
+def is_settled(times: Array, facts: dict[str, Any]) -> npt.NDArray[np.bool_]:
+    """Which host times lie at the end of a touch's hold; where none does, as on a slow line, in the hold."""
+    late = is_held(times, facts, part=SETTLED_PART)
+    return late if late.any() else is_held(times, facts)
+
+
 def estimate(touches: list[TouchRecord], reference: dict[str, Any]) -> dict[str, Any]:
     """`clocks` and `frame` of a log; where one cannot be told, `why_not` says why.
 
@@ -85,8 +91,8 @@ def _frame(touches: list[TouchRecord], sigma: Array) -> dict[str, Any]:
 def _settled(touch: TouchRecord) -> tuple[Array, Array, Array]:
     """Reading of the reference, place of the tip and force as the sensor has it, at the end of the hold."""
     a, f = touch.arrays, touch.facts
-    reading = a["reference_wrench"][is_held(a["reference_s"], f, part=SETTLED_PART)].mean(axis=0)
-    direction = a["stream_wrench"][is_held(a["stream_host_s"], f, part=SETTLED_PART), :3].mean(axis=0)
+    reading = a["reference_wrench"][is_settled(a["reference_s"], f)].mean(axis=0)
+    direction = a["stream_wrench"][is_settled(a["stream_host_s"], f), :3].mean(axis=0)
     return reading, a["stage_place"][-1], direction
 
 

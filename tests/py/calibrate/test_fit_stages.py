@@ -185,6 +185,16 @@ def test_a_hold_that_is_not_still_is_paired_by_time(board: Board, tmp_path: Path
     assert log.wrench[1, 2] == pytest.approx(ramp[6] * last[2], rel=0.05)
 
 
+def test_a_reference_whose_place_is_not_known_has_no_moments(board: Board, tmp_path: Path) -> None:  # noqa: F811
+    path = rig_log(board, tmp_path / "log.h5", 2, seed=8)
+    assert np.isfinite(read_touch_log([path], board, None).wrench).all()
+    with h5py.File(path, "r+") as file:
+        file.attrs["found"] = json.dumps({"frame": {"why_not": "no stage pressed"}})
+    wrench = read_touch_log([path], board, None).wrench
+    assert np.isfinite(wrench[:, :3]).all()
+    assert np.isnan(wrench[:, 3:]).all()
+
+
 def test_relaxed_force_after_a_while() -> None:
     tensors = {"relaxation.part": np.array([104858], np.int32), "relaxation.time_ms": np.array([500], np.int32)}
     assert left_after(tensors, 0.5) == pytest.approx(1 - 0.1 * (1 - np.exp(-1)), abs=1e-6)

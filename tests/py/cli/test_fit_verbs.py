@@ -1,0 +1,95 @@
+"""The verbs of fitting and judging: what they refuse before anything is done, and one whole round on a small board."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from small_board import SHAPE, Files, Run
+
+from ruffini.calibrate import container
+from ruffini.rig.log_file import Log, TouchRecord, write_log
+
+
+def small_log(files: Files, path, *, board: str = "small"):
+    """Touches as the board's linear estimate would have them: enough for a judge, not for a fit."""
+    rng, records = np.random.default_rng(1), []
+    for i in range(12):
+        time_s = 10.0 * i + 0.05 * np.arange(8)
+        wrench = np.tile([0, 0, -1.0 - 0.1 * i, 0, 0, 0], (8, 1))
+        dent = np.zeros(SHAPE)
+        dent[2 + i % 5, 2 + i % 7, 2] = -3e-4
+        arrays = {
+            "stream_s": time_s, "stream_host_s": time_s, "stream_frame": np.arange(8), "stream_flags": np.zeros(8, int),
+            "stream_wrench": wrench, "stream_validity": np.ones((8, 6)), "reference_s": time_s,
+            "reference_wrench": wrench, "stage_s": time_s[:1], "stage_place": np.zeros((1, 3)), "field_s": time_s[-1:],
+            "field_displacement": dent[None], "rest_field_s": time_s[:1],
+            "rest_field_displacement": rng.normal(0, 1e-6, (1, *SHAPE)),
+        }  # fmt: skip
+        records.append(TouchRecord({"held_host_s": time_s[0] - 1, "lifted_host_s": time_s[-1] + 1}, arrays))
+    write_log(path, Log({"board": board}, records, {}))
+    return path
+
+
+def test_fit_refuses_what_cannot_be(files: Files, run: Run, tmp_path):
+    log, out = small_log(files, tmp_path / "log.h5"), tmp_path / "cal"
+    words = ("cal", "fit", log, "--board", files.folder, "--out", out)
+    assert run(*words, "--strain", "large")[0] == 2
+    code, _, error = run(*words, "--skip", "polish")
+    assert code == 2
+    assert "there is no such stage" in error
+    code, _, error = run(*words)
+    assert code == 2
+    assert "nothing gives this board its colours" in error
+    assert "in stage photometric; --skip photometric goes on without it" in error
+    code, _, error = run("cal", "fit", small_log(files, tmp_path / "b.h5", board="other"), *words[3:], "--with",
+                         files.calibration)  # fmt: skip
+    assert code == 2
+    assert "collected on board 'other', not 'small'" in error
+    assert not out.exists()
+
+
+def test_report_says_in_json_and_exit_code_that_gates_fail(files: Files, run: Run, tmp_path):
+    log = small_log(files, tmp_path / "log.h5")
+    page = tmp_path / "report.html"
+    code, out, _ = run(
+        "cal", "report", files.calibration, "--log", log, "--out", page, "--board", files.folder, "--json"
+    )
+    tree = json.loads(out)
+    assert code == 1
+    assert not tree["passed"]
+    assert tree["log"]["touches"] == 12
+    assert {"pad", "on the board"} <= {g["name"] for g in tree["gates"] if g["ok"] is False}
+    assert json.loads(page.with_suffix(".json").read_text())["gates"] == tree["gates"]
+    assert "FAILS" in page.read_text()
+
+
+def test_a_file_that_fails_is_not_flashed_and_the_way_out_is_named(files: Files, run: Run, tmp_path):
+    good = container.read(files.calibration)
+    gate = {"name": "error", "ok": False, "value": 0.2, "limit": 0.05, "text": "0.2 of the largest force"}
+    bad = container.pack(good.tensors, {**good.metadata, "residuals": json.dumps({"gates": [gate]})})
+    container.write(tmp_path / "bad", bad)
+    code, _, error = run("cal", "flash", tmp_path / "bad")
+    assert code == 4
+    assert "error: 0.2 of the largest force" in error
+    assert "--force" in error
+
+
+def test_auto_and_check_refuse_before_anything_moves(files: Files, run: Run, tmp_path):
+    code, _, error = run("cal", "auto", "--rig", "sim", "--board", "ftouch", "--out", tmp_path / "auto")
+    assert code == 2
+    assert "no estimator that `cal auto` fits yet" in error
+    assert not (tmp_path / "auto").exists()
+    assert run("cal", "check")[0] == 2
+    assert run("cal", "check", "--grams", 100, "--ball-mm", 6)[0] == 2
+    code, _, error = run("cal", "check", "--grams", 100, "--rig", "sim")
+    assert code == 2
+    assert "--rig sim needs --board and --calibration" in error
+
+
+def test_fleet_names_what_it_cannot_fit(files: Files, run: Run, tmp_path):
+    logs = [small_log(files, tmp_path / f"{i}.h5", board="other") for i in range(2)]
+    code, _, error = run("cal", "fleet", *logs, "--board", files.folder, "--out", tmp_path / "f.html", "--workers", 1)
+    assert code == 2
+    assert "no unit could be fitted; the first:" in error
+    assert "collected on board 'other'" in error
