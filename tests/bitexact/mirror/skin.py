@@ -1,0 +1,198 @@
+"""A glowing skin: firmware/image/glow.h, image/taxels.h, estimators/taxel_touches.h and skin_image.h."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mirror.block_float import shifted
+from mirror.board import Board
+from mirror.fixed import I64, Saturations
+from mirror.relaxation import Relaxation
+
+TAPS = (6544, 5774, 3969, 2124, 885, 287, 73)
+ONE = 4096
+MAX_CHANGE = 1 << 15
+STEP, SIZE = 64, 577
+CURVE_STEP, CURVE_SIZE = 16, 513
+ROUNDS, BEYOND, MOST, LEAST_REACH = 3, 3, 8, 1 << 10
+BEND_UN, MOST_BENT_UN = 10_000_000, 100_000_000
+Tensors = dict[str, npt.NDArray[np.generic]]
+Numbers = dict[str, str]
+
+
+def base_of(rest: npt.NDArray[np.uint16], board: Board) -> I64:
+    weights = np.array([board["skin"][f"weight_{c}"] for c in "bgr"])
+    return (np.minimum(rest.astype(np.int64), 4080) @ weights + 2) >> 2
+
+
+def glow_of(frame: npt.NDArray[np.uint8], base: I64, board: Board) -> I64:
+    weights = np.array([board["skin"][f"weight_{c}"] for c in "bgr"])
+    return np.asarray(4 * (frame.astype(np.int64) @ weights) - base)
+
+
+def smoothed(glow: I64) -> I64:
+    def along(values: I64, axis: int) -> I64:
+        wide = np.pad(values, [(6, 6) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+        n = values.shape[axis]
+        part = [np.take(wide, range(k, k + n), axis) for k in range(13)]
+        out = (part[6] * TAPS[0] + (1 << 14)) >> 15
+        for k in range(1, 7):
+            out = out + (((part[6 - k] + part[6 + k]) * TAPS[k] + (1 << 14)) >> 15)
+        return np.asarray(out)
+
+    return along(along(glow, 0), 1)
+
+
+class Taxels:
+    """Ratio of each taxel, light of all, stray light and dark taxels."""
+
+    def __init__(self, tensors: Tensors, numbers: Numbers) -> None:
+        self.runs = [tuple(int(v) for v in row) for row in tensors["skin.run"]]
+        self.n, self.n_patches = int(numbers["skin.taxels"]), int(numbers["skin.patches"])
+
+    def sums(self, plane: I64) -> list[int]:
+        flat, out = plane.ravel(), [0] * (self.n + self.n_patches)
+        for first, length, number in self.runs:
+            out[number] += int(flat[first : first + length].sum())
+        return out
+
+    def learn(self, base: I64) -> None:
+        self.base = [max(s, 1) for s in self.sums(base)[: self.n]]
+
+    def run(self, glow: I64) -> list[int]:
+        sums = self.sums(glow)
+        change = [min(max(ONE * s // b, -MAX_CHANGE), MAX_CHANGE) for s, b in zip(sums, self.base, strict=False)]
+        self.light = max(sorted(change)[self.n // 2], 1 - ONE)
+        ratio = [ONE * (c - self.light) // (ONE + self.light) for c in change]
+        return [min(max(r, -MAX_CHANGE), MAX_CHANGE) for r in ratio]
+
+
+@dataclass
+class Touch:
+    taxel: int
+    x: int = 0
+    y: int = 0
+    strength: int = 0
+    q: tuple[int, int] = (0, 0)
+
+
+class TaxelTouches:
+    """Touches of ratios: rows (x um, y um, press uN), hardest first."""
+
+    def __init__(self, board: Board, tensors: Tensors, numbers: Numbers) -> None:
+        self.t = {name.removeprefix("skin."): value.astype(np.int64) for name, value in tensors.items()}
+        self.n = {name.removeprefix("skin."): int(value) for name, value in numbers.items() if name.startswith("skin.")}
+        self.round = board["pad"]["size_x_um"] if board["skin"]["shape"] == "tube" else 0
+        self.lsb, self.threshold = board["field"]["force_lsb_un"], board["contact"]["threshold_un"]
+        self.is_single = board["skin"]["mode"] == "single"
+        self.memory = Relaxation(tensors["relaxation.part"], tensors["relaxation.time_ms"], self.n["taxels"])
+
+    def read(self, table: I64, ratio: int) -> int:
+        at = min(max(ratio + ONE, 0), STEP * (SIZE - 1))
+        i = min(at // STEP, SIZE - 2)
+        part = at - i * STEP
+        return shifted(int(table[i]) * (STEP - part) + int(table[i + 1]) * part, 6)
+
+    def reach(self, dx: int, dy: int) -> int:
+        dx, dy, step, table = abs(dx), abs(dy), self.n["reach_step_um"], self.t["reach"]
+        if self.round:
+            dx = min(dx, abs(self.round - dx))
+        c, r = dx // step, dy // step
+        if c > table.shape[1] - 2 or r > table.shape[0] - 2:
+            return 0
+        right, below = dx - c * step, dy - r * step
+        rows = [int(table[r + k, c]) * (step - right) + int(table[r + k, c + 1]) * right for k in (0, 1)]
+        return (rows[0] * (step - below) + rows[1] * below) // (step * step)
+
+    def explained(self, i: int, touch: Touch) -> int:
+        x, y = (int(v) for v in self.t["taxel_place"][i])
+        return shifted(touch.strength * self.reach(x - touch.x, y - touch.y), 14)
+
+    def left(self, i: int, but: Touch | None) -> int:
+        return self.sink[i] - sum(self.explained(i, t) for t in self.touches if t is not but)
+
+    def lean(self, touch: Touch, axis: int, here: int) -> int:
+        before, behind = (int(self.t["taxel_near"][touch.taxel, 2 * axis + side]) for side in (0, 1))
+        q = 0
+        if before >= 0 and behind >= 0:
+            a, b = self.left(before, touch), self.left(behind, touch)
+            q = (b - a) * ONE // max(here - min(a, b), 1)
+        elif before >= 0 or behind >= 0:
+            q = self.left(max(before, behind), touch) * ONE // max(here, 1)
+        return min(max(q, -ONE), ONE)
+
+    def fit(self, touch: Touch) -> None:
+        here = self.left(touch.taxel, touch)
+        for other in self.t["taxel_near"][touch.taxel].tolist():
+            if other >= 0 and (there := self.left(other, touch)) > here:
+                here, touch.taxel = there, other
+        touch.q = (self.lean(touch, 0, here), self.lean(touch, 1, here))
+        shift = []
+        for axis, q in enumerate(touch.q):
+            c = [int(v) for v in self.t["taxel_shift"][touch.taxel, axis]]
+            value = c[3]
+            for k in (2, 1, 0):
+                value = shifted(value * q, 12) + c[k]
+            shift.append(shifted(value, 8))
+        x, y = (int(v) + s for v, s in zip(self.t["taxel_place"][touch.taxel], shift, strict=True))
+        if self.round:
+            x += self.round * ((2 * x < -self.round) - (2 * x > self.round))
+        touch.x, touch.y = x, y
+        touch.strength = max(here * 16384 // max(self.reach(*shift), LEAST_REACH), 0)
+
+    def find_another(self) -> bool:
+        if len(self.touches) == MOST or (self.is_single and self.touches):
+            return False
+        best, most = 0, self.n["floor_q12"] - 1
+        for i, sink in enumerate(self.sink):
+            unexplained = self.left(i, None)
+            if sink <= most or unexplained <= most:
+                continue
+            parts = [t.strength if self.explained(i, t) > 0 else t.strength // BEYOND for t in self.touches]
+            if unexplained * ONE >= self.n["apart_q12"] * max([sink, *parts]):
+                best, most = i, unexplained
+        if most < self.n["floor_q12"]:
+            return False
+        self.touches.append(Touch(best))
+        self.fit(self.touches[-1])
+        return True
+
+    def force(self, touch: Touch, elastic_lsb: int) -> int:
+        elastic = elastic_lsb * self.lsb
+        e = min(max(elastic, -MOST_BENT_UN), MOST_BENT_UN) * ONE // BEND_UN
+        b = [int(v) for v in self.t["bend"]]
+        gain = int(self.t["taxel_gain"][touch.taxel]) + shifted(b[0] * e, 12)
+        for axis, q in enumerate(touch.q):
+            gain += shifted((b[1 + axis] + shifted(b[3 + axis] * e, 12)) * shifted(q * q, 12), 12)
+        return shifted(elastic * min(max(gain, 1 << 14), 1 << 18), 16)
+
+    def run(self, ratio: list[int], capture_us: int, saturations: Saturations) -> list[tuple[int, int, int]]:
+        self.sink = [self.read(self.t["sink"], r) for r in ratio]
+        is_touched = [s >= self.n["floor_q12"] for s in self.sink]
+        press = [self.read(self.t["press"], r) if on else 0 for r, on in zip(ratio, is_touched, strict=True)]
+        elastic = np.stack([np.zeros(len(press)), np.zeros(len(press)), press], axis=1).astype(np.int64)
+        real = self.memory.run(capture_us, np.ones(len(press), np.int64), elastic, saturations)[:, 2].tolist()
+        self.touches: list[Touch] = []
+        while self.find_another():
+            for _ in range(ROUNDS if len(self.touches) > 1 else 0):
+                for touch in self.touches:
+                    self.fit(touch)
+        force = [0] * len(self.touches)
+        for i, on in enumerate(is_touched):
+            parts = [self.explained(i, t) for t in self.touches]
+            if on and sum(parts):
+                for k, part in enumerate(parts):
+                    force[k] += real[i] * part // sum(parts)
+        rows = [(t.x, t.y, self.force(t, f)) for t, f in zip(self.touches, force, strict=True)]
+        return sorted((row for row in rows if row[2] >= self.threshold), key=lambda row: -row[2])
+
+
+def image_force(curve: I64, brightness: int) -> int:
+    """firmware/estimators/skin_image.h."""
+    at = min(max(brightness, 0), CURVE_STEP * (CURVE_SIZE - 1))
+    i = min(at // CURVE_STEP, CURVE_SIZE - 2)
+    part = at - CURVE_STEP * i
+    return (int(curve[i]) * (CURVE_STEP - part) + int(curve[i + 1]) * part + CURVE_STEP // 2) // CURVE_STEP
