@@ -1,4 +1,5 @@
-"""Colours to slope: fitted to ball presses, or, with a handful of them, the previous table adapted by one factor.
+"""Colours to slope, or brightness to depth: fitted to ball presses; with a handful of them the previous colour table is
+adapted by one factor.
 
 The presses come from a folder (`--balls`), or from the pictures that a log holds of straight presses with a ball.
 """
@@ -13,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.calibrate.container import Tensors
+from ruffini.calibrate.fit_presses import fit_presses
 from ruffini.calibrate.pad_view import pad_view
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
+from ruffini.calibrate.photometric import collect_samples
 from ruffini.calibrate.photometric_scale import fit_scale, scaled
 from ruffini.calibrate.presses import PressSet, load_presses
 from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage
@@ -38,21 +40,14 @@ def run(job: Job, progress: Progress) -> Outcome:
         presses = _presses(job, Path(folder))
         if presses is None:
             return _taken(job)
-        n, samples = len(presses.presses), collect_samples(presses, pad_view(job.board, job.tensors, job.metadata))
-    job.has_new_colours = True
-    before = job.take("photometric") if n < ENOUGH else None
-    if before is not None:
-        return _adapted(job, n, fit_scale(job.tensors, samples))
-    fit = fit_photometric(samples, progress=progress)
-    job.tensors |= tabulate(fit.model)
+        job.has_new_colours = True
+        view, n = pad_view(job.board, job.tensors, job.metadata), len(presses.presses)
+        if n < ENOUGH and job.take("photometric") is not None and "photometric.unmix" in job.tensors:
+            return _adapted(job, n, fit_scale(job.tensors, collect_samples(presses, view)))
+        fit = fit_presses(presses, job.board, is_foreign=False, view=view, progress=progress)
+    job.tensors = {k: v for k, v in job.tensors.items() if not k.startswith("photometric.")} | fit.tensors
     job.metadata["optics"] = job.board.camera.optics
-    report = {**fit.report(), "circles": "found" if presses.is_found else "marked"}
-    return Outcome(
-        "fitted",
-        f"normals of presses left out: median {report['held_out_normal_median_deg']:.2f} deg, worst press "
-        f"{report['held_out_normal_worst_deg']:.2f} deg ({n} presses, circles {report['circles']})",
-        report,
-    )
+    return Outcome("fitted", fit.summary, fit.report)
 
 
 def _adapted(job: Job, n: int, fit: tuple[float, float, float, float]) -> Outcome:
