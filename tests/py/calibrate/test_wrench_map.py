@@ -162,6 +162,26 @@ def test_the_geometry_gives_pairs_that_no_load_of_the_log_has() -> None:
     assert errors["geometry"].sum() < 0.7 * errors["free"].sum(), errors
 
 
+def test_many_markers_are_features_too() -> None:
+    """Sixty shifts that follow six loads and fifty other ways of moving: the ridge comes from what was not fitted."""
+    truth = np.random.default_rng(4)
+    made_by, others = truth.normal(size=(120, 6)) * 5e4 / FULL, truth.normal(size=(120, 50)) * 2e3
+
+    def recording(k: int) -> FeatureRun:
+        rng, wrench = np.random.default_rng(k), loads(k)
+        features = wrench @ made_by.T + rng.normal(size=(len(wrench), 50)) @ others.T
+        time_s = np.arange(len(wrench)) / RATE_HZ
+        noisy = wrench + rng.normal(size=wrench.shape) * 0.05 * FULL
+        return FeatureRun(f"pad/{k}", time_s, features, np.ones(len(wrench), bool), time_s, noisy * TO_N_M)
+
+    fit = fit_wrench_map([recording(k) for k in range(25)])
+    new = frames_of([replace(recording(k), reference=loads(k) * TO_N_M) for k in range(100, 110)], 0.0)
+    assert (np.sqrt(((fit.map.predicted(new) - new.wrench) ** 2).mean(axis=0)) / FULL < 0.02).all()
+    kind, said = tables(fit, Features("markers", 120))
+    assert kind["wrench.gain"].shape == (6, 120)
+    assert said["wrench.features"] == "markers"
+
+
 def test_memories_follow_their_equation() -> None:
     """After a step held for one time constant, 1 - 1/e of it is forgotten."""
     runs = recordings(1)
