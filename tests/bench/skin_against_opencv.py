@@ -1,0 +1,100 @@
+"""The whole frame of a glowing skin, and the equivalent OpenCV pipeline, turn by turn in one run.
+
+OpenCV: cvtColor, GaussianBlur of 2 px, threshold, connectedComponentsWithStats, one thread. Ours: everything that the
+frame path does, through the C interface: difference, the same smoothing, peak, regions, place and force by tables; and,
+with --calibration, by taxels instead. The pictures are the twin's: at rest, and under a ball.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board, find_board
+from ruffini.calibrate.skin import paper_file
+from ruffini.calibrate.skin_openings import TubeView
+from ruffini.core import Pipeline
+from ruffini.sim.indenters import Indenter
+from ruffini.sim.pose import Pose
+from ruffini.sim.units import build_unit
+
+Picture = npt.NDArray[np.uint8]
+N_TURNS = 200
+LEVEL = 40
+TOUCH = Pose(-36e-3, 5e-3, 3e-3)
+
+
+def pictures(board: Board) -> tuple[Picture, Picture]:
+    """Untouched, and under a ball 3 mm deep."""
+    unit, rng = build_unit(board), np.random.default_rng(1)
+    rig, renderer = unit.rig(), unit.renderer()
+    rest = renderer.image(rig.displacement, rng)
+    rig.take(Indenter("sphere", 5e-3))
+    for part in (0.4, 0.7, 1.0):
+        rig.advance(Pose(TOUCH.x_m, TOUCH.y_m, part * TOUCH.depth_m))
+    return rest, renderer.image(rig.displacement, rng)
+
+
+def opencv(picture: Picture, initial: Picture) -> object:
+    """The pipeline that the paper's authors would write."""
+    grey = cv2.cvtColor(cv2.subtract(picture, initial), cv2.COLOR_BGR2GRAY)
+    _, binary = cv2.threshold(cv2.GaussianBlur(grey, (0, 0), 2.0), LEVEL, 255, cv2.THRESH_BINARY)
+    return cv2.connectedComponentsWithStats(binary)
+
+
+def measure(board: Board, calibration: Path | None) -> dict[str, float]:
+    """Median milliseconds of processor time of each, in turns: what else the machine does is not counted."""
+    cv2.setNumThreads(1)
+    rest, touched = pictures(board)
+    camera = board.camera
+    radius = board.skin.radius_um * 1e-3 if board.skin else 0.0
+    view = TubeView(camera.focal_mpx * 1e-3, camera.standoff_um * 1e-3, 0, 0, camera.center_x_mpx * 1e-3,
+                    camera.center_y_mpx * 1e-3, radius, 0.0)  # fmt: skip
+    files = {"picture": paper_file(board, view, np.array([1e-4, 4e-3, 0.6])).data}
+    if calibration is not None:
+        files["taxels"] = calibration.read_bytes()
+    cores = {name: Pipeline(board, data) for name, data in files.items()}
+    for core in cores.values():
+        for _ in range(board.pipeline.n_rest_frames):
+            core.process(rest)
+        core.process(touched)
+        assert core.touches(), "the ball is not seen"
+    work: dict[str, Callable[[], object]] = {"opencv": partial(opencv, touched, rest)}
+    work |= {name: partial(core.process, touched) for name, core in cores.items()}
+    taken: dict[str, list[float]] = {name: [] for name in work}
+    for _ in range(N_TURNS):
+        for name, one in work.items():
+            start = time.process_time()
+            one()
+            taken[name].append(1e3 * (time.process_time() - start))
+    for core in cores.values():
+        core.close()
+    return {name: float(np.median(t)) for name, t in taken.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--board", required=True)
+    parser.add_argument("--calibration", type=Path)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    board = find_board(arguments.board)
+    ms = measure(board, arguments.calibration)
+    if arguments.json:
+        print(json.dumps(ms))
+        return
+    print(f"{board.name}: {board.resolution}, medians of {N_TURNS}, milliseconds of one core, SIMULATED pictures")
+    for name, value in ms.items():
+        print(f"  {name:10}{value:8.3f}{ms['opencv'] / value:8.2f} times as fast as OpenCV")
+
+
+if __name__ == "__main__":
+    main()
