@@ -29,6 +29,7 @@ DEEP_PART = 0.6  # of the deepest: above half of it a ball's contact ends (Hertz
 LEAST_NODES = 6  # under the ball
 LEAST_DENT_M = 1e-4
 BALL_GRAMS = 100.0
+FIELDS = 3  # the last of a hold
 
 
 class Checked(NamedTuple):
@@ -77,13 +78,12 @@ def check_weight(bench: Bench, grams: float, file: CalibrationFile | None) -> Ch
 
 
 def check_ball(bench: Bench, board: Board, ball_mm: float) -> Checked:
-    """A person holds a ball pressed into the pad, and lets go."""
-    bench.person.confirm(
-        f"press the {ball_mm:g} mm ball half a millimetre into the middle of the pad and hold it there"
-    )
+    """A person loads a ball with a weight, or presses it as hard, and takes it away."""
+    put = Weight(0.0, 0.0, BALL_GRAMS).told()
+    bench.person.confirm(f"put {put}, onto the {ball_mm:g} mm ball (or press it as hard and hold still)")
     begun = time.monotonic()
-    ended = bench.hold(begun)
-    fields = bench.stream.since(begun + (1 - SETTLED_PART) * (ended - begun)).fields
+    bench.hold(begun)
+    fields = bench.stream.since(begun).fields[-FIELDS:]
     bench.person.confirm("take it away")
     if not fields:
         raise InputError("the sensor sends no displacement: it cannot be checked with a ball")
