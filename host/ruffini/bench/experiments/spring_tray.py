@@ -245,8 +245,8 @@ def table(result: dict[str, Any]) -> str:
             gel = printed.get(f"GelSight, {axis}")
             said = f"{gel:.3g} ({printed[f'GelSight, {axis} of its range']:.1f} %)" if gel else "-"
             lines.append(
-                f"  {axis:4}{_of(ours, i):>16}{_of(paper, i):>16}{ours / paper:>7.2f}{s['r2'][i]:>7.3f}"
-                f"{s['paper_r2'][i]:>8.3f}{_of(printed[axis], i):>16}{said:>16}"
+                f"  {axis:4}{_of(ours, i):>16}{_of(paper, i):>16}{ours / paper:>7.2f}{_r2(s['r2'][i]):>7}"
+                f"{_r2(s['paper_r2'][i]):>8}{_of(printed[axis], i):>16}{said:>16}"
             )
     for route, by_set in result.get("routes", {}).items():
         said = "; ".join(f"{name} " + ", ".join(f"{v:.3g}" for v in e) for name, e in by_set.items())
@@ -254,6 +254,11 @@ def table(result: dict[str, Any]) -> str:
     if "false_flags" in result:
         lines.append(f"false flags in {result['drawn_frames']:,} drawn good frames: {result['false_flags']}")
     return "\n".join(lines)
+
+
+def _r2(value: float) -> str:
+    """Nothing where the axis is hardly loaded."""
+    return f"{value:.3f}" if value > 0 else "-"
 
 
 def _of(value: float, axis: int) -> str:

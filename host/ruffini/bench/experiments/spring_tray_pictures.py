@@ -27,11 +27,11 @@ UNITS = ("N", "N", "N", "N mm", "N mm", "N mm")
 def draw(out: Path, sets: Mapping[str, Sequence[Played]]) -> list[Path]:
     """Those that the runs are enough for."""
     out.mkdir(parents=True, exist_ok=True)
-    loads = next((group for group in sets.values() if "condition" in group[0].recorded.run.chosen), None)
+    loads = [group for group in sets.values() if "condition" in group[0].recorded.run.chosen]  # the largest last
     shown = [group[0] for group in sets.values() if group[0].recorded.part == "show"]
     made = []
-    if loads is not None:
-        made += [_responses(out / "fig7_responses.png", loads), _traces(out / "fig8_traces.png", loads)]
+    if loads:
+        made += [_responses(out / "fig7_responses.png", loads[-1]), _traces(out / "fig8_traces.png", loads[0])]
     if shown:
         made.append(_objects(out / "fig10_objects.png", shown))
     return made
@@ -73,7 +73,8 @@ def _responses(path: Path, loads: Sequence[Played]) -> Path:
             axis.add_patch(plt.Circle((x, y), radius, fill=False, color="white", lw=0.8, ls=":"))
         said = p.truth[t]
         numbers = ", ".join(f"{n} {said[i]:+.2g} {UNITS[i]}" for i, n in enumerate(AXES) if n in title)
-        axis.set(title=f"{title}\n{numbers}", xticks=[], yticks=[])
+        axis.set(xticks=[], yticks=[])
+        axis.set_title(f"{title}\n{numbers}", fontsize=7.5)
         axis.set(xlim=(0, picture.shape[1]), ylim=(picture.shape[0], 0))
     figure.suptitle(f"Fig. 7, SIMULATED: shifts x {ARROW:.0f} (arrows), change of radius x {RING:.0f} (yellow)")
     return _save(figure, path)
@@ -118,7 +119,7 @@ def _objects(path: Path, shown: Sequence[Played]) -> Path:
             axis.plot(time_s, p.truth[:, i], color="black", lw=0.5)
         row[2].set(title="wrench (black: truth)", xlabel="s", ylabel="N")
         torque.set_ylabel("N mm")
-        row[2].legend(loc="lower left")
-        torque.legend(loc="lower right")
+        row[2].legend(loc="upper left", bbox_to_anchor=(1.12, 1.0), fontsize=8)
+        torque.legend(loc="lower left", bbox_to_anchor=(1.12, 0.0), fontsize=8)
     figure.suptitle("Fig. 10, SIMULATED: shape and wrench from the same frame")
     return _save(figure, path)

@@ -1,0 +1,61 @@
+"""`ruffini cal auto` on a bench without hardware: collected, fitted, judged where nothing was pressed; goes on after a
+stop; what fails its gates is not flashed."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conftest import Twin
+
+from ruffini.calibrate import container, gates
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.demo.auto import Auto, Counts, Opened, Site, Truth
+from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated
+from ruffini.errors import RefusedError
+from ruffini.rig.program import Span
+from ruffini.rig.session import ready_bench
+
+SPAN = Span(0.004, 0.003, 0.0008, 0.0003)
+COUNTS = Counts(balls=0, grid=10, judged=2, error_touches=0)
+
+
+def auto(twin: Twin, folder: Path, opened: list[str], *, force: bool) -> Auto:
+    """A run whose colours are there already, as after a stop; so small a camera is not held to the gates (`force`)."""
+
+    @contextlib.contextmanager
+    def site(program: str, calibration: CalibrationFile) -> Iterator[Opened]:
+        opened.append(calibration.sha256.hex())
+        with contextlib.ExitStack() as stack:
+            simulated, truth = open_simulated(stack, twin.board, program, TwinOptions(), twin.unit), Truth()
+            simulated.twin.twin.listeners.append(truth.note)
+            simulated.parts.sensor.flash(calibration.data)
+            limits = limits_of(twin.board, SPAN, 6.0)
+            yield Opened(stack.enter_context(ready_bench(simulated.parts, twin.board, limits)), truth)
+
+    first = container.unpack(twin.calibration)
+    container.write(folder / "before.safetensors", first)
+    return Auto(twin.board, Site(site, SPAN, None, True), folder, COUNTS, 1, lambda _: None, force)
+
+
+def test_collects_fits_flashes_and_judges_then_goes_on_where_it_was(
+    twin: Twin,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    opened: list[str] = []
+    result = json.loads(json.dumps(auto(twin, tmp_path, opened, force=True).run()))
+    first = container.unpack(twin.calibration).sha256.hex()
+    assert opened == [first, first, result["sha256"]]
+    assert result["before"]["against"] == result["after"]["against"] == "the twin's truth"
+    assert result["after"]["touches"] == 2
+    assert result["after"]["force_rmse_n"] < 0.15 * result["after"]["largest_force_n"]
+    assert "SIMULATED" in (tmp_path / "report.html").read_text()
+    monkeypatch.setattr(gates, "MAX_ERROR", 0.0)
+    opened.clear()
+    with pytest.raises(RefusedError, match=r"fails its gates \(error: .*\) and was not flashed"):
+        auto(twin, tmp_path, opened, force=False).run()
+    assert opened == []  # all that it needed was there, and nothing was flashed
