@@ -62,6 +62,7 @@ class FramePath {
   [[nodiscard]] const FrameState& state() const { return state_; }
   [[nodiscard]] std::span<const Marker> markers() const { return flow_ ? flow_->markers() : lattice_.markers(); }
   [[nodiscard]] std::span<const Target> targets() const { return targets_.targets(); }
+  [[nodiscard]] bool has_targets() const { return has(Stage::kTargets) && !targets().empty(); }
   // Of a frame that holds several views; no stage reads them.
   [[nodiscard]] const std::optional<ViewMaps>& views() const { return views_; }
   // Whether Marker::quality says something.
@@ -84,7 +85,6 @@ class FramePath {
   [[nodiscard]] bool depth_is_trusted() const { return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_; }
   [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
 
-  [[nodiscard]] bool has_targets() const { return has(Stage::kTargets) && !targets().empty(); }
   // What hides the surface, and tells whether the pad is at rest.
   [[nodiscard]] std::span<const Marker> hidden() const { return target_marks_.empty() ? markers() : target_marks_; }
   void forget();

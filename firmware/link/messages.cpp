@@ -45,7 +45,7 @@ size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uin
 MessageEncoder::MessageEncoder(const FramePath& path, uint8_t sensor) : sensor_(sensor) {
   const auto n_nodes = static_cast<size_t>(path.nodes().size().count());
   const auto n_depth = static_cast<size_t>(path.depth_grid().count());
-  const size_t n_values = std::max({3 * n_nodes, n_depth, 2 * path.markers().size()});
+  const size_t n_values = std::max({3 * n_nodes, n_depth, 2 * path.markers().size(), 2 * path.targets().size()});
   const auto n_image = static_cast<size_t>(path.board().camera.width_px * path.board().camera.height_px) * 3;
   values_.resize(n_values);
   dense_[0].resize(std::max(dense_bound(n_values), n_image));
@@ -208,7 +208,33 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
   return serialise(ruffini_Contacts_fields, &m);
 }
 
+size_t MessageEncoder::targets(const FramePath& path, const FrameStamp& stamp) {
+  const std::span<const Target> targets = path.targets();
+  ruffini_Markers m = ruffini_Markers_init_zero;
+  m.has_stamp = true;
+  m.stamp = to_proto(stamp, path.state().flags);
+  const GridSize row{.n_x = static_cast<int>(targets.size()), .n_y = 1};
+  m.n_x = static_cast<uint32_t>(row.n_x);
+  m.n_y = 1;
+  m.position_lsb_upx = 1'000;
+  m.lost.size = static_cast<pb_size_t>((targets.size() + 7) / 8);
+  for (size_t i = 0; i < targets.size(); ++i) {
+    const Target& t = targets[i];
+    values_[2 * i] = static_cast<int32_t>(round_shift((t.now.x_q16 - t.rest.x_q16) * 1'000, 16));
+    values_[2 * i + 1] = static_cast<int32_t>(round_shift((t.now.y_q16 - t.rest.y_q16) * 1'000, 16));
+    if (t.is_lost) m.lost.bytes[i / 8] = static_cast<uint8_t>(m.lost.bytes[i / 8] | 1U << (i % 8));
+  }
+  m.has_displacement = true;
+  pack(m.displacement, row, 2, 0);
+  std::transform(targets.begin(), targets.end(), values_.begin(),
+                 [](const Target& t) { return static_cast<int32_t>(t.now.area_q8 - t.rest.area_q8); });
+  m.has_area = true;
+  pack(m.area, row, 1, 1);
+  return serialise(ruffini_Markers_fields, &m);
+}
+
 size_t MessageEncoder::markers(const FramePath& path, const FrameStamp& stamp) {
+  if (path.has_targets()) return targets(path, stamp);
   const std::span<const Marker> markers = path.markers();
   ruffini_Markers m = ruffini_Markers_init_zero;
   m.has_stamp = true;

@@ -41,6 +41,7 @@ class MessageEncoder {
   size_t contacts(const FramePath& path, const FrameStamp& stamp);
   static void tell_touches(const FramePath& path, ruffini_Contacts& m);
   size_t markers(const FramePath& path, const FrameStamp& stamp);
+  size_t targets(const FramePath& path, const FrameStamp& stamp);
   size_t image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp);
   size_t serialise(const pb_msgdesc_t* fields, const void* message);
   // `part`: which of the message's dense parts.

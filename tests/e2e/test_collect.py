@@ -15,6 +15,7 @@ from conftest import Twin
 from scipy.spatial.transform import Rotation
 
 from ruffini.boards import find_board
+from ruffini.calibrate.feature_log import read_feature_runs
 from ruffini.demo.twin_session import LOGGER_DRIFT, Simulated, TwinOptions, open_logged, open_simulated
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.rig.bench import Bench
@@ -31,6 +32,7 @@ from ruffini.rig.twin_bench import ORIGIN
 from ruffini.rig.units import POUND_N
 from ruffini.sim.bodies.platform import Platform
 from ruffini.sim.bodies.platform_unit import PlatformUnit
+from ruffini.sim.pad import PadModel, surface_compliance
 from ruffini.sim.settings import load_twin
 
 FACTS = {"board": "tiny", "program": "grid", "seed": 1}
@@ -277,25 +279,34 @@ def test_another_programs_csv_with_a_drifting_clock(twin: Twin, tmp_path: Path) 
         assert a["stream_wrench"][is_held(a["stream_host_s"], f), 2].mean() == pytest.approx(truth, rel=0.3)
 
 
-def test_the_conditions_of_a_rigid_connector(twin: Twin, tmp_path: Path) -> None:
-    platform = load_twin(find_board("ftouch")).platform
-    assert platform is not None
-    unit, board = twin.unit, twin.board
-    sprung = PlatformUnit(
-        board, unit.twin.model_copy(update={"platform": platform}), unit.model, unit.compliance,
-        platform=Platform.of(platform),
+def test_the_conditions_of_a_rigid_connector_reach_the_log_with_its_targets(tmp_path: Path) -> None:
+    board = find_board("ftouch")
+    settings, pad = load_twin(board), board.pad
+    assert settings.platform is not None
+    model = PadModel(
+        pad.size_x_um * 1e-6, pad.size_y_um * 1e-6, pad.thickness_um * 1e-6, pad.modulus_pa,
+        pad.poisson_1e4 * 1e-4, n_cells_x=10, n_cells_y=9, layers=(0.2, 0.3, 0.5),
     )  # fmt: skip
-    items = plan("conditions", Span(0.003, 0.002, 0.0006, 0.0), 18, 1, ByHand(force_n=0.8, torque_nm=0.008))[9:11]
+    unit = PlatformUnit(board, settings, model, surface_compliance(model), platform=Platform.of(settings.platform))
+    loads = plan("conditions", Span(0.003, 0.002, 0.0006, 0.0), 18, 1, ByHand(force_n=0.8, torque_nm=0.008))
+    items = [loads[i] for i in (0, 6, 13, 16)]
     with contextlib.ExitStack() as stack:
-        simulated = open_simulated(stack, board, "conditions", TwinOptions(mount=NO_MOUNT), sprung)
+        simulated = open_simulated(stack, board, "conditions", TwinOptions(mount=NO_MOUNT), unit)
         b = stack.enter_context(ready_bench(simulated.parts, board, None))
-        collect(b, items, LogWriter(tmp_path / "log.h5", {}))
+        collect(b, items, LogWriter(tmp_path / "log.h5", {"board": board.name}))
         with pytest.raises(InputError, match="needs a stage"):
             collect(b, STRAIGHT, LogWriter(tmp_path / "none.h5", {}))
-    for touch, item in zip(read_log(tmp_path / "log.h5").touches, items, strict=True):
+    log = read_log(tmp_path / "log.h5")
+    for touch, item in zip(log.touches, items, strict=True):
         a = touch.arrays
         assert tuple(touch.facts["signs"]) == item.signs
-        peak = a["reference_wrench"][np.linalg.norm(a["reference_wrench"][:, :3], axis=1).argmax()]
+        peak = a["reference_wrench"][abs(item.part(a["reference_wrench"])).max(axis=1).argmax()]
         assert np.array_equal(np.sign(peak) * (abs(item.part(peak)) > 0.1), item.signs)
         assert len(a["reference_s"]) > 20  # the whole push, not only its end
-        assert len(a["image"]) >= 2
+        assert a["marker_displacement"].shape[1:] == (3, 3)
+        assert len(a["image"]) >= 1
+    runs = read_feature_runs([tmp_path / "log.h5"], board)
+    features = np.vstack([run.features for run in runs]) / np.tile([65536, 65536, 256], 3)
+    wrench = np.vstack([run.at(0.0) for run in runs])
+    fitted = features @ np.linalg.lstsq(features, wrench, rcond=None)[0]
+    assert np.corrcoef(fitted[:, 2], wrench[:, 2])[0, 1] > 0.9  # pushed down: the targets get larger

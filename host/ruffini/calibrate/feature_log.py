@@ -1,8 +1,8 @@
 """Image features with a reference wrench beside them: what `ruffini cal wrench` fits and judges on.
 
 The features are the core's own integers (`Pipeline.features`), whatever the file: a folder of frames with
-`wrench.csv`, a run of `ruffini sim reproduce` with what its bench read, a folder of such runs, or the markers of a
-`cal collect` log.
+`wrench.csv`, a run of `ruffini sim reproduce` with what its bench read, a folder of such runs, or the targets or
+markers of a `cal collect` log.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ruffini.rig.log_file import read_log
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
-Q16 = 65536.0
+STEPS = {"targets": (65536.0, 65536.0, 256.0), "markers": (65536.0, 65536.0)}  # the core's: px Q16, px^2 Q8
 
 
 @dataclass(frozen=True)
@@ -129,11 +129,13 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
     out = []
     for number, touch in enumerate(log.touches):
         moved = touch.arrays.get("marker_displacement")
-        if moved is None or log.facts.get("marker_unit", "px") != "px" or wanted.sort != "markers":
+        columns = STEPS[wanted.sort]
+        if moved is None or log.facts.get("marker_unit", "px") != "px" or moved.shape[2] != len(columns):
             continue
-        rows = moved.astype(np.float64).reshape(len(moved), -1) * Q16
+        rows = (moved.astype(np.float64) * columns).reshape(len(moved), -1)
         if rows.shape[1] != wanted.n:
-            raise InputError(f"{path}, touch {number}: {rows.shape[1] // 2} markers, the board has {wanted.n // 2}")
+            raise InputError(f"{path}, touch {number}: {moved.shape[1]} {wanted.sort}, the board has "
+                             f"{wanted.n // len(columns)}")  # fmt: skip
         offset = float(np.median(on_reference_clock(log, touch) - touch.arrays["stream_s"]))
         out.append(FeatureRun(f"{path.name}/{number}", touch.arrays["marker_s"] + offset, rows,
                               np.asarray(np.isfinite(rows).all(axis=1)), touch.arrays["reference_s"],

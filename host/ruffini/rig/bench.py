@@ -17,7 +17,7 @@ from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.reference import Reading
 from ruffini.rig.stage import Guard, nobody
 from ruffini.rig.stream_watch import StreamWatch
-from ruffini.rig.touch import LONGEST_GAP_S, MIN_FRAMES, MIN_READINGS
+from ruffini.rig.touch import LONGEST_GAP_S, MIN_FRAMES, MIN_READINGS, least_delay_s
 from ruffini.rig.watch import Watch
 
 Array = npt.NDArray[np.float64]
@@ -93,6 +93,14 @@ class Bench:
                 break
             time.sleep(0.02)
         return time.monotonic()
+
+    def catch_up(self, until_s: float) -> None:
+        """Wait until the stream shows a time of the host, however long its frames queue; raises as `hold`."""
+        while True:
+            newest = self.stream.latest()
+            if newest.stream_s + least_delay_s(self.stream.since(until_s - self.max_hold_s).frames) > until_s:
+                return
+            time.sleep(0.02)
 
     def rest(self) -> list[Reading]:
         """Readings of a moment in which nothing touches."""

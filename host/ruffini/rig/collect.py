@@ -156,6 +156,7 @@ def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     }  # fmt: skip
     facts = {"kind": item.kind, "told": item.told(), **item._asdict(), **how[type(item)](bench, item, path),
              "session": bench.session, "tare": drift.tolist()}  # fmt: skip
+    bench.catch_up(facts["lifted_host_s"])
     readings = bench.reference.since(start)
     held = [r for r in readings if facts["held_host_s"] < r.host_s < facts["lifted_host_s"]]
     facts["is_saturated"] = any(r.is_saturated for r in held)

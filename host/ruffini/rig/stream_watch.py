@@ -17,6 +17,7 @@ from ruffini.wire.dense import decode_dense
 Array = npt.NDArray[np.float64]
 
 STALL_S = 2.0
+AREA_STEPS = 256  # of a square pixel, in MARKERS
 START_S = 20.0  # until it has learned rest
 
 
@@ -39,7 +40,10 @@ class FieldSample(NamedTuple):
 
 
 class MarkerSample(NamedTuple):
-    """Displacement (n, 2) and, where the sensor sends them, rest places (n, 2), pixels, at the sensor's own time."""
+    """Displacement (n, 2 or 3) and, where the sensor sends them, rest places (n, 2), at the sensor's own time.
+
+    Pixels; the third is the change of area, square pixels.
+    """
 
     stream_s: float
     displacement: Array
@@ -189,13 +193,16 @@ def _field(_: float, message: Any) -> FieldSample | None:
 
 def _markers(_: float, message: Any) -> MarkerSample | None:
     scale = message.position_lsb_upx * 1e-6
-    moved, rest = (
-        decode_dense(d.codec, d.n_x, d.n_y, d.n_components, d.data).reshape(-1, 2) * scale
-        if message.HasField(name) and (d := getattr(message, name)).n_x * d.n_y
+    moved, rest, area = (
+        decode_dense(d.codec, d.n_x, d.n_y, d.n_components, d.data).reshape(-1, d.n_components)
+        if name in message.DESCRIPTOR.fields_by_name and message.HasField(name) and (d := getattr(message, name)).n_x
         else None
-        for name in ("displacement", "rest")
+        for name in ("displacement", "rest", "area")
     )
-    return None if moved is None else MarkerSample(message.stamp.capture_us * 1e-6, moved, rest)
+    if moved is None:
+        return None
+    displacement = moved * scale if area is None else np.hstack([moved * scale, area / AREA_STEPS])
+    return MarkerSample(message.stamp.capture_us * 1e-6, displacement, None if rest is None else rest * scale)
 
 
 def _image(_: float, message: Any) -> ImageSample:

@@ -20,6 +20,7 @@ T = TypeVar("T")
 
 LONGEST_GAP_S = 0.3  # without a frame
 MIN_FRAMES, MIN_READINGS = 5, 3  # while it is held
+TWISTED = "condition"  # kind of touch that may have a moment and no force
 SEEN_PART = 0.1  # of the reference's force: a sensor that is yet to be calibrated sees more than that
 FREE_N = CONTACT_N / 2  # of the reference after the tip was lifted
 FIELDS_KEPT, REST_FIELDS_KEPT, IMAGES_KEPT = 4, 2, 4  # of a hold, of before it: they are all alike
@@ -29,7 +30,12 @@ MARKERS_KEPT = 40
 def record_of(
     window: Window, readings: Sequence[Reading], path: Sequence[tuple[float, Place]], facts: dict[str, Any]
 ) -> TouchRecord:
-    """What arrived since the touch began; `facts` says when it was held."""
+    """What arrived since the touch began; `facts` says when it was held.
+
+    Frames that queued on their way get the host's time at which they would have arrived without.
+    """
+    delay_s = least_delay_s(window.frames)
+    window = window._replace(frames=[f._replace(host_s=f.stream_s + delay_s) for f in window.frames])
     arrays = {
         **_stream_arrays(window.frames), **_activity(window), **_kept(window, facts),
         "reference_s": np.array([r.host_s for r in readings]),
@@ -38,6 +44,11 @@ def record_of(
     }  # fmt: skip
     more = {"image_step_px": window.images[-1].step_px} if "image" in arrays else {}
     return TouchRecord({**facts, **more}, _rising(arrays))
+
+
+def least_delay_s(frames: Sequence[StreamSample]) -> float:
+    """Host's time of arrival less the sensor's time, of the frame that was fastest."""
+    return min((f.host_s - f.stream_s for f in frames), default=0.0)
 
 
 def faults_of(
@@ -59,7 +70,7 @@ def faults_of(
     if facts.get("is_saturated"):
         found.append("the reference was saturated")
     pressed_n = float(np.linalg.norm(np.nan_to_num(wrench[is_seen, :3].mean(axis=0))))
-    if pressed_n < CONTACT_N:
+    if pressed_n < CONTACT_N and facts.get("kind") != TWISTED:
         found.append(f"the reference saw only {pressed_n:.3f} N")
     seen = arrays["stream_wrench"][is_held, :3]
     seen_n = float(np.linalg.norm(seen.mean(axis=0))) if len(seen) else np.nan  # NaN where not measured, too
@@ -85,7 +96,7 @@ def activity_of(window: Window) -> Array | None:
     """How far the markers moved on the average, px, in each frame: what is pressed shows where no force is measured."""
     if not window.markers:
         return None
-    moved = [float(np.linalg.norm(m.displacement, axis=1).mean()) for m in window.markers]
+    moved = [float(np.linalg.norm(m.displacement[:, :2], axis=1).mean()) for m in window.markers]
     return np.interp([f.stream_s for f in window.frames], [m.stream_s for m in window.markers], moved)
 
 

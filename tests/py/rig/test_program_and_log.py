@@ -118,6 +118,10 @@ def test_each_fault_of_a_touch_is_named():
     assert fault(put("stream_wrench", np.s_[:, 2], -0.05))[0].startswith("the sensor saw 0.050 N of 1.000 N")
     assert fault(put("stream_wrench", np.s_[:], np.nan)) == []
     assert fault(put("reference_wrench", np.s_[:, 2], 0.0)) == ["the reference saw only 0.000 N"]
+    twist, facts = good()
+    twist["reference_wrench"][:] = 0
+    twist["reference_wrench"][50:100, 5] = 0.01
+    assert faults_of(twist, {**facts, "kind": "condition"}, {}) == []
     assert fault(put("reference_wrench", np.s_[110:, 2], -0.06))[0].startswith("0.060 N stayed")
 
 
