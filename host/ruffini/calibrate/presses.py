@@ -27,8 +27,8 @@ from ruffini.frames import image_files, read_image
 Array = npt.NDArray[np.float64]
 COLUMNS = ("image", "center_x_px", "center_y_px", "contact_radius_px")
 # Of the contact radius: further out the gel already leaves the ball, and the mark's error of 1-2 px is a slope error of
-# up to 12 %. Recorded presses left out of the fit, circles refitted: cap 0.054 mm, peak to edge 0.97 (0.89 to 1.05) with
-# 0.75, 0.064 mm, 0.99 (0.91 to 1.08) with 0.80, normals alike; depth under the twin's touches off by 28 um, 40 um with 0.80.
+# up to 12 %. Recorded presses left out of the fit, circles refitted, normals alike: cap 0.054 mm, peak to edge 0.97
+# (0.89 to 1.05) with 0.75; 0.064 mm, 0.99 (0.91 to 1.08) with 0.80. Depth under the twin's touches is off by 28, 40 um.
 FITTED_INSIDE = 0.75
 DARKEST_REST = 32.0  # grey levels of the lamps' light below which a ratio says little (firmware/image/rest.h)
 
