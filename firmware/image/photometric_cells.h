@@ -43,11 +43,16 @@ class PhotometricCells {
     return out;
   }
 
-  // d' of one colour from its sum.
-  template <typename Some>
-  static typename Some::V change(const CellRow& row, size_t c, typename Some::V sum, typename Some::V n_kept) {
-    const auto mean = Some::narrow(Some::mul(sum, Some::look_up(row.per_count[c].data(), n_kept)), 16);
-    return Some::sub(mean, Some::same(row.level_q16[c]));
+  // d' of the three colours from their sums. Where no pixel of any lane's cell is masked, nothing is looked up.
+  template <typename Some, int kStep>
+  static void changes(const CellRow& row, const typename Some::V* sums, typename Some::V n_kept, typename Some::V* d) {
+    constexpr int kFull = kStep * kStep;
+    const bool is_whole = Some::largest(Some::sub(Some::same(kFull), n_kept)) == 0;
+    for (size_t c = 0; c < 3; ++c) {
+      const auto& per_count = row.per_count[c];
+      const auto share = is_whole ? Some::same(per_count[kFull]) : Some::look_up(per_count.data(), n_kept);
+      d[c] = Some::sub(Some::narrow(Some::mul(sums[c], share), 16), Some::same(row.level_q16[c]));
+    }
   }
 
   // M . d' of one axis, Q14.
@@ -77,7 +82,7 @@ class PhotometricCells {
       const auto n_kept = Some::sub(Some::same(0), sum<Some, kStep>(row.keep + pixel, row.keep + pixel, row.width));
       Some::store_16(row.n_kept + x, n_kept);
       typename Some::V d[3];
-      for (size_t c = 0; c < 3; ++c) d[c] = change<Some>(row, c, sums[c], n_kept);
+      changes<Some, kStep>(row, sums, n_kept, d);
       const int16_t* m = row.unmix + x;
       typename Some::V q[2] = {unmixed<Some>(d, m, row.unmix_plane),
                                unmixed<Some>(d, m + 3 * row.unmix_plane, row.unmix_plane)};

@@ -26,7 +26,8 @@ def _read_picture(path: Path, board: Board) -> npt.NDArray[np.uint8]:
     picture = read_image(path)
     height, width = picture.shape[:2]
     if (width, height) != (board.camera.width_px, board.camera.height_px):
-        raise InputError(f"{path}: is {width}x{height}, board {board.name!r} needs {board.resolution}")
+        raise InputError(f"{path}: is {width}x{height}, board {board.name!r} needs {board.resolution}; "
+                         "`ruffini depth --px-per-mm` takes other sizes")  # fmt: skip
     return picture
 
 
@@ -105,6 +106,10 @@ def depth(
         Path | None,
         typer.Option("--out", help="Folder for <name>.npy (metres, size of the image) and <name>.png."),
     ] = None,
+    px_per_mm: Annotated[
+        float | None,
+        typer.Option(min=0.01, help="Images that are not of the board's size: their scale, and no perspective."),
+    ] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Depth of the surface in single images, against an untouched one."""
@@ -116,24 +121,30 @@ def depth(
     from ruffini.core.faults import faults
     from ruffini.demo.pictures import depth_map
     from ruffini.files import write_array
+    from ruffini.frames import read_image
 
     file = container.read(calibration)
     found = container.board_of(file, board)
     if "photometric" not in file.kinds:
         raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal photometric`")
-    references = (
-        [reference]
-        if reference
-        else sorted(images[0].parent.glob("reference*.png")) or sorted(images[0].parent.parent.glob("reference*.png"))
-    )
+    beside, above = images[0].parent, images[0].parent.parent
+    references = [reference] if reference else next(filter(None, (
+        sorted(folder.glob(f"{name}*.png")) for name in ("reference", "press_ref") for folder in (beside, above)
+    )), [])  # fmt: skip
     if not references:
         raise InputError(f"no untouched image beside {images[0]}: give one with --reference")
     twice = [p for p, n in Counter(path.stem for path in images).items() if n > 1]
     if out is not None and twice:
         raise InputError(f"several images would be written to {out / twice[0]}.npy: give them other names")
+    data = file.data
+    if px_per_mm is not None:
+        from ruffini.evaluate.photometric import view_of
+
+        view = view_of(found, file, read_image(references[0]).shape, px_per_mm)
+        found, data = view.board, view.calibration
     rest = np.mean([_read_picture(p, found).astype(float) for p in references], axis=0)
     rows: list[dict[str, Any]] = []
-    with Pipeline(found, file.data) as pipeline, progress_bar("depth") as progress:
+    with Pipeline(found, data) as pipeline, progress_bar("depth") as progress:
         pipeline.set_rest(rest)
         for i, path in enumerate(images):
             result = pipeline.process(_read_picture(path, found))

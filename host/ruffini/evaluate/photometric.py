@@ -88,18 +88,18 @@ class View:
     camera: Pinhole | None
 
 
-def view_of(board: Board, file: CalibrationFile, presses: PressSet) -> View:
+def view_of(board: Board, file: CalibrationFile, shape: tuple[int, ...], px_per_mm: float) -> View:
     """The board itself where the images are its own, else a view of their size and scale with the same table."""
-    height, width = presses.reference.shape[:2]
+    height, width = shape[:2]
     camera = board.camera
     if (width, height) == (camera.width_px, camera.height_px):
         px = (camera.focal_mpx, camera.center_x_mpx, camera.center_y_mpx, camera.standoff_um)
         return View(board, file.data, Pinhole(*(value / 1e3 for value in px)))
     values = {
         "name": board.name,
-        "width": width, "height": height, "focal": round(presses.px_per_mm * FAR_MM * 1e3),
+        "width": width, "height": height, "focal": round(px_per_mm * FAR_MM * 1e3),
         "center_x": width * 500 - 500, "center_y": height * 500 - 500, "standoff": round(FAR_MM * 1e3),
-        "size_x": round(width / presses.px_per_mm * 1e3), "size_y": round(height / presses.px_per_mm * 1e3),
+        "size_x": round(width / px_per_mm * 1e3), "size_y": round(height / px_per_mm * 1e3),
         "step": 1 if max(width, height) <= 640 else 2,
     }  # fmt: skip
     other = parse_board(VIEW.format(**values), "the view of the presses")
@@ -250,7 +250,7 @@ def evaluate(
 
     Without `untouched` images each of several `references` is judged on the mean of the others.
     """
-    view = view_of(board, file, presses)
+    view = view_of(board, file, presses.reference.shape, presses.px_per_mm)
     judge = Judge(presses, view)
     is_of_depth = "photometric.depth" in file.tensors
     own_slope = presses.px_per_mm if is_of_depth else None

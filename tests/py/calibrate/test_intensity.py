@@ -100,6 +100,24 @@ def test_the_verbs_fit_judge_and_report(folder: Path, tmp_path: Path) -> None:
         assert row["marked"]["normal_deg"] < 4
 
 
+def test_depth_of_a_picture_that_is_not_of_the_boards_size(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "dark.safetensors"
+    board = ["--board", str(BOARD.folder)]
+    done = CliRunner().invoke(app, ["cal", "photometric", str(folder), *board, "--foreign", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    words = ["depth", str(folder / "press" / "0.png"), "--calibration", str(out), *board]
+    assert "--px-per-mm" in str(CliRunner().invoke(app, words).exception)
+    scale = ["--px-per-mm", str(PX_PER_MM)]
+    done = CliRunner().invoke(app, [*words, *scale, "--out", str(tmp_path / "depth"), "--json"])
+    assert done.exit_code == 0, done.output
+    depth_mm = np.load(tmp_path / "depth" / "0.npy") * 1e3
+    ball = BALL_MM / 2 * PX_PER_MM
+    deepest_mm = (ball - np.sqrt(ball**2 - CIRCLES[0][2] ** 2)) / PX_PER_MM
+    assert depth_mm.shape == SHAPE
+    assert -depth_mm[75, 80] == pytest.approx(deepest_mm, abs=0.08)
+    assert np.abs(depth_mm[:20]).max() < 0.1
+
+
 def test_colours_that_change_apart_are_not_one_colour() -> None:
     rng = np.random.default_rng(4)
     rest = draw(rng, None).astype(float)
