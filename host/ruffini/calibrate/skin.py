@@ -115,7 +115,7 @@ def fit_skin(
     reach = fit_reach(pressed, layout, places)
     apart = max(APART_MARGIN * unexplained(pressed, layout, places, reach), APART_LEAST)
     progress(0.9)
-    report = _left_out(pressed, layout)
+    report = _left_out(pressed, layout, force)
     progress(1.0)
     report |= {
         "n_presses": len(pressed), "n_taxels": openings.n_taxels,
@@ -126,7 +126,7 @@ def fit_skin(
     return SkinFit(view, openings, layout, force, places, reach, apart, report, openings.base_q2(rest))
 
 
-def _left_out(presses: list[Press], layout: Layout) -> dict[str, Any]:
+def _left_out(presses: list[Press], layout: Layout, whole: ForceFit) -> dict[str, Any]:
     """Errors of presses that were left out of a fit to the others, each once."""
     n_folds = min(N_FOLDS, len(presses))
     if n_folds < 2:
@@ -135,7 +135,7 @@ def _left_out(presses: list[Press], layout: Layout) -> dict[str, Any]:
     for fold in range(n_folds):
         others = [p for i, p in enumerate(presses) if i % n_folds != fold]
         left = [p for i, p in enumerate(presses) if i % n_folds == fold]
-        rows.append(np.stack(errors(left, layout, fit_force(others, layout), fit_places(others, layout))))
+        rows.append(np.stack(errors(left, layout, fit_force(others, layout, whole), fit_places(others, layout))))
     load, off, away = np.concatenate(rows, axis=1)
     part, light = np.abs(off / load)[load > 2], np.abs(off)[load <= 2]
     return {

@@ -36,6 +36,7 @@ ODD = 0.3  # relative error beyond which a frame is left out: a tool on a seam
 RIDGE = 0.004  # pulls kinds that few presses met towards the mean of all
 PLACED_N = 0.8  # places are fitted above this load
 KINDS = 4  # of columns, and of rows
+SEARCH_ROUNDS = 300
 
 
 @dataclass(frozen=True)
@@ -158,8 +159,11 @@ def relaxed(load: Array, time_s: Array, tau: float) -> Array:
     return out
 
 
-def fit_force(presses: list[Press], layout: Layout) -> ForceFit:
-    """The rubber by a simplex search over soft presses, then gains by linear least squares; relative errors."""
+def fit_force(presses: list[Press], layout: Layout, like: ForceFit | None = None) -> ForceFit:
+    """The rubber by a simplex search over soft presses, then gains by linear least squares; relative errors.
+
+    like : where the search begins, and need not go on for long.
+    """
     u_of, force = [sinks(p) for p in presses], np.concatenate([p.force_n for p in presses])
     at = [peaks(u, layout) for u in u_of]
     kind, q = layout.kind[np.concatenate([a.taxel for a in at])], np.concatenate([a.q for a in at])
@@ -182,7 +186,9 @@ def fit_force(presses: list[Press], layout: Layout) -> ForceFit:
         outside = float(np.sum((v[2:] - np.clip(v[2:], 0, 0.4)) ** 2))
         return float(np.mean(np.minimum(off**2, ODD**2))) + outside + 1e-3 * float(np.sum((v - start) ** 2))
 
-    best = minimize(wrong, start, method="Nelder-Mead", options={"maxiter": 300, "adaptive": True})
+    begin = start if like is None else np.array([np.log(like.sink), np.log(like.hug), *like.parts])
+    rounds = SEARCH_ROUNDS if like is None else SEARCH_ROUNDS // 5
+    best = minimize(wrong, begin, method="Nelder-Mead", options={"maxiter": rounds, "adaptive": True})
     fit = made(best.x)
     elastic = estimate(fit)
     columns = np.concatenate([np.eye(KINDS)[kind[:, 0]], np.eye(KINDS)[kind[:, 1]], _bends(elastic, q)], axis=1)

@@ -196,6 +196,8 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
     if board.markers is not None and board.markers.polarity == "texture":
         seen["markers"] = None
         seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ("markers", "displacement")]
+    elif board.markers is not None and board.markers.layout == "lattice":  # the only one when they were frozen
+        del seen["markers"]["layout"], seen["markers"]["places_um"]
     if seen.pop("skin") is not None:  # reads pictures, changes none: as it was when the first boards were frozen
         seen["pipeline"]["stages"] = ["difference"]
     told = settings.model_dump(mode="json", exclude=unused)
