@@ -2,7 +2,7 @@
 
 Presses are drawn like `programs.sheared_and_turned` and `programs.random_touch`, from the training's own seed; every
 frame of a press is a sample. They are kept as `$XDG_CACHE_HOME/ruffini/train/<hash>/presses-00000.npz`, where the hash
-covers everything that they depend on: both TOML files, the seed, the twin's code and the versions.
+covers everything that they depend on: both TOML files, the seed, the code of mechanics and pictures, the versions.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ruffini import __version__, sim
 from ruffini.boards import Board
 from ruffini.errors import RuffiniError
 from ruffini.files import write_whole
-from ruffini.sim.cache import cache_folder
+from ruffini.sim.cache import MECHANICS, cache_folder
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.programs import Rest, Touch, random_touch, sheared_and_turned
 from ruffini.sim.story import play
@@ -35,6 +35,7 @@ Progress = Callable[[float], None]
 
 PRESSES_A_FILE = 20
 PLAIN_SHARE = 4  # every fourth press is a `random_touch`
+TOLD = ("programs", "settings", "story", "unit")  # of ruffini.sim, beside mechanics and pictures
 N_REFERENCES = 8  # untouched frames that make the rest picture
 WIDEST_PX = 160  # of the network's picture: larger ones are shrunk by a whole factor
 
@@ -92,7 +93,9 @@ def make_samples(
 
 def _key(unit: TwinUnit, seed: int) -> str:
     folder = Path(sim.__file__).parent
-    code = b"".join(file.read_bytes() for file in [Path(__file__), *sorted(folder.rglob("*.py"))])
+    files = [Path(__file__), *(folder / f"{name}.py" for name in (*MECHANICS, *TOLD))]
+    files += sorted(file for part in ("indenters", "optics") for file in (folder / part).rglob("*.py"))
+    code = b"".join(file.read_bytes() for file in files)
     told = (unit.board.text, repr(unit.twin), seed, __version__, np.__version__, PRESSES_A_FILE)
     return hashlib.sha256(repr(told).encode() + code).hexdigest()[:32]
 
