@@ -48,6 +48,14 @@ def append(lines: str) -> Change:
     return lambda text: text + lines
 
 
+TARGETS = """
+[targets]
+places_um = [[5000, 5000], [9000, 8000]]
+below_um = 2000
+diameter_um = 3000
+threshold_1e3 = 500
+"""
+WITH_TARGETS = '["difference", "targets", "feature_wrench"]'
 SKIN = """
 [skin]
 shape = "tube"
@@ -109,6 +117,8 @@ GOOD: dict[str, Change] = {
     "escaped-text": put("board.name", '"\\u0073ample"'),
     "no-final-newline": lambda t: t.rstrip("\n"),
     "skin": all_of(append(SKIN), put("pipeline.stages", '["skin"]')),
+    "targets": all_of(append(TARGETS), put("pipeline.stages", WITH_TARGETS)),
+    "feature-wrench-of-markers": put("pipeline.stages", '["difference", "markers", "feature_wrench"]'),
     "few-stages": put("pipeline.stages", '["difference", "photometric", "poisson"]'),
     "no-markers": all_of(
         drop_section("markers"), put("pipeline.stages", '["difference", "photometric", "poisson"]')
@@ -256,6 +266,14 @@ BAD: dict[str, tuple[Change, str]] = {
     "skin-plane-with-radius": (append(SKIN.replace("tube", "plane")), "radius_um"),
     "skin-unknown-mode": (append(SKIN.replace("auto", "some")), "mode"),
     "skin-averages-too-long": (append(SKIN.replace("averaged_frames = 3", "averaged_frames = 11")), "averaged_frames"),
+    "targets-stage-without-section": (put("pipeline.stages", '["targets"]'), "targets"),
+    "targets-without-places": (append(TARGETS.replace("[[5000, 5000], [9000, 8000]]", "[]")), "places_um"),
+    "targets-place-of-three": (append(TARGETS.replace("[5000, 5000]", "[5000, 5000, 0]")), "places_um"),
+    "targets-beyond-the-pad": (append(TARGETS.replace("9000", "400000")), "places_um"),
+    "targets-behind-the-camera": (append(TARGETS.replace("below_um = 2000", "below_um = 400000")), "below_um"),
+    "targets-too-small-to-measure": (append(TARGETS.replace("3000", "100")), "diameter_um"),
+    "feature-wrench-of-nothing": (put("pipeline.stages", '["difference", "feature_wrench"]'), "feature_wrench"),
+    "two-wrenches": (put("pipeline.stages", '["markers", "wrench", "feature_wrench"]'), "feature_wrench"),
     "stage-twice": (put("pipeline.stages", '["difference", "difference"]'), "stages"),
 }  # fmt: skip
 
