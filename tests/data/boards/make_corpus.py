@@ -261,7 +261,9 @@ BAD: dict[str, tuple[Change, str]] = {
     "stages-out-of-order": (put("pipeline.stages", '["poisson", "difference"]'), "stages"),
     "skin-stage-without-section": (put("pipeline.stages", '["skin"]'), "skin"),
     "skin-without-weights": (append(SKIN.replace("weight_g = 1", "weight_g = 0")), "weights"),
-    "skin-weights-too-large": (append(SKIN.replace("weight_g = 1", "weight_g = 8").replace("_b = 0", "_b = 1")), "weights"),
+    "skin-weights-too-large": (
+        append(SKIN.replace("weight_g = 1", "weight_g = 8").replace("_b = 0", "_b = 1")), "weights"
+    ),
     "skin-tube-without-radius": (append(SKIN.replace("40000", "0")), "radius_um"),
     "skin-plane-with-radius": (append(SKIN.replace("tube", "plane")), "radius_um"),
     "skin-unknown-mode": (append(SKIN.replace("auto", "some")), "mode"),
