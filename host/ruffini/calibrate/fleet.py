@@ -34,6 +34,7 @@ Progress = Callable[[float], None]
 
 FRAMES_A_TOUCH = 3  # they err together: more cost time and tell little
 LARGEST_GROUP = 16  # units: their frames are in memory together
+DASK_GROUP = 4  # units, on a cluster of unknown size
 OUTLIER = 3.5  # robust standard deviations (median, MAD) from a large fleet: one unit of 2,000 by chance
 FEW_UNITS = 4.0  # of so many units the MAD is off by its own size: OUTLIER is doubled
 LEAST_ERROR_SPREAD = 0.002  # of the largest force: units alike within that are alike
@@ -100,7 +101,8 @@ def fit_fleet(
     twice = {p.name for p in paths if sum(q.name == p.name for q in paths) > 1}
     if twice:
         raise InputError(f"several logs are called {min(twice)}: units are told apart by their logs' names")
-    groups = _groups([str(p.resolve()) for p in paths], n_workers if dask is None else len(paths))
+    n_groups = n_workers if dask is None else -(-len(paths) // DASK_GROUP)
+    groups = _groups([str(p.resolve()) for p in paths], n_groups)
     given = None if colours is None else colours.read_bytes()
     work = workers.Work(fit_group, (board.text, board.name, given, groups), f"ruffini-fleet-{time.time_ns()}", "group")
     found: dict[int, list[Unit]] = {}
@@ -124,9 +126,9 @@ def _each(work: workers.Work, n: int, n_workers: int, dask: str | None) -> Itera
     yield from workers.each(work, range(n), n_workers=n_workers, dask=dask)
 
 
-def _groups(paths: list[str], n_workers: int) -> list[list[str]]:
-    """As many groups as there are workers, or more where they would become too large."""
-    n = max(min(n_workers, len(paths)), -(-len(paths) // LARGEST_GROUP))
+def _groups(paths: list[str], n_groups: int) -> list[list[str]]:
+    """As many groups as wanted, or more where they would become too large."""
+    n = max(min(n_groups, len(paths)), -(-len(paths) // LARGEST_GROUP))
     return [list(part) for part in np.array_split(np.array(paths, dtype=object), n)]
 
 
