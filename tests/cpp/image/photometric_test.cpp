@@ -150,7 +150,7 @@ TEST(Photometric, TheBendIsAddedBetweenItsLines) {
   const auto at = [&](int blue) {
     std::fill_n(change.begin(), 160 * 120, RelativeChange::from_raw(static_cast<int16_t>(blue)));
     stage.run(change, {}, {}, slope);
-    return std::pair(slope[77].x.raw(), slope[77].y.raw());
+    return std::pair<int, int>(slope[77].x.raw(), slope[77].y.raw());
   };
   EXPECT_EQ(at(512), std::pair(512 + 200, -100));  // Q14 800 is Q12 200
   EXPECT_EQ(at(256), std::pair(256 + 100, -50));   // half way to nothing
