@@ -31,7 +31,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
     state_.flags = kFlagNoReference;
   } else {
     make_grey(frame);
-    timed(Stage::kMarkers, [&] { run_markers(); });
+    timed(Stage::kMarkers, [&] { run_markers(frame); });
     timed(Stage::kTargets, [&] { run_targets(); });
     follow_light();
     run_depth();
@@ -77,10 +77,10 @@ void FramePath::learn_features() {
   if (flow_) {
     n_markers_at_rest_ = flow_->learn(grey);
   } else {
-    const std::span<const Dot> dots = dots_.detect(grey);
-    n_markers_at_rest_ = lattice_.learn(dots);
-    // Of twice as many, every second one would do.
-    is_other_pad_ = (!camera_map_ && !pitch_fits(markers(), board_)) || std::ssize(dots) > 2 * lattice_.size().count();
+    n_markers_at_rest_ = printed_.learn(grey, rest);
+    // Of twice as many dots, every second one would do.
+    is_other_pad_ = (!camera_map_ && !pitch_fits(markers(), board_)) ||
+                    printed_.n_dots_at_rest() > 2 * board_.markers.lattice.count();
   }
   displacement_.learn(markers());
 }
@@ -96,9 +96,9 @@ void FramePath::make_grey(const FrameView& frame) {
   if (!has(Stage::kDifference) && is_needed) run_difference(frame);
 }
 
-void FramePath::run_markers() {
+void FramePath::run_markers(const FrameView& frame) {
   const std::span<const uint16_t> grey = state_.difference.grey;
-  state_.markers.n_lost = flow_ ? flow_->track(grey) : lattice_.track(dots_.detect(grey));
+  state_.markers.n_lost = flow_ ? flow_->track(grey) : printed_.track(grey, frame);
 }
 
 void FramePath::run_targets() {
@@ -295,9 +295,9 @@ void FramePath::judge_input() {
   const int n_pixels = board_.camera.width_px * board_.camera.height_px;
   if (s.difference.exposure.dark * 2 > n_pixels) s.flags |= kFlagDark;
   if (s.difference.exposure.full * 20 > n_pixels) s.flags |= kFlagOverexposed;
-  const int n_missing = lattice_.size().count() - n_markers_at_rest_;
+  const int n_missing = board_.markers.lattice.count() - n_markers_at_rest_;
   if (has(Stage::kMarkers) && (s.markers.n_lost > board_.markers.max_lost ||
-                               100 * n_missing > (100 - kMinMarkersPercent) * lattice_.size().count())) {
+                               100 * n_missing > (100 - kMinMarkersPercent) * board_.markers.lattice.count())) {
     s.flags |= kFlagMarkersLost;
   }
   if (is_other_pad_) s.flags |= kFlagOtherPad;
@@ -380,8 +380,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       nodes_(board),
       rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
       light_(board.camera.width_px, board.camera.height_px),
-      dots_(dot_parameters(board)),
-      lattice_(board),
+      printed_(board),
       targets_(board),
       poisson_(board),
       displacement_(board),

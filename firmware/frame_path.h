@@ -13,6 +13,7 @@
 #include "image/camera_map.h"
 #include "image/light.h"
 #include "image/poisson.h"
+#include "image/printed_markers.h"
 #include "image/rest.h"
 #include "image/targets.h"
 #include "image/texture_flow.h"
@@ -60,13 +61,13 @@ class FramePath {
   void solve(std::span<const NodeDisplacement> displacement);
 
   [[nodiscard]] const FrameState& state() const { return state_; }
-  [[nodiscard]] std::span<const Marker> markers() const { return flow_ ? flow_->markers() : lattice_.markers(); }
+  [[nodiscard]] std::span<const Marker> markers() const { return flow_ ? flow_->markers() : printed_.markers(); }
   [[nodiscard]] std::span<const Target> targets() const { return targets_.targets(); }
   [[nodiscard]] bool has_targets() const { return has(Stage::kTargets) && !targets().empty(); }
   // Of a frame that holds several views; no stage reads them.
   [[nodiscard]] const std::optional<ViewMaps>& views() const { return views_; }
   // Whether Marker::quality says something.
-  [[nodiscard]] bool are_markers_graded() const { return flow_.has_value(); }
+  [[nodiscard]] bool are_markers_graded() const { return has(Stage::kMarkers); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
   // Which calibration this path computes with: goes into every stamp. 0 = none.
   void set_calibration_id(uint32_t id) { calibration_id_ = id; }
@@ -92,7 +93,7 @@ class FramePath {
   void learn_features();
   void run_difference(const FrameView& frame);
   void make_grey(const FrameView& frame);
-  void run_markers();
+  void run_markers(const FrameView& frame);
   void run_targets();
   void follow_light();
   void run_depth();
@@ -122,9 +123,8 @@ class FramePath {
   LightTracker light_;  // where colours become depth
   int n_drifting_ = 0;  // frames in a row, up to kDriftFrames
   bool is_light_steady_ = true;
-  DotDetector dots_;
-  MarkerTracker lattice_;
-  std::optional<TextureFlow> flow_;  // in place of dots and lattice where the board's markers are patches of a texture
+  PrintedMarkers printed_;
+  std::optional<TextureFlow> flow_;  // in place of the printed ones where the board's markers are patches of a texture
   int n_markers_at_rest_ = 0;
   bool is_other_pad_ = false;
   TargetTracker targets_;

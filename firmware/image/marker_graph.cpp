@@ -19,6 +19,24 @@ bool is_parted(std::span<const ImagePoint> rest, std::span<const uint8_t> is_the
 
 }  // namespace
 
+int take_middle(std::span<const ImagePoint> places, std::span<uint8_t> is_free) {
+  ImagePoint mean;
+  int n = 0;
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (is_free[i] == 0) continue;
+    mean = {mean.x + places[i].x, mean.y + places[i].y};
+    ++n;
+  }
+  if (n == 0) return 0;
+  mean = {floor_div(mean.x, n), floor_div(mean.y, n)};
+  size_t best = 0;
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (is_free[i] != 0 && (is_free[best] == 0 || distance2(places[i], mean) < distance2(places[best], mean))) best = i;
+  }
+  is_free[best] = 0;
+  return static_cast<int>(best);
+}
+
 MarkerGraph::MarkerGraph(GridSize lattice) : nodes_(static_cast<size_t>(lattice.count())) {
   const int n_x = lattice.n_x;
   for (int i = 0; i < lattice.count(); ++i) {

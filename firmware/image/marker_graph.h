@@ -28,6 +28,9 @@ struct ImagePoint {
   return (a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y);
 }
 
+// The place nearest to the mean of those that `is_free` holds; it is free no longer.
+int take_middle(std::span<const ImagePoint> places, std::span<uint8_t> is_free);
+
 class MarkerGraph {
  public:
   static constexpr size_t kMaxNear = 8;

@@ -1,6 +1,8 @@
 #include "image/markers.h"
 
 #include <algorithm>
+
+#include "image/marker_grade.h"
 namespace ruffini {
 namespace {
 
@@ -16,25 +18,6 @@ constexpr int64_t kApartWeight = 16;    // neighbours that part, over the same m
 constexpr int64_t kMissingWeight = 16;  // pitches squared
 constexpr int64_t kLeftWeight = 8;      // pitches squared
 constexpr int kDoubtPercent = 33;       // of the pitch
-
-// The place nearest to the mean of those that `is_free` holds; it is free no longer.
-int take_middle(std::span<const ImagePoint> places, std::span<uint8_t> is_free) {
-  ImagePoint mean;
-  int n = 0;
-  for (size_t i = 0; i < places.size(); ++i) {
-    if (is_free[i] == 0) continue;
-    mean = {mean.x + places[i].x, mean.y + places[i].y};
-    ++n;
-  }
-  if (n == 0) return 0;
-  mean = {floor_div(mean.x, n), floor_div(mean.y, n)};
-  size_t best = 0;
-  for (size_t i = 0; i < places.size(); ++i) {
-    if (is_free[i] != 0 && (is_free[best] == 0 || distance2(places[i], mean) < distance2(places[best], mean))) best = i;
-  }
-  is_free[best] = 0;
-  return static_cast<int>(best);
-}
 
 }  // namespace
 
@@ -66,7 +49,7 @@ MarkerTracker::MarkerTracker(const BoardSettings& board)
   step_gate2_ = squared_share(35);
   tight_gate2_ = squared_share(25);
   search2_ = squared_share(is_scattered_ ? 200 : 110);
-  pitch2_q8_ = (pitch >> 8) * (pitch >> 8);
+  pitch_q8_ = pitch >> 8;
   view_ = {int64_t{camera.width_px} << 16, int64_t{camera.height_px} << 16};
   edge_ = length_q16(camera, board.markers.diameter_um);
   const auto n = static_cast<size_t>(size_.count());
@@ -78,6 +61,9 @@ MarkerTracker::MarkerTracker(const BoardSettings& board)
   queue_.resize(n);
   known_.resize(n);
   known_next_.resize(n);
+  area_.resize(n);
+  rest_area_.resize(n);
+  best_area_.resize(n);
   last_.resize(n);
   best_.resize(n);
   best_known_.resize(n);
@@ -156,6 +142,7 @@ int MarkerTracker::take_all(std::span<const Dot> dots) {
   for (size_t i = 0; i < markers_.size(); ++i) {
     Marker& marker = markers_[i] = Marker{};
     marker.is_absent = marker.is_lost = i >= n;
+    rest_area_[i] = i < n ? dots[i].area_px : 1;
     known_[i] = i < n ? 1 : 0;
     marker.rest_x = i < n ? dots[i].x : ImagePx::from_raw(static_cast<int32_t>(-edge_));
     marker.rest_y = i < n ? dots[i].y : ImagePx::from_raw(static_cast<int32_t>(-edge_));
@@ -219,6 +206,7 @@ int MarkerTracker::learn(std::span<const Dot> dots) {
     Marker& marker = markers_[static_cast<size_t>(i)];
     marker = Marker{};
     marker.is_absent = marker.is_lost = j < 0;
+    rest_area_[static_cast<size_t>(i)] = j < 0 ? 1 : dots[static_cast<size_t>(j)].area_px;
     marker.rest_x = j < 0 ? ImagePx::from_raw(static_cast<int32_t>(place.x + shift.x)) : dots[static_cast<size_t>(j)].x;
     marker.rest_y = j < 0 ? ImagePx::from_raw(static_cast<int32_t>(place.y + shift.y)) : dots[static_cast<size_t>(j)].y;
   }
@@ -246,6 +234,7 @@ int MarkerTracker::accept(std::span<const Dot> dots) {
     Marker& marker = markers_[i];
     marker.displacement_x = ImagePx::from_raw(dot.x.raw() - marker.rest_x.raw());
     marker.displacement_y = ImagePx::from_raw(dot.y.raw() - marker.rest_y.raw());
+    area_[i] = dot.area_px;
     known_[i] = 1;
     is_open_[i] = 0;
     is_dot_taken_[static_cast<size_t>(j)] = 1;
@@ -313,12 +302,12 @@ MarkerTracker::Verdict MarkerTracker::judge(size_t n_dots) const {
     }
   }
   verdict.n_left = static_cast<int>(n_dots) - verdict.n_known;
-  verdict.cost += pitch2_q8_ * (kMissingWeight * verdict.n_missing + kLeftWeight * verdict.n_left);
+  verdict.cost += pitch_q8_ * pitch_q8_ * (kMissingWeight * verdict.n_missing + kLeftWeight * verdict.n_left);
   return verdict;
 }
 
 bool MarkerTracker::is_doubtful(const Verdict& verdict) const {
-  const int64_t limit2 = pitch2_q8_ * (kDoubtPercent * kDoubtPercent) / 10'000;
+  const int64_t limit2 = pitch_q8_ * pitch_q8_ * (kDoubtPercent * kDoubtPercent) / 10'000;
   if (verdict.n_missing > 0 || verdict.widest2 > limit2 || 2 * verdict.n_left >= std::min(size_.n_x, size_.n_y))
     return true;
   for (size_t i = 0; i < markers_.size(); ++i) {
@@ -336,6 +325,7 @@ void MarkerTracker::search(std::span<const Dot> dots, int64_t cost_so_far) {
       best_[i] = {markers_[i].displacement_x.raw(), markers_[i].displacement_y.raw()};
     }
     std::copy(known_.begin(), known_.end(), best_known_.begin());
+    std::copy(area_.begin(), area_.end(), best_area_.begin());
   };
   int n_known = 0;  // of the cheapest
   const auto attempt = [&](Point shift, int seed) {
@@ -361,6 +351,7 @@ void MarkerTracker::search(std::span<const Dot> dots, int64_t cost_so_far) {
     if (is_scattered_ && 2 * n_known < std::ssize(dots)) attempt_from(seed);
   }
   std::copy(best_known_.begin(), best_known_.end(), known_.begin());
+  std::copy(best_area_.begin(), best_area_.end(), area_.begin());
   for (size_t i = 0; i < markers_.size(); ++i) {
     const Point& at = known_[i] != 0 ? best_[i] : last_[i];
     markers_[i].displacement_x = ImagePx::from_raw(static_cast<int32_t>(at.x));
@@ -368,13 +359,19 @@ void MarkerTracker::search(std::span<const Dot> dots, int64_t cost_so_far) {
   }
 }
 
-int MarkerTracker::track(std::span<const Dot> dots) {
+std::span<Marker> MarkerTracker::assign(std::span<const Dot> dots) {
   for (size_t i = 0; i < markers_.size(); ++i) {
     last_[i] = {markers_[i].displacement_x.raw(), markers_[i].displacement_y.raw()};
   }
   look(dots, [&](size_t i) { return last_[i]; }, is_scattered_ ? tight_gate2_ : gate2_, -1);
   const Verdict verdict = judge(dots.size());
   if (is_doubtful(verdict)) search(dots, verdict.n_known > 0 ? verdict.cost : INT64_MAX);
+  for (size_t i = 0; i < markers_.size(); ++i) markers_[i].is_lost = known_[i] == 0;
+  return markers_;
+}
+
+int MarkerTracker::finish(std::span<const int64_t> error2_q16) {
+  grade_markers(graph_, {area_, rest_area_}, error2_q16, pitch_q8_, markers_, known_);
   int n_lost = 0;
   for (size_t i = 0; i < markers_.size(); ++i) {
     markers_[i].is_lost = known_[i] == 0;

@@ -3,7 +3,8 @@
 // A marker is looked for at rest + its last displacement; marker and dot must be each other's nearest
 // within the gate. What stays without a dot is looked for where its neighbours (image/marker_graph.h) went, ring by
 // ring: on the line through two in a row, or where the mean of those around it is.
-// Still lost: the displacement is the mean of the neighbours' (nearest ring first), and marked.
+// Still lost, or surely wrong (image/marker_grade.h): the displacement is the mean of the neighbours' (nearest ring
+// first), and marked.
 //
 // Frames may be far apart. Where the outcome is doubtful (a marker missing inside the view, dots left over, neighbours
 // or frames more than about a third of a pitch apart), the lattice is laid on the dots anew, without memory: unmoved,
@@ -36,7 +37,7 @@ struct Marker {
   ImagePx displacement_y;
   bool is_lost = true;    // displacement estimated from neighbours
   bool is_absent = true;  // was not seen at rest either
-  uint8_t quality = 0;    // 255 / (1 + (expected error / 0.1 px)^2), at least 1; 0: lost, or not graded
+  uint8_t quality = 0;    // 255 / (1 + (expected error / 0.1 px)^2), at least 1; 0: lost
 };
 
 class MarkerTracker {
@@ -47,8 +48,10 @@ class MarkerTracker {
   // be off by 0.4 pitch along each axis in the middle, their steps by 0.35 pitch, locally (scale, rotation, lens
   // distortion). Scattered and not listed: each dot is a marker, in the order of the dots. Number of markers found.
   int learn(std::span<const Dot> dots);
-  // Follow the dots of one frame. Number of markers lost that were there at rest.
-  int track(std::span<const Dot> dots);
+  // Give the dots of one frame to markers, which may then be refined where they are not lost.
+  std::span<Marker> assign(std::span<const Dot> dots);
+  // Grade and fill, with what each may be off, Q16 px squared. Number of markers lost that were there at rest.
+  int finish(std::span<const int64_t> error2_q16);
 
   [[nodiscard]] std::span<const Marker> markers() const { return markers_; }
   [[nodiscard]] GridSize size() const { return size_; }
@@ -88,7 +91,7 @@ class MarkerTracker {
   int64_t gate2_;               // squared, Q16 px: dot from the place where it is expected
   int64_t tight_gate2_;         // the same where nothing is remembered
   int64_t search2_;             // a middle marker's dot from its rest place
-  int64_t pitch2_q8_;           // squared, Q8 px
+  int64_t pitch_q8_;            // px
   Point view_{};                // size of the picture, Q16 px
   int64_t edge_;                // a marker this near to the picture's border may be cut, Q16 px
   int middle_ = 0;              // marker that the search begins with
@@ -106,6 +109,9 @@ class MarkerTracker {
   std::vector<uint8_t> is_led_;   // knows where to look
   std::vector<uint8_t> known_;    // has a displacement of its own, or a filled one
   std::vector<uint8_t> known_next_;
+  std::vector<int> area_;  // of each known marker's dot, px
+  std::vector<int> rest_area_;
+  std::vector<int> best_area_;
   std::vector<Point> last_;  // displacement in the frame before
   std::vector<Point> best_;  // of the cheapest assignment so far
   std::vector<uint8_t> best_known_;

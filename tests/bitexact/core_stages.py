@@ -77,8 +77,33 @@ class CoreStages:
     def learn_markers(self, dots: I32, n_markers: int) -> tuple[I32, int]:
         return self._markers(self._lib.stages_learn_markers, dots, n_markers)
 
-    def track_markers(self, dots: I32, n_markers: int) -> tuple[I32, int]:
-        return self._markers(self._lib.stages_track_markers, dots, n_markers)
+    def track_markers(self, dots: I32, error2: npt.NDArray[np.int64]) -> tuple[I32, int]:
+        """Rows of markers from dots that may be off by these, Q16 px squared; number lost."""
+        out = np.zeros((len(error2), MARKER_COLUMNS), np.int32)
+        n_lost = self._lib.stages_track_markers(
+            self._handle, _pointer(dots, np.int32), len(dots), _pointer(error2, np.int64), _pointer(out, np.int32)
+        )
+        return out, int(n_lost)
+
+    def printed(
+        self,
+        rest: tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint16]],
+        frame: tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint8]],
+        n_markers: int,
+    ) -> tuple[I32, npt.NDArray[np.uint8], int]:
+        """Rows of markers of one frame, their quality and how many are lost; (grey, colours) of rest and frame."""
+        rows, quality = np.zeros((n_markers, MARKER_COLUMNS), np.int32), np.zeros(n_markers, np.uint8)
+        n_lost = self._lib.stages_printed(
+            self._handle, _pointer(rest[0], np.uint16), _pointer(rest[1], np.uint16), _pointer(frame[0], np.uint16),
+            _pointer(frame[1], np.uint8), _pointer(rows, np.int32), _pointer(quality, np.uint8),
+        )  # fmt: skip
+        return rows, quality, int(n_lost)
+
+    def marker_quality(self, n_markers: int) -> npt.NDArray[np.uint8]:
+        """Of the markers tracked last."""
+        out = np.zeros(n_markers, np.uint8)
+        self._lib.stages_marker_quality(self._handle, _pointer(out, np.uint8))
+        return out
 
     def _markers(self, call: ctypes._NamedFuncPointer, dots: I32, n_markers: int) -> tuple[I32, int]:
         out = np.zeros((n_markers, MARKER_COLUMNS), np.int32)

@@ -17,6 +17,7 @@
 #include "image/markers.h"
 #include "image/photometric.h"
 #include "image/poisson.h"
+#include "image/printed_markers.h"
 #include "image/rest.h"
 #include "image/texture_flow.h"
 #include "image/trigonometry.h"
@@ -147,10 +148,27 @@ int stages_learn_markers(Stages* stages, const int32_t* dots, int n_dots, int32_
   return n_found;
 }
 
-int stages_track_markers(Stages* stages, const int32_t* dots, int n_dots, int32_t* markers) {
-  const int n_lost = stages->lattice.track(get_dots(dots, n_dots));
+int stages_track_markers(Stages* stages, const int32_t* dots, int n_dots, const int64_t* error2_q16, int32_t* markers) {
+  const size_t n = stages->lattice.assign(get_dots(dots, n_dots)).size();
+  const int n_lost = stages->lattice.finish({error2_q16, n});
   put_markers(stages->lattice.markers(), markers);
   return n_lost;
+}
+
+// Learns from `rest`, tracks one frame: rows of markers of it, their quality. Returns how many are lost.
+int stages_printed(Stages* stages, const uint16_t* rest_grey, const uint16_t* rest, const uint16_t* grey,
+                   const uint8_t* frame, int32_t* markers, uint8_t* quality) {
+  PrintedMarkers printed(stages->board);
+  printed.learn({rest_grey, n_pixels(*stages)}, {rest, 3 * n_pixels(*stages)});
+  const int n_lost = printed.track({grey, n_pixels(*stages)}, view(*stages, frame));
+  put_markers(printed.markers(), markers);
+  for (const Marker& m : printed.markers()) *quality++ = m.quality;
+  return n_lost;
+}
+
+// Of the markers tracked last.
+void stages_marker_quality(Stages* stages, uint8_t* out) {
+  for (const Marker& m : stages->lattice.markers()) *out++ = m.quality;
 }
 
 // Learns from `rest`, tracks one frame: rows of markers of both. Returns how many were found and lost.

@@ -47,11 +47,13 @@ def test_markers_over_a_sequence_with_losses_and_dust(open_stages: OpenStages, t
     place = lattice.nominal + rng.integers(-pitch // 5, pitch // 5, 2)
     if not is_listed:
         place = rng.integers(0, view, (n, 2))
-    area = np.full((n, 1), 30)
+    area = rng.integers(20, 60, (n, 1))
 
     def dots_of(places: Places, keep: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
         dust = rng.integers(0, 2_000_000, (3, 2))
-        rows = np.concatenate([np.hstack([places, area])[keep], np.hstack([dust, area[:3]])])
+        rows = np.concatenate(
+            [np.hstack([places, area + rng.integers(-6, 7, (n, 1))])[keep], np.hstack([dust, area[:3]])]
+        )
         return rng.permutation(rows).astype(np.int32)
 
     at_rest = dots_of(place, rng.random(n) > 0.1)
@@ -62,11 +64,13 @@ def test_markers_over_a_sequence_with_losses_and_dust(open_stages: OpenStages, t
     for _ in range(8):  # jumps of up to a pitch and a half, with a field of its own for each marker
         jump = rng.integers(-3 * pitch // 2, 3 * pitch // 2, 2)
         dots = dots_of(place + jump + rng.integers(-pitch // 4, pitch // 4, (n, 2)), rng.random(n) > 0.1)
-        rows, n_lost = core.track_markers(dots, n)
-        assert n_lost == lattice.track(dots)
+        error2 = rng.integers(0, 20_000, n)
+        rows, n_lost = core.track_markers(dots, error2)
+        assert n_lost == lattice.track(dots, error2)
         assert np.array_equal(rows, lattice.rows)
+        assert np.array_equal(core.marker_quality(n), lattice.quality)
     nothing = np.zeros((0, 3), np.int32)
-    assert core.track_markers(nothing, n)[1] == lattice.track(nothing)
+    assert core.track_markers(nothing, error2)[1] == lattice.track(nothing, error2)
     rows, n_found = core.learn_markers(nothing, n)
     assert n_found == lattice.learn(nothing) == 0
     assert np.array_equal(rows, lattice.rows)

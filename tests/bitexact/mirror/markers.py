@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isqrt
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,6 +12,7 @@ from mirror.marker_graph import Graph
 
 X, Y, DX, DY, LOST, ABSENT = range(6)  # columns of the marker rows
 Dots = npt.NDArray[np.int32]
+Errors = npt.NDArray[np.int64]
 
 
 class Lattice:
@@ -22,7 +25,8 @@ class Lattice:
         self.gate2, self.seed2, self.step2, self.tight2, self.search2 = (
             (pitch * p // 100) ** 2 for p in (45, 60, 35, 25, 200 if m.get("layout", "lattice") == "scattered" else 110)
         )
-        self.pitch2 = (pitch >> 8) ** 2
+        self.pitch_q8 = pitch >> 8
+        self.pitch2 = self.pitch_q8**2
         self.view = np.array([camera["width_px"], camera["height_px"]], np.int64) << 16
         self.edge = length_q16(board, m["diameter_um"])
         self.middle = 0
@@ -46,6 +50,7 @@ class Lattice:
             self.graph.connect(self.nominal, free)
             self.seeds = [self._take_middle(self.nominal, free) for _ in range(4)]
         self.rows = np.zeros((len(self.nominal), 6), np.int64)
+        self.quality, self.rest_area = np.zeros(len(self.rows), np.int64), np.ones(len(self.rows), np.int64)
         self.rows[:, [LOST, ABSENT]] = 1
 
     # ---- at rest -----------------------------------------------------------------------------
@@ -66,7 +71,9 @@ class Lattice:
             found, dot = np.array(list(best.items())).T
             shift = (place[dot] - self.nominal[found]).sum(axis=0) // len(best)
         self.rows[:, [X, Y]] = self.nominal + shift
+        self.rest_area[:] = 1
         for marker, j in best.items():
+            self.rest_area[marker] = dots[j, 2]
             self.rows[marker, [X, Y]] = place[j]
             self.rows[marker, [LOST, ABSENT]] = 0
         return len(best)
@@ -76,6 +83,8 @@ class Lattice:
         self.rows[:] = 0
         self.rows[:, [X, Y]] = -self.edge
         self.rows[:n, [X, Y]] = dots[:n, :2]
+        self.rest_area[:] = 1
+        self.rest_area[:n] = dots[:n, 2]
         self.rows[n:, [LOST, ABSENT]] = 1
         is_there = np.arange(len(self.rows)) < n
         self.graph.connect(self.rows[:, [X, Y]], is_there)
@@ -118,12 +127,17 @@ class Lattice:
 
     # ---- frame by frame ----------------------------------------------------------------------
 
-    def track(self, dots: Dots) -> int:
-        """Displacements from the dots of one frame; number of markers lost that rest had."""
+    def track(self, dots: Dots, error2: Errors) -> int:
+        """Displacements from the dots of one frame, which may be off; number of markers lost that rest had."""
+        self.assign(dots)
+        return self.finish(error2)
+
+    def assign(self, dots: Dots) -> None:
+        """Displacements from the dots of one frame."""
         rows = self.rows
         place = dots[:, :2].astype(np.int64)
         last = rows[:, [DX, DY]].copy()
-        moved, known, at = self._look(place, last, self.tight2 if self.is_scattered else self.gate2)
+        moved, known, at, dot = self._look(place, last, self.tight2 if self.is_scattered else self.gate2)
         cost, missing, widest2 = self._judge(moved, known, at, len(dots))
         limit2 = self.pitch2 * 33**2 // 10_000
         step2 = (((moved - last) >> 8) ** 2).sum(axis=1)[known].max(initial=0)
@@ -132,11 +146,11 @@ class Lattice:
             n_known = 0
 
             def attempt(shift: npt.NDArray[np.int64], seed: int | None) -> None:
-                nonlocal moved, known, cost, n_known
-                again, seen, there = self._look(place, np.broadcast_to(shift, last.shape), self.tight2, seed)
+                nonlocal moved, known, cost, n_known, dot
+                again, seen, there, theirs = self._look(place, np.broadcast_to(shift, last.shape), self.tight2, seed)
                 price = self._judge(again, seen, there, len(dots))[0]
                 if seen.any() and (price < cost or not known.any()):
-                    moved, known, cost, n_known = again, seen, price, int(seen.sum())
+                    moved, known, cost, n_known, dot = again, seen, price, int(seen.sum()), theirs
 
             attempt(np.zeros(2, np.int64), None)
             for seed in [self.middle, *(self.graph.beside[self.middle] if self.is_scattered else [])]:
@@ -145,7 +159,14 @@ class Lattice:
                 from_seed = place - rows[seed, [X, Y]]
                 for shift in from_seed[(from_seed**2).sum(axis=1) < self.search2]:
                     attempt(shift, seed if self.is_scattered else None)
+        self._area = np.where(known, dots[dot, 2] if len(dots) else 0, 0)
         rows[:, [DX, DY]] = np.where(known[:, None], moved, last)
+        rows[:, LOST] = ~known
+
+    def finish(self, error2: Errors) -> int:
+        """Grade and fill; number of markers lost that rest had."""
+        rows = self.rows
+        known = self._graded(rows[:, [DX, DY]], rows[:, LOST] == 0, self._area, error2)
         rows[:, LOST] = ~known
         moved = rows[:, [DX, DY]]
         self.graph.fill(known, moved)
@@ -154,12 +175,13 @@ class Lattice:
 
     def _look(
         self, place: npt.NDArray[np.int64], start: npt.NDArray[np.int64], gate2: int, seed: int | None = None
-    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
-        """Displacements, which are known, and where each marker was last expected."""
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], npt.NDArray[np.int64], npt.NDArray[np.intp]]:
+        """Displacements, which are known, where each marker was last expected, and its dot."""
         rest = self.rows[:, [X, Y]]
         moved, known = start.copy(), np.zeros(len(rest), bool)
         is_open, taken = self.rows[:, ABSENT] == 0, np.zeros(len(place), bool)
         expected = rest + start
+        dot = np.zeros(len(rest), np.intp)
         gate = gate2
         is_led = np.ones(len(rest), bool) if seed is None else np.arange(len(rest)) == seed
         for ring in range(1 + (len(rest) if self.is_scattered else 16)):
@@ -173,11 +195,28 @@ class Lattice:
             pairs = self._mutual(place, expected, is_open & is_led, taken, gate)
             for marker, j in pairs:
                 moved[marker] = place[j] - rest[marker]
-                known[marker], is_open[marker], taken[j] = True, False, True
+                known[marker], is_open[marker], taken[j], dot[marker] = True, False, True, j
             if not pairs and ring > 0 and (gate == self.gate2 or self.is_scattered):
                 break
             gate = self.tight2 if pairs or self.is_scattered else self.gate2
-        return moved, known, expected
+        return moved, known, expected, dot
+
+    def _graded(
+        self, moved: npt.NDArray[np.int64], known: npt.NDArray[np.bool_], area: npt.NDArray[np.int64], error2: Errors
+    ) -> npt.NDArray[np.bool_]:
+        """Sets the qualities; which markers stay known."""
+        self.quality[:] = 0
+        for i in np.flatnonzero(known):
+            growth = sorted((int(area[j]) << 10) // int(self.rest_area[j]) for j in self.graph.around[i] if known[j])
+            middle = max(growth[(len(growth) - 1) // 2], 1024) if len(growth) >= 3 else 1024
+            if (int(area[i]) << 10) * 100 > 175 * int(self.rest_area[i]) * middle:
+                continue
+            lines = [line for line in self.graph.lines[i] if known[line[0]] and known[line[1]]]
+            off2 = [int(((moved[i] - 2 * moved[near] + moved[far]) ** 2).sum()) for near, far in lines]
+            off = max((isqrt(min(off2, default=0)) >> 8) - self.pitch_q8 // 4, 0)
+            self.quality[i] = max(255 * 655 // (655 + int(error2[i]) + off**2), 1)
+        self.quality[self.quality <= 9] = 0
+        return self.quality > 0
 
     def _judge(
         self,

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from mirror.board import Board, observed_nodes
 from mirror.camera_map import CameraMap
 from mirror.displacement import displacement
+from mirror.dot_templates import DotTemplates
 from mirror.dots import detect_dots
 from mirror.estimators import contact_areas, moved_arms, wrench
 from mirror.finite_strain import FiniteStrain
@@ -83,12 +84,15 @@ class FramePath:
         """Rest from untouched frames; number of markers found."""
         rest = rest_image(frames)
         self.light = Light(rest, self._dark)
-        return self._lattice.learn(detect_dots(self.board, grey_of_rest(rest)))
+        n_found = self._lattice.learn(detect_dots(self.board, grey_of_rest(rest)))
+        self._templates = DotTemplates(self.board, rest, self._lattice.rows)
+        return n_found
 
     def process(self, frame: npt.NDArray[np.uint8], capture_us: int) -> Outcome:
         board, saturations = self.board, self.saturations
         change = relative_change(frame, self.light.rest8, self.light.reciprocal)
-        self._lattice.track(detect_dots(board, grey(frame)))
+        self._lattice.assign(detect_dots(board, grey(frame)))
+        self._lattice.finish(self._templates.refine(frame, self._lattice.rows))
         markers = self._lattice.rows.copy()
         before = self.light.gain.copy()
         self.light.follow(change, markers)

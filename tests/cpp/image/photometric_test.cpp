@@ -87,7 +87,7 @@ TEST(Photometric, WhatADotShowsDoesNotReachTheSlope) {
     Bench run(board);
     auto now = test::nominal_dots(board);
     for (test::Place& p : now) p = {p.x + 3, p.y - 2};
-    run.lattice.track(test::exact_dots(now));
+    test::track(run.lattice, test::exact_dots(now));
     run.fill(200, 100);
     // Garbage under the discs at rest and now, 3 px radius.
     const auto spoil = [&](const std::vector<test::Place>& places) {

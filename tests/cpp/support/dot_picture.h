@@ -102,4 +102,10 @@ inline std::vector<Dot> exact_dots(const std::vector<Place>& places) {
   return out;
 }
 
+// Markers follow dots of which nothing is known against them. Number of markers lost.
+inline int track(MarkerTracker& tracker, const std::vector<Dot>& dots) {
+  const std::vector<int64_t> error2(tracker.assign(dots).size());
+  return tracker.finish(error2);
+}
+
 }  // namespace ruffini::test
