@@ -237,7 +237,7 @@ def check_integers(
     """The field against float64 from the same displacement, and against the numpy mirror."""
     assert own.support is not None
     estimate = second_pass(board, own.matrix, own.support)
-    mirror = MirrorPath(board.model_dump(), file.tensors, file.metadata)
+    mirror = MirrorPath(board.model_dump(exclude_none=True), file.tensors, file.metadata)
     strong = STRONG * max(float(np.linalg.norm(w[:3])) for w in frames.true_wrench)
     for u, steps, wrench in zip(frames.u, frames.steps, frames.true_wrench, strict=True):
         reference, _ = estimate(u * DISPLACEMENT_LSB_M)
