@@ -1,0 +1,95 @@
+"""What `cal wrench` reads: logs of the rig, folders of frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from ruffini.boards import find_board
+from ruffini.calibrate.feature_log import read_feature_runs
+from ruffini.errors import InputError
+from ruffini.rig.log_file import Log, TouchRecord, write_log
+
+BOARD = find_board("ftouch")
+N = 6
+
+
+def drawn(shift_px: float) -> npt.NDArray[np.uint8]:
+    """The board's three targets, dark on grey, moved to the right."""
+    y, x = np.mgrid[: BOARD.camera.height_px, : BOARD.camera.width_px]
+    level = np.full(x.shape, 90.0)
+    assert BOARD.targets is not None
+    scale = BOARD.camera.focal_mpx / 1e3 / (BOARD.camera.standoff_um - BOARD.targets.below_um)
+    for at_x, at_y in BOARD.targets.places_um:
+        u = BOARD.camera.center_x_mpx / 1e3 + (at_x - BOARD.pad.size_x_um / 2) * scale + shift_px
+        v = BOARD.camera.center_y_mpx / 1e3 + (at_y - BOARD.pad.size_y_um / 2) * scale
+        level -= 78 * np.clip(BOARD.targets.diameter_um / 2 * scale + 0.5 - np.hypot(x - u, y - v), 0, 1)
+    return np.repeat(np.round(level)[..., None], 3, axis=2).astype(np.uint8)
+
+
+def touch(**arrays: npt.NDArray[np.generic]) -> TouchRecord:
+    time_s = np.arange(N) * 0.1
+    wrench = np.stack([0.1 * np.arange(N), *np.zeros((5, N))], axis=1)
+    return TouchRecord({"session": "a"}, {
+        "stream_s": time_s, "stream_host_s": time_s + 5.0,
+        "stream_frame": np.arange(N), "stream_flags": np.zeros(N, int),
+        "stream_wrench": np.full((N, 6), np.nan), "stream_validity": np.zeros((N, 6), int),
+        "reference_s": time_s + 5.0, "reference_wrench": wrench, "stage_s": time_s, "stage_place": np.zeros((N, 3)),
+        **arrays,
+    })  # fmt: skip
+
+
+def seen(moved: npt.NDArray[np.float64]) -> TouchRecord:
+    return touch(marker_displacement=moved, marker_s=np.arange(N) * 0.1, marker_place=np.zeros((moved.shape[1], 2)))
+
+
+def test_targets_of_a_log(tmp_path: Path) -> None:
+    """Shifts in px and the change of area in px^2 become the core's integers."""
+    moved = np.zeros((N, 3, 3))
+    moved[2, 1] = (0.5, -0.25, 10.0)
+    path = tmp_path / "log.h5"
+    write_log(path, Log({"board": "ftouch", "marker_unit": "px"}, [seen(moved)], {}))
+    (run,) = read_feature_runs([path], BOARD)
+    assert run.features[2, 3:6] == pytest.approx([32768, -16384, 2560])
+    assert run.at(0.0)[:, 0] == pytest.approx(0.1 * np.arange(N))  # both clocks are one
+
+
+def test_a_log_without_pictures_or_of_another_board_is_refused(tmp_path: Path) -> None:
+    write_log(tmp_path / "bare.h5", Log({"board": "ftouch"}, [touch()], {}))
+    with pytest.raises(InputError, match="holds no targets in pixels"):
+        read_feature_runs([tmp_path / "bare.h5"], BOARD)
+    write_log(tmp_path / "other.h5", Log({"board": "gelslim"}, [touch()], {}))
+    with pytest.raises(InputError, match="was collected on board 'gelslim'"):
+        read_feature_runs([tmp_path / "other.h5"], BOARD)
+
+
+def test_markers_of_a_log(tmp_path: Path) -> None:
+    board = find_board("gelslim")
+    assert board.markers is not None
+    n = board.markers.n_x * board.markers.n_y
+    moved = np.zeros((N, n, 2))
+    moved[:, 3, 1] = 0.5
+    path = tmp_path / "log.h5"
+    facts = {"board": "gelslim", "marker_unit": "px"}
+    write_log(path, Log(facts, [seen(moved)], {}))
+    (run,) = read_feature_runs([path], board)
+    assert run.features.shape == (N, 2 * n)
+    assert run.features[2, 7] == 0.5 * 65536
+
+
+def test_frames_with_a_csv(tmp_path: Path) -> None:
+    n = BOARD.pipeline.n_rest_frames + 3
+    for i in range(n):
+        cv2.imwrite(str(tmp_path / f"{i:03d}.png"), drawn(0.0 if i < n - 2 else 2.0))
+    rows = ["fx,fy,fz,tx,ty,tz", *(f"{0.5 if i >= n - 2 else 0},0,0,0,0,0" for i in range(n))]
+    (tmp_path / "wrench.csv").write_text("\n".join(rows) + "\n")
+    (run,) = read_feature_runs([tmp_path], BOARD)
+    assert run.features[-1, 0] / 65536 == pytest.approx(2.0, abs=0.02)
+    assert run.at(0.0)[-1, 0] == pytest.approx(0.5)
+    (tmp_path / "wrench.csv").write_text("\n".join(rows[:-1]) + "\n")
+    with pytest.raises(InputError, match="one row a frame"):
+        read_feature_runs([tmp_path], BOARD)
