@@ -104,7 +104,10 @@ TEST(FramePath, APadWithoutDotsIsNotThisBoard) {
 // A pressed pad whose calibration states its uncertainty.
 struct PressedSensor {
   PressedSensor() {
-    board.stages = known_stages();
+    board.stages.clear();
+    for (const std::string& stage : known_stages()) {
+      if (stage != "skin") board.stages.push_back(stage);  // a skin that glows has contacts of its own
+    }
     auto file = CalibrationFile::load(test::diagonal_calibration(board));
     EXPECT_TRUE(file.has_value());
     path = std::move(FramePath::configure(board, file.value(), fake_clock)).value();
