@@ -197,7 +197,8 @@ def fit_force(presses: list[Press], layout: Layout, like: ForceFit | None = None
     for _ in range(3):
         off = (elastic * (1 + columns @ values) - force) / np.maximum(force, 1e-3)
         kept = used & (np.abs(off) < ODD)
-        a, b = columns[kept] * (elastic / force)[kept, None], (1 - elastic / force)[kept]
+        part = elastic[kept] / force[kept]
+        a, b = columns[kept] * part[:, None], 1 - part
         ridge = RIDGE * kept.sum() * np.eye(a.shape[1])
         values = np.linalg.solve(a.T @ a + ridge, a.T @ b)
     return ForceFit(

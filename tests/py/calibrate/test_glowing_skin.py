@@ -1,0 +1,87 @@
+"""A glowing skin's calibration on presses whose law is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from ruffini.boards import find_board
+from ruffini.calibrate.skin_openings import TubeView, find_openings, fit_view, lattice_mm
+from ruffini.calibrate.skin_places import errors, fit_places, fit_reach, unexplained
+from ruffini.calibrate.skin_presses import Press, inward, out_of
+from ruffini.calibrate.skin_response import TIMES_S, Layout, fit_force, layout_of, relaxed
+from ruffini.calibrate.skin_rubber import pyramid_force
+from ruffini.errors import InputError
+
+BOARD = next(b for b in map(find_board, ("eltac",)) if b.skin is not None)
+LENS = TubeView(950.0, 160.0, -0.3, 0.2, 647.6, 357.5, 40.0, 0.0)
+PARTS = (0.2, 0.1, 0.15, 0.1)
+A, B, SCALE = 0.5, 0.12, 4.0
+SHIFT_MM = np.array([0.5, -0.4])
+
+
+def press(place: npt.NDArray[np.float64], strength: float, rng: np.random.Generator, layout: Layout) -> Press:
+    """Down and up in 24 frames: sinks fall off by cusps, force by the rubber's law with memory."""
+    time_s = np.arange(34) / 30.0
+    way = np.concatenate([np.zeros(10), np.linspace(0.1, 1, 12), np.linspace(1, 0.1, 12)]) * strength
+    off = np.abs(layout.away(place - SHIFT_MM))
+    u = way[:, None] * np.exp(-off[:, 0] / 8 - off[:, 1] / 15)
+    each = SCALE * (pyramid_force(A * u + B) - pyramid_force(np.array(B)))
+    total = np.where(u > 0.02, each, 0).sum(axis=1)
+    force = total - sum(g * relaxed(total, time_s, tau) for g, tau in zip(PARTS, TIMES_S, strict=True))
+    ratio = np.expm1(u) + rng.normal(0, 0.003, u.shape)
+    return Press("made", time_s, force, place, ratio)
+
+
+def test_a_lens_is_found_from_points() -> None:
+    rng = np.random.default_rng(1)
+    place = np.column_stack([rng.uniform(-120, 120, 40), rng.uniform(-55, 55, 40)])
+    points = np.column_stack([LENS.project(place), place[:, 1]])
+    found = fit_view(BOARD, points + rng.normal(0, 0.2, points.shape) * [1, 1, 0])
+    assert found.rmse_px < 0.4
+    assert np.abs(found.project(place) - LENS.project(place)).max() < 0.6
+    assert np.abs(found.unproject(found.project(place)) - place).max() < 1e-3
+    with pytest.raises(InputError, match="known points"):
+        fit_view(BOARD, points[:5])
+
+
+def test_openings_are_found_and_those_in_the_wrong_place_refused() -> None:
+    guess = LENS.project(lattice_mm(BOARD))
+    picture = np.zeros((720, 1280))
+    for x, y in np.round(guess).astype(int):
+        picture[y - 2 : y + 3, x - 2 : x + 3] = 80
+    openings = find_openings(BOARD, picture, guess)
+    light = openings.light(picture)
+    assert openings.n_taxels == len(guess)
+    assert light.sum() == picture.sum()
+    assert openings.n_patches > 10
+    with pytest.raises(InputError, match="openings"):
+        find_openings(BOARD, picture, guess + 300)
+
+
+def test_force_and_place_of_presses_that_were_not_fitted() -> None:
+    rng = np.random.default_rng(2)
+    layout = layout_of(BOARD, lattice_mm(BOARD))
+    place = np.column_stack([rng.uniform(-110, 110, 60), rng.uniform(-54, 54, 60)])
+    presses = [press(p, rng.uniform(0.7, 1.3), rng, layout) for p in place]
+    fitted, judged = presses[:48], presses[48:]
+    force, places = fit_force(fitted, layout), fit_places(fitted, layout)
+    load, off, away = errors(judged, layout, force, places)
+    assert len(load) > 60
+    assert np.mean(np.abs(off / load)[load > 1.5]) < 0.04
+    assert np.mean(away) < 1.2
+    moved = places.places_mm - layout.places_mm
+    assert np.abs(moved.mean(axis=0) - SHIFT_MM).max() < 0.35
+    reach = fit_reach(fitted, layout, places)
+    assert reach[0, 0] == 1.0
+    assert (np.diff(reach, axis=0) <= 0).all()
+    assert unexplained(judged, layout, places, reach) < 0.5
+
+
+def test_force_into_a_curved_skin() -> None:
+    skin = BOARD.skin
+    assert skin is not None
+    out = out_of(skin, np.array([np.pi * 20, 3.0]))  # a quarter round
+    assert np.allclose(out, [0, 1, 0], atol=1e-9)
+    assert np.allclose(inward(skin, np.array([[0, -2.0, 0, 0, 0, 0]]), np.array([np.pi * 20, 3.0])), 2.0)
