@@ -10,9 +10,10 @@ from typing import Any
 
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.gates import Gate, gates_of, judged
+from ruffini.calibrate.gates import Gate, gates_of, gates_of_stages, judged
 from ruffini.calibrate.stages import STAGES
 from ruffini.calibrate.stages.job import Job, Outcome
+from ruffini.calibrate.touch_log import file_sha256
 from ruffini.errors import InputError, RuffiniError
 
 Tell = Callable[[str, Outcome, float], None]  # stage, how it ended, seconds
@@ -54,14 +55,17 @@ def run_stages(
 
 def finished(job: Job, outcomes: dict[str, Outcome], serial: str = "*") -> tuple[CalibrationFile, list[Gate]]:
     """The calibration file with stages, gates and origin in its manifest, and the gates."""
-    log = job.log()
     metadata = {**job.header(), "sensor_serial": serial}
-    previous = judged(job.board, job.previous, log) if job.previous is not None else None
-    now = judged(job.board, container.pack(job.tensors, metadata), log)
-    gates = gates_of(job.board, log, outcomes, job.fit, now, previous)
+    if "operator" in job.board.pipeline.stages:
+        log = job.log()
+        previous = judged(job.board, job.previous, log) if job.previous is not None else None
+        now = judged(job.board, container.pack(job.tensors, metadata), log)
+        gates = gates_of(job.board, log, outcomes, job.fit, now, previous)
+    else:
+        gates = gates_of_stages(outcomes)
     residuals: dict[str, Any] = {
         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
-        "gates": [gate._asdict() for gate in gates], "logs": log.sources,
+        "gates": [gate._asdict() for gate in gates], "logs": {path.name: file_sha256(path) for path in job.paths},
     }  # fmt: skip
     return container.pack(job.tensors, {**metadata, "residuals": _ascii(residuals)}), gates
 

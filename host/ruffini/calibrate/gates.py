@@ -32,6 +32,7 @@ MAX_GAIN_ERROR = 0.03
 MAX_INTERVAL = 0.10  # of E, 95 %, half width
 MAX_WORSE = 1.10  # times the previous calibration's error on the same touches
 MAX_REST_N = 0.02  # force of an untouched frame, 99th percentile
+MAX_WRENCH_ERROR = 0.10  # of what an axis was loaded with: RMS on what was left out
 MAX_NORMAL_DEG = 7.0  # of ball presses left out, median: what recorded presses of a good unit reach
 
 
@@ -82,10 +83,21 @@ def gates_of(
         gates += _of_material(fit)
     if now is not None:
         gates += _of_forces(log, now, previous)
-    colours = outcomes.get("photometric")
+    return gates + gates_of_stages(outcomes)
+
+
+def gates_of_stages(outcomes: dict[str, Outcome]) -> list[Gate]:
+    """What stages say of themselves, on what they left out of their own fits."""
+    gates = []
+    colours, wrench = outcomes.get("photometric"), outcomes.get("wrench")
     if colours is not None and "held_out_normal_median_deg" in colours.report:
         value = float(colours.report["held_out_normal_median_deg"])
         gates.append(_at_most("normals", value, MAX_NORMAL_DEG, "deg, median of ball presses left out"))
+    if wrench is not None and "axes" in wrench.report:
+        for name, axis in wrench.report["axes"].items():
+            if axis["full_scale"]:
+                part = axis["rmse"] / abs(axis["full_scale"])
+                gates.append(_at_most(f"wrench {name}", part, MAX_WRENCH_ERROR, "of full scale: RMS left out"))
     return gates
 
 

@@ -136,7 +136,7 @@ def _of_log(path: Path, board: Board, colours: CalibrationFile | None) -> TouchL
     displacement, wrenches, numbers, devices = zip(*held, strict=True)
     return TouchLog(
         np.array(displacement), np.array(wrenches), np.array(numbers), np.concatenate(rest), np.array(devices),
-        [_series(log, touch) for touch in log.touches], {path.name: _sha256(path)}, [log.facts], [dict(log.found)],
+        [_series(log, touch) for touch in log.touches], {path.name: file_sha256(path)}, [log.facts], [dict(log.found)],
     )  # fmt: skip
 
 
@@ -214,10 +214,10 @@ def _of_recording(path: Path, board: Board, calibration: CalibrationFile | None,
     touched, free = size > TOUCHED_N, size < UNTOUCHED_N
     unknown = np.full((int(touched.sum()), 6), np.nan)
     return TouchLog(displacement[touched], wrench[touched], number[touched], displacement[free], unknown,
-                    sources={path.name: _sha256(path)}, facts=[{"board": board.name}], found=[{}])  # fmt: skip
+                    sources={path.name: file_sha256(path)}, facts=[{"board": board.name}], found=[{}])  # fmt: skip
 
 
-def _sha256(path: Path) -> str:
+def file_sha256(path: Path) -> str:
     """Of a file, or of a recording's settings and reference."""
     files = [path] if path.is_file() else [p for p in sorted(path.iterdir()) if p.is_file()]
     digest = hashlib.sha256()

@@ -61,12 +61,12 @@ def fit(
     for gate in gates:
         note(f"{'ok  ' if gate.ok else 'open' if gate.ok is None else 'FAIL'} {gate.name}: {gate.text}")
     emit(
-        {"file": str(out), "board": found.name, "touches": job.log().n_touches, "kinds": file.kinds,
+        {"file": str(out), "board": found.name, "kinds": file.kinds,
          "seconds": time.monotonic() - start, "passed": not bad,
          "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
          "gates": [gate._asdict() for gate in gates]},
         json_,
-        f"{out}: {', '.join(file.kinds)} from {job.log().n_touches} touches; "
+        f"{out}: {', '.join(file.kinds)} from {', '.join(path.name for path in logs)}; "
         + (f"FAILS {', '.join(g.name for g in bad)}: it will not be flashed" if bad else "passes its gates"),
     )  # fmt: skip
     if bad:

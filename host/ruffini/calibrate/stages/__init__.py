@@ -7,7 +7,7 @@ the calibration file, and numbers for the stages after it.
 
 from __future__ import annotations
 
-from ruffini.calibrate.stages import camera, material, noise, operator, photometric, relaxation, threshold
+from ruffini.calibrate.stages import camera, material, noise, operator, photometric, relaxation, threshold, wrench
 from ruffini.calibrate.stages.job import Stage
 
 STAGES: tuple[Stage, ...] = (
@@ -18,4 +18,5 @@ STAGES: tuple[Stage, ...] = (
     noise.STAGE,
     operator.STAGE,
     threshold.STAGE,
+    wrench.STAGE,
 )

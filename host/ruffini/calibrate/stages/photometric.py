@@ -62,6 +62,8 @@ def _adapted(job: Job, n: int, fit: tuple[float, float, float, float]) -> Outcom
 
 def _taken(job: Job) -> Outcome:
     taken = job.take("photometric")
+    if taken is None and "operator" not in job.board.pipeline.stages:
+        return Outcome("open", "nothing gives this board its colours: it measures no depth")
     if taken is None:
         raise InputError(
             "nothing gives this board its colours: add ball presses (--balls DIR), a file of `cal photometric` "
