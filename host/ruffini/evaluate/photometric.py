@@ -331,10 +331,8 @@ def table(result: dict[str, Any]) -> str:
         )
     if result["source"] == "intensity":
         for row in result["presses"]:
-            peak = row["refitted"]
-            lines.append(
-                f"{row['image']}: {peak['peak_mm']:.3f} mm deep, {peak['ball_peak_mm']:.3f} by ball and circle"
-            )
+            deep, ball = row["marked"]["peak_mm"], row["marked"]["ball_peak_mm"]
+            lines.append(f"{row['image']}: {deep:.3f} mm deep, {ball:.3f} by ball and circle")
     still = result["untouched"]
     lines.append(
         f"untouched: {still['n']} images, worst RMS {still['worst_um']:.3f} um"
