@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 from test_material import TRUE, board, touches  # noqa: F401
 
-from ruffini.boards import Board
+from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.fit import finished, run_stages
 from ruffini.calibrate.fleet import fit_fleet, outliers_of
-from ruffini.calibrate.gates import MAX_ERROR, Gate, failed, gates_in
+from ruffini.calibrate.gates import MAX_ERROR, Gate, failed, gates_in, gates_of_stages
 from ruffini.calibrate.operator import Material, board_slab
 from ruffini.calibrate.report import report_of
 from ruffini.calibrate.report_page import write_page
-from ruffini.calibrate.stages.job import Job, left_after, material_of
+from ruffini.calibrate.stages import STAGES
+from ruffini.calibrate.stages.job import Job, Outcome, left_after, material_of
 from ruffini.calibrate.touch_log import read_touch_log
 from ruffini.errors import InputError
 from ruffini.rig.log_file import Log, TouchRecord, write_log
@@ -193,6 +194,21 @@ def test_a_reference_whose_place_is_not_known_has_no_moments(board: Board, tmp_p
     wrench = read_touch_log([path], board, None).wrench
     assert np.isfinite(wrench[:, :3]).all()
     assert np.isnan(wrench[:, 3:]).all()
+
+
+def test_each_board_has_the_stages_that_its_pipeline_needs(board: Board) -> None:  # noqa: F811
+    def needed(one: Board) -> list[str]:
+        return [s.name for s in STAGES if s.is_needed(Job(one, []))]
+
+    assert needed(find_board("ftouch")) == ["camera", "photometric", "wrench"]
+    assert needed(board) == ["camera", "photometric", "material", "relaxation", "noise", "operator", "threshold"]
+
+
+def test_axes_that_a_wrench_misses_are_gates() -> None:
+    axes = {"Fx": {"rmse": 0.02, "full_scale": 1.0}, "Tz": {"rmse": 2.0, "full_scale": -9.0},
+            "Ty": {"rmse": 0.0, "full_scale": 0.0}}  # fmt: skip
+    gates = gates_of_stages({"wrench": Outcome("fitted", "", {"axes": axes})})
+    assert {g.name: g.ok for g in gates} == {"wrench Fx": True, "wrench Tz": False}
 
 
 def test_relaxed_force_after_a_while() -> None:
