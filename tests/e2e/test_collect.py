@@ -37,7 +37,7 @@ from ruffini.sim.settings import load_twin
 
 FACTS = {"board": "tiny", "program": "grid", "seed": 1}
 LIMITS = Limits(0.006, 0.005, 0.002, -0.0015, 0.001, 5.0, near_m=0.0003)
-PLAN = plan("grid", Span(0.004, 0.003, 0.0008, 0.0005), 8, seed=1)
+PLAN = plan("grid", Span(0.0045, 0.0035, 0.0009, 0.0008), 9, seed=1)
 STRAIGHT = plan("balls", Span(0.003, 0.002, 0.0004, 0.0), 4, seed=1)
 
 
@@ -94,7 +94,7 @@ def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path)
         with pytest.raises(InputError, match="begun with another seed"):
             LogWriter(out, {**FACTS, "seed": 2})
         collect(b, PLAN, LogWriter(out, FACTS), tell=told.append)
-    assert [p.n_done for p in told] == list(range(3, 9))
+    assert [p.n_done for p in told] == list(range(3, 10))
     assert told[-1].remaining_s == 0
     log = read_log(out)
     assert log.facts == FACTS
@@ -114,7 +114,7 @@ def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path)
         truth = reference_in_pad(log, touch)[is_held(a["reference_s"], f)].mean(axis=0)
         seen = a["stream_wrench"][is_held(a["stream_host_s"], f)]
         assert truth[2] < -0.09
-        assert seen[-5:, 2].mean() == pytest.approx(truth[2], rel=0.3, abs=0.05)
+        assert seen[-5:, 2].mean() == pytest.approx(truth[2], rel=0.4, abs=0.05)  # a coarse sensor
         if wanted.shear_x_m or wanted.shear_y_m:  # the tip pulls the pad along
             assert np.dot(truth[:2], [wanted.shear_x_m, wanted.shear_y_m]) > 0
         assert a["field_displacement"].shape[-1] == 3

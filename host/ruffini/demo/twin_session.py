@@ -57,7 +57,7 @@ PACES = {
     "dome": Pace(3.0, stall_s=30.0, longest_gap_s=20.0, max_hold_s=90.0, image_bytes_per_s=1e6),
     "tube": Pace(1.0, stall_s=60.0, longest_gap_s=40.0, max_hold_s=180.0, image_bytes_per_s=1e6),
 }
-REFERENCE_HZ = {"plane": 4.0, "dome": 0.8, "tube": 0.3}
+REFERENCE_HZ = {"plane": 2.0, "dome": 0.8, "tube": 0.3}
 
 
 @dataclass(frozen=True)

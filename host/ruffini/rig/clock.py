@@ -21,6 +21,7 @@ COARSE_S, FINE_S = 0.005, 0.001
 SMOOTH_S, SMOOTH_PERIODS = 0.02, 1.0  # standard deviation of the low pass, and of the longer sample period
 ROBUST = 0.02  # of the peak to peak: what lies further off counts less
 MIN_SAMPLES = 50
+GAP_S, GAP_PERIODS = 0.3, 4.0  # without a sample, the longer of both
 MIN_SIGNAL = 8.0  # peak to peak over the noise from sample to sample
 MIN_CORRELATION = 0.9
 CURVE_ROUNDS, CURVE_DEGREE = 2, 3
@@ -64,7 +65,8 @@ def fit_clock(
     period_s = max(float(np.median(np.diff(stream_s))), float(np.median(np.diff(reference_s))))
     smooth_s = max(SMOOTH_S, SMOOTH_PERIODS * period_s)
     stream, reference = _smoothed(stream_s, stream_n, smooth_s), _smoothed(reference_s, reference_n, smooth_s)
-    coarse_s, correlation = _coarse(stream, reference, max_offset_s)
+    longest_s = max(GAP_S, GAP_PERIODS * float(np.median(np.diff(stream_s))))
+    coarse_s, correlation = _coarse(stream, reference, max_offset_s, stream_s, longest_s)
     if abs(correlation) < MIN_CORRELATION or abs(coarse_s) > LOST_SHIFT * max_offset_s:
         raise InputError(
             f"the reference does not show what the stream shows (correlation {abs(correlation):.2f} at best, "
@@ -72,6 +74,7 @@ def fit_clock(
         )
     middle_s, half_s = float(stream_s.mean()), float(np.ptp(stream_s)) / 2
     grid = _overlap(stream, reference, margin_s=max_offset_s + smooth_s)
+    grid = grid[_is_sampled(grid, stream_s, longest_s)]
     seen = stream.at(grid)
 
     def residual(p: Array) -> Array:
@@ -141,9 +144,18 @@ def _overlap(stream: _Smoothed, reference: _Smoothed, margin_s: float) -> Array:
     return np.arange(start, end, COARSE_S)
 
 
-def _coarse(stream: _Smoothed, reference: _Smoothed, max_offset_s: float) -> tuple[float, float]:
+def _is_sampled(grid: Array, time_s: Array, longest_s: float) -> npt.NDArray[np.bool_]:
+    """Which times do not lie in a gap: what was not seen is not compared."""
+    after = np.clip(np.searchsorted(time_s, grid), 1, len(time_s) - 1)
+    return np.asarray(time_s[after] - time_s[after - 1] <= longest_s)
+
+
+def _coarse(
+    stream: _Smoothed, reference: _Smoothed, max_offset_s: float, stream_s: Array, longest_s: float
+) -> tuple[float, float]:
     """Best shift on a grid of 5 ms, and the correlation there, with its sign."""
     grid = _overlap(stream, reference, max_offset_s)
+    grid = grid[_is_sampled(grid, stream_s, longest_s)]
     seen = stream.at(grid)
     n = round(max_offset_s / COARSE_S)
     shifts = COARSE_S * np.arange(-n, n + 1)

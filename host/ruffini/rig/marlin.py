@@ -12,7 +12,7 @@ from ruffini.rig.gcode_line import GcodeLine
 from ruffini.rig.stage import Guard, Place, nobody
 
 BAUD = 115200
-START_S, ANSWER_S, HOME_S, HALT_S = 2.0, 15.0, 120.0, 10.0  # a long move without "busy" answers late
+START_S, ANSWER_S, HOME_S, HALT_S = 5.0, 15.0, 120.0, 10.0  # a long move without "busy" answers late
 MAX_RESENDS = 5
 POSITION = re.compile(r"X:(-?[\d.]+) Y:(-?[\d.]+) Z:(-?[\d.]+)")
 RESEND = re.compile(r"(?:Resend|rs):?\s*N?(\d+)", re.IGNORECASE)

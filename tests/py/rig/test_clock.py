@@ -91,3 +91,11 @@ def test_a_signal_that_follows_the_force_along_a_curve():
         straight.append(abs(fit_clock(t, way, rt, felt).offset_s - 0.02))
     assert max(errors) < 2e-3
     assert max(errors) < min(straight)
+
+
+def test_what_was_not_seen_is_not_compared():
+    t, f, rt, rf = record(2, 0.05, 0)
+    seen = (t < 8.2) | (t > 13.1)  # two presses are missing
+    fit = fit_clock(t[seen], f[seen], rt, rf)
+    assert fit.offset_s == pytest.approx(0.05, abs=2e-3)
+    assert fit.correlation > 0.99
