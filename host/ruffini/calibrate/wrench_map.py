@@ -26,11 +26,11 @@ Bend = Callable[[Array], Array]
 PAIRS = np.triu_indices(6)
 TIMES_S = (0.3, 3.0, 30.0)  # a third of a second to half a minute: rubber forgets over decades of time
 LAGS_S = np.arange(-0.1, 0.1001, 0.0125)
-MOST_FOR_MEMORIES = 30  # features
+FEW = 30  # features: thousands of frames determine these without a ridge, and their memories besides
 SAME_LAG_S = 0.005  # a sixth of a frame of a usual camera
 RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)  # of the features' mean square: only many features need more than the first
 LEAST_GAIN = 0.01  # a term stays where it lessens the error of an axis on what was not fitted by this part
-LEAST_R2 = 0.3  # an axis that the log hardly loads is not measured
+LEAST_R2 = 0.3  # of what the features tell of an axis: one that the log hardly loads is not measured
 REST_PART = 0.02  # of full scale: nothing presses
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
 LEAST_PRODUCT = 0.03  # of u_j u_k, root mean square: a pair that the log hardly loads together gets no term
@@ -169,7 +169,7 @@ def fit_wrench_map(runs: list[FeatureRun], *, holdout: str = "recording", bend: 
         raise InputError(f"--holdout {holdout!r}: recording or touch")
     seen = frames_of(runs, 0.0)
     _checks(seen)
-    ways = (False, True) if seen.features.shape[1] <= MOST_FOR_MEMORIES else (False,)
+    ways = (False, True) if seen.features.shape[1] <= FEW else (False,)
     lags = [_lag(runs, has_memory) for has_memory in ways]
     if abs(lags[-1] - lags[0]) < SAME_LAG_S:
         lags = lags[:1]
@@ -182,7 +182,7 @@ def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | Non
     groups = frames.run if holdout == "recording" else _touches(frames)
     folds = _folds(groups)
     checks = _checks(frames)
-    ridge = _best_ridge(frames, folds)
+    ridge = RIDGES[0] if frames.features.shape[1] <= FEW else _best_ridge(frames, folds)
     plain = _Terms(ridge, square=np.zeros(6, bool), relax=np.zeros(6, bool), bend=bend)
     linear = _held_out(frames, folds, plain)
     chosen, errors = plain, linear
@@ -196,7 +196,11 @@ def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | Non
         errors = _held_out(frames, folds, chosen) if gains.any() else errors
     spread = frames.wrench.std(axis=0)
     r2 = 1 - (_rms(errors) / np.where(spread > 0, spread, 1)) ** 2
-    full = np.where(r2 >= LEAST_R2, np.abs(frames.wrench).max(axis=0), 0.0)
+    is_told = r2 >= LEAST_R2
+    if frames.features.shape[1] <= FEW:  # cannot fit what is not there: an axis that only one recording loads counts
+        fitted = _fitted(frames, chosen).predicted(frames) - frames.wrench
+        is_told |= (_rms(fitted) < np.sqrt(1 - LEAST_R2) * spread) & (spread > 0)
+    full = np.where(is_told, np.abs(frames.wrench).max(axis=0), 0.0)
     found = _with_forward(_fitted(frames, chosen, full), frames, errors, bend)
     terms = {"quadratic": chosen.square, "relaxation": chosen.relax}
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)

@@ -98,6 +98,17 @@ def test_an_axis_that_nobody_loads_is_not_measured() -> None:
     assert tables(fit, Features("targets", N_FEATURES))[0]["wrench.full_scale"][5] == 0
 
 
+def test_an_axis_that_only_one_recording_loads_is_measured() -> None:
+    """As the twist of the 17 conditions: whoever leaves it out cannot foresee it."""
+    runs = recordings(17)
+    for k in range(16):
+        runs[k] = recordings(17, silent=5)[k]
+    fit = fit_wrench_map(runs)
+    assert fit.r2[5] < 0.9
+    assert not fit.report()["not_measured"]
+    assert error_on_new(fit)[5] < 0.01
+
+
 def test_wrong_units_and_too_little_are_refused() -> None:
     runs = recordings(10)
     thousand = [replace(r, reference=r.reference * np.array([1, 1, 1, 1e3, 1e3, 1e3])) for r in runs]
