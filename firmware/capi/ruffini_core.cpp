@@ -252,8 +252,8 @@ int ruffini_get_touches(const ruffini_pipeline* pipeline, int64_t* out, int32_t*
   for (size_t i = 0; i < static_cast<size_t>(*n); ++i) {
     const ruffini::SkinTouch& t = list.touch[i];
     const auto force = ruffini::pressing_vector_un(ruffini::on_skin(path.board().skin, t.x_um, t.y_um), t.press_un);
-    const int64_t row[] = {int64_t{t.id},    t.x_um,           t.y_um,           t.area_um2, t.brightness_q2, t.press_un,
-                           t.press_sigma_un, t.place_sigma_um, force[0],         force[1],   force[2]};
+    const int64_t row[] = {int64_t{t.id},    t.x_um,           t.y_um,   t.area_um2, t.brightness_q2, t.press_un,
+                           t.press_sigma_un, t.place_sigma_um, force[0], force[1],   force[2]};
     out = std::copy(std::begin(row), std::end(row), out);
   }
   return 0;
