@@ -318,8 +318,8 @@ def _fingers(p: Played) -> list[Array]:
 
 
 def _unflagged(played: list[Played]) -> dict[str, int]:
-    """Frames of single touches up to full scale; those with a flag; and unflagged ones wrong beyond 5 sigma and 5 %."""
-    frames = flagged = wrong = 0
+    """Frames of single touches up to full scale; flagged; without a touch told; told and wrong beyond 5 sigma and 5 %."""
+    frames = flagged = missed = wrong = 0
     for p in played:
         if p.recorded.part != "judge" or p.name.startswith("judge_two"):
             continue
@@ -327,9 +327,11 @@ def _unflagged(played: list[Played]) -> dict[str, int]:
         off = np.abs(p.ours - p.load)
         frames += int(used.sum())
         flagged += int((used & (p.flags != 0)).sum())
-        bad = used & (p.flags == 0) & (off > WRONG_SIGMAS * p.sigma) & (off > WRONG_PART * FULL_SCALE_N)
+        told = np.array([len(found) > 0 for found in p.touches])
+        missed += int((used & (p.flags == 0) & ~told).sum())
+        bad = used & (p.flags == 0) & told & (off > WRONG_SIGMAS * p.sigma) & (off > WRONG_PART * FULL_SCALE_N)
         wrong += int(bad.sum())
-    return {"frames": frames, "flagged": flagged, "wrong": wrong}
+    return {"frames": frames, "flagged": flagged, "missed": missed, "wrong": wrong}
 
 
 def _lines(title: str, names: Iterable[str], rows: dict[str, dict[str, float]]) -> list[str]:
@@ -350,5 +352,7 @@ def _text(r: dict[str, Any]) -> str:
         *_lines("Table II by mm/s, %", ("bench", "ours", "paper", "split_ours", "split_quadratic"), r["loops"]),
         "Fig. 12, spread of five trials at 5 N, %: " + ", ".join(f"{k} {v:.2g}" for k, v in r["trials"].items()),
         "Two fingers at 15 mm told: " + ", ".join(f"{k} {100 * v:.0f} %" for k, v in r["two_fingers"].items()),
-        "Frames {frames}, flagged {flagged}, wrong without a flag {wrong}".format(**r["unflagged"]),
+        "Frames {frames}, flagged {flagged}, no touch told {missed}, told and wrong without a flag {wrong}".format(
+            **r["unflagged"]
+        ),
     ])  # fmt: skip
