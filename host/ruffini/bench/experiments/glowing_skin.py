@@ -318,7 +318,7 @@ def _fingers(p: Played) -> list[Array]:
 
 
 def _unflagged(played: list[Played]) -> dict[str, int]:
-    """Frames of single touches up to full scale; flagged; without a touch told; told and wrong beyond 5 sigma and 5 %."""
+    """Frames of single touches to full scale; flagged; no touch told; told, and wrong beyond 5 sigma and 5 %."""
     frames = flagged = missed = wrong = 0
     for p in played:
         if p.recorded.part != "judge" or p.name.startswith("judge_two"):
