@@ -33,6 +33,7 @@ from ruffini.calibrate.colour_lattice import N_LINES, ColourAxis, bending
 from ruffini.calibrate.light_level import light_level
 from ruffini.calibrate.pad_view import PadView
 from ruffini.calibrate.presses import FITTED_INSIDE, PressSet, ball_slope, relative_change
+from ruffini.calibrate.slopes import angle_deg, lambertian_slope, monomials, n_terms
 from ruffini.errors import InputError
 from ruffini.frames import read_image
 
@@ -40,9 +41,9 @@ Array = npt.NDArray[np.float64]
 
 LATTICE = (13, 17)  # lines of the unmixing table over y, x
 SLOPE_SIZE = 65  # lines of the slope table over q_y, q_x
-Q_LIMIT = 0.97  # |n_t| beyond which the slope is held (76 degrees)
 MARKER_CHANGE = -0.30  # relative change of all channels that tells a printed dot from shading
 UNMIX_ORDERS = (0, 1, 2, 3, 4)
+BENT_INSIDE = 0.80  # with the lattice, which follows the walls: peak to edge 0.97, 1.02 on recorded halves; else 0.95
 BENT_ORDERS = (0, 1, 2)  # with the lattice; with more of both the recorded presses are worse
 STIFFNESS = (1e-4, 1e-5, 1e-6)  # of the lattice: bending over the mean square misfit of q
 UNMIX_RIDGE = 1e-4  # over the mean of its normal equations' diagonal
@@ -83,7 +84,7 @@ class Samples:
 
     def moved(self, shift_px: Array) -> Samples:
         """The same pixels, with the circle elsewhere."""
-        slope = _lambertian_slope(self.normal() - shift_px / self.ball_px)
+        slope = lambertian_slope(self.normal() - shift_px / self.ball_px)
         return replace(self, slope=slope, offset_px=self.offset_px - shift_px)
 
     def shift_px(self, q: Array, at_most: float) -> Array:
@@ -106,7 +107,11 @@ class Choice:
     def complexity(self) -> float:
         """For the rule of the simplest model: numbers that are free; a softer lattice after a stiffer one."""
         lattice = 0.0 if self.stiffness is None else 100 - 10 * float(np.log10(self.stiffness))
-        return 6 * _n_terms(self.unmix_order) + lattice
+        return 6 * n_terms(self.unmix_order) + lattice
+
+    def fitted_inside(self) -> float:
+        """Share of the contact radius that the presses are fitted in."""
+        return FITTED_INSIDE if self.stiffness is None else BENT_INSIDE
 
     def __str__(self) -> str:
         bend = "none" if self.stiffness is None else f"{self.stiffness:.0e}"
@@ -125,7 +130,7 @@ class PhotometricModel:
     def normal(self, samples: Samples) -> Array:
         """q (n, 2)."""
         change = samples.seen(self.choice.is_balanced)
-        terms = _monomials(samples.place, self.choice.unmix_order)
+        terms = monomials(samples.place, self.choice.unmix_order)
         q = np.einsum("nt,nc,tcq->nq", terms, change, self.unmix)
         return np.asarray(q + self.axis.weights(change) @ self.bend if len(self.bend) else q)
 
@@ -143,24 +148,7 @@ class PhotometricModel:
         """Median error of the normals inside the judged part of the circle, refitted near its mark."""
         shift = self.shift_px(samples, JUDGED_INSIDE, JUDGED_WITHIN_PX)
         judged = samples.moved(shift).inside(JUDGED_INSIDE)
-        return float(np.median(angle_deg(_lambertian_slope(self.normal(judged)), judged.slope)))
-
-
-def _n_terms(order: int) -> int:
-    return (order + 1) * (order + 2) // 2
-
-
-def _monomials(place: Array, order: int) -> Array:
-    """By rising order, so that a lower order is the first columns of a higher one."""
-    x, y = place[:, 0], place[:, 1]
-    return np.stack([x ** (k - j) * y**j for k in range(order + 1) for j in range(k + 1)], axis=1)
-
-
-def _lambertian_slope(q: Array) -> Array:
-    length = np.hypot(q[:, 0], q[:, 1])
-    limited = np.minimum(length, Q_LIMIT)
-    scale = limited / np.maximum(length, 1e-12) / np.sqrt(1 - limited**2)
-    return np.asarray(q * scale[:, None])
+        return float(np.median(angle_deg(lambertian_slope(self.normal(judged)), judged.slope)))
 
 
 def pixel_place(shape: tuple[int, int]) -> Array:
@@ -217,17 +205,6 @@ def _dot_mask(image: Array, background: npt.NDArray[np.uint8]) -> npt.NDArray[np
     return np.asarray(grown, dtype=bool)
 
 
-def angle_deg(slope: Array, truth: Array) -> Array:
-    """Angle between the normals of two sets of slopes, degrees."""
-
-    def normal(s: Array) -> Array:
-        n = np.column_stack([-s, np.ones(len(s))])
-        return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
-
-    cosine = (normal(slope) * normal(truth)).sum(axis=1)
-    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-
-
 @dataclass(frozen=True)
 class Sums:
     """Normal equations of some presses, added up: (k, k) and (k, 2), unmixing of all orders first, then the nodes."""
@@ -256,11 +233,11 @@ class Equations:
         self._zero = self.axis.zero()
         self._bending = bending(self._zero)
 
-    def of(self, samples: Samples) -> Sums:
-        """Of one press."""
-        near = samples.inside(FITTED_INSIDE)
+    def of(self, samples: Samples, inside: float = FITTED_INSIDE) -> Sums:
+        """Of one press, within a share of its contact radius."""
+        near = samples.inside(inside)
         change, q = near.seen(self.is_balanced), near.normal()
-        terms = _monomials(near.place, max(UNMIX_ORDERS))
+        terms = monomials(near.place, max(UNMIX_ORDERS))
         features = (terms[:, :, None] * change[:, None, :]).reshape(len(q), -1)
         weights = self.axis.weights(change)
         both = np.asarray(weights.T @ features)
@@ -270,7 +247,7 @@ class Equations:
 
     def solve(self, sums: Sums, choice: Choice) -> PhotometricModel:
         """The model of least squares."""
-        n_all, n = 3 * _n_terms(max(UNMIX_ORDERS)), 3 * _n_terms(choice.unmix_order)
+        n_all, n = 3 * n_terms(max(UNMIX_ORDERS)), 3 * n_terms(choice.unmix_order)
         n_nodes = 0 if choice.stiffness is None else N_LINES**3
         use = np.r_[np.arange(n), np.arange(n_all, n_all + n_nodes)]
         gram, right = sums.gram[np.ix_(use, use)] / sums.count, sums.right[use] / sums.count
@@ -286,7 +263,8 @@ class Equations:
         """By the circles as marked, then by the circles where that model has them."""
         first = self.solve(marked, choice)
         shifts = [first.shift_px(s, FITTED_INSIDE, MOVED_AT_MOST * s.ball_px) for s in samples]
-        return self.solve(_total(self.of(s.moved(shift)) for s, shift in zip(samples, shifts, strict=True)), choice)
+        moved = (s.moved(shift) for s, shift in zip(samples, shifts, strict=True))
+        return self.solve(_total(self.of(s, choice.fitted_inside()) for s in moved), choice)
 
 
 def fit_model(samples: list[Samples], choice: Choice) -> PhotometricModel:
@@ -390,10 +368,10 @@ def simplest_good(errors: Array, n_free: list[float]) -> int:
 def tabulate(model: PhotometricModel) -> dict[str, npt.NDArray[Any]]:
     """The integer tables of proto/CALIBRATION.md."""
     lattice = pixel_place(LATTICE).reshape(-1, 2)
-    unmix = np.einsum("nt,tcq->nqc", _monomials(lattice, model.choice.unmix_order), model.unmix)
+    unmix = np.einsum("nt,tcq->nqc", monomials(lattice, model.choice.unmix_order), model.unmix)
     axis = np.linspace(-1, 1, SLOPE_SIZE)
     qy, qx = np.meshgrid(axis, axis, indexing="ij")
-    slope = _lambertian_slope(np.stack([qx.ravel(), qy.ravel()], axis=1))
+    slope = lambertian_slope(np.stack([qx.ravel(), qy.ravel()], axis=1))
 
     def fixed(values: Array, bits: int) -> npt.NDArray[np.int16]:
         return np.asarray(np.clip(np.floor(values * 2**bits + 0.5), -32767, 32767), dtype=np.int16)

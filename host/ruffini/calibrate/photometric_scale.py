@@ -12,8 +12,9 @@ from scipy.ndimage import map_coordinates
 from scipy.optimize import minimize_scalar
 
 from ruffini.calibrate.container import Tensors
-from ruffini.calibrate.photometric import Samples, angle_deg
+from ruffini.calibrate.photometric import Samples
 from ruffini.calibrate.presses import FITTED_INSIDE
+from ruffini.calibrate.slopes import angle_deg
 
 Array = npt.NDArray[np.float64]
 

@@ -12,10 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate import container
+from ruffini.calibrate import container, intensity
 from ruffini.calibrate.fit_presses import PressFit
 from ruffini.calibrate.html_page import Page
-from ruffini.calibrate.intensity import fit_intensity
 from ruffini.calibrate.photometric import MOVED_AT_MOST, PhotometricFit, Samples, models_without, tabulate
 from ruffini.calibrate.presses import FITTED_INSIDE, Press, PressSet
 from ruffini.evaluate.photometric import EQUATOR, INSIDE, REFIT_PX, Surface, evaluate, summary
@@ -56,7 +55,7 @@ def judge_left_out(
     result |= {
         "n_presses": n, "presses": rows, "marked": summary(rows, "marked"), "refitted": summary(rows, "refitted"),
         "judged_by": "a table fitted on all other presses" if n > 1 else "the table that it was fitted on",
-        "left_out": _left_out(rows, n), "fit": fit.report,
+        "left_out": _left_out(rows, n, fit), "fit": fit.report,
     }  # fmt: skip
     del result["untouched"]
     return result, surfaces
@@ -70,7 +69,7 @@ def _tables(presses: PressSet, fit: PressFit) -> Iterator[Tables]:
     everything = presses.presses
     for i in range(len(everything)):
         others = everything[:i] + everything[i + 1 :] or everything
-        yield fit_intensity(replace(presses, presses=others)).tabulate()
+        yield intensity.fit_intensity(replace(presses, presses=others)).tabulate()
 
 
 def _facts(presses: PressSet, press: Press, sample: Samples | None, fit: PressFit) -> dict[str, Any]:
@@ -85,9 +84,11 @@ def _facts(presses: PressSet, press: Press, sample: Samples | None, fit: PressFi
     return facts
 
 
-def _left_out(rows: list[dict[str, Any]], n: int) -> list[str]:
+def _left_out(rows: list[dict[str, Any]], n: int, fit: PressFit) -> list[str]:
     """What does not count, and why."""
-    out = [f"Pixels beyond {FITTED_INSIDE:.2f} (fit) and {INSIDE:.2f} (judgement) of the contact radius: the gel "
+    kind = fit.kind
+    fitted = kind.model.choice.fitted_inside() if isinstance(kind, PhotometricFit) else intensity.FITTED_INSIDE
+    out = [f"Pixels beyond {fitted:.2f} (fit) and {INSIDE:.2f} (judgement) of the contact radius: the gel "
            "leaves the ball there, and nobody knows its slope.", "Pixels under printed dots."]  # fmt: skip
     equator = [row["image"] for row in rows if row["at_equator"]]
     if equator:

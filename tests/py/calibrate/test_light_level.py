@@ -12,6 +12,7 @@ from ruffini.calibrate.container import base_metadata, pack
 from ruffini.calibrate.light_level import light_level
 from ruffini.calibrate.presses import relative_change
 from ruffini.core import Pipeline
+from ruffini.errors import InputError
 
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "gelsight-mini")
 LIGHT = np.array([1.12, 0.97, 0.9])
@@ -54,3 +55,30 @@ def test_the_device_takes_it_off_where_the_table_says_so(is_balanced: int) -> No
         found = np.median(pipeline.raw("slope").reshape(-1, 2), axis=0) / 4096
     expected = np.zeros(2) if is_balanced else LIGHT[:2] - 1
     assert found == pytest.approx(expected, abs=0.006)
+
+
+def tables_with(**other: np.ndarray) -> dict[str, np.ndarray]:
+    tables = {
+        "photometric.unmix": np.zeros((2, 2, 2, 3), np.int16), "photometric.slope": np.zeros((65, 65, 2), np.int16),
+        "photometric.bend": np.zeros((9, 9, 9, 2), np.int16),
+        "photometric.bend_axis": np.array([[-2048] * 3, [9] * 3], np.int32),
+    }  # fmt: skip
+    return tables | {f"photometric.{name}": value for name, value in other.items()}
+
+
+BAD = {
+    "lines closer than the integers": ({"bend_axis": np.array([[-2048] * 3, [5, 9, 9]], np.int32)}, "bend_axis"),
+    "lines where no change is": ({"bend_axis": np.array([[-40000, 0, 0], [9] * 3], np.int32)}, "bend_axis"),
+    "a lattice of another size": ({"bend": np.zeros((8, 9, 9, 2), np.int16)}, "photometric.bend"),
+    "neither on nor off": ({"balance": np.array([2], np.int32)}, "photometric.balance"),
+    "depth beside slopes": ({"depth": np.zeros(257, np.int16)}, "photometric.depth"),
+}
+
+
+@pytest.mark.parametrize("case", BAD, ids=str)
+def test_a_table_that_cannot_be_is_refused(case: str) -> None:
+    other, words = BAD[case]
+    with pytest.raises(InputError, match=words):
+        Pipeline(BOARD, pack(tables_with(**other), base_metadata(BOARD)).data)
+    with Pipeline(BOARD, pack(tables_with(), base_metadata(BOARD)).data):
+        pass

@@ -117,6 +117,25 @@ def test_the_verb(calibration: Path, tmp_path: Path) -> None:
     assert np.asarray(cv2.imread(result["picture"])).std() > 10
 
 
+def test_the_page_judges_each_press_by_a_table_of_the_others(tmp_path: Path) -> None:
+    folder, page = write(tmp_path / "presses", (160, 200), 6, off_px=1.5), tmp_path / "page.html"
+    words = ["cal", "photometric", str(folder), "--board", str(BOARD.folder), "--foreign", "--report", str(page)]
+    done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "c.safetensors"), "--json"])
+    assert done.exit_code == 0, done.output
+    result = json.loads(page.with_suffix(".json").read_text())
+    assert json.loads(done.stdout)["report"] == [str(page), str(page.with_suffix(".json"))]
+    assert [row["image"] for row in result["presses"]] == [f"{i}.png" for i in range(6)]
+    for row in result["presses"]:
+        assert row["correction_px"][0] == pytest.approx(-1.5, abs=0.6)
+        assert row["mark_off_px"] == pytest.approx(1.5, abs=0.5)
+        assert row["clipped_share"] == 0
+    assert result["refitted"]["normal_worst_deg"] < 4
+    assert "other presses" in result["judged_by"]
+    text = page.read_text()
+    assert text.count("data:image/png;base64,") == 2
+    assert all(f">{i}.png<" in text for i in range(6))
+
+
 def test_what_cannot_be_judged(calibration: Path, tmp_path: Path) -> None:
     folder = write(tmp_path / "presses", (160, 200), 3)
     operator = tmp_path / "operator.safetensors"
