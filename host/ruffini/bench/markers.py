@@ -13,13 +13,22 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
 from ruffini.boards import Board, Markers
+from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 
 def marker_places(board: Board, markers: Markers) -> tuple[Array, Array]:
-    """Columns and rows of the lattice from the pad's centre, metres."""
+    """Columns and rows of the lattice from the pad's centre, metres.
+
+    Raises
+    ------
+    InputError
+        The markers are scattered.
+    """
+    if markers.layout != "lattice":
+        raise InputError(f"board {board.name!r} has scattered markers: this bench is of lattices")
     pad = board.pad
     x = markers.first_x_um + markers.pitch_x_um * np.arange(markers.n_x) - pad.size_x_um / 2
     y = markers.first_y_um + markers.pitch_y_um * np.arange(markers.n_y) - pad.size_y_um / 2
