@@ -119,7 +119,8 @@ class Openings:
         """Sum of a weighted picture (h, w) over each opening, (n_taxels,)."""
         sums = np.append(0.0, np.cumsum(weighted.ravel()))
         each = sums[self.runs[:, 0] + self.runs[:, 1]] - sums[self.runs[:, 0]]
-        return np.bincount(self.runs[:, 2], each, minlength=self.n_taxels + self.n_patches)[: self.n_taxels]
+        totals = np.bincount(self.runs[:, 2], each, minlength=self.n_taxels + self.n_patches)
+        return np.asarray(totals[: self.n_taxels], dtype=float)
 
     def base_q2(self, weighted: Array) -> Numbers:
         """Light at rest in quarter levels, as the firmware's base."""

@@ -90,7 +90,7 @@ def reference_of(folder: Path, board: Board) -> tuple[Array, Array, Array]:
     with np.load(folder / "rig.npz", allow_pickle=False) as file:
         wrench, place = np.asarray(file["force"], dtype=float), np.asarray(file["place_m"], dtype=float) * 1e3
     settings = tomllib.loads((folder / "recording.toml").read_text("ascii"))
-    time_s = np.arange(len(wrench)) * 1e3 / float(settings["rate_mhz"])
+    time_s = np.arange(len(wrench), dtype=float) * 1e3 / float(settings["rate_mhz"])
     return time_s, inward(skin, wrench, place), place
 
 

@@ -131,7 +131,8 @@ class ForceFit:
     def elastic(self, u: Array, time_s: Array) -> Array:
         """E of every frame, (t,) N."""
         total = np.where(u >= FLOOR, self.press(u), 0.0).sum(axis=1)
-        return total - sum(g * relaxed(total, time_s, tau) for g, tau in zip(self.parts, TIMES_S, strict=True))
+        lost = [g * relaxed(total, time_s, tau) for g, tau in zip(self.parts, TIMES_S, strict=True)]
+        return np.asarray(total - np.sum(lost, axis=0))
 
     def taxel_gain(self, layout: Layout) -> Array:
         return np.asarray(1 + self.gain_x[layout.kind[:, 0]] + self.gain_y[layout.kind[:, 1]])

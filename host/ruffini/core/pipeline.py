@@ -355,9 +355,7 @@ class Pipeline:
             The board has no such skin.
         """
         rows, n = np.zeros((MAX_CONTACTS, len(TouchRow._fields)), np.int64), ctypes.c_int32()
-        self._check(
-            self._lib.ruffini_get_touches(self._pointer, rows.ctypes.data_as(ctypes.c_void_p), ctypes.byref(n))
-        )
+        self._check(self._lib.ruffini_get_touches(self._pointer, rows.ctypes.data_as(ctypes.c_void_p), ctypes.byref(n)))
         return [TouchRow(*row) for row in rows[: n.value].tolist()]
 
     def skin(self) -> SkinState:
