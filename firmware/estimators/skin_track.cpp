@@ -22,10 +22,10 @@ int64_t SkinTrack::distance2(const SkinTouch& touch, const Slot& slot) const {
 
 // A free slot, or that which was not seen for longest; there are twice as many as touches.
 SkinTrack::Slot& SkinTrack::begin() {
-  Slot* best = nullptr;
+  Slot* best = &slots_.front();
   for (Slot& slot : slots_) {
     if (slot.is_taken) continue;
-    if (best == nullptr || slot.id == 0 || (best->id != 0 && slot.n_unseen > best->n_unseen)) best = &slot;
+    if (best->is_taken || slot.id == 0 || (best->id != 0 && slot.n_unseen > best->n_unseen)) best = &slot;
     if (slot.id == 0) break;
   }
   *best = Slot{.id = ++last_id_};

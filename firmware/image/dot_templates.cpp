@@ -60,7 +60,7 @@ DotTemplates::DotTemplates(const BoardSettings& board)
 void DotTemplates::learn(std::span<const uint16_t> rest, std::span<const Marker> markers) {
   for (size_t i = 0; i < templates_.size(); ++i) {
     templates_[i] = Template{};
-    if (!markers[i].is_absent && radius_px_ > 0) learn_one(rest, markers[i], i);
+    if (!markers[i].is_absent && !pixels_.empty()) learn_one(rest, markers[i], i);
   }
 }
 
@@ -92,7 +92,7 @@ void DotTemplates::learn_one(std::span<const uint16_t> rest, const Marker& marke
     nuisance_[4][i] = round_shift(away_x_q8 * gy, 8);
     nuisance_[5][i] = round_shift(away_y_q8 * gy, 8);
   }
-  const int64_t mean = div_round(sum, static_cast<int64_t>(n));
+  const int64_t mean = div_round(sum, std::max<int64_t>(std::ssize(pixels_), 1));
   for (size_t i = 0; i < n; ++i) {
     const int64_t above = nuisance_[1][i] = sample_[i] - mean;
     t[i] = static_cast<int32_t>(above);
