@@ -28,11 +28,12 @@ def flash(
     read = [container.read(f) for f in files]
     file = container.merge(read) if len(read) > 1 else read[0]
     container.verify(file)
-    for one in read:
-        _check_gates(one, force=force)
+    remarks = [_check_gates(one, force=force) for one in read]
     with open_sensor() as sensor:
         board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
         container.check_board(file, board)
+        for remark in filter(None, remarks):
+            note(remark)
         active = sensor.hello.sensors[0].calibration
         state = "same" if active.sha256 == file.sha256 else "dry-run" if dry_run else "active"
         note(f"{sensor.port}: {', '.join(file.kinds)} for {board.name} replaces "
@@ -49,19 +50,17 @@ def flash(
     )
 
 
-def _check_gates(file: CalibrationFile, *, force: bool) -> None:
-    """Refuse a file whose own report fails its gates; say where it has none."""
+def _check_gates(file: CalibrationFile, *, force: bool) -> str:
+    """Refuse a file whose own report fails its gates; what there is to say of it otherwise, or nothing."""
     from ruffini.calibrate.gates import failed, gates_in
 
     gates = gates_in(file)
     if gates is None:
-        note("this file has no report (`ruffini cal fit` writes one): nobody has judged how well it measures")
-        return
+        return "this file has no report (`ruffini cal fit` writes one): nobody has judged how well it measures"
     bad = "; ".join(f"{gate.name}: {gate.text}" for gate in failed(gates))
     if bad and not force:
         raise RefusedError(f"this calibration fails its gates ({bad}): collect more and fit again, or give --force")
-    if bad:
-        note(f"FAILS ITS GATES and is flashed by --force: {bad}")
+    return f"FAILS ITS GATES and is flashed by --force: {bad}" if bad else ""
 
 
 def undo(json_: JsonFlag = False) -> None:
