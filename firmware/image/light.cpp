@@ -137,7 +137,7 @@ void LightTracker::run(std::span<const RelativeChange> change, std::span<const M
   measure(level);
   size_t n_brighter = 0;
   for (size_t i = 0; i < n_samples_; ++i) {
-    n_brighter += std::min({sample_[0][i], sample_[1][i], sample_[2][i]}) > kOutsideQ12 ? 1 : 0;
+    n_brighter += std::min({sample_[0][i], sample_[1][i], sample_[2][i]}) > kOutsideQ12 ? 1U : 0U;
   }
   is_lit_from_outside_ = 8 * n_brighter >= n_samples_;
   const bool is_still = 8 * n_level >= 7 * n_samples_ && is_at_rest(markers);

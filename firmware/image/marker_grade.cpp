@@ -24,9 +24,12 @@ bool is_double(const MarkerGraph& graph, const DotAreas& areas, std::span<const 
   size_t n = 0;
   for (const int j : graph.around(marker)) {
     const auto at = static_cast<size_t>(j);
-    if (known[at] != 0) growth[n++] = (int64_t{areas.now[at]} << 10) / areas.rest[at];
+    if (known[at] == 0) continue;
+    const int64_t value = (int64_t{areas.now[at]} << 10) / areas.rest[at];
+    size_t place = n++;
+    for (; place > 0 && growth[place - 1] > value; --place) growth[place] = growth[place - 1];
+    growth[place] = value;  // sorted
   }
-  std::sort(growth.begin(), growth.begin() + static_cast<ptrdiff_t>(n));
   const int64_t expected_q10 =
       areas.rest[marker] * (n < kFewest ? 1'024 : std::max<int64_t>(growth[(n - 1) / 2], 1'024));
   return (int64_t{areas.now[marker]} << 10) * 100 > kDoublePercent * expected_q10;
