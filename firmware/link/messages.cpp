@@ -252,7 +252,8 @@ size_t MessageEncoder::markers(const FramePath& path, const FrameStamp& stamp) {
   m.has_displacement = true;
   pack(m.displacement, lattice, 2, 0);
   if (path.are_markers_graded()) {
-    std::transform(markers.begin(), markers.end(), values_.begin(), [](const Marker& m) { return int32_t{m.quality}; });
+    std::transform(markers.begin(), markers.end(), values_.begin(),
+                   [](const Marker& marker) { return int32_t{marker.quality}; });
     m.has_quality = true;
     pack(m.quality, lattice, 1, 1);
   }

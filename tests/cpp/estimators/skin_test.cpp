@@ -97,14 +97,14 @@ TEST(SkinShape, OutIsOneLongAndPlacesAreOnTheSurface) {
   }
   const SkinSettings skin = {.shape = SkinShape::kTube, .radius_um = 40'000};
   const SkinPoint quarter = on_skin(skin, 62'832, 5'000);  // a quarter round
-  EXPECT_NEAR(quarter.place_um[0], 0, 2);
-  EXPECT_NEAR(quarter.place_um[1], 40'000, 2);
+  EXPECT_NEAR(static_cast<double>(quarter.place_um[0]), 0, 2);
+  EXPECT_NEAR(static_cast<double>(quarter.place_um[1]), 40'000, 2);
   EXPECT_EQ(quarter.place_um[2], 5'000);
   const auto force = pressing_vector_un(quarter, 2'000'000);
-  EXPECT_NEAR(force[1], -2'000'000, 10);
+  EXPECT_NEAR(static_cast<double>(force[1]), -2'000'000, 10);
   const SkinPoint side = on_skin({.shape = SkinShape::kDome, .radius_um = 40'000}, 0, 62'832);  // the dome's rim
-  EXPECT_NEAR(side.place_um[1], 40'000, 3);
-  EXPECT_NEAR(side.place_um[2], -40'000, 3);
+  EXPECT_NEAR(static_cast<double>(side.place_um[1]), 40'000, 3);
+  EXPECT_NEAR(static_cast<double>(side.place_um[2]), -40'000, 3);
 }
 
 }  // namespace
