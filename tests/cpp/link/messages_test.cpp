@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 #include <pb_decode.h>
 
+#include <cmath>
+
 #include "support/dense_decoder.h"
 #include "support/dot_picture.h"
 #include "support/test_board.h"
@@ -221,6 +223,54 @@ TEST_F(MessagesTest, QualityIsSentOfDotsAndOfTextures) {
   ASSERT_EQ(quality.size(), path_->markers().size());
   for (size_t i = 0; i < quality.size(); ++i) EXPECT_EQ(quality[i], path_->markers()[i].quality) << i;
   EXPECT_GT(*std::max_element(quality.begin(), quality.end()), 200);
+}
+
+TEST_F(MessagesTest, TargetsSendTheChangeOfTheirAreaAndDotsSendNone) {
+  ruffini_Markers markers = ruffini_Markers_init_zero;
+  decode(encode(ruffini_MessageType_MESSAGE_TYPE_MARKERS), ruffini_Markers_fields, markers);
+  EXPECT_FALSE(markers.has_area);
+
+  BoardSettings tray = board_;
+  tray.stages = {"difference", "targets"};
+  tray.targets = {
+      .places = {{4'000, 4'000}, {12'000, 4'000}, {8'000, 8'500}}, .diameter_um = 2'800, .threshold_1e3 = 400};
+  const std::vector<test::Place> at = {{39.5, 39.5}, {119.5, 39.5}, {79.5, 84.5}};
+  test::DotPicture disc{.gradient = 0, .contrast = 0.8, .diameter_px = 28, .noise = 0};
+  path_ = FramePath::configure(tray, nullptr, still_clock).value();
+  encoder_ = std::make_unique<MessageEncoder>(*path_, kSensor);
+  const Bytes rest = disc.bgr(at, 1);
+  for (int i = 0; i < tray.n_rest_frames; ++i) path_->process(view(rest));
+  for (const double diameter_px : {30.0, 26.0}) {  // nearer, further away; the third is covered
+    disc.diameter_px = diameter_px;
+    path_->process(view(disc.bgr({{at[0].x + 2, at[0].y - 1}, at[1]}, 1)));
+    markers = ruffini_Markers_init_zero;
+    Bytes moved_data;
+    Bytes area_data;
+    markers.displacement.data = {.funcs = {.decode = read_bytes}, .arg = &moved_data};
+    markers.area.data = {.funcs = {.decode = read_bytes}, .arg = &area_data};
+    decode(encode(ruffini_MessageType_MESSAGE_TYPE_MARKERS), ruffini_Markers_fields, markers);
+    EXPECT_EQ(markers.n_x, 3U);
+    EXPECT_EQ(markers.n_y, 1U);
+    ASSERT_EQ(markers.lost.size, 1U);
+    EXPECT_EQ(markers.lost.bytes[0], 4);
+    EXPECT_FALSE(markers.has_quality);
+    ASSERT_TRUE(markers.has_area);
+    EXPECT_EQ(markers.area.n_components, 1U);
+    const std::vector<int32_t> area = values_of(markers.area, area_data);
+    ASSERT_EQ(area.size(), 3U);
+    const double wanted_px2 = std::acos(-1.0) / 4 * (diameter_px * diameter_px - 28.0 * 28.0);
+    for (size_t i = 0; i < 2; ++i) {
+      const Target& target = path_->targets()[i];
+      EXPECT_EQ(area[i], target.now.area_q8 - target.rest.area_q8) << i;
+      EXPECT_NEAR(area[i] / 256.0, wanted_px2, 0.05 * std::abs(wanted_px2)) << i;
+    }
+    const std::vector<int32_t> moved = values_of(markers.displacement, moved_data);
+    ASSERT_EQ(moved.size(), 6U);
+    const double lsb_px = markers.position_lsb_upx * 1e-6;
+    EXPECT_NEAR(moved[0] * lsb_px, 2.0, 0.05);
+    EXPECT_NEAR(moved[1] * lsb_px, -1.0, 0.05);
+    EXPECT_NEAR(moved[2] * lsb_px, 0.0, 0.05);
+  }
 }
 
 TEST_F(MessagesTest, ContactsAreTheStatesOwn) {
