@@ -171,7 +171,7 @@ def _chunks(log: LogWriter) -> list[Path]:
 
 
 def _kept(log: LogWriter) -> tuple[Window, str]:
-    window, session = Window([], [], [], []), ""
+    window, session = Window([], [], [], [], []), ""
     for path in _chunks(log):
         session = read_window(path, window)
     if not window.frames:

@@ -35,7 +35,7 @@ def is_settled(times: Array, facts: dict[str, Any]) -> npt.NDArray[np.bool_]:
 
 
 def estimate(touches: list[TouchRecord], reference: dict[str, Any]) -> dict[str, Any]:
-    """`clocks` and `frame` of a log; where one cannot be told, `why_not` says why.
+    """`clocks`, `frame` and, of a log that has them, `contacts`; where one cannot be told, `why_not` says why.
 
     Parameters
     ----------
@@ -44,7 +44,8 @@ def estimate(touches: list[TouchRecord], reference: dict[str, Any]) -> dict[str,
     """
     sessions = sorted({str(t.facts.get("session", "")) for t in touches})
     clocks = [{"session": s, **_clock([t for t in touches if str(t.facts.get("session", "")) == s])} for s in sessions]
-    return {"clocks": clocks, "frame": _frame(touches, np.array(reference["sigma"], dtype=float))}
+    found = {"clocks": clocks, "frame": _frame(touches, np.array(reference["sigma"], dtype=float))}
+    return found if not any("contact_s" in t.arrays for t in touches) else {**found, "contacts": _contacts(touches)}
 
 
 def _clock(touches: list[TouchRecord]) -> dict[str, Any]:
@@ -86,6 +87,34 @@ def _frame(touches: list[TouchRecord], sigma: Array) -> dict[str, Any]:
     except InputError as error:
         return {"why_not": str(error)}
     return {name: np.asarray(value).tolist() for name, value in fit._asdict().items()}
+
+
+def _contacts(touches: list[TouchRecord]) -> dict[str, Any]:
+    """Of a skin's contacts at the end of each hold: how far off the tip, and their force over the reference's."""
+    rows = [row for t in touches if len(t.arrays["stage_place"]) and (row := _contact_at_tip(t)) is not None]
+    if not rows:
+        return {"why_not": "no contact was seen while a stage held the tip: is the sensor calibrated?"}
+    off_m, gain = np.array([off for off, _ in rows]), np.array([g for _, g in rows])
+    middle = np.median(off_m, axis=0)
+    return {
+        "touches": len(rows), "unseen": len(touches) - len(rows), "offset_m": middle.tolist(),
+        "spread_m": float(np.median(np.linalg.norm(off_m - middle, axis=1))), "gain": float(np.median(gain)),
+        "gain_spread": float(np.median(np.abs(gain - np.median(gain)))),
+    }  # fmt: skip
+
+
+def _contact_at_tip(touch: TouchRecord) -> tuple[Array, float] | None:
+    """Offset (2,) m from the tip of the contact nearest to it, and its force over the reference's."""
+    a, f = touch.arrays, touch.facts
+    held_s = a["stream_s"][is_settled(a["stream_host_s"], f)]
+    if "contact_s" not in a or not np.isin(a["contact_s"], held_s).any():
+        return None
+    kept = np.isin(a["contact_s"], held_s)
+    off_m = a["contact_place"][kept] - a["stage_place"][-1, :2]
+    number = a["contact_number"][kept]
+    nearest = number == number[np.linalg.norm(off_m, axis=1).argmin()]
+    felt_n = float(a["reference_wrench"][is_settled(a["reference_s"], f), 2].mean())
+    return off_m[nearest].mean(axis=0), float(a["contact_force"][kept][nearest].mean() / felt_n)
 
 
 def _settled(touch: TouchRecord) -> tuple[Array, Array, Array]:

@@ -35,9 +35,13 @@ OPTIONAL = {  # clock: array, number of dimensions, unit; a unit of None is fact
     "marker_s": ("marker_displacement", 3, None),
     "image_s": ("image", 4, ""),
 }
+CONTACTS = {  # optional, all or none: a row for each contact in each frame; columns, unit
+    "contact_s": (None, "s"), "contact_number": (None, ""), "contact_place": (2, "m"), "contact_force": (None, "N"),
+    "contact_sigma": (2, "N, m"),
+}  # fmt: skip
 MARKER_PLACE, ACTIVITY = "marker_place", "stream_activity"
 UNITS = {
-    **{name: unit for name, (_, unit) in ARRAYS.items()},
+    **{name: unit for name, (_, unit) in {**ARRAYS, **CONTACTS}.items()},
     **{clock: "s" for clock in OPTIONAL},
     **{name: unit for name, _, unit in OPTIONAL.values()},
     MARKER_PLACE: None,
@@ -171,10 +175,11 @@ def read_log(path: Path) -> Log:
 
 
 def _check(where: str, arrays: dict[str, npt.NDArray[Any]]) -> None:
-    missing = [name for name in ARRAYS if name not in arrays]
+    table = {**ARRAYS, **(CONTACTS if not CONTACTS.keys().isdisjoint(arrays) else {})}
+    missing = [name for name in table if name not in arrays]
     if missing:
         raise InputError(f"{where} lacks {', '.join(missing)}")
-    for name, (columns, _) in ARRAYS.items():
+    for name, (columns, _) in table.items():
         clock = f"{name.split('_')[0]}_s"
         wanted = (len(arrays[clock]),) if columns is None else (len(arrays[clock]), columns)
         if arrays[name].shape != wanted:

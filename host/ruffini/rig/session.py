@@ -86,10 +86,11 @@ def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Wat
     frame_hz = pace.frame_hz or camera.rate_mhz * 1e-3
     dense_every = max(1, round(camera.rate_mhz * 1e-3 / DENSE_HZ))
     image_every = math.ceil(frame_hz * camera.width_px * camera.height_px * 3 / pace.image_bytes_per_s)
+    has_markers = not {"markers", "targets"}.isdisjoint(stages)
     with StreamWatch(
         sensor, field_every=dense_every * ("displacement" in stages),
-        marker_every=dense_every if "operator" in stages else 1,
-        image_every=image_every, stall_s=pace.stall_s,
+        marker_every=has_markers * (dense_every if "operator" in stages else 1),
+        image_every=image_every, contact_every=int("skin" in stages), stall_s=pace.stall_s,
     ) as stream:  # fmt: skip
         stream.wait_for_rest(bits[NO_REFERENCE])
         bad_flags = {bit: name.removeprefix("FLAG_").lower() for name, bit in bits.items()}

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.device import Connection, Field, Wrench
-from ruffini.device.results import Image
+from ruffini.device.results import NOT_MEASURED, Image
 from ruffini.errors import NoDeviceError, RuffiniError
 from ruffini.wire.dense import decode_dense
 
@@ -58,6 +58,20 @@ class ImageSample(NamedTuple):
     step_px: int
 
 
+class ContactSample(NamedTuple):
+    """One contact in one frame, at the sensor's own time; a frame without contacts has none.
+
+    place (2,) m of its centre on the pad, force_n along the outward normal (pressing is negative; NaN where not
+    measured), sigma (2,) N and m, NaN where not stated.
+    """
+
+    stream_s: float
+    number: int  # the same while it lasts
+    place: Array
+    force_n: float
+    sigma: Array
+
+
 class Window(NamedTuple):
     """What arrived in a time."""
 
@@ -65,16 +79,17 @@ class Window(NamedTuple):
     fields: list[FieldSample]
     markers: list[MarkerSample]
     images: list[ImageSample]
+    contacts: list[ContactSample]
 
     def between(self, low_s: float, high_s: float) -> Window:
         """What was measured in a time of the sensor's own clock."""
-        frames, fields, markers, images = (
-            [s for s in samples if low_s < s.stream_s < high_s] for samples in cast(list[list[Any]], list(self))
+        return Window(
+            *([s for s in samples if low_s < s.stream_s < high_s] for samples in cast(list[list[Any]], list(self)))
         )
-        return Window(frames, fields, markers, images)
 
 
-Sample = StreamSample | FieldSample | MarkerSample | ImageSample
+Sample = StreamSample | FieldSample | MarkerSample | ImageSample | ContactSample
+KINDS: tuple[type[Sample], ...] = (StreamSample, FieldSample, MarkerSample, ImageSample, ContactSample)  # of a Window
 
 
 class StreamWatch:
@@ -82,15 +97,15 @@ class StreamWatch:
 
     Parameters
     ----------
-    field_every, marker_every, image_every : each n-th frame's; 0 = none.
+    field_every, marker_every, image_every, contact_every : each n-th frame's; 0 = none.
     stall_s : longer without a frame, and the camera stands still.
     """
 
     def __init__(
         self, sensor: Connection, *, field_every: int = 1, marker_every: int = 0, image_every: int = 0,
-        stall_s: float = STALL_S,
+        contact_every: int = 0, stall_s: float = STALL_S,
     ) -> None:  # fmt: skip
-        sensor.subscribe(wrench=1, field=field_every, markers=marker_every, image=image_every)
+        sensor.subscribe(wrench=1, field=field_every, markers=marker_every, image=image_every, contacts=contact_every)
         self.name, self.stall_s, self.has_images = f"sensor on {sensor.port}", stall_s, image_every > 0
         self._sensor = sensor
         self._samples: list[tuple[float, Sample]] = []  # with the host's time of arrival
@@ -113,17 +128,16 @@ class StreamWatch:
 
     def _run(self) -> None:
         schema = self._sensor.schema
-        readers = {"WRENCH": _frame, "FIELD": _field, "MARKERS": _markers, "IMAGE": _image}
+        readers = {"WRENCH": _frame, "FIELD": _field, "MARKERS": _markers, "IMAGE": _image, "CONTACTS": _contacts}
         by_type = {schema.type_numbers[name]: read for name, read in readers.items()}
         try:
             while not self._stop.is_set():
                 for frame, message in self._sensor.stream(timeout_s=0.1):
                     now = time.monotonic()
-                    sample = by_type[frame.type](now, message) if frame.type in by_type else None
-                    if sample is not None:
-                        with self._lock:
-                            self._samples.append((now, sample))
-                            self._newest = sample if isinstance(sample, StreamSample) else self._newest
+                    made = by_type[frame.type](now, message) if frame.type in by_type else []
+                    with self._lock:
+                        self._samples += [(now, sample) for sample in made]
+                        self._newest = next((s for s in made if isinstance(s, StreamSample)), self._newest)
                     if self._stop.is_set():
                         return
         except RuffiniError as error:
@@ -165,10 +179,8 @@ class StreamWatch:
 
     def since(self, host_s: float) -> Window:
         """What arrived after `host_s`."""
-        window = Window([], [], [], [])
-        of_type: dict[type, list[Any]] = dict(
-            zip((StreamSample, FieldSample, MarkerSample, ImageSample), window, strict=True)
-        )
+        window = Window(*([] for _ in KINDS))
+        of_type: dict[type, list[Any]] = dict(zip(KINDS, window, strict=True))
         with self._lock:
             for arrived_s, sample in self._samples:
                 if arrived_s > host_s:
@@ -181,17 +193,30 @@ class StreamWatch:
             self._samples = [(t, sample) for t, sample in self._samples if t > host_s]
 
 
-def _frame(now: float, message: Any) -> StreamSample:
+def _frame(now: float, message: Any) -> list[Sample]:
     w = Wrench.from_message(message)
-    return StreamSample(now, w.capture_s, w.frame, w.flags, w.values, w.validity)
+    return [StreamSample(now, w.capture_s, w.frame, w.flags, w.values, w.validity)]
 
 
-def _field(_: float, message: Any) -> FieldSample | None:
+def _field(_: float, message: Any) -> list[Sample]:
     field = Field.from_message(message)
-    return None if field.displacement is None else FieldSample(field.capture_s, field.displacement)
+    return [] if field.displacement is None else [FieldSample(field.capture_s, field.displacement)]
 
 
-def _markers(_: float, message: Any) -> MarkerSample | None:
+def _contacts(_: float, message: Any) -> list[Sample]:
+    """Contacts of a skin: their z is out of it everywhere."""
+    stream_s = message.stamp.capture_us * 1e-6
+    made: list[Sample] = []
+    for c in message.contacts:
+        validity = c.force_validity[2] if len(c.force_validity) == 3 else c.validity
+        force_n = np.nan if validity == NOT_MEASURED else c.force_z_un * 1e-6
+        sigma = [c.force_sigma_un * 1e-6 or np.nan, c.center_sigma_um * 1e-6 or np.nan]  # 0: not stated
+        place = np.array([c.center_x_um, c.center_y_um]) * 1e-6
+        made.append(ContactSample(stream_s, c.id, place, force_n, np.array(sigma)))
+    return made
+
+
+def _markers(_: float, message: Any) -> list[Sample]:
     scale = message.position_lsb_upx * 1e-6
     moved, rest, area = (
         decode_dense(d.codec, d.n_x, d.n_y, d.n_components, d.data).reshape(-1, d.n_components)
@@ -200,11 +225,11 @@ def _markers(_: float, message: Any) -> MarkerSample | None:
         for name in ("displacement", "rest", "area")
     )
     if moved is None:
-        return None
+        return []
     displacement = moved * scale if area is None else np.hstack([moved * scale, area / AREA_STEPS])
-    return MarkerSample(message.stamp.capture_us * 1e-6, displacement, None if rest is None else rest * scale)
+    return [MarkerSample(message.stamp.capture_us * 1e-6, displacement, None if rest is None else rest * scale)]
 
 
-def _image(_: float, message: Any) -> ImageSample:
+def _image(_: float, message: Any) -> list[Sample]:
     image = Image.from_message(message)
-    return ImageSample(image.capture_s, image.pixels.copy(), image.step_px)
+    return [ImageSample(image.capture_s, image.pixels.copy(), image.step_px)]

@@ -37,7 +37,7 @@ def record_of(
     delay_s = least_delay_s(window.frames)
     window = window._replace(frames=[f._replace(host_s=f.stream_s + delay_s) for f in window.frames])
     arrays = {
-        **_stream_arrays(window.frames), **_activity(window), **_kept(window, facts),
+        **_stream_arrays(window.frames), **_activity(window), **_contacts(window), **_kept(window, facts),
         "reference_s": np.array([r.host_s for r in readings]),
         "reference_wrench": np.array([r.wrench for r in readings]).reshape(-1, 6),
         "stage_s": np.array([t for t, _ in path]), "stage_place": np.array([p for _, p in path]).reshape(-1, 3),
@@ -69,13 +69,15 @@ def faults_of(
         return [*found, f"{is_seen.sum()} readings of the reference while it was held, {MIN_READINGS} are needed"]
     if facts.get("is_saturated"):
         found.append("the reference was saturated")
-    pressed_n = float(np.linalg.norm(np.nan_to_num(wrench[is_seen, :3].mean(axis=0))))
+    pressed = np.nan_to_num(wrench[is_seen, :3].mean(axis=0))
+    pressed_n = float(np.linalg.norm(pressed))
     if pressed_n < CONTACT_N and facts.get("kind") != TWISTED:
         found.append(f"the reference saw only {pressed_n:.3f} N")
-    seen = arrays["stream_wrench"][is_held, :3]
-    seen_n = float(np.linalg.norm(seen.mean(axis=0))) if len(seen) else np.nan  # NaN where not measured, too
-    if seen_n < SEEN_PART * pressed_n:
-        found.append(f"the sensor saw {seen_n:.3f} N of {pressed_n:.3f} N: is it this pad that was pressed?")
+    seen = arrays["stream_wrench"][is_held, :3].mean(axis=0) if is_held.any() else np.full(3, np.nan)
+    is_measured = np.isfinite(seen)  # a skin measures what is out of it, z, alone
+    seen_n, of_n = float(np.linalg.norm(seen[is_measured])), float(np.linalg.norm(pressed[is_measured]))
+    if seen_n < SEEN_PART * of_n:
+        found.append(f"the sensor saw {seen_n:.3f} N of {of_n:.3f} N: is it this pad that was pressed?")
     left_n = float(np.linalg.norm(np.nan_to_num(wrench[-1, :3])))
     if left_n > FREE_N:
         found.append(f"{left_n:.3f} N stayed after the tip was lifted: the reference drifted, or the tip sticks")
@@ -103,6 +105,18 @@ def activity_of(window: Window) -> Array | None:
 def _activity(window: Window) -> Arrays:
     activity = activity_of(window)
     return {} if activity is None else {ACTIVITY: activity}
+
+
+def _contacts(window: Window) -> Arrays:
+    """Every contact of every frame, one row each."""
+    rows = window.contacts
+    if not rows:
+        return {}
+    return {
+        "contact_s": np.array([c.stream_s for c in rows]), "contact_number": np.array([c.number for c in rows]),
+        "contact_place": np.array([c.place for c in rows]), "contact_force": np.array([c.force_n for c in rows]),
+        "contact_sigma": np.array([c.sigma for c in rows]),
+    }  # fmt: skip
 
 
 def _kept(window: Window, facts: dict[str, Any]) -> Arrays:

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.rig.stream_watch import FieldSample, ImageSample, MarkerSample, StreamSample, Window
+from ruffini.rig.stream_watch import KINDS, Window
 
-KINDS: dict[str, Any] = {"frames": StreamSample, "fields": FieldSample, "markers": MarkerSample, "images": ImageSample}
+NAMED: dict[str, Any] = dict(zip(Window._fields, KINDS, strict=True))
 
 
 def packed(window: Window, session: str) -> bytes:
     """The window as an .npz file."""
     columns: dict[str, npt.NDArray[Any]] = {"session": np.array(session)}
-    for name, kind in KINDS.items():
+    for name, kind in NAMED.items():
         samples = getattr(window, name)
         for field in kind._fields if samples else ():
             values = [getattr(s, field) for s in samples]
@@ -32,7 +32,7 @@ def read_window(path: Path, window: Window) -> str:
     """Add what a file holds to a window; its session."""
     with np.load(path) as file:
         columns = {name: file[name] for name in file.files}
-    for name, kind in KINDS.items():
+    for name, kind in NAMED.items():
         parts = [columns.get(f"{name}.{field}") for field in kind._fields]
         n = 0 if parts[0] is None else len(parts[0])
         getattr(window, name).extend(kind(*(None if p is None else _plain(p[i]) for p in parts)) for i in range(n))

@@ -9,7 +9,7 @@ from ruffini.errors import InputError
 from ruffini.rig.by_log import align, join, record
 from ruffini.rig.found import on_reference_clock
 from ruffini.rig.log_file import LogWriter, read_log
-from ruffini.rig.stream_watch import FieldSample, ImageSample, MarkerSample, StreamSample, Window
+from ruffini.rig.stream_watch import ContactSample, FieldSample, ImageSample, MarkerSample, StreamSample, Window
 from ruffini.rig.window_file import packed, read_window
 
 OFFSET_S, DRIFT, LATE_S = 98765.4, 200e-6, 0.035
@@ -31,7 +31,9 @@ def stream(*, is_blind: bool = False) -> Window:
                                    np.full(6, np.nan) if is_blind else wrench, (1,) * 6))  # fmt: skip
         markers.append(MarkerSample(40 + t, np.full((5, 2), pressed(t)) + 0.01 * rng.normal(size=(5, 2)), None))
     fields = [FieldSample(f.stream_s, np.ones((2, 3, 3))) for f in frames[::3]]
-    return Window(frames, fields, markers, [ImageSample(41.0, np.zeros((4, 4, 3), np.uint8), 1)])
+    contacts = [ContactSample(f.stream_s, 1, np.array([0.003, -0.002]), float(f.wrench[2]), np.array([0.1, 1e-3]))
+                for f in frames if pressed(f.stream_s - 40) > 0]  # fmt: skip
+    return Window(frames, fields, markers, [ImageSample(41.0, np.zeros((4, 4, 3), np.uint8), 1)], contacts)
 
 
 def csv_text(*, header: str = "time_s,fz_N", part: slice = slice(None)) -> str:
@@ -120,9 +122,11 @@ def test_a_touch_with_a_fault_is_left_out_and_named(log, tmp_path):
 
 
 def test_a_window_is_read_as_it_was_written(tmp_path):
-    window, back = stream(), Window([], [], [], [])
+    window, back = stream(), Window([], [], [], [], [])
     (tmp_path / "w.npz").write_bytes(packed(window, "abc"))
     assert read_window(tmp_path / "w.npz", back) == "abc"
     assert [len(part) for part in back] == [len(part) for part in window]
     assert back.frames[7].wrench == pytest.approx(window.frames[7].wrench)
     assert back.markers[3].place is None
+    assert back.contacts[5].number == 1
+    assert back.contacts[5].place == pytest.approx([0.003, -0.002])
