@@ -10,11 +10,13 @@ from typing import Any
 
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.gates import Gate, gates_of, gates_of_stages, judged
+from ruffini.calibrate.gates import Gate, gates_of, gates_of_reference, gates_of_skin, gates_of_stages, judged
+from ruffini.calibrate.skin_judge import judged_presses
 from ruffini.calibrate.stages import STAGES
 from ruffini.calibrate.stages.job import Job, Outcome
 from ruffini.calibrate.touch_log import file_sha256
 from ruffini.errors import InputError, RuffiniError
+from ruffini.rig.log_file import read_log
 
 Tell = Callable[[str, Outcome, float], None]  # stage, how it ended, seconds
 Progress = Callable[[str, float], None]
@@ -62,7 +64,10 @@ def finished(job: Job, outcomes: dict[str, Outcome], serial: str = "*") -> tuple
         now = judged(job.board, container.pack(job.tensors, metadata), log)
         gates = gates_of(job.board, log, outcomes, job.fit, now, previous)
     else:
-        gates = gates_of_stages(outcomes)
+        logs = [path for path in job.paths if path.suffix == ".h5"]
+        gates = [*gates_of_reference([dict(read_log(path).found) for path in logs]), *gates_of_stages(outcomes)]
+        if "skin" in job.board.pipeline.stages and logs:
+            gates += gates_of_skin(judged_presses(job.board, container.pack(job.tensors, metadata), logs))
     residuals: dict[str, Any] = {
         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
         "gates": [gate._asdict() for gate in gates], "logs": {path.name: file_sha256(path) for path in job.paths},

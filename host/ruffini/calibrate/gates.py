@@ -17,6 +17,7 @@ from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.error_model import node_places
 from ruffini.calibrate.material import MIN_TOUCHES, MaterialFit
 from ruffini.calibrate.operator import board_slab
+from ruffini.calibrate.skin_judge import REFERENCE, SAID
 from ruffini.calibrate.stages.job import HELD_S, Outcome, left_after
 from ruffini.calibrate.stages.material import left_out_figures
 from ruffini.calibrate.touch_log import TouchLog
@@ -33,6 +34,9 @@ MAX_INTERVAL = 0.10  # of E, 95 %, half width
 MAX_WORSE = 1.10  # times the previous calibration's error on the same touches
 MAX_REST_N = 0.02  # force of an untouched frame, 99th percentile
 MAX_WRENCH_ERROR = 0.10  # of what an axis was loaded with: RMS on what was left out
+MAX_SKIN_ERROR = 0.10  # of a press left out above 2 N, mean: what brightness alone does without taxels
+HARD_N = 2.0  # below, a skin's force is judged in newtons by what the calibration states, not as a part
+MAX_SKIN_PLACE = 0.5  # of the distance of two openings, mean: nearer to the right one than to the next
 MAX_NORMAL_DEG = 7.0  # of ball presses left out, median: what recorded presses of a good unit reach
 
 
@@ -78,7 +82,7 @@ def gates_of(
     previous: Judged | None,
 ) -> list[Gate]:  # fmt: skip
     """All that can be judged of a fit."""
-    gates = [*_of_log(board, log, fit), *_of_reference(log)]
+    gates = [*_of_log(board, log, fit), *gates_of_reference(log.found)]
     if fit is not None:
         gates += _of_material(fit)
     if now is not None:
@@ -89,7 +93,7 @@ def gates_of(
 def gates_of_stages(outcomes: dict[str, Outcome]) -> list[Gate]:
     """What stages say of themselves, on what they left out of their own fits."""
     gates = []
-    colours, wrench = outcomes.get("photometric"), outcomes.get("wrench")
+    colours, wrench, skin = (outcomes.get(name) for name in ("photometric", "wrench", "skin"))
     if colours is not None and "held_out_normal_median_deg" in colours.report:
         value = float(colours.report["held_out_normal_median_deg"])
         gates.append(_at_most("normals", value, MAX_NORMAL_DEG, "deg, median of ball presses left out"))
@@ -98,7 +102,20 @@ def gates_of_stages(outcomes: dict[str, Outcome]) -> list[Gate]:
             if axis["full_scale"]:
                 part = axis["rmse"] / abs(axis["full_scale"])
                 gates.append(_at_most(f"wrench {name}", part, MAX_WRENCH_ERROR, "of full scale: RMS left out"))
+    if skin is not None and "n_presses" in skin.report:
+        gates += _of_skin(skin.report)
     return gates
+
+
+def _of_skin(report: dict[str, Any]) -> list[Gate]:
+    """Of a glowing skin: each press judged by a fit without it."""
+    force, place = report["force_error_percent"] / 100, report["place_error_mm"] / report["pitch_mm"]
+    return [
+        _at_least("touches", report["n_presses"], MIN_PRESSES, "touches"),
+        _at_least("coverage", report["coverage"], MIN_COVERAGE, "of the skin's parts pressed"),
+        _at_most("skin force", force, MAX_SKIN_ERROR, "of the force: mean of presses left out, above 2 N"),
+        _at_most("skin place", place, MAX_SKIN_PLACE, "of the openings' distance: mean of presses left out"),
+    ]
 
 
 def _at_most(name: str, value: float, limit: float, what: str) -> Gate:
@@ -143,9 +160,19 @@ def _of_log(board: Board, log: TouchLog, fit: MaterialFit | None) -> list[Gate]:
     return gates
 
 
-def _of_reference(log: TouchLog) -> list[Gate]:
+def gates_of_skin(rows: Array) -> list[Gate]:
+    """On the board's integers: `rows` as of `judged_presses`, those above 2 N."""
+    hard = rows[rows[:, REFERENCE] > HARD_N]
+    if not len(hard):
+        return [Gate("on the board", None, None, None, f"no picture of the log is pressed with more than {HARD_N:g} N")]
+    part = np.abs(hard[:, SAID] / hard[:, REFERENCE] - 1)
+    return [_at_most("on the board", float(part.mean()), MAX_SKIN_ERROR, "of the force: mean of the board's integers")]
+
+
+def gates_of_reference(of_logs: list[dict[str, Any]]) -> list[Gate]:
+    """What `cal collect` checked of the reference; `of_logs`: the `found` of each."""
     gates = []
-    for found in log.found:
+    for found in of_logs:
         for name, check in found.get("checks", {}).items():
             if isinstance(check, dict) and "ok" in check:
                 gates.append(Gate(f"reference {name}", check["ok"], None, None, str(check.get("text", ""))))

@@ -85,7 +85,7 @@ def report_of(
     if origin["in_the_fit"]:  # what its own stages found is not in this log any more
         gates += [g for g in gates_in(file) or [] if g.name not in {gate.name for gate in gates}]
     tree = {
-        "board": board.name, "calibration": _about(file), "log": origin, "passed": not failed(gates),
+        "board": board.name, "calibration": about(file), "log": origin, "passed": not failed(gates),
         "gates": [gate._asdict() for gate in gates], "wrench": _errors(log, now),
         "left_out": None if fit is None or fit.n_touches < MIN_TOUCHES else left_out_figures(fit),
         "accuracy_of_presses": curve, "coverage": coverage(board, contact_places(board, log)).tolist(),
@@ -157,7 +157,8 @@ def touch_errors(log: MaterialLog, wrench: Array, touches: npt.NDArray[np.int64]
     return np.array([np.linalg.norm(error[log.touch == t].mean(axis=0)) for t in touches])
 
 
-def _about(file: CalibrationFile) -> dict[str, Any]:
+def about(file: CalibrationFile) -> dict[str, Any]:
+    """What a file says of itself, and what it is."""
     keys = ("created_utc", "tool_version", "sensor_serial", "gel_serial", "optics", "operator.material")
     return {
         "sha256": file.sha256.hex(),
@@ -193,12 +194,17 @@ def _errors(log: TouchLog, now: Judged) -> dict[str, Any]:
 def _ranges(board: Board, log: TouchLog) -> dict[str, Any]:
     """What the log tried: outside of it nothing is known."""
     places, wrench = contact_places(board, log), np.nan_to_num(by_touch(log, log.wrench))
-    warmth = [float(f[CELSIUS]) for f in log.facts if CELSIUS in f]
     return {
         "depth_mm": [float(1e3 * v) for v in (places[:, 2].min(), places[:, 2].max())],
         "normal_force_n": [float(v) for v in (-wrench[:, 2].max(), -wrench[:, 2].min())],
         "shear_force_n": [0.0, float(np.hypot(wrench[:, 0], wrench[:, 1]).max())],
         "x_mm": [float(1e3 * v) for v in (places[:, 0].min(), places[:, 0].max())],
         "y_mm": [float(1e3 * v) for v in (places[:, 1].min(), places[:, 1].max())],
-        "temperature_c": [min(warmth), max(warmth)] if warmth else None,
+        "temperature_c": celsius_range(log.facts),
     }  # fmt: skip
+
+
+def celsius_range(facts: list[dict[str, Any]]) -> list[float] | None:
+    """Coldest and warmest of logs or touches that say it; None: not measured."""
+    warmth = [float(f[CELSIUS]) for f in facts if f.get(CELSIUS) is not None]
+    return [min(warmth), max(warmth)] if warmth else None

@@ -10,7 +10,7 @@ import numpy as np
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.gates import failed
+from ruffini.calibrate.gates import Gate, failed
 from ruffini.calibrate.html_page import Page
 from ruffini.calibrate.report import Report
 
@@ -33,11 +33,8 @@ def write_page(path: Path, board: Board, file: CalibrationFile, report: Report) 
     page.text(f"{tree['calibration']['sha256'][:12]}, made {tree['calibration'].get('created_utc')}, "
               f"{', '.join(file.kinds)}; judged on {tree['log']['touches']} touches of {known} "
               f"({', '.join(tree['log']['files'])})")  # fmt: skip
-    page.heading("Gates")
-    words = {True: ("ok", "ok"), False: ("FAILS", "bad"), None: ("not judged", "open")}
-    page.table(("", "gate", "what"), [(words[g.ok][0], g.name, g.text) for g in report.gates],
-               [words[g.ok][1] for g in report.gates])  # fmt: skip
-    _stages(page, file)
+    gate_table(page, report.gates)
+    stage_table(page, file)
     page.heading("Error of each touch, on the board's integers")
     rows = {"this calibration, RMS": "rmse_n_nm", "what the sensor said meanwhile, RMS": "as_the_sensor_said_n_nm"}
     page.table(("", *AXES), [(name, *_row(tree["wrench"][key])) for name, key in rows.items()])
@@ -62,7 +59,16 @@ def write_page(path: Path, board: Board, file: CalibrationFile, report: Report) 
     page.write(path)
 
 
-def _stages(page: Page, file: CalibrationFile) -> None:
+def gate_table(page: Page, gates: list[Gate]) -> None:
+    """Each gate with its verdict."""
+    page.heading("Gates")
+    words = {True: ("ok", "ok"), False: ("FAILS", "bad"), None: ("not judged", "open")}
+    page.table(("", "gate", "what"), [(words[g.ok][0], g.name, g.text) for g in gates],
+               [words[g.ok][1] for g in gates])  # fmt: skip
+
+
+def stage_table(page: Page, file: CalibrationFile) -> None:
+    """What the stages of the fit said."""
     try:
         stages = json.loads(file.metadata.get("residuals", "{}")).get("stages", {})
     except (ValueError, AttributeError):

@@ -10,7 +10,7 @@ import csv
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -54,6 +54,7 @@ MAX_PLACE_UM = 1_000_000
 SIGMAS = 1.3  # stated over what the fit's own presses err by: other tips and places err more
 PAPER_SIGMA_PX = 2.0  # of the smoothing filter (firmware/image/glow.h)
 N_FOLDS = 5
+CELLS = 3
 
 
 @dataclass(frozen=True)
@@ -104,26 +105,54 @@ def fit_skin(
     InputError
         No glowing skin, points or presses that do not fit.
     """
+    seen = seen_skin(board, points, untouched(board, press_folders(presses, only)[0]))
+    pressed = read_presses(presses, board, seen.openings, lambda done: progress(0.7 * done), only=only)
+    return fit_seen(board, seen, pressed, lambda done: progress(0.7 + 0.3 * done))
+
+
+class SeenSkin(NamedTuple):
+    """The lens, the openings that it sees, and the untouched weighted picture (h, w)."""
+
+    view: TubeView
+    openings: Openings
+    rest: Array
+
+
+def seen_skin(board: Board, points: Array, rest: Array) -> SeenSkin:
+    """Fit the lens to known points and find the openings in an untouched picture (h, w, 3); raises as `fit_skin`."""
     skin = skin_of(board)
     view = fit_view(board, points)
-    rest = weighted(untouched(board, press_folders(presses, only)[0]), skin)
-    openings = find_openings(board, rest, view.project(lattice_mm(board)))
-    pressed = read_presses(presses, board, openings, lambda done: progress(0.7 * done), only=only)
+    light = weighted(rest, skin)
+    return SeenSkin(view, find_openings(board, light, view.project(lattice_mm(board))), light)
+
+
+def fit_seen(board: Board, seen: SeenSkin, pressed: list[Press], progress: Progress = lambda _: None) -> SkinFit:
+    """Fit force, place and reach to presses on openings that were found; raises as `fit_skin`."""
+    view, openings, rest = seen
     layout = layout_of(board, openings.places_mm)
     force, places = fit_force(pressed, layout), fit_places(pressed, layout)
-    progress(0.8)
+    progress(0.3)
     reach = fit_reach(pressed, layout, places)
     apart = max(APART_MARGIN * unexplained(pressed, layout, places, reach), APART_LEAST)
-    progress(0.9)
+    progress(0.6)
     report = _left_out(pressed, layout, force)
     progress(1.0)
     report |= {
         "n_presses": len(pressed), "n_taxels": openings.n_taxels,
         "f_px": view.f, "d_mm": view.d, "k1": view.k1, "k2": view.k2, "points_rmse_px": view.rmse_px,
         "memory": [{"part": float(g), "time_s": t} for g, t in zip(force.parts, TIMES_S, strict=True)],
-        "sink_over_height": force.sink, "hug": force.hug, "apart": apart,
+        "pitch_mm": 1e-3 * min(board.markers.pitch_x_um, board.markers.pitch_y_um) if board.markers else float("nan"),
+        "sink_over_height": force.sink, "hug": force.hug, "apart": apart, "coverage": coverage(board, pressed),
+        "load_n": [float(f(p.force_n.max() for p in pressed)) for f in (min, max)],
     }  # fmt: skip
     return SkinFit(view, openings, layout, force, places, reach, apart, report, openings.base_q2(rest))
+
+
+def coverage(board: Board, presses: list[Press]) -> float:
+    """Part of CELLS x CELLS parts of the skin in which something was pressed."""
+    half_mm = np.array([board.pad.size_x_um, board.pad.size_y_um]) * 5e-4
+    cell = np.clip((np.array([p.place_mm for p in presses]) / half_mm + 1) / 2 * CELLS, 0, CELLS - 1).astype(int)
+    return len(np.unique(cell, axis=0)) / CELLS**2
 
 
 def _left_out(presses: list[Press], layout: Layout, whole: ForceFit) -> dict[str, Any]:
@@ -139,9 +168,11 @@ def _left_out(presses: list[Press], layout: Layout, whole: ForceFit) -> dict[str
     load, off, away = np.concatenate(rows, axis=1)
     part, light = np.abs(off / load)[load > 2], np.abs(off)[load <= 2]
     return {
-        "force_error_percent": float(100 * part.mean()), "force_rms_percent": float(100 * np.sqrt(np.mean(part**2))),
+        "force_error_percent": float(100 * part.mean()) if len(part) else float("nan"),
+        "force_rms_percent": float(100 * np.sqrt(np.mean(part**2))) if len(part) else float("nan"),
         "light_force_rms_n": float(np.sqrt(np.mean(light**2))) if len(light) else 0.2,
-        "place_error_mm": float(away.mean()), "place_rms_mm": float(np.sqrt(np.mean(away[load > 2] ** 2) / 2)),
+        "place_error_mm": float(away.mean()),
+        "place_rms_mm": float(np.sqrt(np.mean(away[load > 2] ** 2) / 2)) if len(part) else float("nan"),
         "faint_place_rms_mm": float(np.sqrt(np.mean(away[load <= 2] ** 2) / 2)) if (load <= 2).any() else 0.0,
     }  # fmt: skip
 

@@ -166,5 +166,5 @@ def errors(presses: list[Press], layout: Layout, force: ForceFit, places: PlaceF
         for frame in np.flatnonzero((press.force_n > PLACED_N) & (press.force_n < FORCE_N[1])):
             error = estimate[frame] - press.force_n[frame]
             out.append((press.force_n[frame], float(error), float(np.linalg.norm(off[frame]))))
-    rows = np.array(out)
+    rows = np.array(out).reshape(-1, 3)
     return rows[:, 0], rows[:, 1], rows[:, 2]

@@ -129,9 +129,14 @@ def read_press(folder: Path, board: Board, openings: Openings) -> Press:
         raise InputError(f"{folder}: the first frame is pressed already: begin with untouched frames")
     skin = skin_of(board)
     light = np.array([openings.light(weighted(picture, skin)) for picture in frames])
+    return Press(folder.name, time_s, force, place, ratio_of(light, n_rest))
+
+
+def ratio_of(light: Array, n_rest: int) -> Array:
+    """Light (t, n) over that of the first `n_rest` frames, less 1 and less what all taxels have in common."""
     change = light / light[:n_rest].mean(axis=0) - 1
     common = np.median(change, axis=1, keepdims=True)
-    return Press(folder.name, time_s, force, place, (change - common) / (1 + common))
+    return np.asarray((change - common) / (1 + common))
 
 
 def read_presses(

@@ -23,6 +23,7 @@ from scipy.optimize import minimize
 from ruffini.boards import Board
 from ruffini.calibrate.skin_presses import Press
 from ruffini.calibrate.skin_rubber import pyramid_force
+from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.intp]
@@ -169,6 +170,8 @@ def fit_force(presses: list[Press], layout: Layout, like: ForceFit | None = None
     at = [peaks(u, layout) for u in u_of]
     kind, q = layout.kind[np.concatenate([a.taxel for a in at])], np.concatenate([a.q for a in at])
     soft = (force > FORCE_N[0]) & (force < SOFT_N)
+    if not soft.any():
+        raise InputError(f"no press is between {FORCE_N[0]:g} and {SOFT_N:g} N: the skin's rubber cannot be fitted")
 
     def made(v: Array) -> ForceFit:
         none = np.zeros(KINDS)

@@ -27,6 +27,7 @@ def fit(
     given: Annotated[
         list[Path] | None, typer.Option("--with", help="File of `cal camera` or `cal photometric` to build on.")
     ] = None,
+    points: Annotated[Path | None, typer.Option(help="Known points of a tube's lens, as of `cal skin`.")] = None,
     skip: Annotated[list[str] | None, typer.Option(help="Stage to leave out; may be given again.")] = None,
     strain: Annotated[str, typer.Option(help="finite for a real pad, or linear.")] = "linear",
     touches: Annotated[int, typer.Option(min=0, help="Simulated touches behind the stated uncertainty.")] = 120,
@@ -48,7 +49,7 @@ def fit(
     job = Job(
         found, logs, None if previous is None else container.read(previous),
         [container.read(path) for path in given or []], balls, None if fleet is None else read_prior(fleet, found),
-        is_finite=strain == "finite", n_error_touches=touches,
+        is_finite=strain == "finite", n_error_touches=touches, points=points,
     )  # fmt: skip
     for file in [*job.parts, *([job.previous] if job.previous else [])]:
         container.check_board(file, found)

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ruffini.cli.common import JsonFlag, emit, note, progress_bar
+
+if TYPE_CHECKING:
+    from ruffini.boards import Board
+    from ruffini.calibrate.container import CalibrationFile
 
 
 def report(
@@ -34,6 +38,8 @@ def report(
     before = None if previous is None else container.read(previous)
     if before is not None:
         container.check_board(before, found)
+    if "skin" in file.kinds:
+        return _of_skin(found, file, logs, out, before, json_)
     with progress_bar("report") as progress:
         log = read_touch_log(logs, found, file, progress=lambda done: progress(0.2 * done))
         made = report_of(
@@ -48,6 +54,26 @@ def report(
         note(f"{row['presses']:3d} presses: force of the others off by {1e3 * row['board']:.1f} mN{known}")
     emit({"page": str(out), **made.tree}, json_,
          f"{out}: force off by {1e3 * made.tree['wrench']['force_rmse_n']:.1f} mN RMS over {log.n_touches} touches; "
+         + ("FAILS " + "; ".join(f"{g.name}: {g.text}" for g in bad) if bad else "passes its gates"))  # fmt: skip
+    if bad:
+        raise typer.Exit(1)
+
+
+def _of_skin(
+    board: Board, file: CalibrationFile, logs: list[Path], out: Path, previous: CalibrationFile | None, json_: bool
+) -> None:
+    """A skin that glows where it is pressed: force and place, by its pictures."""
+    from ruffini.calibrate.gates import failed
+    from ruffini.calibrate.skin_report import skin_report_of, write_skin_page
+    from ruffini.files import write_whole
+
+    with progress_bar("report") as progress:
+        made = skin_report_of(board, file, logs, previous=previous, progress=progress)
+    write_skin_page(out, file, made)
+    write_whole(out.with_suffix(".json"), json.dumps(made.tree, indent=1).encode() + b"\n")
+    bad, figures = failed(made.gates), made.tree["skin"]
+    emit({"page": str(out), **made.tree}, json_,
+         f"{out}: force off by {figures['force_rmse_n']:.2f} N RMS over {made.tree['log']['touches']} touches; "
          + ("FAILS " + "; ".join(f"{g.name}: {g.text}" for g in bad) if bad else "passes its gates"))  # fmt: skip
     if bad:
         raise typer.Exit(1)

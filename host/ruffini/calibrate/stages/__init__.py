@@ -7,7 +7,7 @@ the calibration file, and numbers for the stages after it.
 
 from __future__ import annotations
 
-from ruffini.calibrate.stages import camera, material, noise, operator, photometric, relaxation, threshold, wrench
+from ruffini.calibrate.stages import camera, material, noise, operator, photometric, relaxation, skin, threshold, wrench
 from ruffini.calibrate.stages.job import Stage
 
 STAGES: tuple[Stage, ...] = (
@@ -19,4 +19,5 @@ STAGES: tuple[Stage, ...] = (
     operator.STAGE,
     threshold.STAGE,
     wrench.STAGE,
+    skin.STAGE,
 )

@@ -57,6 +57,7 @@ class Job:
     fleet: Prior | None = None
     is_finite: bool = False
     n_error_touches: int = 0
+    points: Path | None = None  # known points of a tube's lens, as `cal skin` has them
 
     tensors: Tensors = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)

@@ -1,0 +1,187 @@
+"""`cal fit` of a glowing skin on a log whose law is known: pictures as the line brings them, a one-axis reference."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from test_glowing_skin import BOARD, LENS, PARTS, SCALE, SHIFT_MM, A, B
+
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.fit import finished, run_stages
+from ruffini.calibrate.gates import Gate, failed, gates_of_stages
+from ruffini.calibrate.skin_judge import OFF_X, REFERENCE, SAID, judged_presses
+from ruffini.calibrate.skin_log import whole
+from ruffini.calibrate.skin_openings import lattice_mm
+from ruffini.calibrate.skin_report import skin_report_of, write_skin_page
+from ruffini.calibrate.skin_response import TIMES_S, Layout, layout_of, relaxed
+from ruffini.calibrate.skin_rubber import pyramid_force
+from ruffini.calibrate.stages import STAGES
+from ruffini.calibrate.stages.job import Job, Outcome
+from ruffini.errors import InputError
+from ruffini.rig.log_file import Log, TouchRecord, read_log, write_log
+
+Array = npt.NDArray[np.float64]
+STEP_PX, TAKEN = 2, (3, 30, 36, 42)  # pictures: one before, three while it is held
+LEVEL, HALF_PX = 40, 2
+
+
+def pictures(light: Array) -> npt.NDArray[np.uint8]:
+    """Openings as bright squares, `light` (t, n) times their level at rest, each second pixel."""
+    out = np.zeros((len(light), BOARD.camera.height_px, BOARD.camera.width_px, 3), np.uint8)
+    for i, (x, y) in enumerate(np.round(LENS.project(lattice_mm(BOARD))).astype(int)):
+        level = np.clip(np.round(LEVEL * light[:, i]), 0, 255)[:, None, None, None]
+        out[:, y - HALF_PX : y + HALF_PX, x - HALF_PX : x + HALF_PX, :2] = level
+    return out[:, ::STEP_PX, ::STEP_PX]
+
+
+def touch(number: int, place: Array, strength: float, layout: Layout, *, gain: float = 1.0) -> TouchRecord:
+    """Down in 0.5 s, held for 0.7 s; force by the rubber's law with memory."""
+    time_s = np.arange(45) / 30.0
+    way = strength * np.clip((time_s - time_s[8]) / 0.5, 0, 1)
+    off = np.abs(layout.away(place - SHIFT_MM))
+    u = way[:, None] * np.exp(-off[:, 0] / 8 - off[:, 1] / 15)
+    each = SCALE * (pyramid_force(A * u + B) - pyramid_force(np.array(B)))
+    total = np.where(u > 0.02, each, 0).sum(axis=1)
+    force = total - sum(g * relaxed(total, time_s, tau) for g, tau in zip(PARTS, TIMES_S, strict=True))
+    host_s, none = 100.0 + 5 * number + time_s, np.full((len(time_s), 6), np.nan)
+    reference = none.copy()
+    reference[:, 2] = -gain * force
+    arrays = {
+        "stream_s": host_s - 77, "stream_host_s": host_s, "stream_frame": np.arange(45),
+        "stream_flags": np.zeros(45, int), "stream_wrench": none, "stream_validity": np.zeros((45, 6), int),
+        "reference_s": host_s, "reference_wrench": reference,
+        "stage_s": host_s[-1:], "stage_place": np.array([[*place * 1e-3, -1e-3]]),
+        "image_s": host_s[list(TAKEN)] - 77, "image": pictures(np.exp(u[list(TAKEN)])),
+    }  # fmt: skip
+    facts = {"held_host_s": host_s[24], "lifted_host_s": host_s[-1], "touched_host_s": host_s[8],
+             "image_step_px": STEP_PX}  # fmt: skip
+    return TouchRecord(facts, arrays)
+
+
+def skin_log(path: Path, n: int, seed: int, *, gain: tuple[float, float] = (1.0, 1.0), is_unit_ok: bool = True) -> Path:
+    rng, layout = np.random.default_rng(seed), layout_of(BOARD, lattice_mm(BOARD))
+    touches = [touch(i, np.array([rng.uniform(-110, 110), rng.uniform(-54, 54)]), rng.uniform(0.7, 1.6), layout,
+                     gain=gain[i % 2]) for i in range(n)]  # fmt: skip
+    found = {"checks": {"unit": {"ok": is_unit_ok, "text": "as the weight says"}}}
+    write_log(path, Log({"board": BOARD.name, "rig": "sim"}, touches, found))
+    return path
+
+
+@pytest.fixture(scope="module")
+def points(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = np.column_stack([np.linspace(-120, 120, 30), np.tile(np.linspace(-55, 55, 10), 3)])
+    rows = np.column_stack([LENS.project(place), place[:, 1]])
+    path = tmp_path_factory.mktemp("points") / "points.csv"
+    path.write_text("x_px,y_px,z_mm\n" + "\n".join(",".join(f"{v:.3f}" for v in row) for row in rows))
+    return path
+
+
+def fit(
+    path: Path, points: Path | None, skip: frozenset[str] = frozenset(), **more
+) -> tuple[Job, dict[str, Outcome], CalibrationFile, list[Gate]]:
+    job = Job(BOARD, [path], points=points, **more)
+    outcomes = run_stages(job, skip, tell=lambda *_: None)
+    return job, outcomes, *finished(job, outcomes)
+
+
+@pytest.fixture(scope="module")
+def fitted(points: Path, tmp_path_factory: pytest.TempPathFactory):
+    return fit(skin_log(tmp_path_factory.mktemp("log") / "log.h5", 40, seed=3), points)
+
+
+def test_a_log_makes_a_skins_calibration_that_passes(fitted) -> None:
+    _, outcomes, file, gates = fitted
+    report = outcomes["skin"].report
+    assert failed(gates) == []
+    of_the_fit = {"touches", "coverage", "skin force", "skin place"}
+    assert {g.name for g in gates} == {"reference unit", "on the board"} | of_the_fit
+    assert set(file.kinds) == {"skin", "relaxation"}
+    assert report["n_taxels"] == len(lattice_mm(BOARD))
+    assert report["n_presses"] == 40
+    assert report["force_error_percent"] < 5
+    assert report["place_error_mm"] < 2.5
+
+
+def test_presses_that_a_fit_did_not_see_on_the_boards_integers(fitted, tmp_path: Path) -> None:
+    _, _, file, _ = fitted
+    other = skin_log(tmp_path / "other.h5", 10, seed=9)
+    rows = judged_presses(BOARD, file, [other])
+    assert len(rows) == 30
+    hard = rows[rows[:, REFERENCE] > 1.5]
+    assert len(hard) > 6
+    assert np.mean(np.abs(hard[:, SAID] / hard[:, REFERENCE] - 1)) < 0.06
+    assert np.mean(np.linalg.norm(hard[:, OFF_X:], axis=1)) < 2.5
+
+
+def test_report_says_how_well_and_shows_it(fitted, tmp_path: Path) -> None:
+    _, _, file, gates = fitted
+    log = skin_log(tmp_path / "other.h5", 6, seed=21)
+    report = skin_report_of(BOARD, file, [log], previous=file)
+    tree = json.loads(json.dumps(report.tree))
+    assert tree["passed"]
+    assert not tree["log"]["in_the_fit"]
+    assert tree["log"]["touches"] == 6
+    assert tree["skin"] == tree["previous"]
+    assert tree["skin"]["force_rmse_n"] < 0.15
+    assert tree["skin"]["place_error_mm"] < 2.5
+    assert tree["valid_for"]["temperature_c"] is None
+    assert {g["name"] for g in tree["gates"]} == {"reference unit", "on the board"} < {g.name for g in gates}
+    write_skin_page(tmp_path / "report.html", file, report)
+    text = (tmp_path / "report.html").read_text()
+    assert text.count("data:image/png;base64,") == 1
+    assert "SIMULATED" in text
+    assert "288 taxels" in text
+
+
+def test_a_reference_that_is_wrong_by_touch_and_one_that_failed_its_checks_are_refused(
+    points: Path, tmp_path: Path
+) -> None:
+    *_, gates = fit(skin_log(tmp_path / "log.h5", 14, seed=4, gain=(1.0, 1.6), is_unit_ok=False), points)
+    assert {"skin force", "reference unit"} <= {g.name for g in failed(gates)}
+
+
+def test_few_presses_in_one_corner_fail_their_gates() -> None:
+    report = {"n_presses": 4, "coverage": 1 / 9, "force_error_percent": 3.0, "place_error_mm": 8.0, "pitch_mm": 10.0}
+    gates = gates_of_stages({"skin": Outcome("fitted", "", report)})
+    assert {g.name for g in failed(gates)} == {"touches", "coverage", "skin place"}
+
+
+def test_what_is_missing_is_said(fitted, points: Path, tmp_path: Path) -> None:
+    job, *_, before, _ = fitted
+    log = skin_log(tmp_path / "log.h5", 2, seed=5)
+    with pytest.raises(InputError, match="give --points FILE"):
+        fit(log, None)
+    with pytest.raises(InputError, match="needs a calibration that has one"):
+        fit(log, None, skip=frozenset({"skin"}))
+    kept, outcomes, file, _ = fit(log, None, previous=before, skip=frozenset({"skin"}))
+    assert outcomes["skin"].state == "kept"
+    assert set(file.kinds) == {"skin", "relaxation"}
+    for name, tensor in job.tensors.items():
+        np.testing.assert_array_equal(kept.tensors[name], tensor)
+    blind = read_log(log)
+    for one in blind.touches:
+        one.arrays.pop("image"), one.arrays.pop("image_s")
+    write_log(tmp_path / "blind.h5", blind)
+    with pytest.raises(InputError, match="holds no pictures of a press"):
+        fit(tmp_path / "blind.h5", points)
+    write_log(tmp_path / "other.h5", blind._replace(facts={"board": "another"}))
+    with pytest.raises(InputError, match="collected on board 'another'"):
+        fit(tmp_path / "other.h5", points)
+
+
+def test_a_picture_of_each_second_pixel_lies_where_its_pixels_were() -> None:
+    y, x = np.mgrid[: BOARD.camera.height_px, : BOARD.camera.width_px]
+    ramp = np.stack([x // 6, y // 4, 0 * x], axis=2).astype(np.uint8)
+    back = whole(ramp[::2, ::2], 2, BOARD)
+    assert (back[::2, ::2] == ramp[::2, ::2]).all()
+    assert np.abs(back.astype(int) - ramp)[:-2, :-2].max() <= 1
+    with pytest.raises(InputError, match="the board's is 1280 x 720 px"):
+        whole(ramp[::4, ::4], 1, BOARD)
+
+
+def test_a_glowing_board_needs_this_stage_and_no_other_estimator() -> None:
+    assert [s.name for s in STAGES if s.is_needed(Job(BOARD, []))] == ["camera", "skin"]
