@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from ruffini.calibrate import container
@@ -15,6 +16,7 @@ from ruffini.calibrate.skin_judge import judged_presses
 from ruffini.calibrate.stages import STAGES
 from ruffini.calibrate.stages.job import Job, Outcome
 from ruffini.calibrate.touch_log import file_sha256
+from ruffini.calibrate.warmth import celsius_ranges
 from ruffini.errors import InputError, RuffiniError
 from ruffini.rig.log_file import read_log
 
@@ -62,17 +64,29 @@ def finished(job: Job, outcomes: dict[str, Outcome], serial: str = "*") -> tuple
         log = job.log()
         previous = judged(job.board, job.previous, log) if job.previous is not None else None
         now = judged(job.board, container.pack(job.tensors, metadata), log)
-        gates = gates_of(job.board, log, outcomes, job.fit, now, previous)
+        gates, touches = gates_of(job.board, log, outcomes, job.fit, now, previous), log.touch_facts
     else:
         logs = [path for path in job.paths if path.suffix == ".h5"]
-        gates = [*gates_of_reference([dict(read_log(path).found) for path in logs]), *gates_of_stages(outcomes)]
+        found, touches = _said(logs)
+        gates = [*gates_of_reference(found), *gates_of_stages(outcomes)]
         if "skin" in job.board.pipeline.stages and logs:
             gates += gates_of_skin(judged_presses(job.board, container.pack(job.tensors, metadata), logs))
     residuals: dict[str, Any] = {
         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
         "gates": [gate._asdict() for gate in gates], "logs": {path.name: file_sha256(path) for path in job.paths},
+        "valid_for": {"temperature_c": celsius_ranges(touches)},
     }  # fmt: skip
     return container.pack(job.tensors, {**metadata, "residuals": _ascii(residuals)}), gates
+
+
+def _said(logs: list[Path]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """`found` of each log, and the facts of all their touches."""
+    found, touches = [], []
+    for path in logs:
+        log = read_log(path)
+        found.append(dict(log.found))
+        touches += [touch.facts for touch in log.touches]
+    return found, touches
 
 
 def _ascii(tree: dict[str, Any]) -> str:

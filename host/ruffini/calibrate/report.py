@@ -33,6 +33,7 @@ from ruffini.calibrate.prior import Prior, board_prior, next_gel_prior
 from ruffini.calibrate.stages.job import material_of
 from ruffini.calibrate.stages.material import SIGMA_M, TILT_M, left_out_figures
 from ruffini.calibrate.touch_log import TouchLog
+from ruffini.calibrate.warmth import celsius_ranges
 from ruffini.errors import InputError
 from ruffini.fem.operators import Noise
 
@@ -41,7 +42,6 @@ Array = npt.NDArray[np.float64]
 PRESSES = (1, 2, 3, 5, 10, 20, 50, 100)
 DRAWS, SEED = 8, 1  # of presses, for each number of them
 LEAST_JUDGED = 3  # touches that no press of a draw belongs to
-CELSIUS = "temperature_c"  # of a log's or a touch's facts
 
 
 @dataclass(frozen=True)
@@ -200,11 +200,5 @@ def _ranges(board: Board, log: TouchLog) -> dict[str, Any]:
         "shear_force_n": [0.0, float(np.hypot(wrench[:, 0], wrench[:, 1]).max())],
         "x_mm": [float(1e3 * v) for v in (places[:, 0].min(), places[:, 0].max())],
         "y_mm": [float(1e3 * v) for v in (places[:, 1].min(), places[:, 1].max())],
-        "temperature_c": celsius_range(log.facts),
+        "temperature_c": celsius_ranges(log.touch_facts),
     }  # fmt: skip
-
-
-def celsius_range(facts: list[dict[str, Any]]) -> list[float] | None:
-    """Coldest and warmest of logs or touches that say it; None: not measured."""
-    warmth = [float(f[CELSIUS]) for f in facts if f.get(CELSIUS) is not None]
-    return [min(warmth), max(warmth)] if warmth else None

@@ -13,6 +13,7 @@ from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.gates import Gate, failed
 from ruffini.calibrate.html_page import Page
 from ruffini.calibrate.report import Report
+from ruffini.calibrate.warmth import celsius_rows
 
 AXES = ("Fx, N", "Fy, N", "Fz, N", "Tx, N mm", "Ty, N mm", "Tz, N mm")
 UNITS = np.array([1, 1, 1, 1e3, 1e3, 1e3])
@@ -54,9 +55,15 @@ def write_page(path: Path, board: Board, file: CalibrationFile, report: Report) 
     page.picture(_map(board, report), "places of the touches on the pad")
     page.heading("Valid for")
     names = {"depth_mm": "depth, mm", "normal_force_n": "normal force, N", "shear_force_n": "shear force, N",
-             "x_mm": "x, mm", "y_mm": "y, mm", "temperature_c": "temperature, C"}  # fmt: skip
-    page.table(("", "from", "to"), [(names[k], *(v or ("not measured", ""))) for k, v in tree["valid_for"].items()])
+             "x_mm": "x, mm", "y_mm": "y, mm"}  # fmt: skip
+    range_table(page, names, tree["valid_for"])
     page.write(path)
+
+
+def range_table(page: Page, names: dict[str, str], valid_for: dict[str, Any]) -> None:
+    """What a log tried; `names` of its lines but the temperatures'."""
+    rows: list[tuple[Any, ...]] = [(name, *valid_for[key]) for key, name in names.items()]
+    page.table(("", "from", "to"), rows + celsius_rows(valid_for["temperature_c"]))
 
 
 def gate_table(page: Page, gates: list[Gate]) -> None:

@@ -12,12 +12,13 @@ from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.gates import HARD_N, Gate, failed, gates_in, gates_of_reference, gates_of_skin
 from ruffini.calibrate.html_page import Page
-from ruffini.calibrate.report import about, celsius_range
-from ruffini.calibrate.report_page import gate_table, stage_table
+from ruffini.calibrate.report import about
+from ruffini.calibrate.report_page import gate_table, range_table, stage_table
 from ruffini.calibrate.skin_judge import OFF_X, PLACE_X, PLACE_Y, REFERENCE, SAID, TOUCH, judged_presses
 from ruffini.calibrate.skin_log import read_skin_log
 from ruffini.calibrate.skin_presses import Progress
 from ruffini.calibrate.touch_log import file_sha256
+from ruffini.calibrate.warmth import celsius_ranges
 
 Array = npt.NDArray[np.float64]
 
@@ -42,7 +43,7 @@ def skin_report_of(
     gates = [*gates_of_reference([dict(log.found) for log in logs]), *gates_of_skin(rows)]
     if in_the_fit:  # what its stages found on presses left out
         gates += [g for g in gates_in(file) or [] if g.name not in {gate.name for gate in gates}]
-    warmth = celsius_range([touch.facts for log in logs for touch in log.touches])
+    warmth = celsius_ranges(touch.facts for log in logs for touch in log.touches)
     before = None if previous is None else skin_figures(judged_presses(board, previous, paths))
     tree = {
         "board": board.name, "calibration": about(file),
@@ -98,9 +99,8 @@ def write_skin_page(path: Path, file: CalibrationFile, report: SkinReport) -> No
     page.table(("", "force, N RMS", f"force above {HARD_N:g} N, % mean", "place, mm mean", "not told"), said)
     page.picture(_errors(report.rows), "force said against the reference; how far off each place is")
     page.heading("Valid for")
-    names = {"normal_force_n": "force into the skin, N", "x_mm": "x, mm", "y_mm": "y, mm",
-             "temperature_c": "temperature, C"}  # fmt: skip
-    page.table(("", "from", "to"), [(names[k], *(v or ("not measured", ""))) for k, v in tree["valid_for"].items()])
+    names = {"normal_force_n": "force into the skin, N", "x_mm": "x, mm", "y_mm": "y, mm"}
+    range_table(page, names, tree["valid_for"])
     page.write(path)
 
 

@@ -61,6 +61,7 @@ class TouchLog:
     sources: dict[str, Any] = field(default_factory=dict)  # file name: SHA-256
     facts: list[dict[str, Any]] = field(default_factory=list)  # of each file: what it says of itself
     found: list[dict[str, Any]] = field(default_factory=list)
+    touch_facts: list[dict[str, Any]] = field(default_factory=list)  # of each touch of the rig's logs
 
     @property
     def n_touches(self) -> int:
@@ -107,6 +108,7 @@ def _joined(parts: list[TouchLog]) -> TouchLog:
         np.concatenate(numbers), np.concatenate([p.rest for p in parts]), np.concatenate([p.device for p in parts]),
         [s for p in parts for s in p.series], {k: v for p in parts for k, v in p.sources.items()},
         [f for p in parts for f in p.facts], [f for p in parts for f in p.found],
+        [f for p in parts for f in p.touch_facts],
     )  # fmt: skip
 
 
@@ -137,6 +139,7 @@ def _of_log(path: Path, board: Board, colours: CalibrationFile | None) -> TouchL
     return TouchLog(
         np.array(displacement), np.array(wrenches), np.array(numbers), np.concatenate(rest), np.array(devices),
         [_series(log, touch) for touch in log.touches], {path.name: file_sha256(path)}, [log.facts], [dict(log.found)],
+        [touch.facts for touch in log.touches],
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.calibrate.warmth import CELSIUS
 from ruffini.errors import RefusedError
 from ruffini.files import write_whole
 from ruffini.rig import by_hand
@@ -156,6 +157,8 @@ def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     }  # fmt: skip
     facts = {"kind": item.kind, "told": item.told(), **item._asdict(), **how[type(item)](bench, item, path),
              "session": bench.session, "tare": drift.tolist()}  # fmt: skip
+    if warmth := bench.stream.temperatures():
+        facts[CELSIUS] = warmth
     bench.catch_up(facts["lifted_host_s"])
     readings = bench.reference.since(start)
     held = [r for r in readings if facts["held_host_s"] < r.host_s < facts["lifted_host_s"]]

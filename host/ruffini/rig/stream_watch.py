@@ -17,6 +17,7 @@ from ruffini.wire.dense import decode_dense
 Array = npt.NDArray[np.float64]
 
 STALL_S = 2.0
+WARM_S = 5.0  # for so long a temperature is believed; STATUS comes once a second
 AREA_STEPS = 256  # of a square pixel, in MARKERS
 START_S = 20.0  # until it has learned rest
 
@@ -105,11 +106,14 @@ class StreamWatch:
         self, sensor: Connection, *, field_every: int = 1, marker_every: int = 0, image_every: int = 0,
         contact_every: int = 0, stall_s: float = STALL_S,
     ) -> None:  # fmt: skip
-        sensor.subscribe(wrench=1, field=field_every, markers=marker_every, image=image_every, contacts=contact_every)
+        sensor.subscribe(
+            wrench=1, field=field_every, markers=marker_every, image=image_every, contacts=contact_every, status=1
+        )
         self.name, self.stall_s, self.has_images = f"sensor on {sensor.port}", stall_s, image_every > 0
         self._sensor = sensor
         self._samples: list[tuple[float, Sample]] = []  # with the host's time of arrival
         self._newest: StreamSample | None = None
+        self._warmth: tuple[float, dict[str, float]] = (-np.inf, {})  # host time of arrival; degrees by place
         self._error: RuffiniError | None = None
         self._lock, self._stop = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="stream", daemon=True)
@@ -134,6 +138,8 @@ class StreamWatch:
             while not self._stop.is_set():
                 for frame, message in self._sensor.stream(timeout_s=0.1):
                     now = time.monotonic()
+                    if frame.type == schema.type_numbers["STATUS"]:
+                        self._warmth = (now, {t.place: t.milli_celsius * 1e-3 for t in message.temperatures})
                     made = by_type[frame.type](now, message) if frame.type in by_type else []
                     with self._lock:
                         self._samples += [(now, sample) for sample in made]
@@ -176,6 +182,11 @@ class StreamWatch:
     def force(self) -> Array:
         """Force of the newest frame, (3,) N, NaN where not measured; raises as `latest`."""
         return self.latest().wrench[:3]
+
+    def temperatures(self) -> dict[str, float]:
+        """What the device says of its temperatures now, degrees Celsius by place; empty where it says none."""
+        arrived_s, celsius = self._warmth
+        return dict(celsius) if time.monotonic() - arrived_s < WARM_S else {}
 
     def since(self, host_s: float) -> Window:
         """What arrived after `host_s`."""

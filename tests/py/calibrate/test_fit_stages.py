@@ -172,6 +172,24 @@ def test_a_fleet_has_a_spread_outliers_and_a_prior(board: Board, tmp_path: Path)
         fit_fleet([few, few], board, None)
 
 
+def test_temperatures_of_touches_are_in_file_and_report(fitted, board: Board, tmp_path: Path) -> None:  # noqa: F811
+    _, before, _ = fitted
+    path = rig_log(board, tmp_path / "log.h5", 3, seed=7)
+    with h5py.File(path, "r+") as file:
+        for i, celsius in enumerate(({"gel": 24.5, "lamp": 41.0}, {"gel": 31.25}, {})):
+            facts = json.loads(file[f"touch/{i:05d}"].attrs["facts"])
+            file[f"touch/{i:05d}"].attrs["facts"] = json.dumps({**facts, "temperatures_c": celsius})
+    job = Job(board, [path], previous=before)
+    file, _ = finished(job, run_stages(job, frozenset({"material", "operator"}), tell=lambda *_: None))
+    wanted = {"gel": [24.5, 31.25], "lamp": [41.0, 41.0]}
+    assert json.loads(file.metadata["residuals"])["valid_for"]["temperature_c"] == wanted
+    report = report_of(board, file, job.log())
+    assert report.tree["valid_for"]["temperature_c"] == wanted
+    write_page(tmp_path / "report.html", board, file, report)
+    assert "temperature of gel, C" in (tmp_path / "report.html").read_text()
+    assert json.loads(before.metadata["residuals"])["valid_for"]["temperature_c"] is None
+
+
 def test_a_hold_that_is_not_still_is_paired_by_time(board: Board, tmp_path: Path) -> None:  # noqa: F811
     """The reference rises while the frames are kept: each frame has what it read then, not the hold's mean."""
     path = rig_log(board, tmp_path / "log.h5", 2, seed=8)
