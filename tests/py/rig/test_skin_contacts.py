@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
+from ruffini.calibrate.container import CalibrationFile
 from ruffini.errors import InputError
-from ruffini.rig.check import check_weight
+from ruffini.rig.check import allowed_n, check_weight
 from ruffini.rig.found import estimate, on_reference_clock
 from ruffini.rig.log_file import Log, TouchRecord, read_log, write_log
 from ruffini.rig.reference import Reading, pressing
@@ -100,3 +103,12 @@ def test_a_weight_on_a_skin_is_checked_by_what_it_measures():
     bench = type("Bench", (), {"person": person, "weight": None, "stream": stream,
                                "hold": staticmethod(lambda begun: begun + 0.1)})()  # fmt: skip
     assert check_weight(bench, 100, None).ok
+
+
+def test_what_a_skins_weight_may_be_off_is_what_its_presses_were_off():
+    report = {"stages": {"skin": {"force_rms_percent": 4.0, "light_force_rms_n": 0.05}}}
+    file = CalibrationFile({}, {"residuals": json.dumps(report)})
+    assert allowed_n(file, 0.98) == pytest.approx(0.15)
+    assert allowed_n(file, 5.0) == pytest.approx(0.6)
+    kept = CalibrationFile({}, {"residuals": json.dumps({"stages": {"skin": {"state": "kept"}}})})
+    assert allowed_n(kept, 1.0) == allowed_n(None, 1.0)
