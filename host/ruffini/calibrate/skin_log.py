@@ -94,10 +94,21 @@ def log_presses(
 
 
 def untouched_of(log: Log, name: str, board: Board) -> Array:
-    """The first untouched picture of a log, (h, w, 3). Raises InputError where it has none."""
+    """Mean of the untouched pictures of a log, (h, w, 3): in one alone noise hides what is black.
+
+    Raises
+    ------
+    InputError
+        It has none.
+    """
+    total, n = np.zeros((board.camera.height_px, board.camera.width_px, 3)), 0
     for one in pictured_presses(log, name, board):
-        return np.asarray(one.pictures[0], dtype=np.float64)
-    raise InputError(f"{name} holds no pictures of a press: collect it anew, the sensor sends them by itself")
+        for picture in one.pictures[: one.n_rest]:
+            total += picture
+            n += 1
+    if not n:
+        raise InputError(f"{name} holds no pictures of a press: collect it anew, the sensor sends them by itself")
+    return total / n
 
 
 def whole(picture: Picture, step_px: int, board: Board) -> Picture:

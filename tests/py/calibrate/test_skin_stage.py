@@ -14,7 +14,7 @@ from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit import finished, run_stages
 from ruffini.calibrate.gates import Gate, failed, gates_of_stages
 from ruffini.calibrate.skin_judge import OFF_X, REFERENCE, SAID, judged_presses
-from ruffini.calibrate.skin_log import whole
+from ruffini.calibrate.skin_log import untouched_of, whole
 from ruffini.calibrate.skin_openings import lattice_mm
 from ruffini.calibrate.skin_report import skin_report_of, write_skin_page
 from ruffini.calibrate.skin_response import TIMES_S, Layout, layout_of, relaxed
@@ -171,6 +171,13 @@ def test_what_is_missing_is_said(fitted, points: Path, tmp_path: Path) -> None:
     write_log(tmp_path / "other.h5", blind._replace(facts={"board": "another"}))
     with pytest.raises(InputError, match="collected on board 'another'"):
         fit(tmp_path / "other.h5", points)
+
+
+def test_what_is_untouched_is_the_mean_over_touches(tmp_path: Path) -> None:
+    log = read_log(skin_log(tmp_path / "log.h5", 2, seed=5))
+    for one, level in zip(log.touches, (10, 20), strict=True):
+        one.arrays["image"][0] = level
+    assert (untouched_of(log, "log", BOARD) == 15).all()
 
 
 def test_a_picture_of_each_second_pixel_lies_where_its_pixels_were() -> None:

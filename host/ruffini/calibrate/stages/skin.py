@@ -37,7 +37,7 @@ def run(job: Job, progress: Progress) -> Outcome:
         "fitted",
         f"{r['n_taxels']} taxels, {r['n_presses']} presses; left out of the fit they err by "
         f"{r['force_error_percent']:.1f} % in force above 2 N and {r['place_error_mm']:.2f} mm in place; points "
-        f"{r['points_rmse_px']:.2f} px",
+        f"{r['points_rmse_px']:.2f} px; stray light is told by {fit.openings.n_patches} black patches",
         r,
     )
 
