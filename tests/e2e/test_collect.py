@@ -108,13 +108,14 @@ def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path)
     true = Rotation.from_euler("xyz", ASKEW.turn_deg, degrees=True)
     assert np.rad2deg((turn * true.inv()).magnitude()) < 4
     assert log.found["frame"]["arm_m"] == pytest.approx(ASKEW.arm_m, abs=2e-3)
+    ratios = []
     for touch, wanted in zip(log.touches, PLAN, strict=True):
         a, f = touch.arrays, touch.facts
         assert (f["kind"], f["x_m"], f["depth_m"]) == ("press", wanted.x_m, wanted.depth_m)
         truth = reference_in_pad(log, touch)[is_held(a["reference_s"], f)].mean(axis=0)
         seen = a["stream_wrench"][is_held(a["stream_host_s"], f)]
         assert truth[2] < -0.09
-        assert seen[-5:, 2].mean() == pytest.approx(truth[2], rel=0.4, abs=0.05)  # a coarse sensor
+        ratios.append(seen[-5:, 2].mean() / truth[2])
         if wanted.shear_x_m or wanted.shear_y_m:  # the tip pulls the pad along
             assert np.dot(truth[:2], [wanted.shear_x_m, wanted.shear_y_m]) > 0
         assert a["field_displacement"].shape[-1] == 3
@@ -125,6 +126,9 @@ def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path)
             [wanted.x_m + wanted.shear_x_m, wanted.y_m + wanted.shear_y_m, f["contact_z_m"] - wanted.depth_m]
         )
         assert abs(on_reference_clock(log, touch) - a["stream_host_s"]).max() < 0.5
+    # A coarse sensor: each touch is seen with its sign and size, all of them together without a bias.
+    assert 0.4 < min(ratios) <= max(ratios) < 2, ratios
+    assert np.median(ratios) == pytest.approx(1, abs=0.25), ratios
     assert abs(log.found["clocks"][0]["late_s"]) < 0.2  # the camera's pipeline is slower than the reference's
 
 
