@@ -164,6 +164,17 @@ def file_sizes(root: Path) -> list[str]:
     return found
 
 
+def test_module_names(root: Path) -> list[str]:
+    """The test folders are no packages: pytest cannot collect two modules of one name."""
+    first: dict[str, Path] = {}
+    names = sorted(path.relative_to(root) for path in tracked(root) if path.match("test_*.py"))
+    return [
+        f"{path} has the name of {other}: give it one of its own"
+        for path in names
+        if (other := first.setdefault(path.name, path)) != path
+    ]
+
+
 def workplace_paths(root: Path) -> list[str]:
     """No file names a path of the machine that it was written on."""
     text = {".h", ".cpp", ".py", ".md", ".toml", ".txt", ".cmake", ".proto", ".options", ".yml", ".json", ""}
