@@ -143,17 +143,18 @@ void FramePath::run_depth() {
     photometric_->run(state_.difference.change, hidden(), light_.level(), state_.photometric.slope);
     if (camera_map_) camera_map_->rectify(state_.photometric.slope);
   });
-  SaturationCounter& saturations = depth_is_trusted() ? state_.saturations : untrusted_saturations_;
+  SaturationCounter& saturations = light_is_trusted() ? state_.saturations : untrusted_saturations_;
   timed(Stage::kPoisson, [&] { poisson_.run(state_.photometric.slope, state_.poisson.depth, saturations); });
 }
 
 void FramePath::run_displacement() {
   // A table of other optics gives a depth to look at, not one to make forces of.
-  const bool is_measured = depth_is_trusted();
+  const bool is_measured = light_is_trusted();
   displacement_.run(
       markers(),
       is_measured ? std::span<const DisplacementUm>(state_.poisson.depth) : std::span<const DisplacementUm>(),
       state_.displacement.node, state_.saturations);
+  if (marker_depth_) marker_depth_->run(state_.displacement.node, state_.saturations);
   displacement_.mark_filled(markers(), state_.displacement.is_filled);
 }
 
@@ -316,7 +317,7 @@ void FramePath::judge_input() {
 void FramePath::judge() {
   FrameState& s = state_;
   if (!operator_ && !feature_wrench_) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
-  if (!feature_wrench_ && (!photometric_ || is_foreign_optics_)) s.flags |= kFlagUncalibratedZ;
+  if (!feature_wrench_ && !marker_depth_ && (!photometric_ || is_foreign_optics_)) s.flags |= kFlagUncalibratedZ;
   const bool is_wrong = (s.flags & kWrongFlags) != 0;
   if (is_wrong) slip_.forget();
   const auto verdict = [&](bool is_measured, bool is_calibrated) {

@@ -9,6 +9,7 @@
 
 #include "base/result.h"
 #include "estimators/feature_wrench.h"
+#include "estimators/marker_depth.h"
 #include "frame_state.h"
 #include "image/camera_map.h"
 #include "image/light.h"
@@ -83,7 +84,8 @@ class FramePath {
   FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration, ClockFunction clock);
   Status load_tables();
   Status load_camera_map();
-  [[nodiscard]] bool depth_is_trusted() const { return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_; }
+  [[nodiscard]] bool light_is_trusted() const { return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_; }
+  [[nodiscard]] bool depth_is_trusted() const { return marker_depth_ || light_is_trusted(); }
   [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
 
   // What hides the surface, and tells whether the pad is at rest.
@@ -135,6 +137,7 @@ class FramePath {
   bool is_foreign_optics_ = false;
   Poisson poisson_;
   Displacement displacement_;
+  std::optional<MarkerDepth> marker_depth_;  // of boards whose depth comes from the markers
   std::optional<BlockProgram> operator_;
   std::optional<SupportSolver> support_;
   std::optional<FiniteStrain> finite_strain_;

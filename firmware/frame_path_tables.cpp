@@ -62,6 +62,11 @@ Status FramePath::load_tables() {
     photometric_.emplace(board_, table.value());
     is_foreign_optics_ = c.text("optics") != board_.camera.optics;
   }
+  if (board_.depth.source == DepthSource::kMarkers && c.has_kind("marker_depth")) {
+    auto depth = MarkerDepth::load(c, board_);
+    if (!depth) return depth.error();
+    marker_depth_.emplace(std::move(depth).value());
+  }
   if (has(Stage::kOperator) && c.has_kind("operator")) {
     const int n = 3 * nodes_.size().count();
     const std::pair<const char*, int64_t> expected[] = {{"operator.n_x", nodes_.size().n_x},

@@ -91,6 +91,7 @@ void read_skin(BoardReader& in, SkinSettings& skin) {
 
 void read_rest(BoardReader& in, BoardSettings& board) {
   in.section("depth");
+  if (in.has("source") && in.choice("source", {"light", "markers"}) == 1) board.depth.source = DepthSource::kMarkers;
   board.depth.gauge = in.choice("gauge", {"margin", "mean"}) == 0 ? Gauge::kMargin : Gauge::kMean;
   board.depth.margin_um = in.integer("margin_um", 0, kMaxLengthUm);
   board.depth.step_px = static_cast<int>(in.integer("step_px", 1, 4));
@@ -167,6 +168,17 @@ bool has_stage(const BoardSettings& board, const char* name) {
   return std::find(board.stages.begin(), board.stages.end(), name) != board.stages.end();
 }
 
+void check_depth(BoardReader& in, const BoardSettings& board) {
+  if (board.depth.source == DepthSource::kLight) return;
+  if (!has_stage(board, "displacement")) {
+    in.fail("depth.source markers needs the stage displacement");
+  } else if (has_stage(board, "photometric") || has_stage(board, "poisson")) {
+    in.fail("depth.source markers takes no depth from light: leave the stages photometric and poisson out");
+  } else if (board.markers.is_scattered) {
+    in.fail("depth.source markers needs markers.layout lattice");
+  }
+}
+
 void check_targets(BoardReader& in, const BoardSettings& board) {
   const TargetSettings& targets = board.targets;
   if (has_stage(board, "feature_wrench")) {
@@ -221,6 +233,7 @@ void cross_check(BoardReader& in, const BoardSettings& board) {
     in.fail("[window] holds fewer than 2 node lines: widen it or refine [grid]");
   }
   check_markers(in, board);
+  check_depth(in, board);
   check_skin(in, board);
   check_targets(in, board);
   if (board.depth.step_px == 3 || board.camera.width_px % board.depth.step_px != 0 ||

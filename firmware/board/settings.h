@@ -19,6 +19,7 @@ inline constexpr size_t kMaxListedLength = 23;         // of a stage, of a quant
 
 enum class Polarity { kDark, kLight, kTexture };  // dots, or patches of a texture
 enum class Gauge { kMargin, kMean };
+enum class DepthSource { kLight, kMarkers };
 enum class SkinShape { kPlane, kTube, kDome };
 enum class SkinMode { kSingle, kMulti, kAuto };  // one touch, several, or as many as are seen
 
@@ -77,6 +78,7 @@ struct TargetSettings {
 };
 
 struct DepthSettings {
+  DepthSource source = DepthSource::kLight;
   Gauge gauge = Gauge::kMargin;
   int64_t margin_um = 0;
   int step_px = 1;

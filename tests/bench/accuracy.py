@@ -23,11 +23,11 @@ import numpy.typing as npt
 from scipy.interpolate import RectBivariateSpline
 
 from ruffini.bench.ifem import Scores
-from ruffini.bench.markers import NodesOnLattice, marker_places
 from ruffini.bench.states import Recipe, State
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.gauge import gauge_uncertainty_m
+from ruffini.calibrate.marker_lattice import NodesOnLattice, marker_places
 from ruffini.calibrate.material import fit_material, log_from_recording
 from ruffini.calibrate.operator import Material, OperatorKind, board_slab, make_operator, second_pass
 from ruffini.calibrate.pad_view import Pinhole

@@ -19,8 +19,9 @@ from mirror.markers import ABSENT, DX, DY, LOST, Lattice
 from mirror.photometric import Bend, cell_depth, cell_slope, marker_mask, unmix_of_cells
 from mirror.poisson import cos_pi_q30, poisson
 
-from ruffini.bench.markers import NodesOnLattice, fill_lost
+from ruffini.bench.markers import fill_lost
 from ruffini.boards import parse_board
+from ruffini.calibrate.marker_lattice import NodesOnLattice
 
 OpenStages = Callable[[str], tuple[CoreStages, Board]]
 

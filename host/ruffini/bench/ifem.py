@@ -16,11 +16,12 @@ import numpy.typing as npt
 
 from ruffini.bench import coverage, fitted, objects, window
 from ruffini.bench.disturbance import HALF_WHITE_UM, WHITE_UM, Disturbance
-from ruffini.bench.markers import LostMarkers, NodesOnLattice
+from ruffini.bench.markers import LostMarkers
 from ruffini.bench.states import FRESH, JUDGED, LIGHT_N, TUNED, State, make_states
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.error_model import N_TOUCHES, node_places
+from ruffini.calibrate.marker_lattice import NodesOnLattice
 from ruffini.calibrate.operator import OperatorKind, board_slab, make_operator
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.errors import InputError

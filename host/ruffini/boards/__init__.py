@@ -118,6 +118,7 @@ class Targets(Section):
 class Depth(Section):
     """[depth]."""
 
+    source: Literal["light", "markers"] = "light"
     gauge: Literal["margin", "mean"]
     margin_um: LengthUm
     step_px: Annotated[int, Field(ge=1, le=4)]  # 3 is refused below; a Literal would take true and 1.0
@@ -259,6 +260,19 @@ class Board(Section):
         if min(self.camera.width_px, self.camera.height_px) < MIN_TEXTURE_PX:
             raise ValueError(f"markers.polarity texture needs an image of at least {MIN_TEXTURE_PX} pixels a side")
 
+    def _check_depth(self) -> None:
+        stages = self.pipeline.stages
+        if self.depth.source == "light":
+            return
+        if "displacement" not in stages:
+            raise ValueError("depth.source markers needs the stage displacement")
+        if "photometric" in stages or "poisson" in stages:
+            raise ValueError(
+                "depth.source markers takes no depth from light: leave the stages photometric and poisson out"
+            )
+        if self.markers is not None and self.markers.layout != "lattice":
+            raise ValueError("depth.source markers needs markers.layout lattice")
+
     def _check_targets(self) -> None:
         stages, targets = self.pipeline.stages, self.targets
         if "feature_wrench" in stages:
@@ -306,6 +320,7 @@ class Board(Section):
         if rows.stop - rows.start < 2 or columns.stop - columns.start < 2:
             raise ValueError("[window] holds fewer than 2 node lines: widen it or refine [grid]")
         self._check_markers()
+        self._check_depth()
         if self.skin is None and "skin" in self.pipeline.stages:
             raise ValueError("section [skin] is missing")
         self._check_targets()

@@ -27,6 +27,7 @@ KINDS = {
     "contact",
     "dark",
     "finite_strain",
+    "marker_depth",
     "operator",
     "photometric",
     "relaxation",

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from ruffini.boards import Board
 from ruffini.calibrate.error_model import ErrorModel, Estimate, error_tensors, fit_error_model
+from ruffini.calibrate.marker_depth import MarkerDepth, fit_marker_depth
 from ruffini.errors import InputError
 from ruffini.fem.certificate import DISPLACEMENT_LSB_NM
 from ruffini.fem.compile import Compiled, compile_matrix, force_steps
@@ -33,6 +34,7 @@ NORMAL_SCALE = 256  # fraction of `support.normal`'s output
 FRACTION_Q14 = 1 << 14
 MAX_ERROR = 1e-3  # of the operator in integers, relative, on independent displacements and on touches
 N_SAMPLES = 24
+DEPTH_OF_MARKERS_M = 1e-9  # noise of a depth that is not measured by itself: none to speak of
 SCALE_Q16 = 1 << 16
 # Up to here one thread: where other programs run, two wait for each other (five times the time on two busy cores).
 ONE_THREAD_NODES = 1000
@@ -48,6 +50,7 @@ class OperatorKind:
     support: SupportSystem | None
     beyond: FiniteStrain | None
     errors: ErrorModel | None
+    marker_depth: MarkerDepth | None = None  # of boards whose depth comes from the markers
     no_errors: str | None = None  # why no error model could be fitted, though one was asked for
 
 
@@ -150,6 +153,8 @@ def _made(
     is_finite: bool, n_touches: int, progress: Progress,
 ) -> OperatorKind:  # fmt: skip
     has_support = method == "support"
+    depth = fit_marker_depth(board, slab, noise) if board.depth.source == "markers" else None
+    noise = noise if depth is None else depth.noise(noise)
     matrix = force_operator(
         slab,
         "optimal" if has_support else method,
@@ -181,6 +186,8 @@ def _made(
     }
     tensors: Tensors = {}
     _add(tensors, metadata, "operator", compiled)
+    if depth is not None:
+        room = _add_marker_depth(tensors, metadata, depth, sites, room)
     system, beyond, errors, no_errors = None, None, None, None
     if has_support:
         system = support_system(condense(slab), noise, observed_unknowns(board), matrix)
@@ -192,9 +199,10 @@ def _made(
         tensors |= tables
         metadata |= integers
     if system is not None and n_touches > 0:
+        estimate, seen_noise = _as_seen(depth, second_pass(board, matrix, system), noise)
         try:
             errors = fit_error_model(
-                slab, board.observed, second_pass(board, matrix, system), noise, force_step_n=lsb * 1e-6,
+                slab, board.observed, estimate, seen_noise, force_step_n=lsb * 1e-6,
                 threshold_n=board.contact.threshold_un * 1e-6, n_touches=n_touches,
                 progress=lambda done: progress(0.6 + 0.4 * done),
             )  # fmt: skip
@@ -202,7 +210,7 @@ def _made(
         except InputError as error:
             errors, no_errors = None, str(error)
     progress(1.0)
-    return OperatorKind(tensors, metadata, matrix, system, beyond, errors, no_errors)
+    return OperatorKind(tensors, metadata, matrix, system, beyond, errors, depth, no_errors)
 
 
 def second_pass(board: Board, matrix: npt.NDArray[np.float64], system: SupportSystem) -> Estimate:
@@ -217,6 +225,28 @@ def second_pass(board: Board, matrix: npt.NDArray[np.float64], system: SupportSy
         return force.reshape(u.shape), mask
 
     return estimate
+
+
+def _as_seen(depth: MarkerDepth | None, estimate: Estimate, noise: Noise) -> tuple[Estimate, Noise]:
+    """What the error model solves with: where depth comes from the markers only they have noise."""
+    if depth is None:
+        return estimate, noise
+    x_m, y_m, _ = noise.sigma_m
+    return lambda u: estimate(depth.displacement(depth.view.seen_at_nodes(u))), Noise((x_m, y_m, DEPTH_OF_MARKERS_M))
+
+
+def _add_marker_depth(tensors: Tensors, metadata: dict[str, str], depth: MarkerDepth, sites: Sites, room: int) -> int:
+    """The room that is left."""
+    is_depth = sites.axis == 2
+    seen, out = (Sites(sites.place_m[keep], sites.axis[keep]) for keep in (~is_depth, is_depth))
+    samples = touch_samples(sites)[~is_depth]
+    compiled = compile_matrix(
+        depth.matrix, out, seen, "depth from markers", max_error=MAX_ERROR, max_bytes=room, samples=samples
+    )
+    _add(tensors, metadata, "marker_depth", compiled)
+    metadata["marker_depth.sigma_um"] = str(math.ceil(depth.sigma_m * 1e6))
+    metadata["marker_depth.gauge_um"] = str(math.ceil(depth.gauge_m * 1e6))
+    return room - compiled.program.n_bytes
 
 
 def _add(tensors: Tensors, metadata: dict[str, str], name: str, compiled: Compiled) -> None:

@@ -55,6 +55,7 @@ below_um = 2000
 diameter_um = 3000
 threshold_1e3 = 500
 """
+WITHOUT_LIGHT = '["difference", "markers", "displacement", "operator", "support", "wrench", "contacts"]'
 WITH_TARGETS = '["difference", "targets", "feature_wrench"]'
 SKIN = """
 [skin]
@@ -104,6 +105,8 @@ GOOD: dict[str, Change] = {
         put("markers.polarity", '"texture"'),
         put("pipeline.stages", '["difference", "markers", "displacement"]'),
     ),
+    "depth-from-light": add("depth", 'source = "light"'),
+    "depth-from-markers": all_of(add("depth", 'source = "markers"'), put("pipeline.stages", WITHOUT_LIGHT)),
     "scattered": add("markers", 'layout = "scattered"'),
     "scattered-and-listed": all_of(
         add("markers", 'layout = "scattered"\nplaces_um = [[0, 0], [4000, 500], [700, 900], [20000, 16000]]'),
@@ -247,6 +250,18 @@ BAD: dict[str, tuple[Change, str]] = {
     ),
     "polarity-unknown": (put("markers.polarity", '"grey"'), "polarity"),
     "gauge-unknown": (put("depth.gauge", '"guess"'), "gauge"),
+    "source-unknown": (add("depth", 'source = "sonar"'), "source"),
+    "source-twice-measured": (add("depth", 'source = "markers"'), "photometric"),
+    "source-without-displacement": (
+        all_of(add("depth", 'source = "markers"'), put("pipeline.stages", '["difference", "markers"]')), "displacement"
+    ),
+    "source-of-scattered-markers": (
+        all_of(
+            add("depth", 'source = "markers"'), put("pipeline.stages", WITHOUT_LIGHT),
+            add("markers", 'layout = "scattered"'),
+        ),
+        "layout",
+    ),
     "step-float": (put("depth.step_px", "2.0"), "step_px"),
     "step-bool": (put("depth.step_px", "true"), "step_px"),
     "step-3": (put("depth.step_px", "3"), "step_px"),

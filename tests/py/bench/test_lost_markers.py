@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from ruffini.bench.ifem import evaluate, observed
-from ruffini.bench.markers import LostMarkers, NodesOnLattice, fill_lost, marker_places
+from ruffini.bench.markers import LostMarkers, fill_lost
 from ruffini.bench.states import Recipe, State, Touch, make_states
 from ruffini.boards import Board, find_board
+from ruffini.calibrate.marker_lattice import NodesOnLattice, marker_places
 from ruffini.errors import InputError
 
 

@@ -1,0 +1,51 @@
+// Depth from the markers' motion alone, for boards without side light ([depth] source = "markers").
+//
+//   u_z    = D d            a block program, `marker_depth.*`; d as the nodes see it with u_z = 0, x and y interleaved
+//   u_x, y = d + (X + d) u_z / H                        what of the motion was perspective; rounded half up
+//
+// D is the best linear estimate over simulated touches (host/ruffini/calibrate/marker_depth.py): how far a nearly
+// incompressible layer spreads tells how deep it is pressed, and perspective adds its part. A sharp dent leaves little
+// of either, so it comes out too shallow. Without a free constant: far from a touch no marker moves. Not in the paper.
+// Frame thread; no allocation after load.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/fixed.h"
+#include "base/result.h"
+#include "board/settings.h"
+#include "image/displacement.h"
+#include "solve/block_program.h"
+#include "store/calibration.h"
+
+namespace ruffini {
+
+class MarkerDepth {
+ public:
+  // kBadInput where the tables do not fit the board's nodes; kRefused beside the kind `camera`, whose rays are no
+  // pinhole's.
+  [[nodiscard]] static Result<MarkerDepth> load(const Calibration& calibration, const BoardSettings& board);
+
+  // `node`: displacement with u_z = 0 in, the whole one out.
+  void run(std::span<NodeDisplacement> node, SaturationCounter& saturations);
+
+ private:
+  struct Place {
+    int64_t x_q3 = 0;  // from the pad's centre, 1/8 um
+    int64_t y_q3 = 0;
+  };
+
+  MarkerDepth(BlockProgram program, const BoardSettings& board);
+  [[nodiscard]] DisplacementUm without_perspective(DisplacementUm seen, int64_t place_q3, int64_t depth_q3,
+                                                   SaturationCounter& saturations) const;
+
+  BlockProgram program_;
+  int64_t standoff_q3_;
+  std::vector<Place> place_;
+  std::vector<int16_t> seen_;
+  std::vector<int64_t> wide_;
+};
+
+}  // namespace ruffini
