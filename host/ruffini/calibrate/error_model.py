@@ -28,6 +28,9 @@ Progress = Callable[[float], None]
 # Displacement (n_y, n_x, 3) m of the observed nodes -> force (n_y, n_x, 3) N and contact mask (n_y, n_x).
 Estimate = Callable[[Array], tuple[Array, Array]]
 
+# Displacement (n_y, n_x, 3) m of all of the pad's nodes -> that of the observed ones as the board would find it.
+Observe = Callable[[Array, np.random.Generator], Array]
+
 Tensors = dict[str, npt.NDArray[np.generic]]
 
 # Scales and limits of firmware/solve/node_sigma.h and firmware/estimators/wrench_covariance.h.
@@ -83,9 +86,12 @@ def fit_error_model(
     force_step_n: float,
     threshold_n: float,
     n_touches: int = N_TOUCHES,
+    observe: Observe | None = None,
     progress: Progress = lambda _: None,
 ) -> ErrorModel:
     """Press simulated pads, solve as the board would, fit what it gets wrong.
+
+    `observe` takes the place of `noise` where displacement is not seen but estimated.
 
     Raises
     ------
@@ -95,7 +101,7 @@ def fit_error_model(
     places = node_places(slab, observed)
     nodes: list[NodeSample] = []
     wrenches: list[WrenchSample] = []
-    touches = _observations(slab, observed, noise, n_touches, lambda done: progress(0.6 * done))
+    touches = _observations(slab, observed, observe, noise, n_touches, lambda done: progress(0.6 * done))
     with threadpool_limits(limits=1):  # many small solves: more threads cost more than they give
         for i, (touch, u) in enumerate(touches):
             force, mask = estimate(u)
@@ -151,7 +157,7 @@ def _round(force: Array, step_n: float) -> Array:
 
 
 def _observations(
-    slab: Slab, observed: tuple[slice, slice], noise: Noise, n_touches: int, progress: Progress
+    slab: Slab, observed: tuple[slice, slice], observe: Observe | None, noise: Noise, n_touches: int, progress: Progress
 ) -> list[tuple[Touch, Array]]:
     """Touches of four pads off by the material's spread, and the displacement that the board would see."""
     spread, rng = MaterialSpread(), np.random.default_rng(SEED)
@@ -161,7 +167,11 @@ def _observations(
         for k in range(n_touches // len(pads)):
             touch = maker.draw()
             seen = touch.displacement[observed]
-            out.append((touch, seen + _noise(rng, seen.shape, noise, CORRELATED_PART * (k % 2))))
+            if observe is None:
+                seen = seen + _noise(rng, seen.shape, noise, CORRELATED_PART * (k % 2))
+            else:
+                seen = observe(touch.displacement, rng)
+            out.append((touch, seen))
         progress((i + 1) / len(pads))
     return out
 

@@ -79,10 +79,6 @@ class View:
             moved = moved + white_m
         return np.asarray(np.einsum("aj,bi,kjic->kabc", *self.at_nodes, moved, optimize=True))
 
-    def seen_at_nodes(self, u: Array) -> Array:
-        """The same of displacements of the observed nodes (n_y, n_x, 3), as if each were a marker."""
-        return self._projected(self.place_m, u)
-
     def noise_covariance(self, sigma_m: tuple[float, float, float]) -> Array:
         """R of white noise at the markers, of d at the observed nodes, x and y interleaved."""
         weights = np.kron(*self.at_nodes)
@@ -100,15 +96,21 @@ class View:
 class MarkerDepth:
     """`matrix` D (nodes, 2 nodes) without unit, of the observed nodes, and how far off it is on other touches.
 
-    `sigma_m`: root mean square where something presses; `gauge_m`: of the mean over all nodes; `pressed_m`: of the
-    true u_z where something presses, to hold the first against.
+    `white_m`: noise of the markers along x and y. `sigma_m`: root mean square where something presses; `gauge_m`: of
+    the mean over all nodes; `pressed_m`: of the true u_z where something presses, to hold the first against.
     """
 
     matrix: Array
     view: View
+    white_m: tuple[float, float]
     sigma_m: float
     gauge_m: float
     pressed_m: float
+
+    def observe(self, u: Array, rng: np.random.Generator) -> Array:
+        """The observed nodes' displacement that the board would find of one of the whole pad (n_y, n_x, 3), metres."""
+        white = rng.normal(size=self.view.marker_m.shape) * self.white_m
+        return self.displacement(self.view.seen(u[None], white)[0])
 
     def noise(self, noise: Noise) -> Noise:
         """The operator's noise with this depth in the place of one from light."""
@@ -145,10 +147,10 @@ def fit_marker_depth(board: Board, slab: Slab, noise: Noise) -> MarkerDepth:
         cross += depth.T @ seen / (4 * N_TOUCHES)
         square += seen.T @ seen / (4 * N_TOUCHES)
     matrix = np.asarray(la.solve(square, cross.T, assume_a="pos").T)
-    return _judged(board, slab, noise, MarkerDepth(matrix, view, 0.0, 0.0, 0.0))
+    return _judged(board, slab, MarkerDepth(matrix, view, noise.sigma_m[:2], 0.0, 0.0, 0.0))
 
 
-def _judged(board: Board, slab: Slab, noise: Noise, depth: MarkerDepth) -> MarkerDepth:
+def _judged(board: Board, slab: Slab, depth: MarkerDepth) -> MarkerDepth:
     """With what touches of pads off by the material's spread say of it."""
     rng, threshold_n = np.random.default_rng(SEED), board.contact.threshold_un * 1e-6
     off, mean, pressed = [], [], []
@@ -157,8 +159,7 @@ def _judged(board: Board, slab: Slab, noise: Noise, depth: MarkerDepth) -> Marke
         maker = TouchMaker(pad, SEED + 1 + i)
         for _ in range(N_JUDGED // len(pads)):
             touch = maker.draw()
-            white = rng.normal(size=depth.view.marker_m.shape) * noise.sigma_m[:2]
-            found = depth.displacement(depth.view.seen(touch.displacement[None], white)[0])[..., 2]
+            found = depth.observe(touch.displacement, rng)[..., 2]
             true = touch.displacement[board.observed][..., 2]
             is_pressed = touch.force[board.observed][..., 2] < -threshold_n
             off.append((found - true)[is_pressed])

@@ -34,7 +34,6 @@ NORMAL_SCALE = 256  # fraction of `support.normal`'s output
 FRACTION_Q14 = 1 << 14
 MAX_ERROR = 1e-3  # of the operator in integers, relative, on independent displacements and on touches
 N_SAMPLES = 24
-DEPTH_OF_MARKERS_M = 1e-9  # noise of a depth that is not measured by itself: none to speak of
 SCALE_Q16 = 1 << 16
 # Up to here one thread: where other programs run, two wait for each other (five times the time on two busy cores).
 ONE_THREAD_NODES = 1000
@@ -199,11 +198,11 @@ def _made(
         tensors |= tables
         metadata |= integers
     if system is not None and n_touches > 0:
-        estimate, seen_noise = _as_seen(depth, second_pass(board, matrix, system), noise)
         try:
             errors = fit_error_model(
-                slab, board.observed, estimate, seen_noise, force_step_n=lsb * 1e-6,
+                slab, board.observed, second_pass(board, matrix, system), noise, force_step_n=lsb * 1e-6,
                 threshold_n=board.contact.threshold_un * 1e-6, n_touches=n_touches,
+                observe=None if depth is None else depth.observe,
                 progress=lambda done: progress(0.6 + 0.4 * done),
             )  # fmt: skip
             tensors |= error_tensors(errors)
@@ -225,14 +224,6 @@ def second_pass(board: Board, matrix: npt.NDArray[np.float64], system: SupportSy
         return force.reshape(u.shape), mask
 
     return estimate
-
-
-def _as_seen(depth: MarkerDepth | None, estimate: Estimate, noise: Noise) -> tuple[Estimate, Noise]:
-    """What the error model solves with: where depth comes from the markers only they have noise."""
-    if depth is None:
-        return estimate, noise
-    x_m, y_m, _ = noise.sigma_m
-    return lambda u: estimate(depth.displacement(depth.view.seen_at_nodes(u))), Noise((x_m, y_m, DEPTH_OF_MARKERS_M))
 
 
 def _add_marker_depth(tensors: Tensors, metadata: dict[str, str], depth: MarkerDepth, sites: Sites, room: int) -> int:

@@ -116,11 +116,14 @@ def operator(
     error = int(kind.metadata["operator.error_1e9"]) * 1e-9
     seconds = time.perf_counter() - start
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in 1024 bytes
+    depth = kind.marker_depth  # its noise and gauge are those of the markers, whatever the options say
+    gauge_m = gauge_m if depth is None else depth.gauge_m
     result = {"file": str(out), "board": found.name, "method": method, "strain": strain,
               "grid": [int(kind.metadata["operator.n_x"]), int(kind.metadata["operator.n_y"])],
               "rounding_error": error, "bytes": len(file.data), "gauge_um": gauge_m * 1e6,
               "form": kind.metadata["operator.form"], "seconds": seconds, "peak_mb": peak_mb,
               "worst_error_un": [int(v) for v in kind.metadata["operator.worst_error_un"].split(",")],
+              "depth_of_markers_um": None if depth is None else [v * 1e6 for v in (depth.sigma_m, depth.pressed_m)],
               "material": kind.metadata["operator.material"], **said,
               "wrench_error": None if kind.errors is None else kind.errors.wrench.report(),
               "no_error_model": kind.no_errors}  # fmt: skip
@@ -132,6 +135,12 @@ def operator(
         f"{out}: {method} operator of {found.name}, {len(file.data) / 1e6:.1f} MB, rounding error {error:.1e}; "
         f"up to 1 mm a nodal force is off by at most {kind.metadata['operator.worst_error_un']} uN (x, y, z)"
         f"; {seconds:.1f} s, {peak_mb:.0f} MB of memory at most"
+        + (
+            f"; depth from the markers is off by {depth.sigma_m * 1e6:.0f} um of {depth.pressed_m * 1e6:.0f} um "
+            f"where something presses, its gauge by {depth.gauge_m * 1e6:.0f} um"
+            if depth
+            else ""
+        )
         + (f"; ridge weight {chosen:.2g}" if method == "ridge" else "")
         + (
             f" by {weight}: force error {100 * said['force_error']:.0f} % on simulated touches, "

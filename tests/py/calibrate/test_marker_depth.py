@@ -13,6 +13,7 @@ from ruffini.errors import InputError
 from ruffini.fem.operators import Noise
 
 NOISE = Noise((5e-6, 5e-6, 20e-6))
+N_ERROR_TOUCHES = 120
 STAGES = '["difference", "markers", "displacement", "operator", "support", "wrench", "contacts"]'
 
 
@@ -33,16 +34,11 @@ def states(board: Board) -> list[State]:
     return make_states(find_board("gelslim"), FRESH, (0.4, 0.8))
 
 
-def found(depth: MarkerDepth, state: State, rng: np.random.Generator) -> np.ndarray:
-    white = rng.normal(size=depth.view.marker_m.shape) * NOISE.sigma_m[:2]
-    return depth.displacement(depth.view.seen(state.displacement[None], white)[0])
-
-
 def test_it_is_off_by_what_it_says(board: Board, depth: MarkerDepth, states: list[State]) -> None:
     rng, threshold_n = np.random.default_rng(1), board.contact.threshold_un * 1e-6
     off, mean, deep, sideways, flat = [], [], [], [], []
     for state in states:
-        u, pressed = found(depth, state, rng), state.force[..., 2] < -threshold_n
+        u, pressed = depth.observe(state.displacement, rng), state.force[..., 2] < -threshold_n
         error = u - state.displacement
         off.append(error[..., 2][pressed])
         deep.append(state.displacement[..., 2][pressed])
@@ -58,23 +54,26 @@ def test_it_is_off_by_what_it_says(board: Board, depth: MarkerDepth, states: lis
 
 
 def test_force_is_told_within_what_a_spread_of_touches_leaves(board: Board, states: list[State]) -> None:
-    kind = make_operator(board, method="support", noise=NOISE)
+    kind = make_operator(board, method="support", noise=NOISE, n_touches=N_ERROR_TOUCHES)
     assert kind.support is not None
     assert kind.marker_depth is not None
+    assert kind.errors is not None
     estimate, rng = second_pass(board, kind.matrix, kind.support), np.random.default_rng(2)
-    ratio = []
+    stated, ratio, over_stated = kind.errors.wrench, [], []
     for state in states:
-        force, _ = estimate(found(kind.marker_depth, state, rng))
-        ratio.append(force[..., 2].sum() / state.force[..., 2].sum())
+        force, _ = estimate(kind.marker_depth.observe(state.displacement, rng))
+        found, true = force[..., 2].sum(), state.force[..., 2].sum()
+        ratio.append(found / true)
+        if len(state.recipe.touches) == 1:
+            over_stated.append((found - true) / np.hypot(stated.force_n[1], stated.factor[1] * found))
     assert 0.8 < np.mean(ratio) < 1.2, ratio
     assert 0.05 < np.std(ratio) < 0.35, ratio
+    assert 0.5 < np.sqrt(np.mean(np.square(over_stated))) < 1.6, over_stated
 
 
 def test_untouched_is_untouched(depth: MarkerDepth) -> None:
     rng = np.random.default_rng(3)
-    nothing = np.zeros((1, *depth.view.place_m.shape[:2], 3))
-    white = rng.normal(size=depth.view.marker_m.shape) * NOISE.sigma_m[:2]
-    u = depth.displacement(depth.view.seen(nothing, white)[0])
+    u = depth.observe(np.zeros((*depth.view.place_m.shape[:2], 3)), rng)
     assert np.sqrt(np.mean(u[..., 2] ** 2)) < 0.3 * depth.sigma_m
 
 
