@@ -65,7 +65,7 @@ TEST(MarkerDepth, CountsWhatDoesNotFit) {
   auto depth = loaded.depth();
   ASSERT_TRUE(depth);
   std::vector<NodeDisplacement> node(kNodes, seen(0, 0));
-  node[16] = seen(32'767, 0);
+  node[16] = seen(30'000, 0);
   SaturationCounter saturations;
   depth.value().run(node, saturations);
   EXPECT_EQ(node[16].x.raw(), 32'767);
