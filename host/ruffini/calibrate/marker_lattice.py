@@ -24,7 +24,7 @@ def marker_places(board: Board, markers: Markers) -> tuple[Array, Array]:
         The markers are scattered.
     """
     if markers.layout != "lattice":
-        raise InputError(f"board {board.name!r} has scattered markers: this bench is of lattices")
+        raise InputError(f"board {board.name!r} has scattered markers, and this needs a lattice: markers.layout")
     pad = board.pad
     x = markers.first_x_um + markers.pitch_x_um * np.arange(markers.n_x) - pad.size_x_um / 2
     y = markers.first_y_um + markers.pitch_y_um * np.arange(markers.n_y) - pad.size_y_um / 2

@@ -53,7 +53,7 @@ def operator(
         float | None,
         typer.Option(
             help="Uncertainty of the depth's free constant (optimal, support). Without: what the board's [depth] gauge "
-            "is off by under simulated touches."
+            "is off by under simulated touches. Not for depth from markers, which has its own."
         ),
     ] = None,
     tilt_um: Annotated[
@@ -96,6 +96,11 @@ def operator(
     found = find_board(board)
     x, y, z = _micrometres(noise_um)
     known = None if material is None else read_material(material, found)
+    if found.depth.source == "markers" and gauge_um is not None:
+        raise InputError(
+            f"--gauge-um: {found.name!r} takes depth from its markers, whose gauge is judged when the table is fitted: "
+            "leave the option out"
+        )
     gauge_m = gauge_uncertainty_m(found, known) if gauge_um is None else gauge_um * 1e-6
     noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_m, tilt_m=tilt_um * 1e-6)
     memory = None if relaxation is None else read_relaxation(relaxation, found)
@@ -116,7 +121,7 @@ def operator(
     error = int(kind.metadata["operator.error_1e9"]) * 1e-9
     seconds = time.perf_counter() - start
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in 1024 bytes
-    depth = kind.marker_depth  # its noise and gauge are those of the markers, whatever the options say
+    depth = kind.marker_depth
     gauge_m = gauge_m if depth is None else depth.gauge_m
     result = {"file": str(out), "board": found.name, "method": method, "strain": strain,
               "grid": [int(kind.metadata["operator.n_x"]), int(kind.metadata["operator.n_y"])],

@@ -177,3 +177,23 @@ def test_operator_of_a_material_that_cannot_be(files: Files, run: Run, tmp_path:
     assert (code, text) == (2, "")
     assert err.startswith(f"ruffini: {material}: poisson 0.5 is no pad of board 'small'")
     assert not out.exists()
+
+
+def test_operator_of_a_board_whose_depth_is_its_markers(files: Files, run: Run, tmp_path: Path) -> None:
+    text = (files.folder / "board.toml").read_text()
+    text = text[: text.index("stages = ")] + 'stages = ["difference", "markers", "displacement", "operator"]\n'
+    (tmp_path / "small").mkdir()
+    (tmp_path / "small" / "board.toml").write_text(text.replace("[depth]\n", '[depth]\nsource = "markers"\n'))
+    out = tmp_path / "o.safetensors"
+    words = ("cal", "operator", "--board", tmp_path / "small", "--out", out, "--method", "optimal", "--json")
+    code, _, err = run(*words, "--gauge-um", "3")
+    assert code == 2
+    assert "--gauge-um" in err
+    assert not out.exists()
+    code, text, err = run(*words)
+    assert code == 0, err
+    said, file = json.loads(text), container.read(out)
+    assert file.kinds == ["marker_depth", "operator"]
+    off_um, pressed_um = said["depth_of_markers_um"]
+    assert 0.1 * pressed_um < off_um < pressed_um
+    assert int(file.metadata["marker_depth.gauge_um"]) == pytest.approx(said["gauge_um"], abs=1)
