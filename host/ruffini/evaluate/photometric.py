@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board, parse_board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
-from ruffini.calibrate.pad_view import Pinhole
+from ruffini.calibrate.pad_view import MappedCamera, PadView, mm_per_px, pad_view
 from ruffini.calibrate.presses import Press, PressSet, ball_slope
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
@@ -81,20 +81,39 @@ stages = ["difference", "photometric", "poisson"]
 
 @dataclass(frozen=True)
 class View:
-    """How the images are looked at: the board and calibration that run, and the pinhole where there is perspective."""
+    """How the images are looked at: the board and calibration that run, and the camera where there is perspective.
+
+    `ideal_px`: with a camera as measured, where the device's own view has the image's pixels, x and y (2, h, w).
+    """
 
     board: Board
     calibration: bytes
-    camera: Pinhole | None
+    camera: PadView | None
+    ideal_px: npt.NDArray[np.float32] | None = None
+
+    def px_per_mm(self, of_image: float) -> float:
+        """Scale of the device's own view, where that of the image is `of_image`."""
+        c = self.board.camera
+        return of_image if self.ideal_px is None else c.focal_mpx / c.standoff_um
+
+    def in_image(self, values: Array, size: tuple[int, int]) -> Array:
+        """What the device has on its grid of depth cells, at every pixel of an image of `size` (width, height)."""
+        import cv2
+
+        whole = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
+        if self.ideal_px is None:
+            return np.asarray(whole, dtype=np.float64)
+        x, y = self.ideal_px
+        moved = cv2.remap(whole, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(moved, dtype=np.float64)
 
 
 def view_of(board: Board, file: CalibrationFile, shape: tuple[int, ...], px_per_mm: float) -> View:
     """The board itself where the images are its own, else a view of their size and scale with the same table."""
     height, width = shape[:2]
-    camera = board.camera
-    if (width, height) == (camera.width_px, camera.height_px):
-        px = (camera.focal_mpx, camera.center_x_mpx, camera.center_y_mpx, camera.standoff_um)
-        return View(board, file.data, Pinhole(*(value / 1e3 for value in px)))
+    if (width, height) == (board.camera.width_px, board.camera.height_px):
+        camera = pad_view(board, file.tensors, file.metadata)
+        return View(board, file.data, camera, _ideal_px(board, camera) if isinstance(camera, MappedCamera) else None)
     values = {
         "name": board.name,
         "width": width, "height": height, "focal": round(px_per_mm * FAR_MM * 1e3),
@@ -105,6 +124,15 @@ def view_of(board: Board, file: CalibrationFile, shape: tuple[int, ...], px_per_
     other = parse_board(VIEW.format(**values), "the view of the presses")
     table = {name: tensor for name, tensor in file.tensors.items() if name.startswith("photometric.")}
     return View(other, pack(table, base_metadata(other)).data, None)
+
+
+def _ideal_px(board: Board, camera: MappedCamera) -> npt.NDArray[np.float32]:
+    """Where the ideal pinhole, whose slopes and depth the device has, sees what each pixel sees of the flat pad."""
+    c = board.camera
+    px = np.stack(np.meshgrid(np.arange(c.width_px), np.arange(c.height_px)), axis=-1)
+    place_mm, _ = camera.rays(px.reshape(-1, 2).astype(float))
+    ideal = [c.center_x_mpx / 1e3, c.center_y_mpx / 1e3] + place_mm * (c.focal_mpx / c.standoff_um)
+    return np.asarray(ideal.T.reshape(2, *px.shape[:2]), dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -155,6 +183,13 @@ class Judge:
         self.shape = presses.reference.shape[:2]
         self.ball_mm = presses.ball_mm / 2
 
+    def contact_mm(self, circle: Press) -> float:
+        """Radius of the contact on the flat pad."""
+        if self.view.ideal_px is None or self.view.camera is None:
+            return circle.radius_px / self.presses.px_per_mm
+        middle_px = np.array([circle.center_x_px, circle.center_y_px])
+        return circle.radius_px * mm_per_px(self.view.camera, middle_px, 0.0)
+
     def truth(self, circle: Press, inside: float) -> tuple[npt.NDArray[np.bool_], Array]:
         """Pixels inside a part of the circle, and the ball's slope there."""
         return ball_slope(
@@ -173,7 +208,7 @@ class Judge:
         angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
         apart = seen.depth_mm[mask] - self._height(slope)
         ratio, peak_mm = self._peak_to_edge(circle, seen)
-        contact_mm = min(circle.radius_px / self.presses.px_per_mm, self.ball_mm)
+        contact_mm = min(self.contact_mm(circle), self.ball_mm)
         ball_peak_mm = self.ball_mm - float(np.sqrt(self.ball_mm**2 - contact_mm**2))
         return Judgement(float(np.median(angle)), float(apart.std()), ratio, peak_mm, ball_peak_mm)
 
@@ -215,18 +250,19 @@ def _moved(circle: Press, shift: Array) -> Press:
     return Press(circle.path, circle.center_x_px + x, circle.center_y_px + y, circle.radius_px + r)
 
 
-def _surface(pipeline: Pipeline, image: npt.NDArray[np.uint8], px_per_mm: float | None = None) -> Surface:
+def _surface(pipeline: Pipeline, view: View, image: npt.NDArray[np.uint8], px_per_mm: float | None = None) -> Surface:
     """Slope and depth of an image, brought to its pixels; with `px_per_mm` the slope is the depth's own."""
     import cv2
 
     pipeline.process(image)
-    size = image.shape[1::-1]
-    if px_per_mm is not None:
-        depth = np.asarray(cv2.resize(pipeline.depth_m() * 1e3, size), dtype=np.float64)
-        along_y, along_x = np.gradient(cv2.GaussianBlur(depth, (0, 0), DEPTH_SMOOTHED_PX) * px_per_mm)
-        return Surface(np.stack([along_x, along_y], axis=-1), depth)
-    slope = cv2.resize(pipeline.raw("slope") / 4096, size, interpolation=cv2.INTER_LINEAR)
-    return Surface(np.asarray(slope), np.asarray(cv2.resize(pipeline.depth_m() * 1e3, size)))
+    height, width = image.shape[:2]
+    depth, size = pipeline.depth_m() * 1e3, (width, height)
+    if px_per_mm is None:
+        slope = pipeline.raw("slope") / 4096
+    else:
+        along_y, along_x = np.gradient(cv2.GaussianBlur(cv2.resize(depth, size), (0, 0), DEPTH_SMOOTHED_PX) * px_per_mm)
+        slope = np.stack([along_x, along_y], axis=-1)
+    return Surface(view.in_image(slope, size), view.in_image(depth, size))
 
 
 def _read(path: Path, shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
@@ -253,33 +289,36 @@ def evaluate(
     view = view_of(board, file, presses.reference.shape, presses.px_per_mm)
     judge = Judge(presses, view)
     is_of_depth = "photometric.depth" in file.tensors
-    own_slope = presses.px_per_mm if is_of_depth else None
+    own_slope = view.px_per_mm(presses.px_per_mm) if is_of_depth else None
     rows, surfaces = [], []
     with Pipeline(view.board, view.calibration) as pipeline:
         pipeline.set_rest(presses.reference)
         for done, press in enumerate(presses.presses):
-            seen = _surface(pipeline, _read(press.path, presses.reference.shape), own_slope)
+            seen = _surface(pipeline, view, _read(press.path, presses.reference.shape), own_slope)
             best = judge.refit(press, seen)
             rows.append({
                 "image": press.path.name,
-                "at_equator": press.radius_px >= EQUATOR * judge.ball_mm * presses.px_per_mm,
+                "at_equator": judge.contact_mm(press) >= EQUATOR * judge.ball_mm,
                 "marked": judge.judge(press, seen).row(), "refitted": judge.judge(best, seen).row(),
                 "correction_px": [best.center_x_px - press.center_x_px, best.center_y_px - press.center_y_px,
                                   best.radius_px - press.radius_px],
             })  # fmt: skip
             surfaces.append(seen)
             progress((done + 1) / len(presses.presses))
-        still = _untouched(pipeline, presses, untouched, references)
+        still = _untouched(pipeline, view, presses, untouched, references)
     result = {
         "source": "intensity" if is_of_depth else "colour", "circles": "found" if presses.is_found else "marked",
-        "board": board.name, "is_own_view": view.board is board, "inside": INSIDE,
-        "n_presses": len(rows), "marked": summary(rows, "marked"), "refitted": summary(rows, "refitted"),
+        "board": board.name, "is_own_view": view.board is board, "has_measured_camera": view.ideal_px is not None,
+        "inside": INSIDE, "n_presses": len(rows), "marked": summary(rows, "marked"),
+        "refitted": summary(rows, "refitted"),
         "untouched": {"n": len(still), "rms_um": still, "worst_um": max(still) if still else None}, "presses": rows,
     }  # fmt: skip
     return result, surfaces
 
 
-def _untouched(pipeline: Pipeline, presses: PressSet, images: list[Path], references: list[Path]) -> list[float]:
+def _untouched(
+    pipeline: Pipeline, view: View, presses: PressSet, images: list[Path], references: list[Path]
+) -> list[float]:
     """RMS depth of each untouched image, micrometres."""
     shape = presses.reference.shape
     pairs = [(_read(path, shape), presses.reference) for path in images]
@@ -291,7 +330,7 @@ def _untouched(pipeline: Pipeline, presses: PressSet, images: list[Path], refere
     out = []
     for image, rest in pairs:
         pipeline.set_rest(rest)
-        out.append(float(np.sqrt((_surface(pipeline, image).depth_mm ** 2).mean()) * 1e3))
+        out.append(float(np.sqrt((_surface(pipeline, view, image).depth_mm ** 2).mean()) * 1e3))
     return out
 
 
@@ -312,7 +351,8 @@ def table(result: dict[str, Any]) -> str:
     """The result as text."""
     lines = [
         f"{result['n_presses']} presses, inside {result['inside']} of the contact radius; circle as "
-        f"{result['circles']} | refitted within {REFIT_PX:.0f} px",
+        f"{result['circles']} | refitted within {REFIT_PX:.0f} px"
+        + ("; camera as measured" if result["has_measured_camera"] else ""),
         f"{'image':16} normals, deg    cap RMS, mm        peak to edge      dx, dy, dr px",
     ]
     for row in result["presses"]:

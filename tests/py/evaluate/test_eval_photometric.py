@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
+from ruffini.calibrate.camera import CameraModel, Lens, tables
 from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
 from ruffini.calibrate.presses import load_presses, reference_images
 from ruffini.cli.app import app
@@ -22,6 +23,7 @@ from ruffini.evaluate.photometric import evaluate, table
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "gelsight-mini")
 BALL_MM, PX_PER_MM = 5.0, 300 / 19.02  # the scale of BOARD
 LAMPS = np.array([[0.5, 0.1], [-0.2, 0.45], [-0.25, -0.5]])  # relative change of B, G, R per unit normal x, y
+Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint8]
 
 
@@ -104,6 +106,75 @@ def test_a_table_of_other_colours_is_told(calibration: Path, tmp_path: Path) -> 
     judged = evaluate(load_presses(folder), flat, BOARD, [], reference_images(folder))[0]
     assert judged["marked"]["peak_to_edge_median"] < 0.6
     assert judged["marked"]["normal_median_deg"] > 8
+
+
+TURN = 0.12  # of the camera about the image's x
+LENS = Lens(np.array([[270.0, 0, 163], [0, 270.0, 117], [0, 0, 1]]), np.array([-0.35, 0.1, 0, 0, 0]), False)
+
+
+def bent_camera() -> CameraModel:
+    """A lens of strong barrel distortion, mounted askew, that looks at the pad from about where the board says."""
+    c, s = np.cos(TURN), np.sin(TURN)
+    turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    middle = LENS.directions(np.array([[159.5, 119.5]]))[0] @ turn.T
+    distance_mm = 270 / PX_PER_MM
+    return CameraModel(LENS, turn, -middle / middle[2] * distance_mm)
+
+
+def draw_through(
+    px: Array, rays: tuple[Array, Array], rng: np.random.Generator, touch_mm: Array | None
+) -> tuple[Picture, Array]:
+    """What a camera sees of a flat pad with a ball pressed into it, ray by ray; contact's middle and radius, px."""
+    contact_mm = 1.5
+    place_um, slope = rays
+    normal, circle = np.zeros((len(px), 2)), np.zeros(3)
+    if touch_mm is not None:
+        rim = -(contact_mm**2) / BALL_MM
+        center = rim + np.sqrt(BALL_MM**2 / 4 - contact_mm**2)
+        start = np.column_stack([place_um / 1e3 - touch_mm, np.full(len(px), -center)])
+        way = np.column_stack([slope, np.ones(len(px))])
+        a, b = (way**2).sum(axis=1), (start * way).sum(axis=1)
+        inside = b**2 - a * ((start**2).sum(axis=1) - BALL_MM**2 / 4)
+        on_ball = start + ((-b - np.sqrt(np.maximum(inside, 0))) / a)[:, None] * way
+        away = np.hypot(*on_ball[:, :2].T)
+        is_held = (inside > 0) & (away < contact_mm)
+        free = place_um / 1e3 + rim * slope - touch_mm
+        away_free = np.maximum(np.hypot(*free.T), contact_mm)
+        fade = np.clip(2 - away_free / contact_mm, 0, 1) * contact_mm / away_free
+        normal = np.where(is_held[:, None], on_ball[:, :2], free * fade[:, None]) / (BALL_MM / 2)
+        circle = np.array([*px[is_held].mean(axis=0), np.sqrt(is_held.sum() / np.pi)])
+    level = 120 * (1 + normal @ LAMPS.T) + rng.normal(0, 1, (len(px), 3))
+    return np.asarray(np.clip(np.round(level), 0, 255).reshape(240, 320, 3), dtype=np.uint8), circle
+
+
+def test_presses_through_a_bent_lens_are_judged_by_the_camera_as_measured(calibration: Path, tmp_path: Path) -> None:
+    rng, camera, folder = np.random.default_rng(6), bent_camera(), tmp_path / "presses"
+    px = np.stack(np.meshgrid(np.arange(320), np.arange(240)), axis=-1).reshape(-1, 2).astype(float)
+    rays = camera.rays(px)
+    folder.mkdir()
+    cv2.imwrite(str(folder / "reference.png"), draw_through(px, rays, rng, None)[0])
+    lines = ["image,center_x_px,center_y_px,contact_radius_px"]
+    for i, touch_mm in enumerate(np.array([[-5.5, -3.5], [0.5, 0.3], [5.0, 3.5]])):
+        picture, (x, y, r) = draw_through(px, rays, rng, touch_mm)
+        cv2.imwrite(str(folder / f"{i}.png"), picture)
+        lines.append(f"{i}.png,{x:.2f},{y:.2f},{r:.2f}")
+    (folder / "presses.csv").write_text("\n".join(lines) + "\n")
+    (folder / "presses.toml").write_text(f"ball_mm = {BALL_MM}\npx_per_mm = {PX_PER_MM}\n")
+    colours = container.read(calibration)
+    measured, metadata = tables(camera, BOARD)
+    whole = container.pack({**colours.tensors, **measured}, {**container.base_metadata(BOARD), **metadata})
+    as_measured, as_pinhole = (
+        evaluate(load_presses(folder), file, BOARD, [], reference_images(folder))[0] for file in (whole, colours)
+    )
+    assert as_measured["has_measured_camera"]
+    assert "camera as measured" in table(as_measured)
+    assert not as_pinhole["has_measured_camera"]
+    assert as_measured["refitted"]["normal_worst_deg"] < 0.8
+    assert as_measured["marked"]["normal_worst_deg"] < 2.0 < as_pinhole["marked"]["normal_worst_deg"] - 1
+    assert as_pinhole["refitted"]["normal_median_deg"] > 2 * as_measured["refitted"]["normal_median_deg"]
+    for height in ("peak_to_edge_least", "peak_to_edge_most"):
+        assert as_measured["marked"][height] == pytest.approx(1, abs=0.05)
+    assert as_pinhole["marked"]["peak_to_edge_most"] > 1.08
 
 
 def test_the_verb(calibration: Path, tmp_path: Path) -> None:
