@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -57,8 +57,10 @@ def run_stages(
     return outcomes
 
 
-def finished(job: Job, outcomes: dict[str, Outcome], serial: str = "*") -> tuple[CalibrationFile, list[Gate]]:
-    """The calibration file with stages, gates and origin in its manifest, and the gates."""
+def finished(
+    job: Job, outcomes: dict[str, Outcome], serial: str = "*", *, more: Sequence[Gate] = ()
+) -> tuple[CalibrationFile, list[Gate]]:
+    """The calibration file with stages, gates (`more`: judged elsewhere) and origin in its manifest, and the gates."""
     metadata = {**job.header(), "sensor_serial": serial}
     if "operator" in job.board.pipeline.stages:
         log = job.log()
@@ -71,6 +73,7 @@ def finished(job: Job, outcomes: dict[str, Outcome], serial: str = "*") -> tuple
         gates = [*gates_of_reference(found), *gates_of_stages(outcomes)]
         if "skin" in job.board.pipeline.stages and logs:
             gates += gates_of_skin(judged_presses(job.board, container.pack(job.tensors, metadata), logs))
+    gates += more
     residuals: dict[str, Any] = {
         "stages": {name: {"state": o.state, "text": o.text, **o.report} for name, o in outcomes.items()},
         "gates": [gate._asdict() for gate in gates], "logs": {path.name: file_sha256(path) for path in job.paths},

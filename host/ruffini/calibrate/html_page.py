@@ -32,6 +32,14 @@ class Page:
         """A paragraph; kind is a class of STYLE."""
         self._parts.append(f'<p class="{kind}">{html.escape(text)}</p>')
 
+    def link(self, target: str, text: str) -> None:
+        """To a page beside this one."""
+        self._parts.append(f'<p><a href="{html.escape(target)}">{html.escape(text)}</a></p>')
+
+    def verdict(self, text: str, *, is_good: bool) -> None:
+        """What all of it comes to."""
+        self.text(text, f"verdict {'ok' if is_good else 'bad'}")
+
     def table(self, head: Sequence[str], rows: Sequence[Sequence[Any]], kinds: Sequence[str] = ()) -> None:
         """Rows of text and numbers; kinds: a class for each row."""
         lines = ["<table><tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"]
@@ -48,7 +56,7 @@ class Page:
         import matplotlib.pyplot as plt
 
         stream = io.BytesIO()
-        figure.savefig(stream, format="png", dpi=100)
+        figure.savefig(stream, format="png", dpi=100, bbox_inches="tight")
         plt.close(figure)
         data = base64.b64encode(stream.getvalue()).decode()
         self._parts.append(f'<img alt="{html.escape(what)}" src="data:image/png;base64,{data}">')

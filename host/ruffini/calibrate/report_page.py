@@ -27,9 +27,7 @@ def write_page(path: Path, board: Board, file: CalibrationFile, report: Report) 
     tree = report.tree
     page = Page(f"Calibration of {board.name}" + (", SIMULATED" if tree["log"]["simulated"] else ""))
     bad = failed(report.gates)
-    page.text(
-        "FAILS: " + "; ".join(g.name for g in bad) if bad else "Passes its gates", f"verdict {'bad' if bad else 'ok'}"
-    )
+    page.verdict("FAILS: " + "; ".join(g.name for g in bad) if bad else "Passes its gates", is_good=not bad)
     known = "the log that it was fitted to" if tree["log"]["in_the_fit"] else "a log that it was not fitted to"
     page.text(f"{tree['calibration']['sha256'][:12]}, made {tree['calibration'].get('created_utc')}, "
               f"{', '.join(file.kinds)}; judged on {tree['log']['touches']} touches of {known} "

@@ -84,9 +84,7 @@ def write_skin_page(path: Path, file: CalibrationFile, report: SkinReport) -> No
     tree, figures = report.tree, report.tree["skin"]
     page = Page(f"Calibration of {tree['board']}" + (", SIMULATED" if tree["log"]["simulated"] else ""))
     bad = failed(report.gates)
-    page.text(
-        "FAILS: " + "; ".join(g.name for g in bad) if bad else "Passes its gates", f"verdict {'bad' if bad else 'ok'}"
-    )
+    page.verdict("FAILS: " + "; ".join(g.name for g in bad) if bad else "Passes its gates", is_good=not bad)
     known = "the log that it was fitted to" if tree["log"]["in_the_fit"] else "a log that it was not fitted to"
     page.text(f"{tree['calibration']['sha256'][:12]}, {', '.join(file.kinds)}; judged on {tree['log']['touches']} "
               f"touches of {known} ({', '.join(tree['log']['files'])})")  # fmt: skip

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.calibrate.container import Tensors
+from ruffini.calibrate.container import CalibrationFile, Tensors
 from ruffini.calibrate.feature_log import Features
-from ruffini.calibrate.wrench_map import TIMES_S, Fit
+from ruffini.calibrate.wrench_map import TIMES_S, Fit, WrenchMap
 from ruffini.errors import InputError
 
 FINE = 16e6  # steps of 1/16 uN or 1/16 uN mm in a newton or N mm
@@ -47,6 +47,25 @@ def tables(fit: Fit, features: Features) -> tuple[Tensors, dict[str, str]]:
         tensors["wrench.relax_time_ms"] = np.array([round(1e3 * t) for t in TIMES_S], np.int32)
         tensors["wrench.relax_part"] = _held(found.relax * PART, PART, "relaxation")
     return tensors, {"wrench.features": features.sort, "residuals": json.dumps(fit.report())}
+
+
+def map_in(file: CalibrationFile) -> WrenchMap:
+    """The map that a file's tables say, in float.
+
+    Raises
+    ------
+    InputError
+        It has none.
+    """
+    if "wrench" not in file.kinds:
+        raise InputError("this calibration has no wrench of features: there is nothing to judge")
+    t = {name.removeprefix("wrench."): np.asarray(v, float) for name, v in file.tensors.items()}
+    relax = np.zeros((len(TIMES_S), 6))
+    if "relax_part" in t:
+        relax = t["relax_part"] / PART
+    gain = t["gain"] / (FINE * 2.0 ** t["shift"][:, None])
+    return WrenchMap(gain, t["full_scale"] / MICRO, t["square"] / FINE, relax, t["forward"], t["tolerance"],
+                     t["error"] / MICRO)  # fmt: skip
 
 
 def _held(values: npt.NDArray[np.float64], limit: int, what: str) -> I32:

@@ -6,19 +6,19 @@ import contextlib
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note
 from ruffini.cli.device import open_sensor
-from ruffini.errors import InputError
+from ruffini.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     from ruffini.boards import Board
     from ruffini.calibrate.container import CalibrationFile
     from ruffini.demo.auto import Opened, Site
-    from ruffini.demo.twin_session import TwinOptions
+    from ruffini.demo.auto_tasks import Task
 
 SIMULATED = "sim"
 
@@ -28,85 +28,138 @@ def auto(
     rig: Annotated[str, typer.Option("--rig", help="File of the bench (host/ruffini/rig/README.md), or sim.")],
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", help="Folder for logs, calibrations and the page; given again, goes on. Default: a new one."
-        ),
+        typer.Option("--out", help="Folder for logs, calibrations, pages; given again, goes on. Default: a new one."),
     ] = None,
+    previous: Annotated[
+        Path | None, typer.Option(help="Calibration that is in force now: kept where the new one is no better.")
+    ] = None,
+    points: Annotated[Path | None, typer.Option(help="Known points of a tube's lens, as of `cal skin`.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few touches: for a first look and for CI.")] = False,
-    depth_mm: Annotated[float, typer.Option(min=0.05, max=10, help="Deepest press below the contact.")] = 0.8,
-    shear_mm: Annotated[float, typer.Option(min=0, max=5, help="How far it goes sideways.")] = 0.3,
+    depth_mm: Annotated[
+        float | None, typer.Option(min=0.05, max=10, help="Deepest press below the contact. Default: the estimator's.")
+    ] = None,
+    shear_mm: Annotated[
+        float | None, typer.Option(min=0, max=5, help="How far it goes sideways. Default: the estimator's.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Plans follow from it.")] = 1,
-    unit: Annotated[int, typer.Option(help="--rig sim: unit of a fleet, off its board file.")] = 1,
+    unit: Annotated[int, typer.Option(min=0, help="--rig sim: unit of a fleet; 0: as its board file says.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Flash also what fails its gates.")] = False,
     json_: JsonFlag = False,
 ) -> None:
     """Collect, fit, report, flash; then press where nothing was pressed before, and say the error before and after."""
     from ruffini.boards import find_board
-    from ruffini.demo.auto import QUICK, WHOLE, Auto, need_estimators
+    from ruffini.calibrate import container
+    from ruffini.demo.auto import Auto
+    from ruffini.demo.auto_page import headline
+    from ruffini.demo.auto_tasks import task_of
 
     found = find_board(board)
-    need_estimators(found)
+    task = task_of(found)
+    before = None if previous is None else container.read(previous)
+    if before is not None:
+        container.check_board(before, found)
     folder = Path(tempfile.mkdtemp(prefix="ruffini-auto-")) if out is None else out
     folder.mkdir(parents=True, exist_ok=True)
+    depth_m = 1e-3 * (task.depth_mm if depth_mm is None else depth_mm)
+    shear_m = 1e-3 * (task.shear_mm if shear_mm is None else shear_mm)
     if rig == SIMULATED:
-        site = _simulated(found, depth_mm, shear_mm, seed, unit)
+        site = _simulated(found, task, folder, depth_m, shear_m, unit)
     else:
-        site = _real(found, Path(rig), depth_mm, shear_mm)
-    result = Auto(found, site, folder, QUICK if quick else WHOLE, seed, note, force).run()
-    before, after = result["before"], result["after"]
-    n_presses = sum(n for name, n in result["presses"].items() if name != "error_touches")
-    mark = "SIMULATED, " if site.is_simulated else ""
+        site = _real(found, task, Path(rig), depth_m, shear_m, before, points, folder, is_forced=force)
+    counts = task.quick if quick else task.whole
+    result = Auto(found, task, site, folder, counts, seed, note, before, force, is_quick=quick).run()
+    after, mark = result["after"], "SIMULATED, " if site.is_simulated else ""
+    n_presses = counts.balls + counts.fitted + counts.judged * (2 if result["before"] else 1)
     emit(
-        {**result, "quick": quick}, json_,
-        f"{found.name}, {mark}{after['touches']} touches that were not collected, against {after['against']}: force "
-        f"off by {1e3 * before['force_rmse_n']:.1f} mN RMS before, {1e3 * after['force_rmse_n']:.1f} mN after "
-        f"(up to {after['largest_force_n']:.2f} N); {n_presses} presses, {result['total_s']:.0f} s; "
-        f"{folder / 'report.html'}",
+        result, json_,
+        f"{found.name}, {mark}{after['touches']} touches that were not collected, against {after['against']}: "
+        f"{headline(result)} (up to {after['largest_force_n']:.2f} N); {n_presses} presses, "
+        f"{sum(result['seconds'].values()):.0f} s; {folder / 'auto.html'}",
     )  # fmt: skip
 
 
-def _simulated(board: Board, depth_mm: float, shear_mm: float, seed: int, number: int) -> Site:
-    from ruffini.demo.auto import Opened, Site, Truth
+def _simulated(board: Board, task: Task, folder: Path, depth_m: float, shear_m: float, number: int) -> Site:
+    from ruffini.demo.auto import Opened, Site
+    from ruffini.demo.truth import Truth
     from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated, reach_of
-    from ruffini.rig.program import span_of
+    from ruffini.rig.program import BY_STAGE
     from ruffini.rig.session import ready_bench
     from ruffini.sim.units import build_unit, fleet_error
 
-    options: TwinOptions = TwinOptions(seed=seed)
-    span = span_of(board, depth_mm * 1e-3, shear_mm * 1e-3, reach_of(board))
+    span = task.span(board, depth_m, shear_m, reach_of(board))
     unit = build_unit(board, fleet_error(board, number))
-    limits = limits_of(board, span, options.ball_mm)
+    limits = limits_of(board, span, task.ball_mm)
 
     @contextlib.contextmanager
-    def opened(program: str, calibration: CalibrationFile) -> Iterator[Opened]:
+    def opened(program: str, calibration: CalibrationFile | None, seed: int) -> Iterator[Opened]:
         with contextlib.ExitStack() as stack:
+            options = TwinOptions(seed=seed, ball_mm=task.ball_mm)
             simulated, truth = open_simulated(stack, board, program, options, unit), Truth()
             simulated.twin.twin.listeners.append(truth.note)
-            simulated.parts.sensor.flash(calibration.data)
-            yield Opened(stack.enter_context(ready_bench(simulated.parts, board, limits)), truth)
+            if calibration is not None:
+                simulated.parts.sensor.flash(calibration.data)
+            ready = ready_bench(simulated.parts, board, limits if program in BY_STAGE else None)
+            yield Opened(stack.enter_context(ready), truth)
 
-    return Site(opened, span, {"shape": "sphere", "radius_m": options.ball_mm / 2e3}, True)
+    return Site(opened, span, {"shape": "sphere", "radius_m": task.ball_mm / 2e3}, True, _points(board, folder))
 
 
-def _real(board: Board, path: Path, depth_mm: float, shear_mm: float) -> Site:
+def _points(board: Board, folder: Path) -> Path | None:
+    """A twin's known points, as a person reads them off its picture; only a tube's lens needs them."""
+    if board.skin is None or board.skin.shape != "tube":
+        return None
+    from ruffini.bench.experiments.glowing_skin import known_points
+    from ruffini.files import write_whole
+
+    path, rows = folder / "points.csv", (",".join(f"{v:.3f}" for v in row) for row in known_points(board))
+    write_whole(path, "\n".join(["x_px,y_px,z_mm", *rows, ""]).encode())
+    return path
+
+
+def _need_known(active: Any, known: set[bytes]) -> None:
+    """Raises RefusedError where the sensor has a calibration that nobody could put back."""
+    if active.present and active.sha256 not in known:
+        raise RefusedError(
+            f"the sensor has a calibration, made {active.created_utc}, which this would replace: give its file with "
+            "--previous, so that it is compared with and can be put back, or --force to begin anew"
+        )
+
+
+def _real(
+    board: Board, task: Task, path: Path, depth_m: float, shear_m: float, previous: CalibrationFile | None,
+    points: Path | None, folder: Path, *, is_forced: bool,
+) -> Site:  # fmt: skip
     from ruffini.demo.auto import Opened, Site
+    from ruffini.files import write_whole
     from ruffini.rig.person import TerminalPerson
-    from ruffini.rig.program import span_of
+    from ruffini.rig.program import BY_STAGE
     from ruffini.rig.session import open_real, ready_bench
     from ruffini.rig.settings import load_rig
     from ruffini.rig.stop_key import stop_key
 
     settings = load_rig(path)
-    if settings.tip is None or settings.tip.shape != "sphere":
+    if task.stage == "operator" and (settings.tip is None or settings.tip.shape != "sphere"):
         raise InputError(f"{path}: `cal auto` learns the colours from a ball: give [tip] shape = 'sphere', diameter_mm")
-    span = span_of(board, depth_mm * 1e-3, shear_mm * 1e-3, settings.limits.reach_m)
+    if task.stage == "skin" and points is None:
+        raise InputError("the lens is fitted to known points: give --points FILE (CSV: x_px, y_px, z_mm)")
+    span = task.span(board, depth_m, shear_m, settings.limits.reach_m)
+    flashed = folder / "flashed.txt"  # what this run put there: it may be stopped and go on
 
     @contextlib.contextmanager
-    def opened(_: str, calibration: CalibrationFile) -> Iterator[Opened]:
+    def opened(program: str, calibration: CalibrationFile | None, _: int) -> Iterator[Opened]:
         with contextlib.ExitStack() as stack:
             parts = open_real(stack, settings, stack.enter_context(open_sensor()), TerminalPerson(note))
-            parts.sensor.flash(calibration.data)
+            known = {bytes.fromhex(line) for line in flashed.read_text().split()} if flashed.exists() else set()
+            known |= set() if previous is None else {previous.sha256}
+            if not is_forced:
+                _need_known(parts.sensor.hello.sensors[0].calibration, known)
+            if calibration is not None:
+                write_whole(flashed, "\n".join(sha.hex() for sha in known | {calibration.sha256}).encode())
+                parts.sensor.flash(calibration.data)
             key = stack.enter_context(stop_key())
-            yield Opened(stack.enter_context(ready_bench(parts, board, settings.limits.limits, key)), None)
+            limits = settings.limits.limits if program in BY_STAGE else None
+            yield Opened(stack.enter_context(ready_bench(parts, board, limits, key)), None)
 
-    return Site(opened, span, {"shape": "sphere", "radius_m": settings.tip.diameter_mm / 2e3}, False)
+    tip = settings.tip
+    shape = None if tip is None else {"shape": tip.shape, "radius_m": tip.diameter_mm / 2e3}
+    return Site(opened, span, shape, False, points)

@@ -180,6 +180,18 @@ def rig(
     emit(result, json_, benchmark.table(result))
 
 
+@app.command("auto")
+def auto(
+    folders: Annotated[list[Path], typer.Argument(metavar="FOLDER...", help="--out of finished runs of `cal auto`.")],
+    json_: JsonFlag = False,
+) -> None:
+    """Runs of `cal auto` in one table: presses, time, error before and after, clocks."""
+    from ruffini.demo.auto_page import table_of
+
+    results, text = table_of(folders)
+    emit({"runs": results}, json_, text)
+
+
 @app.command("fleet")
 def fleet(
     board: BoardOption,

@@ -42,6 +42,9 @@ def collect(
     grams: Annotated[str, typer.Option(help="weights: which, in grams.")] = "20,50,100,200",
     force_n: Annotated[float, typer.Option(min=0.1, help="free, conditions: largest force by hand.")] = 2.0,
     torque_nmm: Annotated[float, typer.Option(min=0.1, help="conditions: largest moment by hand.")] = 10.0,
+    normal_n: Annotated[
+        float | None, typer.Option(min=0.1, help="conditions: largest normal force. Default: as --force-n.")
+    ] = None,
     known_grams: Annotated[
         float | None, typer.Option(min=1, help="First a weight of so much on the pad: is the reference's unit right?")
     ] = None,
@@ -71,7 +74,7 @@ def collect(
     count = n or (6 if quick else len(CONDITIONS) if program == "conditions" else 20)
     if program == LOG:
         return _by_log(found, settings, out, calibration, options, json_, dry_run=dry_run)
-    items = plan(program, span, count, seed, _by_hand(grams, force_n, torque_nmm))
+    items = plan(program, span, count, seed, _by_hand(grams, force_n, torque_nmm, normal_n))
     limits = _limits(settings, found, span, ball_mm) if program in BY_STAGE else None
     result: dict[str, Any] = {"file": str(out), "touches": count, "program": program, "simulated": rig == SIMULATED}
     if limits is not None or dry_run:
@@ -166,14 +169,14 @@ def _settings(rig: str) -> RigSettings:
     return load_rig(Path(rig))
 
 
-def _by_hand(grams: str, force_n: float, torque_nmm: float) -> Any:
+def _by_hand(grams: str, force_n: float, torque_nmm: float, normal_n: float | None) -> Any:
     from ruffini.rig.program import ByHand
 
     try:
         weights = tuple(float(g) for g in grams.split(","))
     except ValueError:
         raise InputError(f"--grams {grams!r}: give weights, e.g. 20,50,100") from None
-    return ByHand(weights, force_n, torque_nmm * 1e-3)
+    return ByHand(weights, force_n, torque_nmm * 1e-3, normal_n)
 
 
 def _error(board: Board, unit: int | None, modulus: float, thickness: float) -> Any:

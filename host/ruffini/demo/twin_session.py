@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from ruffini.boards import Board
 from ruffini.demo.daemon import running_daemon
 from ruffini.device import Connection
@@ -16,6 +18,8 @@ from ruffini.rig.emulated_machine import EmulatedMachine
 from ruffini.rig.emulated_person import EmulatedPerson
 from ruffini.rig.emulated_references import (
     ASKEW,
+    BOLTED,
+    BOLTED_ARM_M,
     FULL_SCALE,
     SIGMA,
     EmulatedLogger,
@@ -33,6 +37,7 @@ from ruffini.rig.reference import Reference
 from ruffini.rig.session import Pace, Parts, SensorParts
 from ruffini.rig.stage import Stage
 from ruffini.rig.text_cell import TextCell
+from ruffini.rig.turned import Turned
 from ruffini.rig.twin_bench import MAX_FORCE_N, ORIGIN, Hanging, Loader, TwinBench, build_twin_bench, surface_m
 from ruffini.sim.indenters import Indenter
 from ruffini.sim.rig import Unit
@@ -45,6 +50,7 @@ NEAR_MM = 0.3  # from there on it goes slowly
 SLACK_M = 1e-4  # of the limits, beside the plan
 BELOW_MM = 1.2  # the pad, where a contact is still looked for
 WEIGHT_SIGMA_G = 0.1
+CONNECTED = "conditions"  # the program whose reference carries a connector
 LOGGER_OFFSET_S, LOGGER_DRIFT = 1234.5, 150e-6  # of the other program's clock
 DOME_PART = 0.28  # of a dome's radius, along x and y: further out a straight press slides off
 MACHINES: dict[str, tuple[type[EmulatedMachine], Callable[[str], Stage]]] = {
@@ -68,7 +74,7 @@ class TwinOptions:
     ball_mm: float = 6.0
     seed: int = 1
     error: PadError = field(default_factory=PadError)
-    mount: Mount = ASKEW
+    mount: Mount | None = None  # None: askew; BOLTED to a connector, as its drawing says
     say: Callable[[str], None] = lambda _: None
     progress: Progress = lambda _: None
 
@@ -121,7 +127,13 @@ def open_simulated(
     person = EmulatedPerson(options.seed, options.say)
     loader: Loader = person if machine is None else Hanging(machine, unit, indenter)
     twin = build_twin_bench(
-        unit, indenter, loader, folder / "twin", options.seed, rate_hz=REFERENCE_HZ[kind], mount=options.mount
+        unit,
+        indenter,
+        loader,
+        folder / "twin",
+        options.seed,
+        rate_hz=REFERENCE_HZ[kind],
+        mount=options.mount or (BOLTED if program == CONNECTED else ASKEW),
     )
     stack.enter_context(twin.server)
     stack.enter_context(twin.cell)
@@ -135,6 +147,8 @@ def open_simulated(
     text_cell = stack.enter_context(EmulatedTextCell(options.seed)) if kind == "tube" else None
     page = stack.enter_context(EmulatedPage(REFERENCE_HZ[kind]))
     reference = _reference(twin, text_cell, page, program, REFERENCE_HZ[kind])
+    if program == CONNECTED and options.mount is None:
+        reference = Turned(reference, np.eye(3), BOLTED_ARM_M)
     parts = Parts(sensor, person, PACES[kind], reference=reference, max_force_n=MAX_FORCE_N, stage=stage, origin=ORIGIN)
     return Simulated(parts, twin, machine, text_cell)
 

@@ -48,6 +48,10 @@ class Mount(NamedTuple):
 
 NO_MOUNT = Mount()
 ASKEW = Mount((0.5, -0.8, 4.0), (1.5e-3, -1e-3, 22e-3))
+BOLTED, BOLTED_ARM_M = (
+    Mount((0.2, -0.3, 0.4), (0.3e-3, -0.2e-3, 22.2e-3)),
+    (0.0, 0.0, 22e-3),
+)  # and what its drawing says
 
 
 class EmulatedNetworkCell:

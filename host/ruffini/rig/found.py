@@ -13,7 +13,8 @@ import numpy.typing as npt
 from ruffini.errors import InputError
 from ruffini.rig.clock import fit_clock, fit_curved
 from ruffini.rig.frame_fit import FrameFit, fit_frame
-from ruffini.rig.log_file import ACTIVITY, Log, TouchRecord
+from ruffini.rig.log_file import ACTIVITY, MOTION, Log, TouchRecord
+from ruffini.rig.touch_clock import MIN_TOUCHES, Pressed, fit_touches
 
 Array = npt.NDArray[np.float64]
 
@@ -54,17 +55,23 @@ def _clock(touches: list[TouchRecord]) -> dict[str, Any]:
         np.concatenate([t.arrays[name] for t in touches]) for name in ("stream_s", "stream_host_s", "reference_s")
     )
     wrench = np.concatenate([t.arrays["reference_wrench"] for t in touches])
-    seen, felt = np.concatenate([t.arrays["stream_wrench"][:, 2] for t in touches]), wrench[:, 2]
+    seen = np.concatenate([t.arrays["stream_wrench"][:, 2] for t in touches])
     rough_s = float(np.median(host_s - stream_s))
+    signals = [s for t in touches if (s := _signals(t)) is not None]
     try:
-        if not np.isnan(seen).any():
-            fit = fit_clock(stream_s + rough_s, seen, reference_s, felt)
+        if len(signals) == len(touches) >= MIN_TOUCHES:
+            fit = fit_touches([
+                Pressed(t.arrays["stream_s"] + rough_s, s, t.arrays["reference_s"], t.arrays["reference_wrench"])
+                for t, s in zip(touches, signals, strict=True)
+            ])  # fmt: skip
+        elif not np.isnan(seen).any():
+            fit = fit_clock(stream_s + rough_s, seen, reference_s, wrench[:, 2])
         elif all(ACTIVITY in t.arrays for t in touches):
             activity = np.concatenate([t.arrays[ACTIVITY] for t in touches])
             felt = np.linalg.norm(np.nan_to_num(wrench[:, :3]), axis=1)
             fit = fit_curved(stream_s + rough_s, activity, reference_s, felt)
         else:
-            return {"why_not": "the stream measures neither the normal force nor markers: nothing to compare with"}
+            return {"why_not": "the stream measures neither forces nor markers: nothing to compare with"}
     except InputError as error:
         return {"why_not": str(error)}
     return {
@@ -72,6 +79,15 @@ def _clock(touches: list[TouchRecord]) -> dict[str, Any]:
         "drift_sigma": fit.drift_sigma, "middle_s": fit.middle_s - rough_s, "correlation": fit.correlation,
         "late_s": fit.offset_s,
     }  # fmt: skip
+
+
+def _signals(touch: TouchRecord) -> Array | None:
+    """What of the stream follows a load, (t, k): its wrench, or the markers' motion."""
+    a = touch.arrays
+    measured = np.isfinite(a["stream_wrench"]).all(axis=0)
+    if measured.any():
+        return np.asarray(a["stream_wrench"][:, measured])
+    return np.column_stack([a[MOTION], a[ACTIVITY]]) if MOTION in a and ACTIVITY in a else None
 
 
 def _frame(touches: list[TouchRecord], sigma: Array) -> dict[str, Any]:

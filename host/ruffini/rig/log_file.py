@@ -39,13 +39,14 @@ CONTACTS = {  # optional, all or none: a row for each contact in each frame; col
     "contact_s": (None, "s"), "contact_number": (None, ""), "contact_place": (2, "m"), "contact_force": (None, "N"),
     "contact_sigma": (2, "N, m"),
 }  # fmt: skip
-MARKER_PLACE, ACTIVITY = "marker_place", "stream_activity"
+MARKER_PLACE, ACTIVITY, MOTION = "marker_place", "stream_activity", "stream_motion"
 UNITS = {
     **{name: unit for name, (_, unit) in {**ARRAYS, **CONTACTS}.items()},
     **{clock: "s" for clock in OPTIONAL},
     **{name: unit for name, _, unit in OPTIONAL.values()},
     MARKER_PLACE: None,
     ACTIVITY: "px",
+    MOTION: "px",
 }
 
 
@@ -194,6 +195,8 @@ def _check(where: str, arrays: dict[str, npt.NDArray[Any]]) -> None:
         raise InputError(
             f"{where}: stream_activity is {arrays[ACTIVITY].shape}, one value for each stream_s is asked for"
         )
+    if MOTION in arrays and arrays[MOTION].shape[:1] != arrays["stream_s"].shape:
+        raise InputError(f"{where}: stream_motion is {arrays[MOTION].shape}, one row for each stream_s is asked for")
     if MARKER_PLACE in arrays:
         n_markers = arrays["marker_displacement"].shape[1] if "marker_displacement" in arrays else 0
         if arrays[MARKER_PLACE].shape != (n_markers, 2):

@@ -91,8 +91,9 @@ class Condition(NamedTuple):
     """A load by hand through a rigid connector: which axes and which way, up to how much."""
 
     signs: tuple[int, ...]  # of Fx Fy Fz Tx Ty Tz
-    force_n: float
+    force_n: float  # sideways
     torque_nm: float
+    normal_n: float
 
     @property
     def kind(self) -> str:
@@ -100,11 +101,17 @@ class Condition(NamedTuple):
 
     def told(self) -> str:
         axes = " ".join(f"{'-+'[s > 0]}{name}" for s, name in zip(self.signs, NAMES, strict=True) if s)
-        return f"load {axes}, up to {self.force_n:g} N and {1e3 * self.torque_nm:g} N mm, then let go"
+        return (f"load {axes}, up to {self.force_n:g} N, pressing {self.normal_n:g} N, and {1e3 * self.torque_nm:g} "
+                "N mm, then let go")  # fmt: skip
 
     def part(self, wrench: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Each axis of a load, (..., 6), over what is asked for."""
-        return np.asarray(np.nan_to_num(wrench) / ([self.force_n] * 3 + [self.torque_nm] * 3))
+        return np.asarray(np.nan_to_num(wrench) / self.largest)
+
+    @property
+    def largest(self) -> npt.NDArray[np.float64]:
+        """Of each axis, (6,) N and N m."""
+        return np.array([self.force_n, self.force_n, self.normal_n, *[self.torque_nm] * 3])
 
     def faults(self, record: TouchRecord) -> list[str]:
         """Not this load: other axes, or too little of it."""
@@ -133,6 +140,7 @@ class ByHand(NamedTuple):
     grams: tuple[float, ...] = (20.0, 50.0, 100.0, 200.0)
     force_n: float = 2.0
     torque_nm: float = 0.01
+    normal_n: float | None = None  # of loads through a connector; None: as force_n
 
 
 class Span(NamedTuple):
@@ -175,7 +183,8 @@ def plan(program: str, span: Span, n: int, seed: int, by_hand: ByHand = ByHand()
             f"program {program!r} with {n} touches: choose one of {', '.join(PROGRAMS)}, and one touch at least"
         )
     if program == "conditions":
-        loads = [Condition(signs, by_hand.force_n, by_hand.torque_nm) for signs in CONDITIONS]
+        normal_n = by_hand.normal_n or by_hand.force_n
+        loads = [Condition(signs, by_hand.force_n, by_hand.torque_nm, normal_n) for signs in CONDITIONS]
         return [loads[i % len(loads)] for i in range(n)]
     rng = np.random.default_rng(seed)
     if program == "grid":
@@ -205,15 +214,18 @@ def _grid(span: Span, n: int, rng: np.random.Generator) -> list[Touch]:
     ]
 
 
+def spread(n: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    """Points (n, 3) of the unit cube, evenly however many there are (a sequence of low discrepancy)."""
+    steps = np.array([0.8191725134, 0.6710436067, 0.5497004779])
+    return np.asarray((rng.uniform(size=3) + np.arange(n)[:, None] * steps) % 1)
+
+
 def _balls(span: Span, n: int, rng: np.random.Generator) -> list[Touch]:
-    offset = rng.uniform(size=3)
-    steps = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # low discrepancy in three dimensions
-    u = (offset + np.arange(n)[:, None] * steps) % 1
     return [
         Touch(
             float(span.half_x_m * (2 * a - 1)),
             float(span.half_y_m * (2 * b - 1)),
             float(span.deepest_m * (0.4 + 0.6 * c)),
         )
-        for a, b, c in u
+        for a, b, c in spread(n, rng)
     ]

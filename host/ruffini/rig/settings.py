@@ -88,13 +88,18 @@ class TextSettings(_Section):
 
 
 class NetworkSettings(_Section):
-    """Six axes over UDP; `axes` where its own are not the pad's: which of its axes are the pad's x, y, z."""
+    """Six axes over UDP; `axes` where its own are not the pad's: which of its axes are the pad's x, y, z.
+
+    arm_mm : the pad's centre from the reference's origin, along the pad's axes. A stage's touches tell it; loads by
+        hand through a connector do not.
+    """
 
     kind: Literal["network"]
     host: str
     full_scale: Six
     sigma: Six
     axes: Axes = ["+x", "+y", "+z"]
+    arm_mm: Annotated[list[Mm], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
     is_inverted: bool = False
     port: Annotated[int, Field(ge=1, le=65535)] = 49152
     http_port: Annotated[int, Field(ge=1, le=65535)] = 80
@@ -106,7 +111,8 @@ class NetworkSettings(_Section):
         cell = NetworkCell(
             self.host, np.array(self.full_scale), np.array(self.sigma), settings=settings, port=self.port
         )
-        return cell if (matrix == np.eye(3)).all() else Turned(cell, matrix)
+        is_plain = (matrix == np.eye(3)).all() and not any(self.arm_mm)
+        return cell if is_plain else Turned(cell, matrix, [1e-3 * v for v in self.arm_mm])
 
 
 class WeightSettings(_Section):

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.rig.guarded_stage import CONTACT_N
-from ruffini.rig.log_file import ACTIVITY, TouchRecord
+from ruffini.rig.log_file import ACTIVITY, MOTION, TouchRecord
 from ruffini.rig.reference import Reading
 from ruffini.rig.stage import Place
 from ruffini.rig.stream_watch import StreamSample, Window
@@ -25,6 +25,7 @@ SEEN_PART = 0.1  # of the reference's force: a sensor that is yet to be calibrat
 FREE_N = CONTACT_N / 2  # of the reference after the tip was lifted
 FIELDS_KEPT, REST_FIELDS_KEPT, IMAGES_KEPT = 4, 2, 4  # of a hold, of before it: they are all alike
 MARKERS_KEPT = 40
+MOTIONS = 3  # ways of moving that are kept: as many as a force has axes
 
 
 def record_of(
@@ -102,9 +103,23 @@ def activity_of(window: Window) -> Array | None:
     return np.interp([f.stream_s for f in window.frames], [m.stream_s for m in window.markers], moved)
 
 
+def motion_of(window: Window) -> Array | None:
+    """The markers' motion in the ways in which they moved most in this time, strongest first, (t, MOTIONS) px.
+
+    To first order these follow the axes of a load, up and down, which a mean length does not.
+    """
+    if len(window.markers) <= MOTIONS:
+        return None
+    moved = np.array([m.displacement[:, :2].ravel() for m in window.markers])
+    moved = moved - moved[0]
+    u, s, _ = np.linalg.svd(moved / np.sqrt(moved.shape[1]), full_matrices=False)
+    when, of_s = [f.stream_s for f in window.frames], [m.stream_s for m in window.markers]
+    return np.stack([np.interp(when, of_s, column) for column in (u * s).T[:MOTIONS]], axis=1)
+
+
 def _activity(window: Window) -> Arrays:
-    activity = activity_of(window)
-    return {} if activity is None else {ACTIVITY: activity}
+    found = {ACTIVITY: activity_of(window), MOTION: motion_of(window)}
+    return {name: values for name, values in found.items() if values is not None}
 
 
 def _contacts(window: Window) -> Arrays:

@@ -1,4 +1,4 @@
-"""A reference whose axes are not the pad's."""
+"""A reference whose axes are not the pad's, or that stands elsewhere."""
 
 from __future__ import annotations
 
@@ -30,19 +30,23 @@ def turn_of(axes: Sequence[str], *, is_inverted: bool = False) -> Array:
 
 
 class Turned:
-    """Readings of another reference, in the pad's axes."""
+    """Readings of another reference, in the pad's axes and about its centre.
 
-    def __init__(self, reference: Reference, matrix: Array) -> None:
-        self._reference, self._matrix = reference, matrix
+    arm_m : where the pad's centre is from the reference's origin, in the pad's axes, (3,).
+    """
+
+    def __init__(self, reference: Reference, matrix: Array, arm_m: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        self._reference, self._matrix, self._arm_m = reference, matrix, np.array(arm_m)
         facts, mix = reference.facts, abs(matrix)
         full_scale, sigma = (np.concatenate([mix @ v[:3], mix @ v[3:]]) for v in (facts.full_scale, facts.sigma))
         self.facts: Facts = replace(facts, full_scale=full_scale, sigma=sigma)
 
     def read(self, timeout_s: float) -> list[Reading]:
-        return [
-            r._replace(wrench=np.concatenate([self._matrix @ r.wrench[:3], self._matrix @ r.wrench[3:]]))
-            for r in self._reference.read(timeout_s)
-        ]
+        return [r._replace(wrench=self._carried(r.wrench)) for r in self._reference.read(timeout_s)]
+
+    def _carried(self, wrench: Array) -> Array:
+        force = self._matrix @ wrench[:3]
+        return np.concatenate([force, self._matrix @ wrench[3:] - np.cross(self._arm_m, force)])
 
     def close(self) -> None:
         self._reference.close()

@@ -39,11 +39,15 @@ def build_unit(
     unit = TwinUnit.build(board, error, twin=twin, progress=progress)
     if twin.platform is None:
         return unit
-    return PlatformUnit(board, twin, unit.model, unit.compliance, platform=Platform.of(twin.platform))
+    rubber = 1.0 if error is None else error.modulus  # pad and sleeve are cast of one mix; springs are bought
+    platform = Platform.of(twin.platform, rubber=rubber)
+    return PlatformUnit(board, twin, unit.model, unit.compliance, platform=platform)
 
 
 def fleet_error(board: Board, number: int) -> PadError:
-    """How unit `number` of a simulated fleet is off its board file: the same whenever it is asked for."""
+    """How unit `number` of a simulated fleet is off its board file: always the same; 0: not at all."""
+    if number == 0:
+        return PadError()
     rng = np.random.default_rng([number, 20])
     modulus, thickness, poisson = (np.exp(s * np.clip(rng.standard_normal(), -2.5, 2.5)) for s in FLEET_SPREAD.values())
     is_flat = load_twin(board).shape.kind == "plane"  # other bodies are taken as incompressible

@@ -89,8 +89,8 @@ class Platform:
     relaxation: Prony
 
     @classmethod
-    def of(cls, settings: PlatformSettings) -> Platform:
-        """The platform of a [platform] section."""
+    def of(cls, settings: PlatformSettings, *, rubber: float = 1.0) -> Platform:
+        """The platform of a [platform] section; `rubber`: factor on the sleeve's modulus."""
         um, top = 1e-6, settings.top_um * 1e-6
         length, ring = settings.length_um * um, settings.ring_um * um
         one = spring_stiffness(length, settings.coil_um * um / 2, settings.wire_um * um, settings.coils_1e3 * 1e-3)
@@ -98,7 +98,7 @@ class Platform:
         for angle in 2 * np.pi * np.arange(settings.n_springs) / settings.n_springs:
             springs += about_origin(one, np.array([ring * np.cos(angle), ring * np.sin(angle), top]))
         sleeve = sleeve_stiffness(length, settings.sleeve_inner_um * um, settings.sleeve_outer_um * um,
-                                  settings.sleeve_modulus_pa)  # fmt: skip
+                                  settings.sleeve_modulus_pa * rubber)  # fmt: skip
         return cls(springs, about_origin(sleeve, np.array([0, 0, top])), settings.relaxation())
 
 

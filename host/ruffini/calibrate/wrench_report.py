@@ -1,0 +1,120 @@
+"""`ruffini cal report` of a wrench made of features: its tables on a log, as numbers and as an HTML page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.feature_log import read_feature_runs
+from ruffini.calibrate.gates import MAX_WRENCH_ERROR, Gate, failed, gates_in, gates_of_reference
+from ruffini.calibrate.html_page import Page
+from ruffini.calibrate.report import about
+from ruffini.calibrate.report_page import AXES as LABELS
+from ruffini.calibrate.report_page import gate_table, range_table, stage_table
+from ruffini.calibrate.touch_log import file_sha256
+from ruffini.calibrate.warmth import celsius_ranges
+from ruffini.calibrate.wrench_map import AXES, frames_of
+from ruffini.calibrate.wrench_tables import map_in
+from ruffini.rig.log_file import read_log
+
+Array = npt.NDArray[np.float64]
+
+
+class WrenchReport(NamedTuple):
+    """`tree` is the JSON; said and true (t, 6) of every frame, N and N mm, NaN where not measured."""
+
+    tree: dict[str, Any]
+    gates: list[Gate]
+    said: Array
+    true: Array
+
+
+def wrench_report_of(board: Board, file: CalibrationFile, paths: list[Path]) -> WrenchReport:
+    """Judge a wrench's tables on logs or recordings, those that it was fitted to or others.
+
+    Raises
+    ------
+    InputError
+        Nothing to read, or another board's.
+    """
+    found = map_in(file)
+    frames = frames_of(read_feature_runs(paths, board), _lag_s(file))
+    said = np.where(found.full > 0, found.predicted(frames), np.nan)
+    logs = [read_log(path) for path in paths if path.suffix == ".h5"]
+    sources = {path.name: file_sha256(path) for path in paths}
+    in_the_fit = all(sha in file.metadata.get("residuals", "") for sha in sources.values())
+    rmse, full = np.sqrt(np.mean((said - frames.wrench) ** 2, axis=0)), np.abs(frames.wrench).max(axis=0)
+    gates = gates_of_reference([dict(log.found) for log in logs])
+    if in_the_fit:  # what its stages found on what was left out
+        gates += [g for g in gates_in(file) or [] if g.name not in {gate.name for gate in gates}]
+    else:
+        gates += [_gate(name, e / f) for name, e, f in zip(AXES, rmse, full, strict=True) if np.isfinite(e) and f > 0]
+    tree = {
+        "board": board.name, "calibration": about(file),
+        "log": {"files": sources, "touches": len(np.unique(frames.run)), "frames": len(said), "in_the_fit": in_the_fit,
+                "simulated": any(log.facts.get("rig") == "sim" for log in logs)},
+        "passed": not failed(gates), "gates": [gate._asdict() for gate in gates],
+        "axes": {name: {"rmse": None if np.isnan(e) else float(e), "largest": float(f)}
+                 for name, e, f in zip(AXES, rmse, full, strict=True)},
+        "valid_for": {
+            **{name: [float(v.min()), float(v.max())] for name, v in zip(AXES, frames.wrench.T, strict=True)},
+            "temperature_c": celsius_ranges(touch.facts for log in logs for touch in log.touches),
+        },
+    }  # fmt: skip
+    return WrenchReport(tree, gates, said, frames.wrench)
+
+
+def _lag_s(file: CalibrationFile) -> float:
+    """Of the reference behind the pictures, as the fit found it."""
+    said = json.loads(file.metadata.get("residuals", "{}"))
+    return 1e-3 * float(said.get("stages", {}).get("wrench", said).get("lag_ms", 0.0))
+
+
+def _gate(name: str, part: float) -> Gate:
+    return Gate(f"wrench {name}", bool(part <= MAX_WRENCH_ERROR), float(part), MAX_WRENCH_ERROR,
+                f"{100 * part:.2g} % of its largest load: RMS, at most {100 * MAX_WRENCH_ERROR:g} %")  # fmt: skip
+
+
+def write_wrench_page(path: Path, file: CalibrationFile, report: WrenchReport) -> None:
+    """Everything that a person needs to say yes or no."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    tree = report.tree
+    page = Page(f"Calibration of {tree['board']}" + (", SIMULATED" if tree["log"]["simulated"] else ""))
+    bad = failed(report.gates)
+    page.verdict("FAILS: " + "; ".join(g.name for g in bad) if bad else "Passes its gates", is_good=not bad)
+    known = "the log that it was fitted to" if tree["log"]["in_the_fit"] else "a log that it was not fitted to"
+    page.text(f"{tree['calibration']['sha256'][:12]}, {', '.join(file.kinds)}; judged on {tree['log']['frames']} "
+              f"frames of {tree['log']['touches']} loads of {known} ({', '.join(tree['log']['files'])})")  # fmt: skip
+    gate_table(page, report.gates)
+    stage_table(page, file)
+    page.heading("Error of each axis, all frames")
+    axes = tree["axes"].values()
+    page.table(("", *LABELS), [
+        ("RMS", *("not measured" if a["rmse"] is None else a["rmse"] for a in axes)),
+        ("largest load", *(a["largest"] for a in axes)),
+    ])  # fmt: skip
+    page.picture(_picture(report), "wrench said against the reference, axis by axis")
+    page.heading("Valid for")
+    range_table(page, dict(zip(AXES, LABELS, strict=True)), tree["valid_for"])
+    page.write(path)
+
+
+def _picture(report: WrenchReport) -> Any:
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(2, 3, figsize=(10, 5.4))
+    for axis, label, said, true in zip(axes.ravel(), LABELS, report.said.T, report.true.T, strict=True):
+        axis.plot(true, said, ".", markersize=3)
+        axis.plot([true.min(), true.max()], [true.min(), true.max()], color="black", linewidth=0.6)
+        axis.set(xlabel=f"reference {label}", ylabel="sensor")
+        axis.grid(alpha=0.3)
+    figure.tight_layout()
+    return figure
