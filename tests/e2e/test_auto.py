@@ -13,24 +13,29 @@ from conftest import Twin
 
 from ruffini.calibrate import container, gates
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.demo.auto import Auto, Counts, Opened, Site, Truth
+from ruffini.demo.auto import Auto, Opened, Site
+from ruffini.demo.auto_page import table_of
+from ruffini.demo.auto_tasks import FORCES, Counts
+from ruffini.demo.truth import Truth
 from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated
 from ruffini.errors import RefusedError
 from ruffini.rig.program import Span
 from ruffini.rig.session import ready_bench
 
 SPAN = Span(0.004, 0.003, 0.0008, 0.0003)
-COUNTS = Counts(balls=0, grid=10, judged=2, error_touches=0)
+COUNTS = Counts(balls=0, fitted=10, judged=2, error_touches=0)
 
 
 def auto(twin: Twin, folder: Path, opened: list[str], *, force: bool) -> Auto:
     """A run whose colours are there already, as after a stop; so small a camera is not held to the gates (`force`)."""
 
     @contextlib.contextmanager
-    def site(program: str, calibration: CalibrationFile) -> Iterator[Opened]:
+    def site(program: str, calibration: CalibrationFile | None, seed: int) -> Iterator[Opened]:
+        assert calibration is not None
         opened.append(calibration.sha256.hex())
         with contextlib.ExitStack() as stack:
-            simulated, truth = open_simulated(stack, twin.board, program, TwinOptions(), twin.unit), Truth()
+            options = TwinOptions(seed=seed)
+            simulated, truth = open_simulated(stack, twin.board, program, options, twin.unit), Truth()
             simulated.twin.twin.listeners.append(truth.note)
             simulated.parts.sensor.flash(calibration.data)
             limits = limits_of(twin.board, SPAN, 6.0)
@@ -38,7 +43,7 @@ def auto(twin: Twin, folder: Path, opened: list[str], *, force: bool) -> Auto:
 
     first = container.unpack(twin.calibration)
     container.write(folder / "before.safetensors", first)
-    return Auto(twin.board, Site(site, SPAN, None, True), folder, COUNTS, 1, lambda _: None, force)
+    return Auto(twin.board, FORCES, Site(site, SPAN, None, True), folder, COUNTS, 1, lambda _: None, force=force)
 
 
 def test_collects_fits_flashes_and_judges_then_goes_on_where_it_was(
@@ -53,9 +58,12 @@ def test_collects_fits_flashes_and_judges_then_goes_on_where_it_was(
     assert result["before"]["against"] == result["after"]["against"] == "the twin's truth"
     assert result["after"]["touches"] == 2
     assert result["after"]["force_rmse_n"] < 0.15 * result["after"]["largest_force_n"]
-    assert "SIMULATED" in (tmp_path / "report.html").read_text()
+    for page in ("report.html", "auto.html"):
+        assert "SIMULATED" in (tmp_path / page).read_text()
+    assert "error_ms" in result["clock"], result["clock"]
+    assert table_of([tmp_path])[1].splitlines()[2].startswith("| tiny | 0, 10, 2 |")
     monkeypatch.setattr(gates, "MAX_ERROR", 0.0)
     opened.clear()
-    with pytest.raises(RefusedError, match=r"fails its gates \(.*error: .*\) and was not flashed"):
+    with pytest.raises(RefusedError, match=r"not flashed, what is in force stays \(.*error: "):
         auto(twin, tmp_path, opened, force=False).run()
     assert opened == []  # all that it needed was there, and nothing was flashed

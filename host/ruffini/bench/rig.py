@@ -12,12 +12,10 @@ import contextlib
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ruffini.bench.fitted import NOISE
 from ruffini.boards import Board
@@ -26,45 +24,21 @@ from ruffini.calibrate.operator import make_operator
 from ruffini.calibrate.pad_view import Pinhole
 from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
 from ruffini.calibrate.presses import load_presses
+from ruffini.demo.truth import Truth
 from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated, reach_of
 from ruffini.rig.collect import collect
-from ruffini.rig.log_file import Log, LogWriter, read_log
+from ruffini.rig.log_file import LogWriter, read_log
 from ruffini.rig.program import plan, span_of
 from ruffini.rig.session import ready_bench
 from ruffini.sim.recording import record_balls
 from ruffini.sim.unit import TwinUnit
 
-Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
 DELAYS_S = (0.0, 0.020, 0.055)  # of the reference
 N_TOUCHES, N_QUICK = 20, 4
-SOON_S = 0.02  # after it was spoken, a word has come
 DEPTH_M, SHEAR_M = 0.8e-3, 0.5e-3
 N_BALLS, BALL_MM, SEED = 24, 5.0, 20_261_121
-
-
-@dataclass
-class Spoken:
-    """When the reference spoke of each frame, by a clock that the sensor shares."""
-
-    delay_s: float
-    by_frame: dict[int, float] = field(default_factory=dict)
-
-    def hear(self, frame: int, _: Array) -> None:
-        """Now."""
-        self.by_frame[frame] = time.monotonic() + self.delay_s
-
-    def true_offset_s(self, log: Log) -> float:
-        """Time at which the reference's word of a frame came, less the frame's own time: median over the log."""
-        later = []
-        for touch in log.touches:
-            came_s = touch.arrays["reference_s"]
-            for number, stream_s in zip(touch.arrays["stream_frame"], touch.arrays["stream_s"], strict=True):
-                i = int(np.searchsorted(came_s, self.by_frame.get(int(number), np.inf)))
-                if i < len(came_s) and came_s[i] - self.by_frame[int(number)] < SOON_S:
-                    later.append(came_s[i] - stream_s)
-        return float(np.median(later))
 
 
 def run(
@@ -93,11 +67,11 @@ def run(
 def _collected(board: Board, n: int, machine: str, calibration: bytes | None, delay_s: float) -> dict[str, Any]:
     span = span_of(board, DEPTH_M, SHEAR_M, reach_of(board))
     items, limits = plan("grid", span, n, SEED), limits_of(board, span, 6.0)
-    spoken, begun = Spoken(delay_s), time.monotonic()
+    truth, begun = Truth(delay_s), time.monotonic()
     with tempfile.TemporaryDirectory(prefix="ruffini-") as folder, contextlib.ExitStack() as stack:
         simulated = open_simulated(stack, board, "grid", TwinOptions(machine, seed=SEED))
         simulated.twin.cell.delay_s = delay_s
-        simulated.twin.twin.listeners.append(spoken.hear)
+        simulated.twin.twin.listeners.append(truth.note)
         if calibration is not None:
             simulated.parts.sensor.flash(calibration)
         bench = stack.enter_context(ready_bench(simulated.parts, board, limits))
@@ -107,7 +81,7 @@ def _collected(board: Board, n: int, machine: str, calibration: bytes | None, de
         done = time.monotonic()
         log = read_log(out)
     (clock,) = log.found["clocks"]
-    true_s = spoken.true_offset_s(log)
+    true_s = truth.offset_s(log)
     found = {
         "offset_error_ms": 1e3 * (clock["offset_s"] - true_s), "offset_sigma_ms": 1e3 * clock["sigma_s"]
     } if "offset_s" in clock else {"why_not": clock["why_not"]}  # fmt: skip

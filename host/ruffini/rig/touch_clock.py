@@ -49,7 +49,9 @@ def fit_touches(touches: list[Pressed]) -> ClockFit:
     each = [(float(t.stream_s.mean()), _unexplained(t, shifts, largest_n)) for t in touches]
     rows = [(when_s, row) for when_s, row in each if row is not None]
     if len(rows) < MIN_TOUCHES:
-        raise InputError(f"{len(rows)} touches show enough of the reference to find its clock: {MIN_TOUCHES} are needed")
+        raise InputError(
+            f"{len(rows)} touches show enough of the reference to find its clock: {MIN_TOUCHES} are needed"
+        )
     middle_s, left = (np.array(column) for column in zip(*rows, strict=True))
     best = int(np.median(left, axis=0).argmin())
     counts = left[:, best] < 1 - MIN_EXPLAINED

@@ -75,6 +75,8 @@ def test_axes_that_the_benchs_file_turns():
     assert turned.read(1.0)[0].wrench.tolist() == [2, -1, 3, 5, -4, 6]
     assert turned.facts.sigma.tolist() == [0.02, 0.01, 0.03, 2e-4, 1e-4, 3e-4]
     assert Turned(six, turn_of(["+x", "+y", "+z"], is_inverted=True)).read(1.0)[0].wrench[2] == -3
+    elsewhere = Turned(six, turn_of(["+x", "+y", "+z"]), (0.0, 0.0, 0.1)).read(1.0)[0].wrench
+    assert elsewhere == pytest.approx([1, 2, 3, 4 + 0.2, 5 - 0.1, 6])  # a tenth of a metre below the pad's centre
     turned.close()
     assert six.is_closed
     for axes in (["+x", "+x", "+z"], ["+x", "+y", "-z"]):
