@@ -9,19 +9,17 @@
 #include <algorithm>
 #include <chrono>
 #include <cstring>
-#include <fstream>
 #include <iostream>
-#include <iterator>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
-#include "board/parse.h"
-#include "frame_path.h"
 #include "link/messages.h"
+#include "recorded_input.h"
 
 namespace {
 
 using namespace ruffini;
+using namespace ruffini::bench;
 
 uint64_t now_ns() {
   return static_cast<uint64_t>(
@@ -29,47 +27,12 @@ uint64_t now_ns() {
           .count());
 }
 
-std::vector<uint8_t> read_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) {
-    std::cerr << path << ": cannot be read: run tests/bench/run.py, which makes it\n";
-    std::exit(2);
-  }
-  return {std::istreambuf_iterator<char>(in), {}};
+cv::Mat grey_of(const Input& input, std::vector<uint8_t> pixels) {
+  const cv::Mat bgr(input.board.camera.height_px, input.board.camera.width_px, CV_8UC3, pixels.data());
+  cv::Mat out;
+  cv::cvtColor(bgr, out, cv::COLOR_BGR2GRAY);
+  return out;
 }
-
-template <typename T>
-T value_or_exit(Result<T> result) {
-  if (!result) {
-    std::cerr << result.error().message << "\n";
-    std::exit(2);
-  }
-  return std::move(result).value();
-}
-
-struct Input {
-  BoardSettings board;
-  std::shared_ptr<const CalibrationFile> calibration;
-  std::vector<uint8_t> rest;
-  std::vector<uint8_t> pressed;
-
-  explicit Input(const std::string& folder)
-      : rest(read_file(folder + "/rest.bgr")), pressed(read_file(folder + "/pressed.bgr")) {
-    const std::vector<uint8_t> toml = read_file(folder + "/board.toml");
-    board =
-        value_or_exit(parse_board({reinterpret_cast<const char*>(toml.data()), toml.size()}, folder + "/board.toml"));
-    calibration = value_or_exit(CalibrationFile::load(read_file(folder + "/calibration.safetensors")));
-  }
-  [[nodiscard]] FrameView view(const std::vector<uint8_t>& pixels) const {
-    return {pixels.data(), board.camera.width_px, board.camera.height_px, 3, ptrdiff_t{3} * board.camera.width_px};
-  }
-  [[nodiscard]] cv::Mat grey(std::vector<uint8_t> pixels) const {
-    const cv::Mat bgr(board.camera.height_px, board.camera.width_px, CV_8UC3, pixels.data());
-    cv::Mat out;
-    cv::cvtColor(bgr, out, cv::COLOR_BGR2GRAY);
-    return out;
-  }
-};
 
 double median(std::vector<uint64_t>& values) {
   const auto middle = values.begin() + static_cast<ptrdiff_t>(values.size() / 2);
@@ -125,8 +88,8 @@ void lucas_kanade(benchmark::State& state, const Input& input, int n_points) {
     if (static_cast<int>(points.size()) == n_points) break;
     points.emplace_back(static_cast<float>(m.rest_x.raw()) / 65536.0F, static_cast<float>(m.rest_y.raw()) / 65536.0F);
   }
-  const cv::Mat rest = input.grey(input.rest);
-  const cv::Mat pressed = input.grey(input.pressed);
+  const cv::Mat rest = grey_of(input, input.rest);
+  const cv::Mat pressed = grey_of(input, input.pressed);
   std::vector<cv::Point2f> moved;
   std::vector<uint8_t> found;
   std::vector<float> error;

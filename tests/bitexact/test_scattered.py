@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 from conftest import board_text, small_board
 from core_stages import CoreStages
+from marker_twins import NOTHING, MarkerTwins
 from mirror.board import Board, depth_grid, length_q16
 from mirror.displacement import displacement, filled
 from mirror.fixed import Saturations
@@ -47,33 +48,11 @@ def test_markers_over_a_sequence_with_losses_and_dust(open_stages: OpenStages, t
     place = lattice.nominal + rng.integers(-pitch // 5, pitch // 5, 2)
     if not is_listed:
         place = rng.integers(0, view, (n, 2))
-    area = rng.integers(20, 60, (n, 1))
-
-    def dots_of(places: Places, keep: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
-        dust = rng.integers(0, 2_000_000, (3, 2))
-        rows = np.concatenate(
-            [np.hstack([places, area + rng.integers(-6, 7, (n, 1))])[keep], np.hstack([dust, area[:3]])]
-        )
-        return rng.permutation(rows).astype(np.int32)
-
-    at_rest = dots_of(place, rng.random(n) > 0.1)
-    rows, n_found = core.learn_markers(at_rest, n)
-    assert n_found == lattice.learn(at_rest)
-    assert n // 2 < n_found
-    assert np.array_equal(rows, lattice.rows)
-    for _ in range(8):  # jumps of up to a pitch and a half, with a field of its own for each marker
-        jump = rng.integers(-3 * pitch // 2, 3 * pitch // 2, 2)
-        dots = dots_of(place + jump + rng.integers(-pitch // 4, pitch // 4, (n, 2)), rng.random(n) > 0.1)
-        error2 = rng.integers(0, 20_000, n)
-        rows, n_lost = core.track_markers(dots, error2)
-        assert n_lost == lattice.track(dots, error2)
-        assert np.array_equal(rows, lattice.rows)
-        assert np.array_equal(core.marker_quality(n), lattice.quality)
-    nothing = np.zeros((0, 3), np.int32)
-    assert core.track_markers(nothing, error2)[1] == lattice.track(nothing, error2)
-    rows, n_found = core.learn_markers(nothing, n)
-    assert n_found == lattice.learn(nothing) == 0
-    assert np.array_equal(rows, lattice.rows)
+    twins = MarkerTwins(core, lattice, place, 3, rng)
+    assert n // 2 < twins.learn(twins.dots(0, 0.9))
+    twins.follow_jumps(8, pitch)
+    twins.follow(NOTHING)
+    assert twins.learn(NOTHING) == 0
 
 
 @pytest.mark.parametrize("n_there", [0, 1, 2, 3, 9, 15])

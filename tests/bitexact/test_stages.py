@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pytest
 from conftest import board_text, small_board
 from core_stages import CoreStages
+from marker_twins import NOTHING, MarkerTwins
 from mirror.board import Board, center_q16, depth_grid, observed_nodes
 from mirror.displacement import displacement, filled
 from mirror.dot_templates import DotTemplates
@@ -112,40 +113,14 @@ def test_markers_over_a_sequence_with_losses_and_dust(open_stages: OpenStages, t
     core, board = open_stages(text)
     rng = np.random.default_rng(3)
     lattice = Lattice(board)
-    n = board["markers"]["n_x"] * board["markers"]["n_y"]
-    place = lattice.nominal + rng.integers(-90_000, 90_000, (n, 2)) + np.array([130_000, -70_000])
-    area = rng.integers(20, 60, (n, 1))
-
-    def dots_of(places: npt.NDArray[np.int64], keep: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
-        dust = rng.integers(0, 2_000_000, (4, 2))
-        rows = np.concatenate(
-            [np.hstack([places, area + rng.integers(-6, 7, (n, 1))])[keep], np.hstack([dust, area[:4]])]
-        )
-        return rng.permutation(rows).astype(np.int32)
-
-    at_rest = dots_of(place, rng.random(n) > 0.04)
-    rows, n_found = core.learn_markers(at_rest, n)
-    assert n_found == lattice.learn(at_rest)
-    assert np.array_equal(rows, lattice.rows)
+    place = lattice.nominal + rng.integers(-90_000, 90_000, lattice.nominal.shape) + np.array([130_000, -70_000])
+    twins = MarkerTwins(core, lattice, place, 4, rng)
+    twins.learn(twins.dots(0, 0.96))
     speed = rng.integers(-120_000, 120_000, 2)
     for t in range(1, 12):
-        dots = dots_of(place + t * speed, rng.random(n) > 0.2)
-        error2 = rng.integers(0, 20_000, n)
-        rows, n_lost = core.track_markers(dots, error2)
-        assert n_lost == lattice.track(dots, error2)
-        assert np.array_equal(rows, lattice.rows)
-        assert np.array_equal(core.marker_quality(n), lattice.quality)
-    pitch = int(np.abs(np.diff(lattice.nominal[:2, 0]))[0])
-    for _ in range(12):  # jumps of up to a pitch and a half, with a field of its own for each marker
-        jump = rng.integers(-3 * pitch // 2, 3 * pitch // 2, 2)
-        dots = dots_of(place + jump + rng.integers(-pitch // 4, pitch // 4, (n, 2)), rng.random(n) > 0.1)
-        error2 = rng.integers(0, 20_000, n)
-        rows, n_lost = core.track_markers(dots, error2)
-        assert n_lost == lattice.track(dots, error2)
-        assert np.array_equal(rows, lattice.rows)
-        assert np.array_equal(core.marker_quality(n), lattice.quality)
-    nothing = np.zeros((0, 3), np.int32)
-    assert core.track_markers(nothing, error2)[1] == lattice.track(nothing, error2)
+        twins.follow(twins.dots(t * speed, 0.8))
+    twins.follow_jumps(12, int(np.abs(np.diff(lattice.nominal[:2, 0]))[0]))
+    twins.follow(NOTHING)
 
 
 @pytest.mark.parametrize("text", [*SIZES, board_text("gelslim"), board_text("gelsight-mini")])

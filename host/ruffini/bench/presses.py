@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from ruffini.boards import Board, parse_board
+from ruffini.boards import Board
+from ruffini.boards.pictures import picture_board
 from ruffini.calibrate.presses import Press, PressSet
 from ruffini.errors import InputError
 from ruffini.frames import read_image
@@ -35,60 +36,13 @@ DEPTH_STEP_M = 0.1e-3
 SAMPLE_STEP_PX = 7  # of the pixels that the lamps are fitted on
 RINGS = ((0.0, 0.85), (0.85, 1.15), (1.15, 2.0), (2.0, 3.0))  # contact radii, judged apart
 
-BOARD = """schema = 1
-[board]
-name = "recorded"
-product = "recorded ball presses"
-not_measured = []
-[camera]
-optics = "recorded"
-width_px = {width}
-height_px = {height}
-rate_mhz = 30000
-focal_mpx = {focal}
-center_x_mpx = {center_x}
-center_y_mpx = {center_y}
-standoff_um = {standoff}
-[pad]
-size_x_um = {size_x}
-size_y_um = {size_y}
-thickness_um = {thickness}
-modulus_pa = 200000
-poisson_1e4 = 4800
-[grid]
-n_x = 9
-n_y = 9
-n_layers = 2
-[window]
-min_x_um = 0
-min_y_um = 0
-max_x_um = {size_x}
-max_y_um = {size_y}
-[depth]
-gauge = "mean"
-margin_um = 0
-step_px = 1
-[contact]
-threshold_un = 1000
-min_nodes = 1
-[field]
-force_lsb_un = 10
-[pipeline]
-n_rest_frames = 1
-stages = ["difference"]
-"""
-
 
 def board_of(presses: PressSet, thickness_um: int) -> Board:
     """A board of the recording's size and scale."""
-    height, width = presses.reference.shape[:2]
-    size = [round((n / presses.px_per_mm + 2 * MARGIN_MM) * 1e3) for n in (width, height)]
-    values = {
-        "width": width, "height": height, "focal": round(presses.px_per_mm * STANDOFF_MM * 1e3),
-        "center_x": width * 500 - 500, "center_y": height * 500 - 500, "standoff": round(STANDOFF_MM * 1e3),
-        "size_x": size[0], "size_y": size[1], "thickness": thickness_um,
-    }  # fmt: skip
-    return parse_board(BOARD.format(**values), "the recording's board")
+    return picture_board(
+        presses.reference.shape, presses.px_per_mm, ["difference"],
+        name="recorded", standoff_mm=STANDOFF_MM, margin_mm=MARGIN_MM, thickness_um=thickness_um,
+    )  # fmt: skip
 
 
 @dataclass

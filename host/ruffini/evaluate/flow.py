@@ -18,7 +18,8 @@ import numpy.typing as npt
 from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import map_coordinates
 
-from ruffini.boards import Board, parse_board
+from ruffini.boards import Board
+from ruffini.boards.pictures import picture_board
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
 from ruffini.evaluate.warps import Picture, Warp
@@ -35,59 +36,18 @@ SIZE = (240, 320)  # of generated textures
 HALF_QUALITY_PX = 0.1  # expected error of a patch of quality 128
 DIS = ("ultrafast", "fast", "medium")
 
-# One pixel is 0.1 mm: the lattice below is in pixels.
-BOARD = """schema = 1
-[board]
-name = "texture"
-product = "a textured picture"
-not_measured = []
-[camera]
-optics = "picture"
-width_px = {width}
-height_px = {height}
-rate_mhz = 30000
-focal_mpx = 200000
-center_x_mpx = {center_x}
-center_y_mpx = {center_y}
-standoff_um = 20000
-[pad]
-size_x_um = {size_x}
-size_y_um = {size_y}
-thickness_um = 4000
-modulus_pa = 100000
-poisson_1e4 = 4800
-[grid]
-n_x = 9
-n_y = 9
-n_layers = 2
-[window]
-min_x_um = 0
-min_y_um = 0
-max_x_um = {size_x}
-max_y_um = {size_y}
-[markers]
+PX_PER_MM, STANDOFF_MM = 10.0, 20.0  # one pixel is 100 um of the lattice below
+LATTICE = """[markers]
 polarity = "texture"
 n_x = {n_x}
 n_y = {n_y}
 pitch_x_um = {pitch_um}
 pitch_y_um = {pitch_um}
-first_x_um = {first_um}
-first_y_um = {first_um}
+first_x_um = 1200
+first_y_um = 1200
 diameter_um = 100
 threshold_1e3 = 700
 max_lost = 4096
-[depth]
-gauge = "mean"
-margin_um = 0
-step_px = 1
-[contact]
-threshold_un = 1000
-min_nodes = 1
-[field]
-force_lsb_un = 10
-[pipeline]
-n_rest_frames = 1
-stages = ["difference", "markers"]
 """
 
 
@@ -98,12 +58,9 @@ def board_for(picture: Picture) -> Board:
     n_x, n_y = (min((n - 16) // pitch, 64) for n in (width, height))
     if min(n_x, n_y) < 2:
         raise InputError(f"a picture of {width}x{height} pixels is too small for flow: 64 x 64 are needed")
-    values = {
-        "width": width, "height": height, "center_x": 500 * width - 500, "center_y": 500 * height - 500,
-        "size_x": 100 * width, "size_y": 100 * height, "n_x": n_x, "n_y": n_y, "pitch_um": 100 * pitch,
-        "first_um": 1200,
-    }  # fmt: skip
-    return parse_board(BOARD.format(**values), "the picture's board")
+    lattice = LATTICE.format(n_x=n_x, n_y=n_y, pitch_um=round(1e3 / PX_PER_MM) * pitch)
+    stages = ["difference", "markers"]
+    return picture_board(picture.shape, PX_PER_MM, stages, standoff_mm=STANDOFF_MM, markers=lattice)
 
 
 def speckle(rng: np.random.Generator, size: tuple[int, int] = SIZE) -> Picture:

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.boards import Board, parse_board
+from ruffini.boards import Board
+from ruffini.boards.pictures import picture_board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
 from ruffini.calibrate.pad_view import MappedCamera, PadView, mm_per_px, pad_view
 from ruffini.calibrate.presses import Press, PressSet, ball_slope
@@ -33,50 +34,6 @@ RING = 0.04  # half width of the ring whose height is the edge's
 EQUATOR = 0.98  # contact radius over ball radius: where the surface is upright no camera sees its slope
 DEPTH_SMOOTHED_PX = 3.0  # before the slope is taken of a depth that was not made of slopes
 FAR_MM = 500.0  # pinhole of a view without perspective
-
-# The view of a recording that is not of the board's own size: scale as the presses say, no perspective.
-VIEW = """schema = 1
-[board]
-name = "{name}"
-product = "view of recorded presses"
-not_measured = []
-[camera]
-optics = "recorded"
-width_px = {width}
-height_px = {height}
-rate_mhz = 30000
-focal_mpx = {focal}
-center_x_mpx = {center_x}
-center_y_mpx = {center_y}
-standoff_um = {standoff}
-[pad]
-size_x_um = {size_x}
-size_y_um = {size_y}
-thickness_um = 4000
-modulus_pa = 200000
-poisson_1e4 = 4800
-[grid]
-n_x = 9
-n_y = 9
-n_layers = 2
-[window]
-min_x_um = 0
-min_y_um = 0
-max_x_um = {size_x}
-max_y_um = {size_y}
-[depth]
-gauge = "mean"
-margin_um = 0
-step_px = {step}
-[contact]
-threshold_un = 1000
-min_nodes = 1
-[field]
-force_lsb_un = 10
-[pipeline]
-n_rest_frames = 1
-stages = ["difference", "photometric", "poisson"]
-"""
 
 
 @dataclass(frozen=True)
@@ -109,19 +66,17 @@ class View:
 
 
 def view_of(board: Board, file: CalibrationFile, shape: tuple[int, ...], px_per_mm: float) -> View:
-    """The board itself where the images are its own, else a view of their size and scale with the same table."""
+    """The board itself where the images are its own, else a view of their size and scale with the same table.
+
+    Nobody knows that view's lens: it has no perspective.
+    """
     height, width = shape[:2]
     if (width, height) == (board.camera.width_px, board.camera.height_px):
         camera = pad_view(board, file.tensors, file.metadata)
         return View(board, file.data, camera, _ideal_px(board, camera) if isinstance(camera, MappedCamera) else None)
-    values = {
-        "name": board.name,
-        "width": width, "height": height, "focal": round(px_per_mm * FAR_MM * 1e3),
-        "center_x": width * 500 - 500, "center_y": height * 500 - 500, "standoff": round(FAR_MM * 1e3),
-        "size_x": round(width / px_per_mm * 1e3), "size_y": round(height / px_per_mm * 1e3),
-        "step": 1 if max(width, height) <= 640 else 2,
-    }  # fmt: skip
-    other = parse_board(VIEW.format(**values), "the view of the presses")
+    step_px = 1 if max(width, height) <= 640 else 2
+    stages = ["difference", "photometric", "poisson"]
+    other = picture_board(shape, px_per_mm, stages, name=board.name, standoff_mm=FAR_MM, step_px=step_px)
     table = {name: tensor for name, tensor in file.tensors.items() if name.startswith("photometric.")}
     return View(other, pack(table, base_metadata(other)).data, None)
 

@@ -1,8 +1,16 @@
-"""A coarse simulated unit, solved once."""
+"""A coarse simulated unit, solved once; a daemon that a twin serves."""
+
+import json
+import os
+import subprocess
+import sys
+import time
 
 import pytest
 
 from ruffini.boards import find_board
+from ruffini.demo.daemon import running_daemon
+from ruffini.device import Connection
 from ruffini.sim.pad import PadModel, surface_compliance
 from ruffini.sim.settings import load_twin
 from ruffini.sim.unit import TwinUnit
@@ -17,3 +25,48 @@ def coarse_unit() -> TwinUnit:
         pad.poisson_1e4 * 1e-4, n_cells_x=12, n_cells_y=10, layers=(0.3, 0.7),
     )  # fmt: skip
     return TwinUnit(board, load_twin(board), model, surface_compliance(model))
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    return {**os.environ, "XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "OMP_NUM_THREADS": "1"}
+
+
+def command(*words):
+    return [sys.executable, "-c", "from ruffini.cli import main; import sys; sys.exit(main())", *map(str, words)]
+
+
+@pytest.fixture(scope="module")
+def ruffini(environment):
+    """Runs `ruffini` with the words given, in a process of its own."""
+
+    def run(*words, **options):
+        return subprocess.run(command(*words), capture_output=True, text=True, timeout=120, env=environment, **options)
+
+    return run
+
+
+@pytest.fixture
+def serve_once(environment, tmp_path):
+    """Plays twelve untouched frames of a board to the daemon by `ruffini sim serve --once`."""
+
+    def serve(board):
+        socket, scenario = tmp_path / "twin", tmp_path / "s.toml"
+        scenario.write_text('schema = 1\nprogram = "rest"\nn = 12\n')
+        words = ("sim", "serve", "--board", board, "--socket", socket, "--scenario", scenario, "--once", "--json")
+        with subprocess.Popen(command(*words), stdout=subprocess.PIPE, text=True, env=environment) as twin:
+            deadline = time.monotonic() + 60
+            while not socket.exists() and time.monotonic() < deadline:
+                time.sleep(0.05)
+            with (
+                running_daemon(board, f"twin:{socket}", tmp_path / "store", "--lockstep", "--wait-for-host") as port,
+                Connection(port) as sensor,
+            ):
+                sensor.subscribe(wrench=1)
+                assert next(sensor.stream(timeout_s=10.0)) is not None
+                output, _ = twin.communicate(timeout=60)
+        assert json.loads(output) == {"frames": 12, "simulated": True}
+        assert twin.returncode == 0
+        assert not socket.exists()
+
+    return serve

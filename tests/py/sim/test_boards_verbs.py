@@ -1,19 +1,13 @@
 """The twin's verbs on every board that is no marked pad: whole recordings, and one sentence for what cannot be."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
-import time
 
 import h5py
 import numpy as np
 import pytest
 
 from ruffini.boards import find_board
-from ruffini.demo.daemon import running_daemon
-from ruffini.device import Connection
 
 COARSER = {  # twin.toml so that every verb takes seconds: replaced, or appended where there is nothing to replace
     "contact-glitter": ("cells_x = 18\ncells_y = 14", "cells_x = 10\ncells_y = 8"),
@@ -34,23 +28,9 @@ def board(request, tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def environment(tmp_path_factory):
-    return {**os.environ, "XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")), "OMP_NUM_THREADS": "1"}
-
-
-def command(*words):
-    return [sys.executable, "-c", "from ruffini.cli import main; import sys; sys.exit(main())", *map(str, words)]
-
-
-def ruffini(environment, *words):
-    return subprocess.run(command(*words), capture_output=True, text=True, timeout=120, env=environment)
-
-
-def test_press_records_pictures_and_the_load(board, environment, tmp_path):
+def test_press_records_pictures_and_the_load(board, ruffini, tmp_path):
     out = tmp_path / "out"
-    done = ruffini(
-        environment, "sim", "press", "--board", board, "--program", "press", "--indenter", "sphere",
+    done = ruffini("sim", "press", "--board", board, "--program", "press", "--indenter", "sphere",
         "--radius-mm", 5, "--depth-mm", 0.6, "--out", out, "--json",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -64,9 +44,9 @@ def test_press_records_pictures_and_the_load(board, environment, tmp_path):
     assert (tray[deepest, 2] < -1e-6) == (board.name == "ftouch")  # only one of them has a tray
 
 
-def test_dataset_holds_what_was_asked_for(board, environment, tmp_path):
+def test_dataset_holds_what_was_asked_for(board, ruffini, tmp_path):
     out = tmp_path / "d"
-    done = ruffini(environment, "sim", "dataset", "--board", board, "--n", 2, "--shard-size", 2, "--out", out, "--json")
+    done = ruffini("sim", "dataset", "--board", board, "--n", 2, "--shard-size", 2, "--out", out, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["samples"] == 2
     (shard,) = out.glob("*.h5")
@@ -75,22 +55,8 @@ def test_dataset_holds_what_was_asked_for(board, environment, tmp_path):
     assert (np.linalg.norm(wrench[:, :3], axis=1) > 0.01).all()
 
 
-def test_serve_feeds_a_daemon(board, environment, tmp_path):
-    socket, scenario = tmp_path / "twin", tmp_path / "s.toml"
-    scenario.write_text('schema = 1\nprogram = "rest"\nn = 12\n')
-    words = ("sim", "serve", "--board", board, "--socket", socket, "--scenario", scenario, "--once", "--json")
-    with subprocess.Popen(command(*words), stdout=subprocess.PIPE, text=True, env=environment) as twin:
-        deadline = time.monotonic() + 60
-        while not socket.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        with (
-            running_daemon(board, f"twin:{socket}", tmp_path / "store", "--lockstep", "--wait-for-host") as port,
-            Connection(port) as sensor,
-        ):
-            sensor.subscribe(wrench=1)
-            assert next(sensor.stream(timeout_s=10.0)) is not None
-            output, _ = twin.communicate(timeout=60)
-    assert json.loads(output) == {"frames": 12, "simulated": True}
+def test_serve_feeds_a_daemon_and_ends_with_it(board, serve_once):
+    serve_once(board)
 
 
 @pytest.mark.parametrize(
@@ -100,17 +66,15 @@ def test_serve_feeds_a_daemon(board, environment, tmp_path):
         (("--program", "press", "--indenter", "spoon"), "spoon"),
     ],
 )
-def test_what_a_body_cannot_do_is_one_sentence(board, environment, tmp_path, words, sentence):
-    done = ruffini(environment, "sim", "press", "--board", board, *words, "--out", tmp_path / "out")
+def test_what_a_body_cannot_do_is_one_sentence(board, ruffini, tmp_path, words, sentence):
+    done = ruffini("sim", "press", "--board", board, *words, "--out", tmp_path / "out")
     assert done.returncode == 2, done.stderr
     assert sentence in done.stderr
     assert done.stderr.count("\n") == 1
 
 
-def test_a_connector_loads_the_tray_only(board, environment, tmp_path):
-    done = ruffini(
-        environment, "sim", "press", "--board", board, "--program", "connector", "--n", 2, "--out", tmp_path / "out"
-    )
+def test_a_connector_loads_the_tray_only(board, ruffini, tmp_path):
+    done = ruffini("sim", "press", "--board", board, "--program", "connector", "--n", 2, "--out", tmp_path / "out")
     if board.name == "ftouch":
         assert done.returncode == 0, done.stderr
         with np.load(tmp_path / "out" / "truth.npz") as truth:
@@ -120,9 +84,7 @@ def test_a_connector_loads_the_tray_only(board, environment, tmp_path):
         assert "no platform that a connector could load" in done.stderr
 
 
-def test_balls_need_a_flat_pad(environment, tmp_path):
-    done = ruffini(
-        environment, "sim", "press", "--board", "stereo-fingertip", "--program", "balls", "--n", 1, "--out", tmp_path
-    )
+def test_balls_need_a_flat_pad(ruffini, tmp_path):
+    done = ruffini("sim", "press", "--board", "stereo-fingertip", "--program", "balls", "--n", 1, "--out", tmp_path)
     assert done.returncode == 2
     assert "balls calibrate colour on a flat pad" in done.stderr

@@ -4,7 +4,6 @@ import errno
 import fcntl
 import hashlib
 import os
-import shutil
 import signal
 from io import BytesIO
 from pathlib import Path
@@ -13,7 +12,6 @@ import h5py
 import numpy as np
 import pytest
 
-from ruffini.boards import find_board
 from ruffini.errors import InputError, RuffiniError
 from ruffini.sim.dataset import shard as shards
 from ruffini.sim.dataset.make import make_dataset
@@ -22,16 +20,6 @@ from ruffini.sim.dataset.workers import on_dask
 from ruffini.sim.unit import PadError
 
 N, SHARD_SIZE = 7, 2
-MESH = "\n[mesh]\ncells_x = 10\ncells_y = 8\n"
-
-
-@pytest.fixture(scope="module")
-def coarse_board(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("boards") / "gelslim"
-    shutil.copytree(find_board("gelslim").folder, folder)
-    with (folder / "twin.toml").open("a") as twin:
-        twin.write(MESH)
-    return find_board(folder)
 
 
 @pytest.fixture(autouse=True)

@@ -1,17 +1,11 @@
 """The twin's verbs as a person types them: one JSON object, documented exit codes, one sentence when it is wrong."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
-import time
 
 import pytest
 
 from ruffini.boards import find_board
-from ruffini.demo.daemon import running_daemon
-from ruffini.device import Connection
 
 COARSE = "\n[mesh]\ncells_x = 10\ncells_y = 8\n"
 
@@ -25,26 +19,12 @@ def board(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def environment(tmp_path_factory):
-    return {**os.environ, "XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache"))}
-
-
-def command(*words):
-    return [sys.executable, "-c", "from ruffini.cli import main; import sys; sys.exit(main())", *map(str, words)]
-
-
-def ruffini(environment, *words):
-    return subprocess.run(command(*words), capture_output=True, text=True, timeout=60, env=environment)
-
-
-def test_press_with_a_scenario(board, environment, tmp_path):
+def test_press_with_a_scenario(board, ruffini, tmp_path):
     (tmp_path / "s.toml").write_text(
         'schema = 1\nprogram = "rest"\nn = 3\n'
         '[[fault]]\nkind = "drop"\nshare_1e3 = 1000\nfirst_frame = 1\nn_frames = 1\n'
     )
-    done = ruffini(
-        environment, "sim", "press", "--board", board, "--scenario", tmp_path / "s.toml", "--out", tmp_path / "out",
+    done = ruffini("sim", "press", "--board", board, "--scenario", tmp_path / "s.toml", "--out", tmp_path / "out",
         "--json",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -52,47 +32,20 @@ def test_press_with_a_scenario(board, environment, tmp_path):
     assert sorted(p.name for p in (tmp_path / "out" / "frames").iterdir()) == ["000000.png", "000002.png"]
 
 
-def test_dataset_goes_on_where_it_was(board, environment, tmp_path):
+def test_dataset_goes_on_where_it_was(board, ruffini, tmp_path):
     words = ("sim", "dataset", "--board", board, "--n", 3, "--shard-size", 2, "--out", tmp_path / "d", "--json")
-    first, again = (json.loads(ruffini(environment, *words).stdout) for _ in range(2))
+    first, again = (json.loads(ruffini(*words).stdout) for _ in range(2))
     assert (first["shards_made"], first["shards_kept"]) == (2, 0)
     assert (again["shards_made"], again["shards_kept"], again["samples_per_s"]) == (0, 2, None)
 
 
-def test_bench_is_one_object(board, environment):
-    result = json.loads(ruffini(environment, "sim", "bench", "--board", board, "--json").stdout)
+def test_bench_is_one_object(board, ruffini):
+    result = json.loads(ruffini("sim", "bench", "--board", board, "--json").stdout)
     assert min(result["rendering_fps"], result["mechanics_fps"]) > 0
 
 
-def test_serve_feeds_a_daemon_and_ends_with_it(board, environment, tmp_path):
-    socket = tmp_path / "twin"
-    (tmp_path / "s.toml").write_text('schema = 1\nprogram = "rest"\nn = 12\n')
-    words = (
-        "sim",
-        "serve",
-        "--board",
-        board,
-        "--socket",
-        socket,
-        "--scenario",
-        tmp_path / "s.toml",
-        "--once",
-        "--json",
-    )
-    with subprocess.Popen(command(*words), stdout=subprocess.PIPE, text=True, env=environment) as twin:
-        deadline = time.monotonic() + 30
-        while not socket.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        with (
-            running_daemon(board, f"twin:{socket}", tmp_path / "store", "--lockstep", "--wait-for-host") as port,
-            Connection(port) as sensor,
-        ):
-            sensor.subscribe(wrench=1)
-            assert next(sensor.stream(timeout_s=5.0)) is not None
-            output, _ = twin.communicate(timeout=30)
-    assert json.loads(output) == {"frames": 12, "simulated": True}
-    assert twin.returncode == 0
-    assert not socket.exists()
+def test_serve_feeds_a_daemon_and_ends_with_it(board, serve_once):
+    serve_once(board)
 
 
 @pytest.mark.parametrize(
@@ -107,22 +60,19 @@ def test_serve_feeds_a_daemon_and_ends_with_it(board, environment, tmp_path):
         (("serve", "--socket", "s" * 200), "choose another --socket"),
     ],
 )
-def test_bad_input_is_one_sentence_and_exit_code_2(board, environment, tmp_path, words, sentence):
+def test_bad_input_is_one_sentence_and_exit_code_2(board, ruffini, tmp_path, words, sentence):
     (tmp_path / "twin.toml").write_text("a file, no folder")
-    done = subprocess.run(
-        command("sim", words[0], "--board", board, *words[1:]), capture_output=True, text=True, timeout=60,
-        env=environment, cwd=tmp_path,
-    )  # fmt: skip
+    done = ruffini("sim", words[0], "--board", board, *words[1:], cwd=tmp_path)
     assert done.returncode == 2, done.stderr
     assert sentence in done.stderr
     assert done.stderr.count("\n") == 1
     assert not done.stdout
 
 
-def test_board_without_optics_is_refused(environment, tmp_path):
+def test_board_without_optics_is_refused(ruffini, tmp_path):
     words = (("press", "--out", tmp_path / "out"), ("dataset", "--n", 1, "--out", tmp_path / "out"), ("bench",))
     for word, *options in words:
-        done = ruffini(environment, "sim", word, "--board", "gelsight-mini", *options)
+        done = ruffini("sim", word, "--board", "gelsight-mini", *options)
         assert done.returncode == 2
         assert "has no optics to simulate" in done.stderr
         assert done.stderr.count("\n") == 1

@@ -1,7 +1,5 @@
 """The trained displacement network: samples of the twin, training that can be cut, ONNX through OpenCV."""
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -10,18 +8,8 @@ from ruffini.errors import InputError
 from ruffini.train import presses
 from ruffini.train.predict import DisplacementNetwork
 
-MESH = "\n[mesh]\ncells_x = 10\ncells_y = 8\n"
 N_PRESSES, N_PASSES, SEED = 10, 4, 3
 NO_TORCH = "needs the extra [train]: pip install 'ruffini[train]'"
-
-
-@pytest.fixture(scope="module")
-def coarse_board(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("boards") / "gelslim"
-    shutil.copytree(find_board("gelslim").folder, folder)
-    with (folder / "twin.toml").open("a") as twin:
-        twin.write(MESH)
-    return find_board(folder)
 
 
 @pytest.fixture(autouse=True)
