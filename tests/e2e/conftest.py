@@ -15,6 +15,7 @@ import pytest
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
+from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
 from ruffini.calibrate.operator import make_operator
 from ruffini.calibrate.pad_view import Pinhole
 from ruffini.calibrate.photometric import Choice, collect_samples, fit_model, tabulate
@@ -23,11 +24,13 @@ from ruffini.demo.daemon import find_daemon
 from ruffini.fem.operators import Noise
 from ruffini.sim.pad import PadModel, surface_compliance
 from ruffini.sim.recording import record_balls
+from ruffini.sim.scenario import Scenario
 from ruffini.sim.settings import load_twin
 from ruffini.sim.unit import TwinUnit
 
 ROOT = Path(__file__).parents[2]
 N_REST, N_FRAMES = 10, 40
+N_UNTOUCHED = 120
 COLOUR_OF_SLOPE = 0.5
 
 TINY = {
@@ -163,7 +166,8 @@ class Twin:
 @pytest.fixture(scope="session")
 def twin(sensor: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Twin:
     root = tmp_path_factory.mktemp("twin")
-    folder = write_board(root / "tiny", {})
+    # A node is four times as large as on the board that the threshold is of, so it feels four times the force.
+    folder = write_board(root / "tiny", {"threshold_un = 3000": "threshold_un = 12000"})
     shutil.copy(find_board("gelslim").folder / "twin.toml", folder)
     board = find_board(folder)
     pad, camera = board.pad, board.camera
@@ -177,5 +181,13 @@ def twin(sensor: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Twin:
         camera.focal_mpx / 1e3, camera.center_x_mpx / 1e3, camera.center_y_mpx / 1e3, camera.standoff_um / 1e3
     )
     colours = fit_model(collect_samples(load_presses(root / "balls"), pinhole), Choice(unmix_order=2, stiffness=1e-5))
-    file = container.unpack(sensor.calibration)  # the same board: its operator fits
-    return Twin(unit, container.pack({**file.tensors, **tabulate(colours)}, file.metadata).data)
+    file = container.unpack(sensor.calibration)  # the same pad: its operator fits
+    file = container.pack({**file.tensors, **tabulate(colours)}, file.metadata)
+    noise = fit_contact_noise(linear_pressure(board, file, untouched(unit)), board.pipeline.n_rest_frames)
+    return Twin(unit, container.pack({**file.tensors, **noise.tensors()}, file.metadata).data)
+
+
+def untouched(unit: TwinUnit) -> Iterator[np.ndarray]:
+    """Frames of a twin that nothing touches."""
+    renderer, scenario, rest = unit.renderer(), Scenario(seed=1), unit.at_rest()
+    return (scenario.picture(renderer, i, rest, rest, None) for i in range(N_UNTOUCHED))
