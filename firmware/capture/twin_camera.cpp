@@ -25,6 +25,7 @@ constexpr auto kFramePatience = 2s;       // from a frame's first byte to its la
 constexpr timeval kReadSlice{0, 50'000};  // so that a stalled twin does not hold up the daemon's end
 constexpr uint32_t kVersion = 1;
 constexpr uint32_t kMaxNameBytes = 256;
+constexpr uint64_t kMicrosecondsMillihertz = 1'000'000'000;  // a period at 1 mHz
 
 static_assert(std::endian::native == std::endian::little, "the socket's numbers are read as they are");
 
@@ -70,8 +71,8 @@ std::span<uint8_t> bytes_of(T& value) {
 
 class TwinCamera : public Camera {
  public:
-  TwinCamera(UniqueFd socket, std::string path, bool is_lockstep)
-      : socket_(std::move(socket)), path_(std::move(path)), is_lockstep_(is_lockstep) {}
+  TwinCamera(UniqueFd socket, std::string path, bool is_lockstep, uint64_t rate_mhz)
+      : socket_(std::move(socket)), path_(std::move(path)), is_lockstep_(is_lockstep), rate_mhz_(rate_mhz) {}
 
   CaptureStatus capture(FramePool::Buffer& buffer) override {
     if (!is_started_ && !start()) return lose("went away before the first frame");
@@ -82,8 +83,7 @@ class TwinCamera : public Camera {
     if (header.magic != std::array{'R', 'F', 'T', 'F'}) return lose("sent something that is no frame");
     if (header.n_bytes == 0) return CaptureStatus::kEnd;
     buffer.number = header.number;
-    buffer.capture_us = static_cast<uint64_t>(
-        std::chrono::duration_cast<std::chrono::microseconds>(SteadyClock::now().time_since_epoch()).count());
+    buffer.capture_us = is_lockstep_ ? header.number * kMicrosecondsMillihertz / rate_mhz_ : now_us();
     if (header.n_bytes != buffer.pixels.size()) return lose("sent a frame of another size");
     if (read_all(socket_.get(), buffer.pixels, true) != ReadStatus::kDone) return lose("went away within a frame");
     return CaptureStatus::kFrame;
@@ -93,6 +93,11 @@ class TwinCamera : public Camera {
   [[nodiscard]] bool is_replay() const override { return false; }
 
  private:
+  static uint64_t now_us() {
+    return static_cast<uint64_t>(
+        std::chrono::duration_cast<std::chrono::microseconds>(SteadyClock::now().time_since_epoch()).count());
+  }
+
   bool start() {
     const char mode = is_lockstep_ ? 'L' : 'P';
     is_started_ = ::send(socket_.get(), &mode, 1, MSG_NOSIGNAL) == 1;
@@ -108,6 +113,7 @@ class TwinCamera : public Camera {
   std::string path_;
   std::string problem_;
   bool is_lockstep_;
+  uint64_t rate_mhz_;
   bool is_started_ = false;
 };
 
@@ -163,7 +169,8 @@ Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool i
                                            "\" needs " + std::to_string(board.camera.width_px) + "x" +
                                            std::to_string(board.camera.height_px)};
   }
-  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), socket_path, is_lockstep));
+  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), socket_path, is_lockstep,
+                                                              static_cast<uint64_t>(board.camera.rate_mhz)));
 }
 
 }  // namespace ruffini

@@ -2,7 +2,8 @@
 //
 // Everything little endian. The twin greets: "RFTC", version u32 = 1, width u32, height u32, rate u32 (millihertz),
 // length u32 of the board's name, the name. The camera answers one byte when its first frame is wanted: 'P' paced (the
-// twin keeps the board's rate and skips what it is late for) or 'L' lockstep (every frame, as fast as it is taken).
+// twin keeps the board's rate and skips what it is late for) or 'L' lockstep (every frame, as fast as it is taken; the
+// time of a frame is its number times the board's period, whenever it comes).
 // Then, for each frame: "RFTF", bytes u32, number u64 (gaps mean drops), pixels B G R row by row.
 // "RFTF" with 0 bytes is the end.
 #pragma once

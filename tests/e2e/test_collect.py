@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -11,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Twin
+from conftest import ROOT, Twin
 from scipy.spatial.transform import Rotation
 
-from ruffini.boards import find_board
+from ruffini.boards import Board, find_board
 from ruffini.calibrate.feature_log import read_feature_runs
 from ruffini.demo.twin_session import LOGGER_DRIFT, Simulated, TwinOptions, open_logged, open_simulated
 from ruffini.errors import InputError, NoDeviceError, RefusedError
@@ -51,7 +52,9 @@ def bench(
 ) -> Iterator[tuple[Bench, Simulated]]:
     """A bench on the tiny twin, calibrated, homed and at rest."""
     with contextlib.ExitStack() as stack:
-        simulated = open_simulated(stack, twin.board, program, TwinOptions(machine, mount=mount), twin.unit)
+        simulated = open_simulated(
+            stack, twin.board, program, TwinOptions(machine, mount=mount, is_hurried=True), twin.unit
+        )
         simulated.parts.sensor.flash(twin.calibration)
         parts = replace(simulated.parts, pace=simulated.parts.pace._replace(stall_s=stall_s))
         yield stack.enter_context(ready_bench(parts, twin.board, LIMITS)), simulated
@@ -108,14 +111,13 @@ def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path)
     true = Rotation.from_euler("xyz", ASKEW.turn_deg, degrees=True)
     assert np.rad2deg((turn * true.inv()).magnitude()) < 4
     assert log.found["frame"]["arm_m"] == pytest.approx(ASKEW.arm_m, abs=2e-3)
-    ratios = []
     for touch, wanted in zip(log.touches, PLAN, strict=True):
         a, f = touch.arrays, touch.facts
         assert (f["kind"], f["x_m"], f["depth_m"]) == ("press", wanted.x_m, wanted.depth_m)
         truth = reference_in_pad(log, touch)[is_held(a["reference_s"], f)].mean(axis=0)
-        seen = a["stream_wrench"][is_held(a["stream_host_s"], f)]
+        seen = a["stream_wrench"][is_held(a["stream_host_s"], f)].mean(axis=0)
         assert truth[2] < -0.09
-        ratios.append(seen[-5:, 2].mean() / truth[2])
+        assert seen[2] == pytest.approx(truth[2], rel=0.25)
         if wanted.shear_x_m or wanted.shear_y_m:  # the tip pulls the pad along
             assert np.dot(truth[:2], [wanted.shear_x_m, wanted.shear_y_m]) > 0
         assert a["field_displacement"].shape[-1] == 3
@@ -126,9 +128,6 @@ def test_touches_are_collected_kept_and_gone_on_with(twin: Twin, tmp_path: Path)
             [wanted.x_m + wanted.shear_x_m, wanted.y_m + wanted.shear_y_m, f["contact_z_m"] - wanted.depth_m]
         )
         assert abs(on_reference_clock(log, touch) - a["stream_host_s"]).max() < 0.5
-    # A coarse sensor: each touch is seen with its sign and size, all of them together without a bias.
-    assert 0.4 < min(ratios) <= max(ratios) < 2, ratios
-    assert np.median(ratios) == pytest.approx(1, abs=0.25), ratios
     assert abs(log.found["clocks"][0]["late_s"]) < 0.2  # the camera's pipeline is slower than the reference's
 
 
@@ -227,7 +226,7 @@ def _stop() -> None:
 def test_the_sensors_force_stops_the_machine_too(twin: Twin, tmp_path: Path) -> None:
     """The reference sees a tenth of the force; the sensor knows better."""
     with contextlib.ExitStack() as stack:
-        simulated = open_simulated(stack, twin.board, "grid", TwinOptions(mount=NO_MOUNT), twin.unit)
+        simulated = open_simulated(stack, twin.board, "grid", TwinOptions(mount=NO_MOUNT, is_hurried=True), twin.unit)
         simulated.twin.cell.gain = np.full(6, 0.1)
         simulated.parts.sensor.flash(twin.calibration)
         parts = replace(simulated.parts, max_force_n=0.5)
@@ -265,7 +264,7 @@ def test_weights_and_presses_by_hand(twin: Twin, tmp_path: Path) -> None:
 def test_another_programs_csv_with_a_drifting_clock(twin: Twin, tmp_path: Path) -> None:
     log = LogWriter(tmp_path / "log.h5", {})
     with contextlib.ExitStack() as stack:
-        parts, csv = open_logged(stack, twin.board, TwinOptions(), tmp_path / "force.csv", twin.unit)
+        parts, csv = open_logged(stack, twin.board, TwinOptions(is_hurried=True), tmp_path / "force.csv", twin.unit)
         assert isinstance(parts, SensorParts)
         parts.sensor.flash(twin.calibration)
         watched = stack.enter_context(watched_stream(parts.sensor, twin.board, parts.pace))
@@ -283,8 +282,26 @@ def test_another_programs_csv_with_a_drifting_clock(twin: Twin, tmp_path: Path) 
         assert a["stream_wrench"][is_held(a["stream_host_s"], f), 2].mean() == pytest.approx(truth, rel=0.3)
 
 
+COARSE_FTOUCH = {
+    "width_px = 640": "width_px = 320", "height_px = 480": "height_px = 240", "rate_mhz = 30000": "rate_mhz = 20000",
+    "focal_mpx = 460000": "focal_mpx = 230000", "center_x_mpx = 319500": "center_x_mpx = 159500",
+    "center_y_mpx = 239500": "center_y_mpx = 119500", "step_px = 4": "step_px = 2",
+}  # fmt: skip
+
+
+def coarse_ftouch(folder: Path) -> Board:
+    """F-TOUCH with a camera of a quarter of its pixels, as many as the targets need."""
+    folder = Path(shutil.copytree(ROOT / "boards" / "ftouch", folder / "ftouch"))
+    text = (folder / "board.toml").read_text()
+    for old, new in COARSE_FTOUCH.items():
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    (folder / "board.toml").write_text(text)
+    return find_board(folder)
+
+
 def test_the_conditions_of_a_rigid_connector_reach_the_log_with_its_targets(tmp_path: Path) -> None:
-    board = find_board("ftouch")
+    board = coarse_ftouch(tmp_path)
     settings, pad = load_twin(board), board.pad
     assert settings.platform is not None
     model = PadModel(
@@ -295,8 +312,9 @@ def test_the_conditions_of_a_rigid_connector_reach_the_log_with_its_targets(tmp_
     loads = plan("conditions", Span(0.003, 0.002, 0.0006, 0.0), 18, 1, ByHand(force_n=0.8, torque_nm=0.008))
     items = [loads[i] for i in (0, 6, 13, 16)]
     with contextlib.ExitStack() as stack:
-        simulated = open_simulated(stack, board, "conditions", TwinOptions(mount=NO_MOUNT), unit)
-        b = stack.enter_context(ready_bench(simulated.parts, board, None))
+        simulated = open_simulated(stack, board, "conditions", TwinOptions(mount=NO_MOUNT, is_hurried=True), unit)
+        slow_line = replace(simulated.parts, pace=simulated.parts.pace._replace(image_bytes_per_s=2e5))
+        b = stack.enter_context(ready_bench(slow_line, board, None))
         collect(b, items, LogWriter(tmp_path / "log.h5", {"board": board.name}))
         with pytest.raises(InputError, match="needs a stage"):
             collect(b, STRAIGHT, LogWriter(tmp_path / "none.h5", {}))

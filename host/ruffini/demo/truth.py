@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.rig.log_file import Log, TouchRecord
 
 Array = npt.NDArray[np.float64]
@@ -28,7 +28,7 @@ class Truth:
 
     def note(self, frame: int, wrench: Array) -> None:
         """The camera has this frame now, and the reference its wrench."""
-        self.spoken_s[frame] = time.monotonic() + self.delay_s
+        self.spoken_s[frame] = host_clock.now() + self.delay_s
         self.wrench[frame] = wrench.copy()
 
     def of(self, touch: TouchRecord) -> Array:

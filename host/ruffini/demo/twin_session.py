@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ruffini import host_clock
 from ruffini.boards import Board
 from ruffini.demo.daemon import running_daemon
 from ruffini.device import Connection
@@ -27,6 +28,7 @@ from ruffini.rig.emulated_references import (
     EmulatedTextCell,
     Mount,
 )
+from ruffini.rig.frame_clock import FrameClock
 from ruffini.rig.grbl import Grbl
 from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.marlin import Marlin
@@ -75,6 +77,7 @@ class TwinOptions:
     seed: int = 1
     error: PadError = field(default_factory=PadError)
     mount: Mount | None = None  # None: askew; BOLTED to a connector, as its drawing says
+    is_hurried: bool = False  # by simulated time, as fast as this computer goes, and not by real time
     say: Callable[[str], None] = lambda _: None
     progress: Progress = lambda _: None
 
@@ -121,6 +124,8 @@ def open_simulated(
     """
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-")))
     unit = unit or build_unit(board, options.error, progress=options.progress)
+    clock = FrameClock(1e3 / board.camera.rate_mhz) if options.is_hurried else None
+    stack.enter_context(host_clock.lent(clock) if clock else contextlib.nullcontext())
     kind, indenter = unit.twin.shape.kind, Indenter("sphere", options.ball_mm / 2e3)
     emulated, driver = MACHINES[options.machine]
     machine = stack.enter_context(emulated()) if program in BY_STAGE else None
@@ -134,11 +139,13 @@ def open_simulated(
         options.seed,
         rate_hz=REFERENCE_HZ[kind],
         mount=options.mount or (BOLTED if program == CONNECTED else ASKEW),
+        clock=clock,
     )
     stack.enter_context(twin.server)
     stack.enter_context(twin.cell)
     assert board.folder is not None
-    port = stack.enter_context(running_daemon(board.folder, f"twin:{folder / 'twin'}", folder / "store"))
+    mode = ["--lockstep"] if clock else []
+    port = stack.enter_context(running_daemon(board.folder, f"twin:{folder / 'twin'}", folder / "store", *mode))
     sensor = stack.enter_context(Connection(port))
     stage: Stage | None = None
     if machine is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -11,6 +10,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.errors import InputError, RefusedError
 from ruffini.rig.guarded_stage import GuardedStage
 from ruffini.rig.placed_weight import PlacedWeight
@@ -82,17 +82,17 @@ class Bench:
             Sensor or reference went away or is saturated, or a guard says stop.
         """
         deadline = started_s + self.max_hold_s
-        while time.monotonic() < deadline:
+        while host_clock.now() < deadline:
             self.guard()
             self.reference.latest()
             self.stream.latest()
             seen = self.stream.since(started_s)
             has_image = bool(seen.images) or not self.stream.has_images
             has_all = len(seen.frames) > MIN_FRAMES and len(self.reference.since(started_s)) > MIN_READINGS
-            if has_all and has_image and time.monotonic() - started_s > HOLD_S:
+            if has_all and has_image and host_clock.now() - started_s > HOLD_S:
                 break
-            time.sleep(0.02)
-        return time.monotonic()
+            host_clock.sleep(0.02)
+        return host_clock.now()
 
     def catch_up(self, until_s: float) -> None:
         """Wait until the stream shows a time of the host, however long its frames queue; raises as `hold`."""
@@ -100,7 +100,7 @@ class Bench:
             newest = self.stream.latest()
             if newest.stream_s + least_delay_s(self.stream.since(until_s - self.max_hold_s).frames) > until_s:
                 return
-            time.sleep(0.02)
+            host_clock.sleep(0.02)
 
     def rest(self) -> list[Reading]:
         """Readings of a moment in which nothing touches."""

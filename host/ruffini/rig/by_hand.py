@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from ruffini import host_clock
 from ruffini.errors import RefusedError
 from ruffini.rig.bench import Bench
 from ruffini.rig.checks import check_axes, check_unit
@@ -32,7 +32,7 @@ def weight(bench: Bench, item: Weight, _: Path) -> dict[str, Any]:
     if bench.weight is not None:
         bench.weight.place(item.grams)
         bench.reference.fresh()
-    held = time.monotonic()
+    held = host_clock.now()
     lifted = bench.hold(held)
     if bench.weight is not None:
         bench.weight.place(0.0)
@@ -47,7 +47,7 @@ def weight(bench: Bench, item: Weight, _: Path) -> dict[str, Any]:
 
 def touch(bench: Bench, item: HandTouch, _: Path) -> dict[str, Any]:
     """A person presses as hard as is said, and lets go."""
-    begun = time.monotonic()
+    begun = host_clock.now()
     hand = HandPress(lambda: bench.reference.latest().wrench, bench.max_force_n, bench.person.say)
     held, _right = hand.press(Target(item.x_m, item.y_m, item.force_n, TOLERANCE * item.force_n), guard=bench.guard)
     lifted = bench.hold(held)
@@ -68,8 +68,8 @@ def condition(bench: Bench, item: Condition, _: Path) -> dict[str, Any]:
 
 def _wait(bench: Bench, item: Condition, is_so: Callable[[float], bool], for_s: float, told: str) -> float:
     """Until the largest part of the load has been so for a while; when that began."""
-    deadline, since = time.monotonic() + PATIENCE_S, None
-    while (now := time.monotonic()) < deadline:
+    deadline, since = host_clock.now() + PATIENCE_S, None
+    while (now := host_clock.now()) < deadline:
         bench.guard()
         bench.stream.latest()
         wrench = bench.reference.latest().wrench
@@ -79,5 +79,5 @@ def _wait(bench: Bench, item: Condition, is_so: Callable[[float], bool], for_s: 
         since = (since or now) if is_so(float(abs(item.part(wrench)).max())) else None
         if since is not None and now - since >= for_s:
             return since
-        time.sleep(POLL_S)
+        host_clock.sleep(POLL_S)
     raise RefusedError(f"{told} within {PATIENCE_S:g} s: {item.told()}")

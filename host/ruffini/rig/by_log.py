@@ -6,13 +6,13 @@ The stream is kept on disk while it comes; clocks and touches are found when the
 from __future__ import annotations
 
 import threading
-import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
 from ruffini.rig.bench import Person
@@ -48,10 +48,10 @@ def record(stream: StreamWatch, person: Person, log: LogWriter, session: str) ->
     stop, failed = threading.Event(), list[RuffiniError]()
 
     def keep() -> None:
-        start, number = time.monotonic(), 0
+        start, number = host_clock.now(), 0
         while True:
             is_last = stop.wait(CHUNK_S)
-            now = time.monotonic()
+            now = host_clock.now()
             window = stream.since(start)
             stream.forget(now)
             write_whole(log.side_file(f"stream-{number:04d}.npz"), packed(window, session))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import time
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from ruffini import host_clock
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.error_model import node_places
@@ -68,7 +68,7 @@ def check_weight(bench: Bench, grams: float, file: CalibrationFile | None) -> Ch
     bench.person.confirm(f"put {Weight(0.0, 0.0, grams).told()}")
     if bench.weight is not None:
         bench.weight.place(grams)
-    begun = time.monotonic()
+    begun = host_clock.now()
     ended = bench.hold(begun)
     frames = bench.stream.since(begun + (1 - SETTLED_PART) * (ended - begun)).frames
     if bench.weight is not None:
@@ -85,7 +85,7 @@ def check_ball(bench: Bench, board: Board, ball_mm: float) -> Checked:
     """A person loads a ball with a weight, or presses it as hard, and takes it away."""
     put = Weight(0.0, 0.0, BALL_GRAMS).told()
     bench.person.confirm(f"put {put}, onto the {ball_mm:g} mm ball (or press it as hard and hold still)")
-    begun = time.monotonic()
+    begun = host_clock.now()
     bench.hold(begun)
     fields = bench.stream.since(begun).fields[-FIELDS:]
     bench.person.confirm("take it away")

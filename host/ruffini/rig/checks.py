@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.errors import InputError, RefusedError
 from ruffini.rig.bench import Bench
 from ruffini.rig.reference import Facts
@@ -76,7 +76,7 @@ def _probe(bench: Bench) -> tuple[Array, float]:
         for _ in stage.press(0.0, 0.0, contact_m, stage.limits.deepest_m):
             if np.linalg.norm(np.nan_to_num(bench.reference.fresh().wrench[:3])) >= PROBE_N:
                 break
-        start = time.monotonic()
+        start = host_clock.now()
         end = bench.hold(start)
         pressed = np.mean([r.wrench for r in bench.reference.since(start) if r.host_s < end], axis=0)
         seen = np.mean([s.wrench for s in bench.stream.since(start).frames], axis=0)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.calibrate.warmth import CELSIUS
 from ruffini.errors import RefusedError
 from ruffini.files import write_whole
@@ -148,7 +149,7 @@ def _good_touch(bench: Bench, item: Item, again: Callable[[str], None]) -> tuple
 
 def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     """One touch, and what is wrong with it."""
-    start = time.monotonic()
+    start = host_clock.now()
     bench.stream.forget(start)
     drift = bench.tare_again()
     path: list[tuple[float, Place]] = []
@@ -173,10 +174,10 @@ def _by_stage(bench: Bench, touch: Touch, path: list[tuple[float, Place]]) -> di
     stage = bench.need_stage()
 
     def note(place: Place) -> None:
-        path.append((time.monotonic(), place))
+        path.append((host_clock.now(), place))
 
     contact_m = press(stage, touch, note)
-    held = time.monotonic()
+    held = host_clock.now()
     lifted = bench.hold(held)
     note(path[-1][1])
     stage.lift()

@@ -6,6 +6,7 @@ import functools
 import re
 import time
 
+from ruffini import host_clock
 from ruffini.rig.emulated_machine import MAX_BLOCKS, EmulatedMachine
 from ruffini.rig.stage import Place
 
@@ -35,9 +36,9 @@ class EmulatedMarlin(EmulatedMachine):
 
     def is_ready(self) -> bool:
         if self._answer and self.is_moving():
-            if time.monotonic() - self._noted_s > BUSY_S:
+            if host_clock.now() - self._noted_s > BUSY_S:
                 self.say("echo:busy: processing")
-                self._noted_s = time.monotonic()
+                self._noted_s = host_clock.now()
             return False
         self.say(*self._answer)
         self._answer = []
@@ -81,7 +82,7 @@ class EmulatedMarlin(EmulatedMachine):
             x, y, z = (1e3 * v for v in self.blocks[-1].end)
             self.say(f"X:{x:.4f} Y:{y:.4f} Z:{z:.4f} E:0.00 Count X:0 Y:0 Z:0")
         elif code == "M400":
-            self._answer, self._noted_s = ["ok"], time.monotonic()
+            self._answer, self._noted_s = ["ok"], host_clock.now()
             return
         elif code == "M410":
             self.freeze()
@@ -154,7 +155,7 @@ class EmulatedGrbl(EmulatedMachine):
             place, speed_m_s = _target(self, text, is_relative="G91" in text)
             if speed_m_s is None:
                 return self.say("error:22")
-            while len([b for b in self.blocks if b.end_s > time.monotonic()]) >= MAX_BLOCKS:
+            while len([b for b in self.blocks if b.end_s > host_clock.now()]) >= MAX_BLOCKS:
                 time.sleep(0.001)
             self._has_hit = not self.go(place, speed_m_s)
         elif text not in ("G21", "G90", "G53"):

@@ -11,6 +11,7 @@ import time
 import tty
 from typing import NamedTuple
 
+from ruffini import host_clock
 from ruffini.rig.stage import Place
 
 HOME_PLACE = Place(0.0, 0.0, 0.05)
@@ -59,7 +60,7 @@ class EmulatedMachine:
 
     def reported(self, time_s: float | None = None) -> Place:
         """Where the machine believes it is."""
-        now = time.monotonic() if time_s is None else time_s
+        now = host_clock.now() if time_s is None else time_s
         with self.lock:
             for block in self.blocks:
                 if now < block.end_s:
@@ -69,11 +70,11 @@ class EmulatedMachine:
     def is_moving(self) -> bool:
         """Is there way to go?"""
         with self.lock:
-            return time.monotonic() < self.blocks[-1].end_s
+            return host_clock.now() < self.blocks[-1].end_s
 
     def go(self, end: Place, speed_m_s: float) -> bool:
         """Plan one more move; False where it ends at the limit switch."""
-        now = time.monotonic()
+        now = host_clock.now()
         with self.lock:
             self.blocks = [b for b in self.blocks[:-1] if b.end_s > now] + self.blocks[-1:]
             start, start_s = self.blocks[-1].end, max(now, self.blocks[-1].end_s)
@@ -92,7 +93,7 @@ class EmulatedMachine:
 
     def find_home(self) -> None:
         """What homing does: stand at the switches, position known."""
-        time.sleep(HOMING_S)
+        host_clock.sleep(HOMING_S)
         with self.lock:
             self.blocks = [Block(HOME_PLACE, HOME_PLACE, 0.0, 0.0)]
             self.slip, self.is_homed = Place(0.0, 0.0, 0.0), True

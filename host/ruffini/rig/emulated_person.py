@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 import threading
-import time
 from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.errors import RefusedError
 from ruffini.rig.program import NAMES
 from ruffini.rig.twin_bench import Load
@@ -75,11 +75,11 @@ class EmulatedPerson:
             raise RefusedError(f"stopped by a key at {text!r}")
         if "press and let go" in text:
             for force_n in SOME_PRESSES_N:
-                time.sleep(PAUSE_S)
+                host_clock.sleep(PAUSE_S)
                 self._carry(force_n, (1e-3 * force_n, -5e-4))
-                time.sleep(PAUSE_S)
+                host_clock.sleep(PAUSE_S)
                 self._carry(None, None)
-            time.sleep(PAUSE_S)
+            host_clock.sleep(PAUSE_S)
             return
         put = PUT.match(text)
         self._carry(1e-3 * float(put[1]) * GRAVITY_M_S2 if put else None, _place_in(text) if put else None)
@@ -88,11 +88,11 @@ class EmulatedPerson:
         """Put a weight somewhere, or take it away; returns when the pad carries it, or nothing."""
         with self._lock:
             self._weight_n, self._place, self._depth_m, self._last = weight_n, place, 0.0, None
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = host_clock.now() + PATIENCE_S
         while not self._is_settled():
-            if time.monotonic() > deadline:
+            if host_clock.now() > deadline:
                 raise RefusedError(f"a weight of {weight_n} N at {place}: this twin does not carry it")
-            time.sleep(POLL_S)
+            host_clock.sleep(POLL_S)
 
     def _is_settled(self) -> bool:
         with self._lock:

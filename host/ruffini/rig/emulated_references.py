@@ -11,7 +11,6 @@ import queue
 import socket
 import struct
 import threading
-import time
 import tty
 from pathlib import Path
 from typing import NamedTuple
@@ -20,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from ruffini import host_clock
 from ruffini.rig.network_cell import MAGIC, RECORD, REQUEST, STREAM, Settings
 
 Array = npt.NDArray[np.float64]
@@ -82,7 +82,7 @@ class EmulatedNetworkCell:
 
     def measure(self, frame: int, wrench: Array) -> None:
         """This is the pad's wrench now. Any thread."""
-        self._told.put((time.monotonic() + self.delay_s, wrench.copy()))
+        self._told.put((host_clock.now() + self.delay_s, wrench.copy()))
 
     def _run(self) -> None:
         sequence = 0
@@ -92,7 +92,7 @@ class EmulatedNetworkCell:
             except queue.Empty:
                 self._listen()
                 continue
-            time.sleep(max(0.0, due_s - time.monotonic()))
+            host_clock.sleep(max(0.0, due_s - host_clock.now()))
             self._listen()
             if self._peer is not None and self.is_plugged:
                 sequence += 1
@@ -179,7 +179,7 @@ class EmulatedLogger:
     def __init__(self, path: Path, seed: int, *, offset_s: float = 0.0, drift: float = 0.0) -> None:
         self._path, self._rng = path, np.random.default_rng(seed)
         self.offset_s, self.drift = offset_s, drift
-        self._begun_s = time.monotonic()
+        self._begun_s = host_clock.now()
         self._lock = threading.Lock()
         with path.open("a", newline="") as stream:
             csv.writer(stream).writerow(["time_s", "fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm"])
@@ -190,6 +190,6 @@ class EmulatedLogger:
 
     def measure(self, frame: int, wrench: Array) -> None:
         """This is the pad's wrench now."""
-        row = [self.time_of(time.monotonic()), *(wrench + NOISE * SIGMA * self._rng.normal(size=6))]
+        row = [self.time_of(host_clock.now()), *(wrench + NOISE * SIGMA * self._rng.normal(size=6))]
         with self._lock, self._path.open("a", newline="") as stream:
             csv.writer(stream).writerow([f"{v:.7f}" for v in row])

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.errors import InputError, NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.contact_surface import ContactSurface
 from ruffini.rig.stage import Guard, Place, Stage
@@ -78,7 +78,7 @@ class GuardedStage:
         self._origin, self._fresh_force_of = origin, fresh_force_of or force_of
         self._guards = [force_guard("the reference", force_of, limits.max_force_n), *guards]
         self.surface = ContactSurface()
-        self.free_until_s = 0.0  # time.monotonic() until which nothing touched, in the last approach
+        self.free_until_s = 0.0  # host_clock.now() until which nothing touched, in the last approach
 
     def place(self) -> Place:
         """Where the tip is."""
@@ -113,9 +113,9 @@ class GuardedStage:
         z_m = min(self.limits.top_m, near_m)
         if z_m < self.limits.top_m:
             self._move(Place(x_m, y_m, z_m), APPROACH_M_S)
-        steps = [time.monotonic()]
+        steps = [host_clock.now()]
         while self._force_n() < CONTACT_N:
-            steps.append(time.monotonic())
+            steps.append(host_clock.now())
             z_m -= APPROACH_STEP_M
             if z_m < self.limits.bottom_m:
                 raise RefusedError(
@@ -216,9 +216,9 @@ class DryStage:
 
 def settle(force_of: ForceOf, tolerance_n: float, timeout_s: float, pause_s: float = 0.02) -> None:
     """Wait until a force stands still; raises RefusedError where it does not."""
-    deadline, before = time.monotonic() + timeout_s, force_of()
-    while time.monotonic() < deadline:
-        time.sleep(pause_s)
+    deadline, before = host_clock.now() + timeout_s, force_of()
+    while host_clock.now() < deadline:
+        host_clock.sleep(pause_s)
         now = force_of()
         if np.nan_to_num(abs(now - before))[:3].max() < tolerance_n:
             return

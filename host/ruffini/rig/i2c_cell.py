@@ -11,6 +11,7 @@ import re
 import time
 from typing import Any, NamedTuple
 
+from ruffini import host_clock
 from ruffini.errors import InputError, NoDeviceError
 from ruffini.rig.reference import Facts, Reading, pressing
 from ruffini.rig.units import POUND_N
@@ -93,7 +94,7 @@ class I2cCell:
             raise NoDeviceError(f"{self._name} reads {counts} counts, far below its zero of {ZERO_COUNTS}: "
                                 "a wire is loose or the cell is broken")  # fmt: skip
         pressed_n = (counts - ZERO_COUNTS) / SPAN_COUNTS * self.part.full_scale_n
-        return Reading(time.monotonic(), pressing(-pressed_n), counts >= ZERO_COUNTS + SPAN_COUNTS)
+        return Reading(host_clock.now(), pressing(-pressed_n), counts >= ZERO_COUNTS + SPAN_COUNTS)
 
     def close(self) -> None:
         with contextlib.suppress(OSError):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.errors import RefusedError
 from ruffini.rig.stage import Guard, nobody
 
@@ -38,7 +38,7 @@ class HandPress:
         self._said = ""
 
     def press(self, target: Target, *, timeout_s: float = 60.0, guard: Guard = nobody) -> tuple[float, float]:
-        """Wait for the press; start and end (time.monotonic()) of the time in which the force was right.
+        """Wait for the press; start and end (host_clock.now()) of the time in which the force was right.
 
         Raises
         ------
@@ -46,8 +46,8 @@ class HandPress:
             Pressed too hard, or not in time.
         """
         place = f"x {1e3 * target.x_m:+.1f}, y {1e3 * target.y_m:+.1f} mm"
-        deadline, since = time.monotonic() + timeout_s, None
-        while (now := time.monotonic()) < deadline:
+        deadline, since = host_clock.now() + timeout_s, None
+        while (now := host_clock.now()) < deadline:
             guard()
             pressed_n = self._pressed_n()
             short_n = target.force_n - pressed_n
@@ -63,19 +63,19 @@ class HandPress:
             elif now - since >= target.hold_s:
                 self._told("good")
                 return since, now
-            time.sleep(POLL_S)
+            host_clock.sleep(POLL_S)
         raise RefusedError(f"no steady press of {target.force_n:.2f} +- {target.tolerance_n:.2f} N at {place} within "
                            f"{timeout_s:g} s: press with something heavier, or allow more")  # fmt: skip
 
     def release(self, free_n: float, *, timeout_s: float = 60.0, guard: Guard = nobody) -> None:
         """Wait until nothing presses."""
-        deadline = time.monotonic() + timeout_s
+        deadline = host_clock.now() + timeout_s
         while self._pressed_n() > free_n:
             guard()
             self._told("let go")
-            if time.monotonic() > deadline:
+            if host_clock.now() > deadline:
                 raise RefusedError(f"{self._pressed_n():.2f} N still press: take everything off the pad, and tare")
-            time.sleep(POLL_S)
+            host_clock.sleep(POLL_S)
 
     def _pressed_n(self) -> float:
         pressed_n = max(0.0, -float(self._force_of()[2]))

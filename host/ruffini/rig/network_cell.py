@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.errors import InputError, NoDeviceError
 from ruffini.rig.reference import Facts, Reading
 from ruffini.rig.units import force_factor, torque_factor
@@ -131,7 +132,7 @@ class NetworkCell:
                 f"{self._name} reports status 0x{status:08x}: look it up in its manual, then restart it"
             )
         wrench = np.array(counts) * self.settings.per_count
-        return Reading(time.monotonic(), wrench, is_saturated or bool((abs(wrench) >= self.facts.full_scale).any()))
+        return Reading(host_clock.now(), wrench, is_saturated or bool((abs(wrench) >= self.facts.full_scale).any()))
 
     def close(self) -> None:
         with contextlib.suppress(OSError):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
-
+from ruffini import host_clock
 from ruffini.errors import InputError
 from ruffini.rig.reference import Facts, Reading, pressing
 from ruffini.rig.units import GRAVITY_M_S2
 
 MAX_GRAMS = 20000.0
-PAUSE_S = 0.02
+PAUSE_S = 0.05
 RATE_HZ = 1 / PAUSE_S
 
 
@@ -32,8 +31,8 @@ class PlacedWeight:
         self._grams = grams
 
     def read(self, timeout_s: float) -> list[Reading]:
-        time.sleep(min(PAUSE_S, timeout_s))
-        return [Reading(time.monotonic(), pressing(-1e-3 * self._gravity * self._grams))]
+        host_clock.sleep(min(PAUSE_S, timeout_s))
+        return [Reading(host_clock.now(), pressing(-1e-3 * self._gravity * self._grams))]
 
     def close(self) -> None:
         self._grams = 0.0

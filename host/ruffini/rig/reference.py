@@ -17,7 +17,7 @@ NONE = np.full(6, np.nan)
 class Reading(NamedTuple):
     """One sample: force (N) ON the pad and moment (N m) in the reference's own frame, NaN where it has no axis."""
 
-    host_s: float  # time.monotonic() at which it was received
+    host_s: float  # host_clock.now() at which it was received
     wrench: Array  # (6,)
     is_saturated: bool = False
 

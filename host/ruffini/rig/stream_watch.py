@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.device import Connection, Field, Wrench
 from ruffini.device.results import NOT_MEASURED, Image
 from ruffini.errors import NoDeviceError, RuffiniError
@@ -113,7 +114,7 @@ class StreamWatch:
         self._sensor = sensor
         self._samples: list[tuple[float, Sample]] = []  # with the host's time of arrival
         self._newest: StreamSample | None = None
-        self._warmth: tuple[float, dict[str, float]] = (-np.inf, {})  # host time of arrival; degrees by place
+        self._warmth: tuple[float, dict[str, float]] = (-np.inf, {})  # real time of arrival; degrees by place
         self._error: RuffiniError | None = None
         self._lock, self._stop = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="stream", daemon=True)
@@ -137,13 +138,16 @@ class StreamWatch:
         try:
             while not self._stop.is_set():
                 for frame, message in self._sensor.stream(timeout_s=0.1):
-                    now = time.monotonic()
+                    now = host_clock.now()
                     if frame.type == schema.type_numbers["STATUS"]:
-                        self._warmth = (now, {t.place: t.milli_celsius * 1e-3 for t in message.temperatures})
+                        celsius = {t.place: t.milli_celsius * 1e-3 for t in message.temperatures}
+                        self._warmth = (time.monotonic(), celsius)
                     made = by_type[frame.type](now, message) if frame.type in by_type else []
                     with self._lock:
                         self._samples += [(now, sample) for sample in made]
                         self._newest = next((s for s in made if isinstance(s, StreamSample)), self._newest)
+                    if made and isinstance(made[0], StreamSample):
+                        host_clock.has_seen(made[0].frame)
                     if self._stop.is_set():
                         return
         except RuffiniError as error:
@@ -157,27 +161,27 @@ class StreamWatch:
         NoDeviceError
             The line was lost, or no frame came for a while.
         """
-        start = time.monotonic()
+        start = host_clock.now()
         while True:
             if self._error is not None:
                 raise self._error
             newest = self._newest
-            if newest is not None and time.monotonic() - newest.host_s < self.stall_s:
+            if newest is not None and host_clock.now() - newest.host_s < self.stall_s:
                 return newest
-            if newest is not None or time.monotonic() - start > START_S:
+            if newest is not None or host_clock.now() - start > START_S:
                 raise NoDeviceError(f"{self.name}: no frame for {self.stall_s:g} s: the camera stands still: what was "
                                     "collected is kept; when it runs again, the same command goes on")  # fmt: skip
-            time.sleep(0.02)
+            host_clock.sleep(0.02)
 
     def wait_for_rest(self, no_reference_bit: int) -> None:
         """Until the sensor has learned its untouched image."""
-        deadline = time.monotonic() + START_S
+        deadline = host_clock.now() + START_S
         while self.latest().flags & no_reference_bit:
-            if time.monotonic() > deadline:
+            if host_clock.now() > deadline:
                 raise NoDeviceError(
                     f"{self.name} does not learn rest within {START_S:g} s: does something touch the pad?"
                 )
-            time.sleep(0.05)
+            host_clock.sleep(0.05)
 
     def force(self) -> Array:
         """Force of the newest frame, (3,) N, NaN where not measured; raises as `latest`."""

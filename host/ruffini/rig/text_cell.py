@@ -7,6 +7,7 @@ import re
 import time
 from typing import NamedTuple
 
+from ruffini import host_clock
 from ruffini.errors import InputError, NoDeviceError
 from ruffini.rig.reference import Facts, Reading, pressing
 from ruffini.rig.units import NEWTONS, force_factor
@@ -106,7 +107,7 @@ class TextCell:
                              f"give unit = '{line.unit}' in [reference]")  # fmt: skip
         force_n = self._factor * line.value
         limit_n = self.facts.full_scale[2]
-        return Reading(time.monotonic(), pressing(force_n), line.is_overflow or abs(force_n) >= limit_n)
+        return Reading(host_clock.now(), pressing(force_n), line.is_overflow or abs(force_n) >= limit_n)
 
     def close(self) -> None:
         with contextlib.suppress(OSError):

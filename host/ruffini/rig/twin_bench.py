@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ruffini.errors import InputError
 from ruffini.rig.emulated_machine import HOME_PLACE, EmulatedMachine
 from ruffini.rig.emulated_references import FULL_SCALE, NO_MOUNT, SIGMA, EmulatedNetworkCell, Mount
+from ruffini.rig.frame_clock import FrameClock
 from ruffini.rig.stage import Place
 from ruffini.sim.indenters import Indenter
 from ruffini.sim.optics.settings import ShapeSettings
@@ -119,12 +120,16 @@ class TwinBench(NamedTuple):
 
 def build_twin_bench(
     unit: Unit, indenter: Indenter, loader: Loader, camera: Path, seed: int, *, rate_hz: float = 10.0,
-    mount: Mount = NO_MOUNT,
+    mount: Mount = NO_MOUNT, clock: FrameClock | None = None,
 ) -> TwinBench:  # fmt: skip
-    """A bench whose camera is the UNIX socket `camera`; `rate_hz` is what its reference says of itself."""
+    """A bench whose camera is the UNIX socket `camera`; `rate_hz` is what its reference says of itself.
+
+    With a `clock`, which the caller lends to the host, a camera in lockstep gets its frames by simulated time.
+    """
     twin = PressedTwin(unit, indenter, loader)
     server = TwinServer(unit.renderer(), twin, Scenario(seed=seed), camera)
     server.after_sending = twin.tell
+    server.next_frame = clock.next_frame if clock else None
     cell = EmulatedNetworkCell(rate_hz, seed, mount)
     twin.listeners.append(cell.measure)
     return TwinBench(twin, server, cell)

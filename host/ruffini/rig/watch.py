@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.reference import AXES, Facts, Reading, Reference
 
@@ -71,16 +71,16 @@ class Watch:
         RefusedError
             It is saturated.
         """
-        deadline = time.monotonic() + self.silence_s + 5.0  # a board that resets when it is opened takes seconds
+        deadline = host_clock.now() + self.silence_s + 5.0  # a board that resets when it is opened takes seconds
         with self._changed:
-            while not self._readings and self._error is None and time.monotonic() < deadline:
+            while not self._readings and self._error is None and host_clock.now() < deadline:
                 self._changed.wait(0.1)
             if self._error is not None:
                 raise self._error
             if not self._readings:
                 raise NoDeviceError(f"{self.facts.name} sends nothing: is it plugged in?")
             newest = self._readings[-1]
-        age_s = time.monotonic() - newest.host_s
+        age_s = host_clock.now() - newest.host_s
         if age_s > self.silence_s:
             raise NoDeviceError(f"{self.facts.name} fell silent {age_s:.1f} s ago: is it plugged in?")
         if newest.is_saturated:
@@ -93,8 +93,8 @@ class Watch:
         """The n-th reading from now on: it was measured after this call as a whole; raises as `latest`."""
         with self._changed:
             wanted = len(self._readings) + n
-        deadline = time.monotonic() + n * self.silence_s
-        while len(self._readings) < wanted and time.monotonic() < deadline:
+        deadline = host_clock.now() + n * self.silence_s
+        while len(self._readings) < wanted and host_clock.now() < deadline:
             self.latest()
             with self._changed:
                 self._changed.wait(0.01)
@@ -107,10 +107,10 @@ class Watch:
 
     def collect(self, duration_s: float) -> list[Reading]:
         """Readings of the next `duration_s`; raises as `latest`."""
-        start = time.monotonic()
-        while time.monotonic() - start < duration_s:
+        start = host_clock.now()
+        while host_clock.now() - start < duration_s:
             self.latest()
-            time.sleep(min(0.02, duration_s))
+            host_clock.sleep(min(0.02, duration_s))
         return self.since(start)
 
     def tare(self, duration_s: float = 1.0) -> Array:
@@ -127,7 +127,7 @@ class Watch:
 
     def tare_change(self, duration_s: float) -> Array:
         """`tare`; returns by how much the zero moved, (6,), 0 for axes that it does not have."""
-        start, readings = time.monotonic(), self.collect(duration_s)
+        start, readings = host_clock.now(), self.collect(duration_s)
         while len(readings) < MIN_TARE_READINGS:
             self.fresh(1)
             readings = self.since(start)

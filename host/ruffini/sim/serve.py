@@ -150,6 +150,7 @@ class TwinServer:
         self._thread = threading.Thread(target=self.run, daemon=True)
         self.n_sent = 0
         self.after_sending: Callable[[int], None] = lambda _: None  # told the frame that the camera just got
+        self.next_frame: Callable[[], int] | None = None  # in lockstep: the number of the next one, once it is wanted
 
     def __enter__(self) -> TwinServer:
         self._thread.start()
@@ -214,6 +215,8 @@ class TwinServer:
                 if late_s < 0:
                     self._stop.wait(-late_s)
                 frame += max(0, int(late_s / period_s))
+            elif self.next_frame is not None:
+                frame = self.next_frame()
             states = self._frames.states(frame)
             if states is None:
                 self._send(camera, struct.pack("<4sIQ", b"RFTF", 0, frame))
