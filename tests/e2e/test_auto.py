@@ -34,8 +34,8 @@ def auto(twin: Twin, folder: Path, opened: list[str], *, force: bool) -> Auto:
         assert calibration is not None
         opened.append(calibration.sha256.hex())
         with contextlib.ExitStack() as stack:
-            options = TwinOptions(seed=seed)
-            simulated, truth = open_simulated(stack, twin.board, program, options, twin.unit), Truth()
+            options, truth = TwinOptions(seed=seed, is_hurried=True), Truth()
+            simulated = open_simulated(stack, twin.board, program, options, twin.unit)
             simulated.twin.twin.listeners.append(truth.note)
             simulated.parts.sensor.flash(calibration.data)
             limits = limits_of(twin.board, SPAN, 6.0)

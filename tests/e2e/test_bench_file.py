@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 from conftest import Twin
 
+from ruffini import host_clock
 from ruffini.cli import main
 from ruffini.demo.daemon import running_daemon
 from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
 from ruffini.rig.emulated_person import EmulatedPerson
 from ruffini.rig.emulated_references import EmulatedLogger, EmulatedPage, EmulatedTextCell, Mount
 from ruffini.rig.found import is_held
+from ruffini.rig.frame_clock import FrameClock
 from ruffini.rig.log_file import Log, read_log
 from ruffini.rig.twin_bench import ORIGIN, Hanging, Loader, build_twin_bench
 from ruffini.sim.indenters import Indenter
@@ -41,14 +43,21 @@ class Desk:
 
     def __init__(self, twin: Twin, folder: Path, loader: Loader, capsys: pytest.CaptureFixture[str]) -> None:
         self.twin, self.folder, self._capsys = twin, folder, capsys
-        self.bench = build_twin_bench(twin.unit, Indenter("sphere", 0.003), loader, folder / "twin", 1)
+        self.clock = FrameClock(1e3 / twin.board.camera.rate_mhz)
+        self.bench = build_twin_bench(
+            twin.unit, Indenter("sphere", 0.003), loader, folder / "twin", 1, clock=self.clock
+        )
         self.port = ""
 
     @contextlib.contextmanager
     def running(self) -> Iterator[Desk]:
         assert self.twin.board.folder is not None
         camera = f"twin:{self.folder / 'twin'}"
-        with self.bench.server, running_daemon(self.twin.board.folder, camera, self.folder / "store") as self.port:
+        with (
+            host_clock.lent(self.clock),
+            self.bench.server,
+            running_daemon(self.twin.board.folder, camera, self.folder / "store", "--lockstep") as self.port,
+        ):
             (self.folder / "calibration").write_bytes(self.twin.calibration)
             yield self
 
