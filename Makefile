@@ -37,7 +37,7 @@ run: build  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the d
 
 test: build  ## all tests that need no hardware
 	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml tests
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) --dist loadfile tests
 
 lint: lint-python lint-cpp werror  ## formatters, linters, types, and a build where warnings are errors
 

@@ -92,6 +92,8 @@ def test_faults_are_flagged_in_the_frames_that_have_them(twin: Twin, tmp_path: P
     ):
         for _, message in wrenches(sensor):
             seen[message.stamp.frame] = flags(sensor, message)
+            # In lockstep a frame is of its own time, whenever it comes.
+            assert message.stamp.capture_us == message.stamp.frame * 10**9 // twin.board.camera.rate_mhz
     assert set(range(len(frames))) - set(seen) == set(range(at["stall"], at["stall"] + 5))
     dark = {i for i, names in seen.items() if "FLAG_DARK" in names}
     full = {i for i, names in seen.items() if "FLAG_OVEREXPOSED" in names}

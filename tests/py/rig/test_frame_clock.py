@@ -1,0 +1,84 @@
+"""Simulated time: a period for each frame, real time where none is made, and no frame before the last was read."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from ruffini import host_clock
+from ruffini.rig.frame_clock import GRACE_S, PATIENCE_S, FrameClock
+
+PERIOD_S = 0.05
+
+
+def frames(clock: FrameClock, n: int) -> list[int]:
+    """Makes n frames; each is read at once."""
+    numbers = []
+    for _ in range(n):
+        numbers.append(clock.next_frame())
+        clock.has_seen(numbers[-1])
+    return numbers
+
+
+def test_each_frame_takes_a_period_however_fast_it_was_made():
+    clock, start = FrameClock(PERIOD_S), time.monotonic()
+    assert frames(clock, 200) == list(range(1, 201))
+    assert clock.now() == pytest.approx(200 * PERIOD_S)
+    assert time.monotonic() - start < 200 * PERIOD_S / 4
+
+
+def test_who_sleeps_wakes_with_the_frame_that_ends_it():
+    clock, woken = FrameClock(PERIOD_S), list[float]()
+
+    def sleep() -> None:
+        clock.sleep(10 * PERIOD_S)
+        woken.append(clock.now())
+
+    sleeper = threading.Thread(target=sleep)
+    sleeper.start()
+    while sleeper.is_alive():
+        frames(clock, 1)
+        time.sleep(1e-3)
+    assert woken[0] >= 10 * PERIOD_S
+
+
+def test_without_frames_time_goes_on_as_real_time_does_and_numbers_are_left_out():
+    clock = FrameClock(PERIOD_S)
+    frames(clock, 4)
+    start = time.monotonic()
+    clock.sleep(6 * PERIOD_S)
+    took_s = time.monotonic() - start
+    assert took_s >= GRACE_S + 6 * PERIOD_S - 1e-3
+    before_s = clock.now()
+    (number,) = frames(clock, 1)
+    assert number > 4 + 6
+    assert clock.now() >= before_s
+
+
+def test_a_frame_waits_until_the_one_before_was_read_but_not_for_ever():
+    clock = FrameClock(PERIOD_S)
+    first = clock.next_frame()
+    start = time.monotonic()
+    assert clock.next_frame() == first + 1  # nobody reads
+    assert time.monotonic() - start >= PATIENCE_S
+    threading.Timer(PATIENCE_S / 4, clock.has_seen, [first + 1]).start()
+    start = time.monotonic()
+    clock.next_frame()
+    assert PATIENCE_S / 5 < time.monotonic() - start < PATIENCE_S + GRACE_S
+
+
+def test_a_clock_is_lent_to_every_thread_and_taken_back():
+    clock, told = FrameClock(PERIOD_S), list[float]()
+    with host_clock.lent(clock):
+        frames(clock, 3)
+        thread = threading.Thread(target=lambda: told.append(host_clock.now()))
+        thread.start()
+        thread.join()
+        host_clock.has_seen(7)
+        start = time.monotonic()
+        clock.next_frame()
+        assert time.monotonic() - start < PATIENCE_S
+    assert told == [pytest.approx(3 * PERIOD_S)]
+    assert host_clock.now() == pytest.approx(time.monotonic(), abs=0.5)
