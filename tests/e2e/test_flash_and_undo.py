@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from conftest import Sensor, start
 from test_bad_input import run_host
 
 from ruffini.calibrate import container
+from ruffini.device import Connection
 
 
 def judged(sensor: Sensor, path: Path, value: float) -> container.CalibrationFile:
@@ -50,3 +52,12 @@ def test_nothing_is_flashed_that_fails_and_what_was_flashed_can_be_undone(sensor
     with start(sensor, tmp_path / "store", "--wait-for-host") as daemon:  # what was undone stays so
         code, result, _ = ask(daemon.port, "flash", str(tmp_path / "good"))
         assert (code, result["state"]) == (0, "same")
+
+
+def test_an_answer_of_before_the_flash_is_not_taken_for_one_of_after_it(sensor: Sensor, tmp_path: Path) -> None:
+    """On a busy computer HELLO is asked again before the first answer comes: then there are two."""
+    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        host._send("HELLO")
+        host.flash(sensor.calibration)
+        in_force = host.hello.sensors[0].calibration.sha256
+    assert in_force == hashlib.sha256(sensor.calibration).digest()

@@ -139,6 +139,9 @@ class Connection:
 
     def _say_hello(self, timeout_s: float) -> Any:
         self._write(b"\0")  # end whatever half frame is in the device's buffer
+        # Where a slow device was asked more than once it answered more than once: those answers are of before.
+        number = self.schema.type_numbers["HELLO"]
+        self.messages = deque((m for m in self.messages if m[0].type != number), maxlen=MAX_BACKLOG)
         for _ in range(RETRIES):
             self._send("HELLO")
             hello = self._wait_for("HELLO", timeout_s / RETRIES, lambda m: True)
