@@ -49,7 +49,7 @@ lint-python: setup  ## ruff and mypy --strict
 lint-cpp: build  ## clang-format on all C++, clang-tidy on the core
 	@.ci/setup lint
 	@git ls-files '*.cpp' '*.h' | xargs .venv/bin/clang-format --dry-run -Werror
-	@git ls-files 'firmware/image/*.cpp' 'firmware/solve/*.cpp' 'firmware/estimators/*.cpp' firmware/frame_path.cpp firmware/frame_path_tables.cpp \
+	@git ls-files 'firmware/image/*.cpp' 'firmware/solve/*.cpp' 'firmware/estimators/*.cpp' firmware/frame_path.cpp firmware/frame_path_tables.cpp firmware/frame_path_verdict.cpp \
 	  firmware/link/frame_codec.cpp firmware/link/dense_codec.cpp firmware/store/calibration.cpp \
 	  | xargs -P $(JOBS) -n 1 clang-tidy -p $(BUILD) --quiet 2> >(grep -v 'warnings\? generated' >&2)
 

@@ -8,15 +8,10 @@
 namespace ruffini {
 namespace {
 
-constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark |
-                                 kFlagOverexposed | kFlagLight | kFlagFeatures | kFlagOtherPad;
 // Light that for so many frames was further than 0.05 % from what is followed (image/light.h takes a sixteenth a frame)
 // makes depth that a faint touch cannot be told from. A touch moves it less, or begins earlier.
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
 constexpr int kDriftFrames = 8;
-constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board's pad
-
-int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
 
 }  // namespace
 
@@ -158,71 +153,38 @@ void FramePath::run_displacement() {
   displacement_.mark_filled(markers(), state_.displacement.is_filled);
 }
 
-// Of the second pass only: the error model knows no other estimate. Its time counts as that pass's.
+// Its time counts as the second pass's.
 void FramePath::run_uncertainty() {
   if (!state_.uncertainty.is_stated) return;
   const uint64_t start = clock_();
   const std::span<const uint8_t> is_filled = state_.displacement.is_filled;
-  node_error_->run(state_.solve.force, is_filled, state_.uncertainty.node);
-  state_.uncertainty.wrench =
-      wrench_error_->run(state_.wrench, state_.contacts, count_touched(state_.solve.mask, is_filled));
+  forces_.state_sigma(state_.solve, is_filled, state_.uncertainty.node);
+  state_.uncertainty.wrench = forces_.state_covariance(state_.solve, is_filled, state_.wrench, state_.contacts);
   state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
 }
 
-void FramePath::run_solve(bool with_support) {
-  state_.uncertainty.is_stated = support_ && with_support && node_error_;
-  if (!operator_) return;
-  timed(Stage::kOperator, [&] {
-    std::vector<int16_t>& u = state_.solve.u;
-    for (size_t i = 0; i < state_.displacement.node.size(); ++i) {
-      u[3 * i] = state_.displacement.node[i].x.raw();
-      u[3 * i + 1] = state_.displacement.node[i].y.raw();
-      u[3 * i + 2] = state_.displacement.node[i].z.raw();
-    }
-    operator_->run(u, state_.solve.wide);
-    const auto row = [&](size_t r) { return saturate_raw<int32_t>(state_.solve.wide[r], state_.saturations); };
-    for (size_t i = 0; i < state_.solve.force.size(); ++i) {
-      state_.solve.force[i] = {row(3 * i), row(3 * i + 1), row(3 * i + 2)};
-    }
-    state_.solve.mask = mask_.find(state_.solve.force, is_light_steady_);
-  });
-  if (!support_ || !with_support) return;
-  timed(Stage::kSupport, [&] {
-    const std::span<const NodeForce> beyond = add_finite_strain();
-    support_->run(state_.solve.u, beyond, state_.solve.mask, mask_.threshold_lsb(), state_.solve.force,
-                  state_.saturations);
-  });
+void FramePath::run_solve(bool with_second_pass) {
+  state_.uncertainty.is_stated = with_second_pass && forces_.has_error_model();
+  if (!forces_.is_measured()) return;
+  timed(Stage::kOperator,
+        [&] { forces_.estimate(state_.displacement.node, is_light_steady_, state_.solve, state_.saturations); });
+  if (!with_second_pass || !forces_.has_second_pass()) return;
+  timed(Stage::kSupport, [&] { forces_.refine(is_light_steady_, state_.solve, state_.saturations); });
 }
 
-// What finite strain adds to the linear estimate, and so to the mask; empty where nothing touches or the
-// calibration is linear.
-std::span<const NodeForce> FramePath::add_finite_strain() {
-  const std::span<const uint8_t> mask = state_.solve.mask;
-  if (!finite_strain_ || std::all_of(mask.begin(), mask.end(), [](uint8_t m) { return m == 0; })) return {};
-  const std::span<const NodeForce> beyond = finite_strain_->run(state_.solve.u, state_.saturations);
-  const auto add = [&](int32_t a, int32_t b) { return saturate_raw<int32_t>(int64_t{a} + b, state_.saturations); };
-  for (size_t i = 0; i < beyond.size(); ++i) {
-    NodeForce& f = state_.solve.force[i];
-    f = {add(f.x, beyond[i].x), add(f.y, beyond[i].y), add(f.z, beyond[i].z)};
-  }
-  state_.solve.mask = mask_.find(state_.solve.force, is_light_steady_);
-  return beyond;
-}
-
-// What this pad lost to relaxation; a frame that is not to be believed is not remembered. Its time counts as the
-// second pass's.
+// A frame that is not to be believed is not remembered. Its time counts as the second pass's.
 void FramePath::run_memory(uint64_t capture_us) {
-  if (!relaxation_ || !support_ || !depth_is_trusted() || capture_us == 0 || (state_.flags & kWrongFlags) != 0) return;
+  if (!forces_.has_memory() || !depth_is_trusted() || capture_us == 0 || is_wrong()) return;
   const uint64_t start = clock_();
-  relaxation_->run(capture_us, state_.solve.mask, state_.solve.force, state_.saturations);
+  forces_.remember(capture_us, state_.solve, state_.saturations);
   state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
 }
 
 void FramePath::run_estimators() {
-  if (!operator_) return;
+  if (!forces_.is_measured()) return;
   timed(Stage::kWrench, [&] {
     state_.wrench = sum_wrench(nodes_, state_.solve.force, board_.force_lsb_un);
-    if (!finite_strain_) return;
+    if (!forces_.is_at_finite_strain()) return;
     move_arms(state_.solve.force, state_.displacement.node, board_.force_lsb_un, state_.wrench, state_.saturations);
   });
   timed(Stage::kContacts, [&] {
@@ -255,7 +217,7 @@ void FramePath::run_feature_wrench(uint64_t capture_us) {
       }
     }
     // A frame that is not to be believed is not remembered.
-    const bool is_wrong = (state_.flags & kWrongFlags) != 0;
+    const bool is_wrong = this->is_wrong();
     const FeatureWrench::Outcome said = feature_wrench_->run(features_, is_wrong ? 0 : capture_us, state_.saturations);
     state_.wrench = said.wrench;
     state_.uncertainty.wrench = said.covariance;
@@ -290,70 +252,6 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   run_uncertainty();
 }
 
-// Flags of what the frame shows, before anything is made of it.
-void FramePath::judge_input() {
-  FrameState& s = state_;
-  const int n_pixels = board_.camera.width_px * board_.camera.height_px;
-  if (s.difference.exposure.dark * 2 > n_pixels) s.flags |= kFlagDark;
-  if (s.difference.exposure.full * 20 > n_pixels) s.flags |= kFlagOverexposed;
-  const int n_missing = board_.markers.lattice.count() - n_markers_at_rest_;
-  if (has(Stage::kMarkers) && (s.markers.n_lost > board_.markers.max_lost ||
-                               100 * n_missing > (100 - kMinMarkersPercent) * board_.markers.lattice.count())) {
-    s.flags |= kFlagMarkersLost;
-  }
-  if (is_other_pad_) s.flags |= kFlagOtherPad;
-  if (s.targets.n_lost > 0) s.flags |= kFlagMarkersLost;
-  const int64_t limit_q3 = board_.pad.thickness_um * 8 / 2;
-  for (const NodeDisplacement& u : s.displacement.node) {
-    if (std::max({u.x.raw(), u.y.raw(), u.z.raw()}) > limit_q3 ||
-        std::min({u.x.raw(), u.y.raw(), u.z.raw()}) < -limit_q3) {
-      s.flags |= kFlagOverRange;
-      break;
-    }
-  }
-}
-
-// Validity of everything that this frame says.
-void FramePath::judge() {
-  FrameState& s = state_;
-  if (!operator_ && !feature_wrench_) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
-  if (!feature_wrench_ && !marker_depth_ && (!photometric_ || is_foreign_optics_)) s.flags |= kFlagUncalibratedZ;
-  const bool is_wrong = (s.flags & kWrongFlags) != 0;
-  if (is_wrong) slip_.forget();
-  const auto verdict = [&](bool is_measured, bool is_calibrated) {
-    if (!is_measured) return Validity::kNotMeasured;
-    if (is_wrong) return Validity::kInvalid;
-    return is_calibrated ? Validity::kValid : Validity::kUncalibrated;
-  };
-  const bool has_depth = photometric_ && has(Stage::kPoisson);
-  s.depth_validity = verdict(has_depth, !is_foreign_optics_);
-  s.force_xy = verdict(operator_.has_value(), true);
-  s.force_z = verdict(operator_ && depth_is_trusted(), true);
-  s.uncertainty.validity = verdict(s.uncertainty.is_stated, true);
-  s.wrench_validity = {s.force_xy, s.force_xy, s.force_z, s.force_z, s.force_z, s.force_xy};
-  if (feature_wrench_) {
-    for (size_t i = 0; i < s.wrench_validity.size(); ++i) {
-      s.wrench_validity[i] = verdict(feature_wrench_->measures(i), true);
-    }
-  } else {
-    s.uncertainty.is_of_wrench = s.uncertainty.is_stated;
-  }
-  s.uncertainty.wrench_validity = verdict(s.uncertainty.is_of_wrench, true);
-  if (skin_) judge_skin();
-  if (s.force_z == Validity::kValid && s.contacts.reaches_border) s.flags |= kFlagWindowBorder;
-}
-
-// Pressing is all that a skin measures.
-void FramePath::judge_skin() {
-  FrameState& s = state_;
-  if (skin_->is_calibrated()) s.flags &= ~(kFlagUncalibratedXy | kFlagUncalibratedZ);
-  const bool is_wrong = (s.flags & kWrongFlags) != 0;
-  s.force_xy = Validity::kNotMeasured;
-  s.force_z = !skin_->is_calibrated() ? Validity::kNotMeasured : is_wrong ? Validity::kInvalid : Validity::kValid;
-  s.wrench_validity.fill(Validity::kNotMeasured);
-  s.wrench_validity[2] = s.force_z;
-}
-
 void FramePath::zero(int n_frames) {
   rest_.restart(n_frames);
   forget();
@@ -361,7 +259,7 @@ void FramePath::zero(int n_frames) {
 
 // What was done to the pad before.
 void FramePath::forget() {
-  if (relaxation_) relaxation_->forget();
+  forces_.forget();
   if (feature_wrench_) feature_wrench_->forget();
 }
 
@@ -385,9 +283,8 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       targets_(board),
       poisson_(board),
       displacement_(board),
-      contact_threshold_lsb_(whole_steps(board.contact.threshold_un, board.force_lsb_un)),
-      mask_(nodes_.size(), contact_threshold_lsb_, board.contact.min_nodes),
-      contacts_(nodes_, board.force_lsb_un, contact_threshold_lsb_),
+      forces_(board, nodes_),
+      contacts_(nodes_, board.force_lsb_un, forces_.contact_threshold_lsb()),
       slip_(nodes_, board.force_lsb_un) {
   for (const std::string& stage : board.stages) {
     const auto at = std::find(known_stages().begin(), known_stages().end(), stage) - known_stages().begin();
@@ -403,11 +300,8 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
   state_.poisson.depth.resize(static_cast<size_t>(depth_grid_.count()));
   state_.displacement.node.resize(n_nodes);
   state_.displacement.is_filled.resize(n_nodes);
-  state_.solve.u.resize(3 * n_nodes);
-  state_.solve.wide.resize(3 * n_nodes);
-  state_.solve.force.resize(n_nodes);
+  forces_.prepare(state_.solve);
   state_.uncertainty.node.resize(n_nodes);
-  state_.solve.mask = mask_.find(state_.solve.force);
   state_.slip.node = slip_.nodes();
 }
 

@@ -9,6 +9,7 @@
 
 #include "base/result.h"
 #include "estimators/feature_wrench.h"
+#include "estimators/force_field.h"
 #include "estimators/marker_depth.h"
 #include "frame_state.h"
 #include "image/camera_map.h"
@@ -19,10 +20,6 @@
 #include "image/targets.h"
 #include "image/texture_flow.h"
 #include "image/views.h"
-#include "solve/block_program.h"
-#include "solve/finite_strain.h"
-#include "solve/relaxation.h"
-#include "solve/support_solver.h"
 #include "store/calibration.h"
 
 namespace ruffini {
@@ -82,8 +79,11 @@ class FramePath {
 
  private:
   FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration, ClockFunction clock);
+  // frame_path_tables.cpp
   Status load_tables();
-  Status load_camera_map();
+  Status load_camera_map(const Calibration& c);
+  Status load_photometric(const Calibration& c);
+  Status load_feature_wrench(const Calibration& c);
   [[nodiscard]] bool light_is_trusted() const { return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_; }
   [[nodiscard]] bool depth_is_trusted() const { return marker_depth_ || light_is_trusted(); }
   [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
@@ -100,18 +100,19 @@ class FramePath {
   void follow_light();
   void run_depth();
   void run_displacement();
-  void run_solve(bool with_support);
-  std::span<const NodeForce> add_finite_strain();
+  void run_solve(bool with_second_pass);
   void run_memory(uint64_t capture_us);
   void run_estimators();
   void run_uncertainty();
-  Status load_skin();
   void run_skin(const FrameView& frame, uint64_t capture_us);
   void run_feature_wrench(uint64_t capture_us);
   [[nodiscard]] int n_features() const;
+  // frame_path_verdict.cpp
   void judge_input();
   void judge();
   void judge_skin();
+  // Nothing that this frame says may be used.
+  [[nodiscard]] bool is_wrong() const;
   template <typename Work>
   void timed(Stage stage, Work work);
 
@@ -138,17 +139,10 @@ class FramePath {
   Poisson poisson_;
   Displacement displacement_;
   std::optional<MarkerDepth> marker_depth_;  // of boards whose depth comes from the markers
-  std::optional<BlockProgram> operator_;
-  std::optional<SupportSolver> support_;
-  std::optional<FiniteStrain> finite_strain_;
-  std::optional<Relaxation> relaxation_;
-  std::optional<NodeSigmaModel> node_error_;
-  std::optional<WrenchErrorModel> wrench_error_;
+  ForceField forces_;
   std::optional<FeatureWrench> feature_wrench_;
   std::vector<int32_t> features_;
   uint32_t calibration_id_ = 0;
-  int64_t contact_threshold_lsb_;
-  ContactMask mask_;
   ContactFinder contacts_;
   SlipTracker slip_;
   std::optional<Skin> skin_;

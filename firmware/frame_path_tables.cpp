@@ -6,119 +6,65 @@
 #include "frame_path.h"
 
 namespace ruffini {
-namespace {
-
-// All of them, or none: then uncertainty is not measured.
-constexpr std::array kErrorTensors = {"support.error_reported", "support.error_quiet", "support.error_local",
-                                      "support.error_wrench"};
-
-}  // namespace
 
 // Depth and nodes are then computed in the view of the map's ideal pinhole.
-Status FramePath::load_camera_map() {
-  auto map = CameraMap::load(calibration_->get(), board_);
-  if (!map) return map.error();
-  camera_map_.emplace(std::move(map).value());
+Status FramePath::load_camera_map(const Calibration& c) {
+  if (!c.has_kind("camera")) return Unit{};
+  if (const Status map = keep(CameraMap::load(c, board_), camera_map_); !map) return map;
   poisson_ = Poisson(camera_map_->ideal_board());
   displacement_ = Displacement(camera_map_->ideal_board(), &*camera_map_);
   return Unit{};
 }
 
-Status FramePath::load_skin() {
-  if (!has(Stage::kSkin)) return Unit{};
-  auto skin = Skin::load(board_, calibration_ ? &calibration_->get() : nullptr);
-  if (!skin) return skin.error();
-  skin_.emplace(std::move(skin).value());
+Status FramePath::load_photometric(const Calibration& c) {
+  if (!has(Stage::kPhotometric) || !c.has_kind("photometric")) return Unit{};
+  const auto table = PhotometricTable::load(c);
+  if (!table) return table.error();
+  photometric_.emplace(board_, table.value());
+  is_foreign_optics_ = c.text("optics") != board_.camera.optics;
   return Unit{};
+}
+
+Status FramePath::load_feature_wrench(const Calibration& c) {
+  if (!has(Stage::kFeatureWrench) || !c.has_kind("wrench")) return Unit{};
+  features_.resize(static_cast<size_t>(n_features()));
+  return keep(FeatureWrench::load(c, has_targets() ? "targets" : "markers", n_features()), feature_wrench_);
 }
 
 // Which tables the calibration brings, and whether they fit this board.
 Status FramePath::load_tables() {
-  const Status skin = load_skin();
-  if (!skin) return skin.error();
-  if (!calibration_) return Unit{};
-  const Calibration& c = calibration_->get();
+  const Calibration* calibration = calibration_ ? &calibration_->get() : nullptr;
+  if (has(Stage::kSkin)) {
+    if (const Status skin = keep(Skin::load(board_, calibration), skin_); !skin) return skin;
+  }
+  if (calibration == nullptr) return Unit{};
+  const Calibration& c = *calibration;
   if (std::ssize(calibration_->bytes()) > board_.calibration_kb * 1024) {
     return Error{ErrorKind::kBadInput, "calibration file: larger than the " + std::to_string(board_.calibration_kb) +
                                            " kB of [memory] calibration_kb: make one with fewer nodes"};
   }
+  const auto picture = [&](const char* name) {
+    return c.tensor(name, Tensor::Type::kU16, {board_.camera.height_px, board_.camera.width_px, 3});
+  };
   if (c.has_kind("dark")) {
-    auto dark = c.tensor("dark.image", Tensor::Type::kU16, {board_.camera.height_px, board_.camera.width_px, 3});
+    const auto dark = picture("dark.image");
     if (!dark) return dark.error();
     rest_.set_dark(dark.value()->as<uint16_t>());
   }
-  if (c.has_kind("camera")) {
-    const Status camera = load_camera_map();
-    if (!camera) return camera.error();
-  }
+  if (const Status camera = load_camera_map(c); !camera) return camera;
   if (c.has_kind("views")) {
-    auto views = ViewMaps::load(c, board_);
-    if (!views) return views.error();
-    views_ = std::move(views).value();
+    if (const Status views = keep(ViewMaps::load(c, board_), views_); !views) return views;
   }
-  if (has(Stage::kPhotometric) && c.has_kind("photometric")) {
-    const auto table = PhotometricTable::load(c);
-    if (!table) return table.error();
-    photometric_.emplace(board_, table.value());
-    is_foreign_optics_ = c.text("optics") != board_.camera.optics;
-  }
+  if (const Status light = load_photometric(c); !light) return light;
   if (board_.depth.source == DepthSource::kMarkers && c.has_kind("marker_depth")) {
-    auto depth = MarkerDepth::load(c, board_);
-    if (!depth) return depth.error();
-    marker_depth_.emplace(std::move(depth).value());
+    if (const Status depth = keep(MarkerDepth::load(c, board_), marker_depth_); !depth) return depth;
   }
-  if (has(Stage::kOperator) && c.has_kind("operator")) {
-    const int n = 3 * nodes_.size().count();
-    const std::pair<const char*, int64_t> expected[] = {{"operator.n_x", nodes_.size().n_x},
-                                                        {"operator.n_y", nodes_.size().n_y},
-                                                        {"operator.force_lsb_un", board_.force_lsb_un},
-                                                        {"operator.displacement_lsb_nm", kDisplacementLsbNm}};
-    for (const auto& [key, value] : expected) {
-      const auto found = c.integer(key, value, value);
-      if (!found) return found.error();
-    }
-    auto op = BlockProgram::load(c, "operator", n, n);
-    if (!op) return op.error();
-    operator_ = std::move(op).value();
-  }
-  if (operator_ && c.has_kind("contact")) {
-    const Status noise = mask_.load_noise(c, board_.force_lsb_un);
-    if (!noise) return noise.error();
-  }
-  if (has(Stage::kSupport) && operator_ && c.has_kind("support")) {
-    auto support = SupportSolver::load(c, nodes_.size(), nodes_.places());
-    if (!support) return support.error();
-    support_.emplace(std::move(support).value());
-    const auto is_there = [&](const char* name) { return c.tensor(name) != nullptr; };
-    if (std::any_of(kErrorTensors.begin(), kErrorTensors.end(), is_there)) {
-      auto node_error = NodeSigmaModel::load(c, nodes_.size(), contact_threshold_lsb_);
-      if (!node_error) return node_error.error();
-      auto wrench_error = WrenchErrorModel::load(c, board_.pad);
-      if (!wrench_error) return wrench_error.error();
-      node_error_ = node_error.value();
-      wrench_error_ = wrench_error.value();
-    }
-  }
-  if (support_ && c.has_kind("finite_strain")) {
-    auto finite_strain = FiniteStrain::load(c, nodes_.size());
-    if (!finite_strain) return finite_strain.error();
-    finite_strain_.emplace(std::move(finite_strain).value());
-  }
-  if (support_ && c.has_kind("relaxation")) {
-    auto relaxation = Relaxation::load(c, nodes_.size().count());
-    if (!relaxation) return relaxation.error();
-    relaxation_.emplace(std::move(relaxation).value());
-  }
-  if (has(Stage::kFeatureWrench) && c.has_kind("wrench")) {
-    auto map = FeatureWrench::load(c, has_targets() ? "targets" : "markers", n_features());
-    if (!map) return map.error();
-    feature_wrench_.emplace(std::move(map).value());
-    features_.resize(static_cast<size_t>(n_features()));
-  }
+  if (const Status forces = forces_.load(c, has(Stage::kOperator), has(Stage::kSupport)); !forces) return forces;
+  if (const Status wrench = load_feature_wrench(c); !wrench) return wrench;
   if (c.has_kind("rest")) {
-    auto image = c.tensor("rest.image", Tensor::Type::kU16, {board_.camera.height_px, board_.camera.width_px, 3});
-    if (!image) return image.error();
-    set_rest(image.value()->as<uint16_t>());
+    const auto rest = picture("rest.image");
+    if (!rest) return rest.error();
+    set_rest(rest.value()->as<uint16_t>());
   }
   return Unit{};
 }

@@ -11,6 +11,7 @@
 #include "base/fixed.h"
 #include "board/settings.h"
 #include "estimators/contacts.h"
+#include "estimators/force_field.h"
 #include "estimators/skin.h"
 #include "estimators/slip.h"
 #include "estimators/wrench.h"
@@ -19,7 +20,6 @@
 #include "image/displacement.h"
 #include "image/markers.h"
 #include "image/photometric.h"
-#include "solve/contact_mask.h"
 #include "solve/node_sigma.h"
 
 namespace ruffini {
@@ -90,12 +90,7 @@ struct FrameState {
     std::vector<NodeDisplacement> node;  // observed nodes
     std::vector<uint8_t> is_filled;      // 1: x and y rest on lost markers (image/displacement.h)
   } displacement;
-  struct {
-    std::vector<int16_t> u;         // displacement, xyz interleaved
-    std::vector<int64_t> wide;      // nodal force before it is held to 32 bits
-    std::vector<NodeForce> force;   // observed nodes; the second pass overwrites it
-    std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
-  } solve;
+  SolvedForces solve;
   struct {
     std::vector<NodeSigma> node;  // observed nodes
     WrenchCovariance wrench;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cassert>
+#include <optional>
 #include <string>
 #include <utility>
 #include <variant>
@@ -60,5 +61,13 @@ class [[nodiscard]] Result {
 
 struct Unit {};
 using Status = Result<Unit>;
+
+// Puts what was loaded where it belongs.
+template <typename T>
+Status keep(Result<T> loaded, std::optional<T>& part) {
+  if (!loaded) return loaded.error();
+  part.emplace(std::move(loaded).value());
+  return Unit{};
+}
 
 }  // namespace ruffini

@@ -1,0 +1,86 @@
+// Displacement of the nodes -> their forces: the inverse FEM, in two passes, with what the calibration adds.
+//
+//   estimate   f = operator u, and where the pad is touched (solve/contact_mask.h)
+//   refine     what finite strain adds, then least squares where touched (solve/support_solver.h)
+//   remember   what the pad lost to relaxation (solve/relaxation.h)
+//   state_*    how sure the refined forces are; there is no error model of the first pass alone
+//
+// Everything but the operator is optional. Frame thread; no allocation after load.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/result.h"
+#include "board/settings.h"
+#include "estimators/contacts.h"
+#include "estimators/wrench.h"
+#include "estimators/wrench_covariance.h"
+#include "image/displacement.h"
+#include "solve/block_program.h"
+#include "solve/contact_mask.h"
+#include "solve/finite_strain.h"
+#include "solve/node_sigma.h"
+#include "solve/relaxation.h"
+#include "solve/support_solver.h"
+#include "store/calibration.h"
+
+namespace ruffini {
+
+// Of the observed nodes.
+struct SolvedForces {
+  std::vector<int16_t> u;         // displacement, xyz interleaved
+  std::vector<int64_t> wide;      // force before it is held to 32 bits
+  std::vector<NodeForce> force;   // the second pass overwrites it
+  std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
+};
+
+class ForceField {
+ public:
+  ForceField(const BoardSettings& board, const NodeGrid& nodes);
+
+  // What the calibration has of it, where the board has the stages. Errors: kBadInput, kRefused.
+  [[nodiscard]] Status load(const Calibration& calibration, bool has_operator, bool has_second_pass);
+
+  [[nodiscard]] bool is_measured() const { return operator_.has_value(); }
+  [[nodiscard]] bool has_second_pass() const { return support_.has_value(); }
+  [[nodiscard]] bool has_memory() const { return relaxation_.has_value(); }
+  [[nodiscard]] bool has_error_model() const { return node_error_.has_value(); }
+  [[nodiscard]] bool is_at_finite_strain() const { return finite_strain_.has_value(); }
+  [[nodiscard]] int64_t contact_threshold_lsb() const { return contact_threshold_lsb_; }
+
+  // Buffers for `out`; untouched.
+  void prepare(SolvedForces& out);
+  void estimate(std::span<const NodeDisplacement> displacement, bool is_light_steady, SolvedForces& out,
+                SaturationCounter& saturations);
+  void refine(bool is_light_steady, SolvedForces& out, SaturationCounter& saturations);
+  void remember(uint64_t capture_us, SolvedForces& out, SaturationCounter& saturations);
+  // What was done to the pad before.
+  void forget();
+  void state_sigma(const SolvedForces& solved, std::span<const uint8_t> is_filled, std::span<NodeSigma> sigma);
+  [[nodiscard]] WrenchCovariance state_covariance(const SolvedForces& solved, std::span<const uint8_t> is_filled,
+                                                  const Wrench& wrench, const ContactList& contacts) const;
+
+ private:
+  Status load_operator(const Calibration& calibration);
+  Status load_second_pass(const Calibration& calibration);
+  Status load_error_model(const Calibration& calibration);
+  std::span<const NodeForce> add_finite_strain(bool is_light_steady, SolvedForces& out, SaturationCounter& saturations);
+
+  PadSettings pad_;
+  GridSize nodes_;
+  std::vector<NodePlace> places_;
+  int64_t force_lsb_un_;
+  int64_t contact_threshold_lsb_;
+  ContactMask mask_;
+  std::optional<BlockProgram> operator_;
+  std::optional<SupportSolver> support_;
+  std::optional<FiniteStrain> finite_strain_;
+  std::optional<Relaxation> relaxation_;
+  std::optional<NodeSigmaModel> node_error_;
+  std::optional<WrenchErrorModel> wrench_error_;
+};
+
+}  // namespace ruffini

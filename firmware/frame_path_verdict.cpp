@@ -1,0 +1,81 @@
+// What the results of a frame are worth: its flags, and the validity of each quantity.
+#include <algorithm>
+
+#include "frame_path.h"
+
+namespace ruffini {
+namespace {
+
+constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark |
+                                 kFlagOverexposed | kFlagLight | kFlagFeatures | kFlagOtherPad;
+constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board's pad
+
+}  // namespace
+
+bool FramePath::is_wrong() const { return (state_.flags & kWrongFlags) != 0; }
+
+// Flags of what the frame shows, before anything is made of it.
+void FramePath::judge_input() {
+  FrameState& s = state_;
+  const int n_pixels = board_.camera.width_px * board_.camera.height_px;
+  if (s.difference.exposure.dark * 2 > n_pixels) s.flags |= kFlagDark;
+  if (s.difference.exposure.full * 20 > n_pixels) s.flags |= kFlagOverexposed;
+  const int n_missing = board_.markers.lattice.count() - n_markers_at_rest_;
+  if (has(Stage::kMarkers) && (s.markers.n_lost > board_.markers.max_lost ||
+                               100 * n_missing > (100 - kMinMarkersPercent) * board_.markers.lattice.count())) {
+    s.flags |= kFlagMarkersLost;
+  }
+  if (is_other_pad_) s.flags |= kFlagOtherPad;
+  if (s.targets.n_lost > 0) s.flags |= kFlagMarkersLost;
+  const int64_t limit_q3 = board_.pad.thickness_um * 8 / 2;
+  for (const NodeDisplacement& u : s.displacement.node) {
+    if (std::max({u.x.raw(), u.y.raw(), u.z.raw()}) > limit_q3 ||
+        std::min({u.x.raw(), u.y.raw(), u.z.raw()}) < -limit_q3) {
+      s.flags |= kFlagOverRange;
+      break;
+    }
+  }
+}
+
+// Validity of everything that this frame says.
+void FramePath::judge() {
+  FrameState& s = state_;
+  if (!forces_.is_measured() && !feature_wrench_) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
+  if (!feature_wrench_ && !marker_depth_ && (!photometric_ || is_foreign_optics_)) s.flags |= kFlagUncalibratedZ;
+  const bool is_wrong = this->is_wrong();
+  if (is_wrong) slip_.forget();
+  const auto verdict = [&](bool is_measured, bool is_calibrated) {
+    if (!is_measured) return Validity::kNotMeasured;
+    if (is_wrong) return Validity::kInvalid;
+    return is_calibrated ? Validity::kValid : Validity::kUncalibrated;
+  };
+  const bool has_depth = photometric_ && has(Stage::kPoisson);
+  s.depth_validity = verdict(has_depth, !is_foreign_optics_);
+  s.force_xy = verdict(forces_.is_measured(), true);
+  s.force_z = verdict(forces_.is_measured() && depth_is_trusted(), true);
+  s.uncertainty.validity = verdict(s.uncertainty.is_stated, true);
+  s.wrench_validity = {s.force_xy, s.force_xy, s.force_z, s.force_z, s.force_z, s.force_xy};
+  if (feature_wrench_) {
+    for (size_t i = 0; i < s.wrench_validity.size(); ++i) {
+      s.wrench_validity[i] = verdict(feature_wrench_->measures(i), true);
+    }
+  } else {
+    s.uncertainty.is_of_wrench = s.uncertainty.is_stated;
+  }
+  s.uncertainty.wrench_validity = verdict(s.uncertainty.is_of_wrench, true);
+  if (skin_) judge_skin();
+  if (s.force_z == Validity::kValid && s.contacts.reaches_border) s.flags |= kFlagWindowBorder;
+}
+
+// Pressing is all that a skin measures.
+void FramePath::judge_skin() {
+  FrameState& s = state_;
+  if (skin_->is_calibrated()) s.flags &= ~(kFlagUncalibratedXy | kFlagUncalibratedZ);
+  const bool is_wrong = this->is_wrong();
+  s.force_xy = Validity::kNotMeasured;
+  s.force_z = !skin_->is_calibrated() ? Validity::kNotMeasured : is_wrong ? Validity::kInvalid : Validity::kValid;
+  s.wrench_validity.fill(Validity::kNotMeasured);
+  s.wrench_validity[2] = s.force_z;
+}
+
+}  // namespace ruffini
