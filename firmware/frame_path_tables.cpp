@@ -10,7 +10,7 @@ namespace ruffini {
 // Depth and nodes are then computed in the view of the map's ideal pinhole.
 Status FramePath::load_camera_map(const Calibration& c) {
   if (!c.has_kind("camera")) return Unit{};
-  if (const Status map = keep(CameraMap::load(c, board_), camera_map_); !map) return map;
+  if (Status map = keep(CameraMap::load(c, board_), camera_map_); !map) return map;
   poisson_ = Poisson(camera_map_->ideal_board());
   displacement_ = Displacement(camera_map_->ideal_board(), &*camera_map_);
   return Unit{};
@@ -35,7 +35,7 @@ Status FramePath::load_feature_wrench(const Calibration& c) {
 Status FramePath::load_tables() {
   const Calibration* calibration = calibration_ ? &calibration_->get() : nullptr;
   if (has(Stage::kSkin)) {
-    if (const Status skin = keep(Skin::load(board_, calibration), skin_); !skin) return skin;
+    if (Status skin = keep(Skin::load(board_, calibration), skin_); !skin) return skin;
   }
   if (calibration == nullptr) return Unit{};
   const Calibration& c = *calibration;
@@ -51,16 +51,16 @@ Status FramePath::load_tables() {
     if (!dark) return dark.error();
     rest_.set_dark(dark.value()->as<uint16_t>());
   }
-  if (const Status camera = load_camera_map(c); !camera) return camera;
+  if (Status camera = load_camera_map(c); !camera) return camera;
   if (c.has_kind("views")) {
-    if (const Status views = keep(ViewMaps::load(c, board_), views_); !views) return views;
+    if (Status views = keep(ViewMaps::load(c, board_), views_); !views) return views;
   }
-  if (const Status light = load_photometric(c); !light) return light;
+  if (Status light = load_photometric(c); !light) return light;
   if (board_.depth.source == DepthSource::kMarkers && c.has_kind("marker_depth")) {
-    if (const Status depth = keep(MarkerDepth::load(c, board_), marker_depth_); !depth) return depth;
+    if (Status depth = keep(MarkerDepth::load(c, board_), marker_depth_); !depth) return depth;
   }
-  if (const Status forces = forces_.load(c, has(Stage::kOperator), has(Stage::kSupport)); !forces) return forces;
-  if (const Status wrench = load_feature_wrench(c); !wrench) return wrench;
+  if (Status forces = forces_.load(c, has(Stage::kOperator), has(Stage::kSupport)); !forces) return forces;
+  if (Status wrench = load_feature_wrench(c); !wrench) return wrench;
   if (c.has_kind("rest")) {
     const auto rest = picture("rest.image");
     if (!rest) return rest.error();

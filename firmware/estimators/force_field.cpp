@@ -25,9 +25,9 @@ ForceField::ForceField(const BoardSettings& board, const NodeGrid& nodes)
 
 Status ForceField::load(const Calibration& calibration, bool has_operator, bool has_second_pass) {
   if (!has_operator || !calibration.has_kind("operator")) return Unit{};
-  if (const Status loaded = load_operator(calibration); !loaded) return loaded;
+  if (Status loaded = load_operator(calibration); !loaded) return loaded;
   if (calibration.has_kind("contact")) {
-    if (const Status noise = mask_.load_noise(calibration, force_lsb_un_); !noise) return noise;
+    if (Status noise = mask_.load_noise(calibration, force_lsb_un_); !noise) return noise;
   }
   if (!has_second_pass || !calibration.has_kind("support")) return Unit{};
   return load_second_pass(calibration);
@@ -47,10 +47,10 @@ Status ForceField::load_operator(const Calibration& calibration) {
 }
 
 Status ForceField::load_second_pass(const Calibration& calibration) {
-  if (const Status loaded = keep(SupportSolver::load(calibration, nodes_, places_), support_); !loaded) return loaded;
-  if (const Status loaded = load_error_model(calibration); !loaded) return loaded;
+  if (Status loaded = keep(SupportSolver::load(calibration, nodes_, places_), support_); !loaded) return loaded;
+  if (Status loaded = load_error_model(calibration); !loaded) return loaded;
   if (calibration.has_kind("finite_strain")) {
-    if (const Status loaded = keep(FiniteStrain::load(calibration, nodes_), finite_strain_); !loaded) return loaded;
+    if (Status loaded = keep(FiniteStrain::load(calibration, nodes_), finite_strain_); !loaded) return loaded;
   }
   if (!calibration.has_kind("relaxation")) return Unit{};
   return keep(Relaxation::load(calibration, nodes_.count()), relaxation_);
@@ -59,7 +59,7 @@ Status ForceField::load_second_pass(const Calibration& calibration) {
 Status ForceField::load_error_model(const Calibration& calibration) {
   const auto is_there = [&](const char* name) { return calibration.tensor(name) != nullptr; };
   if (std::none_of(kErrorTensors.begin(), kErrorTensors.end(), is_there)) return Unit{};
-  const Status nodes = keep(NodeSigmaModel::load(calibration, nodes_, contact_threshold_lsb_), node_error_);
+  Status nodes = keep(NodeSigmaModel::load(calibration, nodes_, contact_threshold_lsb_), node_error_);
   return nodes ? keep(WrenchErrorModel::load(calibration, pad_), wrench_error_) : nodes;
 }
 
