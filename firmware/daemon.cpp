@@ -9,8 +9,9 @@ namespace {
 
 constexpr int kBuffers = 4;  // one captured, one posted, one processed, one spare
 constexpr int kLinkPollMs = 2;
-constexpr uint64_t kDrainUs = 2'000'000;  // how long an ended recording waits for a reader that takes nothing
-constexpr uint64_t kQuietUs = 100'000;    // a tty that looks empty may be about to be filled by the kernel
+constexpr uint64_t kWarmthUs = 1'000'000;  // between readings of the thermometer
+constexpr uint64_t kDrainUs = 2'000'000;   // how long an ended recording waits for a reader that takes nothing
+constexpr uint64_t kQuietUs = 100'000;     // a tty that looks empty may be about to be filled by the kernel
 constexpr auto kReopenPause = std::chrono::milliseconds(50);
 
 uint64_t now_us() {
@@ -31,6 +32,7 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, std:
       exchange_(exchange),
       identity_(std::move(identity)),
       options_(options),
+      thermometer_(board.temperature.path),
       session_(board_, *path_, identity_, calibrator, exchange_),
       encoder_(*path_, identity_.sensor),
       sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
@@ -39,6 +41,7 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, std:
 
 void Daemon::run(const std::atomic<bool>& stop) {
   stop_ = &stop;
+  read_temperature();  // before the first frame: rest is learned at a temperature
   std::thread capture([this] { capture_loop(); });
   std::thread frame([this] { frame_loop(); });
   link_loop();
@@ -101,7 +104,7 @@ void Daemon::frame_loop() {
 void Daemon::swap_path() {
   FramePath* next = exchange_.next_path.exchange(nullptr, std::memory_order_acq_rel);
   if (next != nullptr) {
-    if (path_->has_rest()) next->set_rest(path_->rest_image());
+    if (path_->has_rest()) next->take_rest(*path_);
     FramePath* old = path_.release();
     path_.reset(next);
     delete exchange_.retired_path.exchange(old, std::memory_order_acq_rel);
@@ -110,7 +113,11 @@ void Daemon::swap_path() {
   if (zero >= 0) path_->zero(zero);
 }
 
+void Daemon::read_temperature() { exchange_.milli_celsius = thermometer_.milli_celsius().value_or(kNoTemperature); }
+
 void Daemon::process(const FrameLease& lease) {
+  const int32_t warmth = exchange_.milli_celsius;
+  path_->set_temperature(warmth == kNoTemperature ? std::optional<int32_t>() : warmth);
   const FrameState& state = path_->process(lease.view(), lease.capture_us());
   const FrameStamp stamp{lease.capture_us(), lease.number(), path_->calibration_id(), identity_.stream_flags};
   const uint64_t n = exchange_.frames_processed.load();
@@ -147,7 +154,12 @@ void Daemon::link_loop() {
   std::array<uint8_t, 4'096> received;
   uint64_t moved_us = now_us();  // the last time that something went out
   uint64_t owed_us = moved_us;   // the last time that something was still to go out
+  uint64_t warmth_us = moved_us;
   while (!stop_->load(std::memory_order_relaxed)) {
+    if (now_us() - warmth_us > kWarmthUs) {
+      read_temperature();
+      warmth_us = now_us();
+    }
     session_.poll(now_us());
     std::span<const uint8_t> out = session_.pending();
     pollfd wait{port_.fd(), static_cast<short>(POLLIN | (out.empty() ? 0 : POLLOUT)), 0};

@@ -9,6 +9,7 @@
 
 #include "base/mailbox.h"
 #include "capture/camera.h"
+#include "hw/thermometer.h"
 #include "link/messages.h"
 #include "link/serial_port.h"
 #include "link/session.h"
@@ -38,6 +39,7 @@ class Daemon {
   void link_loop();
   void process(const FrameLease& lease);
   void swap_path();
+  void read_temperature();
   void publish(ruffini_MessageType type, std::span<const uint8_t> frames);
   [[nodiscard]] bool is_stopping() const { return stop_->load(std::memory_order_relaxed) || is_done_; }
 
@@ -48,6 +50,7 @@ class Daemon {
   Exchange& exchange_;
   DeviceIdentity identity_;
   DaemonOptions options_;
+  Thermometer thermometer_;
   Session session_;
   MessageEncoder encoder_;
   MessageEncoder::Sink sink_;

@@ -53,7 +53,9 @@ void FramePath::timed(Stage stage, Work work) {
 }
 
 void FramePath::learn(const FrameView& frame) {
-  if (rest_.add(frame)) learn_features();
+  if (!rest_.add(frame)) return;
+  warmth_.rest_mc = warmth_.now_mc;
+  learn_features();
 }
 
 void FramePath::learn_features() {
@@ -218,12 +220,14 @@ void FramePath::run_feature_wrench(uint64_t capture_us) {
     }
     // A frame that is not to be believed is not remembered.
     const bool is_wrong = this->is_wrong();
-    const FeatureWrench::Outcome said = feature_wrench_->run(features_, is_wrong ? 0 : capture_us, state_.saturations);
+    const FeatureWrench::Outcome said =
+        feature_wrench_->run(features_, warmth_, is_wrong ? 0 : capture_us, state_.saturations);
     state_.wrench = said.wrench;
     state_.uncertainty.wrench = said.covariance;
     state_.uncertainty.is_of_wrench = true;
     if (!said.is_in_agreement) state_.flags |= kFlagFeatures;
     if (!said.is_in_range) state_.flags |= kFlagOverRange;
+    if (!said.is_warmth_known) state_.flags |= kFlagTemperature;
   });
 }
 
@@ -267,7 +271,13 @@ void FramePath::set_rest(std::span<const uint16_t> image) {
   rest_.load(image);
   slip_.forget();
   if (feature_wrench_) feature_wrench_->forget();
+  warmth_.rest_mc = warmth_.now_mc;
   learn_features();
+}
+
+void FramePath::take_rest(const FramePath& other) {
+  set_rest(other.rest_image());
+  warmth_.rest_mc = other.warmth_.rest_mc;
 }
 
 FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration,

@@ -51,10 +51,14 @@ class FramePath {
   // the pad's relaxation is left out.
   const FrameState& process(const FrameView& frame, uint64_t capture_us = 0);
 
+  // From the next frame on; empty: not measured.
+  void set_temperature(std::optional<int32_t> milli_celsius) { warmth_.now_mc = milli_celsius; }
   // Learn rest anew from the next n frames (0 = the board's own number).
   void zero(int n_frames);
   // Rest from an untouched picture at once (offline use).
   void set_rest(std::span<const uint16_t> image);
+  // That of another path, and how warm it was then.
+  void take_rest(const FramePath& other);
   // The solve alone: displacement -> force. For offline use.
   void solve(std::span<const NodeDisplacement> displacement);
 
@@ -142,6 +146,7 @@ class FramePath {
   ForceField forces_;
   std::optional<FeatureWrench> feature_wrench_;
   std::vector<int32_t> features_;
+  Warmth warmth_;
   uint32_t calibration_id_ = 0;
   ContactFinder contacts_;
   SlipTracker slip_;

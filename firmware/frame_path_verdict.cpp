@@ -57,7 +57,7 @@ void FramePath::judge() {
   s.wrench_validity = {s.force_xy, s.force_xy, s.force_z, s.force_z, s.force_z, s.force_xy};
   if (feature_wrench_) {
     for (size_t i = 0; i < s.wrench_validity.size(); ++i) {
-      s.wrench_validity[i] = verdict(feature_wrench_->measures(i), true);
+      s.wrench_validity[i] = verdict(feature_wrench_->measures(i), (s.flags & kFlagTemperature) == 0);
     }
   } else {
     s.uncertainty.is_of_wrench = s.uncertainty.is_stated;

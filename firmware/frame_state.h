@@ -38,6 +38,7 @@ enum Flag : uint32_t {
   kFlagLight = 1024,
   kFlagFeatures = 2048,
   kFlagOtherPad = 4096,
+  kFlagTemperature = 8192,
 };
 
 // Numbers are those of Validity in ruffini.proto.

@@ -12,6 +12,7 @@
 namespace ruffini {
 namespace {
 
+constexpr size_t kMaxPathLength = 128;
 constexpr int64_t kMaxLengthUm = 500'000;  // half a metre: no tactile pad is larger
 
 void read_camera(BoardReader& in, CameraSettings& camera) {
@@ -103,6 +104,12 @@ void read_rest(BoardReader& in, BoardSettings& board) {
   if (in.has_section("memory")) {
     in.section("memory");
     board.calibration_kb = in.integer("calibration_kb", 64, kMaxCalibrationKb);
+  }
+  if (in.has_section("temperature")) {
+    in.section("temperature");
+    board.temperature.place = in.text("place", kMaxListedLength);
+    board.temperature.path = in.text("path", kMaxPathLength);
+    if (board.temperature.path.rfind('/', 0) != 0) in.fail("temperature.path must begin with /");
   }
   in.section("pipeline");
   board.n_rest_frames = static_cast<int>(in.integer("n_rest_frames", 1, 256));

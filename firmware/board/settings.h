@@ -102,6 +102,12 @@ struct SkinSettings {
 };
 inline constexpr int kMaxAveragedFrames = 10;
 
+// A thermometer of Linux (hw/thermometer.h); both empty: none.
+struct TemperatureSettings {
+  std::string place;  // what STATUS calls it
+  std::string path;
+};
+
 struct BoardSettings {
   std::string name;
   std::string product;
@@ -116,6 +122,7 @@ struct BoardSettings {
   DepthSettings depth;
   ContactSettings contact;
   SkinSettings skin;
+  TemperatureSettings temperature;
   int64_t force_lsb_un = 0;
   int64_t calibration_kb = kMaxCalibrationKb;  // room for the calibration file
   int n_rest_frames = 0;

@@ -131,6 +131,12 @@ int ruffini_set_rest(ruffini_pipeline* pipeline, const uint16_t* image) {
   return 0;
 }
 
+int ruffini_set_temperature(ruffini_pipeline* pipeline, int32_t milli_celsius) {
+  const bool is_known = milli_celsius != INT32_MIN;
+  pipeline->path->set_temperature(is_known ? std::optional<int32_t>(milli_celsius) : std::nullopt);
+  return 0;
+}
+
 int ruffini_solve(ruffini_pipeline* pipeline, const int16_t* displacement, int32_t n_frames, int32_t* force) {
   FramePath& path = *pipeline->path;
   const auto n_nodes = static_cast<size_t>(path.nodes().size().count());

@@ -88,6 +88,9 @@ Result<FeatureWrench> FeatureWrench::load(const Calibration& c, std::string_view
   }
   const Status agreement = out.load_agreement(c);
   if (!agreement) return agreement.error();
+  auto warmth = WrenchWarmth::load(c);
+  if (!warmth) return warmth.error();
+  out.warmth_ = warmth.value();
   const Status relaxation = out.load_relaxation(c);
   if (!relaxation) return relaxation.error();
   return out;
@@ -204,7 +207,7 @@ WrenchCovariance FeatureWrench::covariance_of(const Axes& u) const {
   return out;
 }
 
-FeatureWrench::Outcome FeatureWrench::run(std::span<const int32_t> features, uint64_t capture_us,
+FeatureWrench::Outcome FeatureWrench::run(std::span<const int32_t> features, const Warmth& warmth, uint64_t capture_us,
                                           SaturationCounter& saturations) {
   Axes e = linear(features, saturations);
   const Axes u = scaled_q14(e);
@@ -217,6 +220,7 @@ FeatureWrench::Outcome FeatureWrench::run(std::span<const int32_t> features, uin
   Outcome out;
   const Axes strained = scaled_q14(e);
   out.is_in_agreement = agrees(features, strained);
+  out.is_warmth_known = warmth_.correct(e, warmth);
   if (out.is_in_agreement) relax(e, capture_us);
   out.is_in_range =
       std::all_of(strained.begin(), strained.end(), [](int64_t each) { return std::abs(each) <= kInRange; });

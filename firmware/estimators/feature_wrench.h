@@ -2,6 +2,7 @@
 //
 //   linear       y = K f                                      6 x n, per axis a shift; the paper's K
 //   quadratic    e_i = y_i + sum_{j <= k} q_ijk u_j u_k       u = y / full scale, Q14, within +-2
+//   temperature  e_i as of the calibration's temperature       estimators/wrench_warmth.h
 //   relaxation   w_i = e_i - sum_t g_ti h_ti,  tau_t dh_ti/dt = e_i - h_ti     what a held load loses (solve/relaxation.h)
 //   agreement    |f_m - (G s + H s s)_m| <= tolerance_m       s: as u, of e; G, H: features that a wrench makes. Else the
 //                                                             features contradict each other: some are not what they seem
@@ -21,6 +22,7 @@
 #include "base/result.h"
 #include "estimators/wrench.h"
 #include "estimators/wrench_covariance.h"
+#include "estimators/wrench_warmth.h"
 #include "store/calibration.h"
 
 namespace ruffini {
@@ -37,7 +39,8 @@ class FeatureWrench {
     Wrench wrench;
     WrenchCovariance covariance;
     bool is_in_agreement = false;
-    bool is_in_range = false;  // |s| <= 5/4 on every measured axis
+    bool is_in_range = false;     // |s| <= 5/4 on every measured axis
+    bool is_warmth_known = true;  // or the calibration does not correct for it
   };
 
   // Kind "wrench" of the calibration, for features of this sort. Errors: kBadInput; kRefused where it is for others.
@@ -45,7 +48,8 @@ class FeatureWrench {
                                                   int n_features);
 
   // `features` as many as at load. A capture not later than the one before takes no time; 0: without relaxation.
-  [[nodiscard]] Outcome run(std::span<const int32_t> features, uint64_t capture_us, SaturationCounter& saturations);
+  [[nodiscard]] Outcome run(std::span<const int32_t> features, const Warmth& warmth, uint64_t capture_us,
+                            SaturationCounter& saturations);
   // Nothing was ever loaded.
   void forget();
 
@@ -75,6 +79,7 @@ class FeatureWrench {
   std::vector<int32_t> forward_;                    // G and H, [n][6 + 21]; empty: agreement is not looked at
   std::vector<int32_t> tolerance_;                  // [n]
   std::array<std::array<Axes, kAxes>, 2> error_{};  // constant, at |u| = 1; uN, uN mm
+  WrenchWarmth warmth_;
   std::vector<Term> terms_;
   Axes before_{};
   uint64_t last_us_ = 0;

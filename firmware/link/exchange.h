@@ -13,12 +13,14 @@ namespace ruffini {
 
 inline constexpr size_t kMessageTypes = 16;
 inline constexpr size_t kTelemetryRingBytes = size_t{4} << 20;
+inline constexpr int32_t kNoTemperature = INT32_MIN;
 
 struct Exchange {
   // Written by the link thread, read by the frame thread.
   std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send each n-th frame; 0 = never
   std::atomic<int> zero_frames{-1};                          // request; -1 = none
   std::atomic<FramePath*> next_path{nullptr};                // to swap in between frames; ownership passes
+  std::atomic<int32_t> milli_celsius{kNoTemperature};        // of the board's thermometer
   // Written by the frame thread, read by the link thread.
   std::atomic<FramePath*> retired_path{nullptr};  // to be deleted by the link thread
   SpscRing telemetry{kTelemetryRingBytes};        // u8 message type, then its frames

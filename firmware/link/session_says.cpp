@@ -18,6 +18,7 @@ static_assert(pb_arraysize(ruffini_SensorInfo, not_measured) >= kMaxNotMeasured)
 static_assert(pb_arraysize(ruffini_SensorInfo, stages) >= kStageCount);
 static_assert(pb_membersize(ruffini_SensorInfo, not_measured[0]) > kMaxListedLength);
 static_assert(pb_membersize(ruffini_SensorInfo, stages[0]) > kMaxListedLength);
+static_assert(pb_membersize(ruffini_Temperature, place) > kMaxListedLength);
 
 namespace {
 
@@ -105,6 +106,11 @@ void Session::send_status(uint64_t now_us) {
     copy_text(t.stage, known_stages()[i]);
     t.mean_ns = static_cast<uint32_t>(exchange_.stage_sum_ns[i].exchange(0) / n);
     t.max_ns = static_cast<uint32_t>(exchange_.stage_max_ns[i].exchange(0));
+  }
+  if (const int32_t warmth = exchange_.milli_celsius.load(); warmth != kNoTemperature) {
+    m.temperatures_count = 1;
+    copy_text(m.temperatures[0].place, board_.temperature.place);
+    m.temperatures[0].milli_celsius = warmth;
   }
   const ActiveCalibration& active = calibrator_.active();
   if (!active.is_present) m.health |= ruffini_HealthBit_HEALTH_UNCALIBRATED;

@@ -17,12 +17,15 @@ from ruffini.calibrate.container import base_metadata, pack
 from ruffini.calibrate.feature_log import Features
 from ruffini.calibrate.wrench_map import TIMES_S, Fit, Frames, WrenchMap
 from ruffini.calibrate.wrench_tables import tables as tables_of
+from ruffini.calibrate.wrench_warmth import Degrees, WrenchWarmth
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
 
 Picture = npt.NDArray[np.uint8]
-VALID, NOT_MEASURED, INVALID = 1, 0, 3
-MARKERS_LOST, OVER_RANGE, LIGHT, FEATURES = 8, 32, 1024, 2048
+NOT_MEASURED, VALID, UNCALIBRATED, INVALID = 0, 1, 2, 3
+MARKERS_LOST, OVER_RANGE, LIGHT, FEATURES, TEMPERATURE = 8, 32, 1024, 2048, 8192
+CELSIUS_AT_REST = 21.5
+CELSIUS = (None, 22.034, 45.5, 45.501, 9.9)  # the last two are out of what the table saw
 N_REST = 3
 TARGETS = """[targets]
 places_um = [[2000, 780], [1100, 2200], [2900, 2300]]
@@ -65,6 +68,9 @@ def tables(rng: np.random.Generator, n: int = 9) -> dict[str, npt.NDArray[np.gen
         "wrench.error": rng.integers(-(1 << 14), 1 << 14, (2, 6, 6)).astype(np.int32),
         "wrench.forward": rng.integers(-(1 << 10), 1 << 10, (n, 27)).astype(np.int32),
         "wrench.tolerance": np.full(n, 1 << 19, np.int32),
+        "wrench.warm_mc": np.array([24_000, 20_000, 35_500], np.int32),
+        "wrench.warm_gain": np.array([3221, -1999, 1 << 15, 700, 5, -77], np.int32),
+        "wrench.warm_offset": rng.integers(-(1 << 18), 1 << 18, 6).astype(np.int32),
         "wrench.relax_time_ms": np.array([40, 900], np.int32),
         "wrench.relax_part": rng.integers(-(1 << 16), 1 << 17, (2, 6)).astype(np.int32),
     }
@@ -92,24 +98,30 @@ def test_targets_and_their_wrench_over_a_recording() -> None:
         for frame in rest:
             core.process(frame)
         core.zero(N_REST)
+        core.set_celsius(CELSIUS_AT_REST)
         for frame in rest:
             core.process(frame)
         for t, moved in enumerate((0.1, 1.0, 3.3, 4.0, 0.2), 1):
             picture = draw(board, rng, moved)
             if t == 4:
                 picture[60:] = np.minimum(picture[60:].astype(int) + 60, 255)  # light on two of three
+            celsius = CELSIUS[t - 1]
+            core.set_celsius(celsius)
             said = core.process(picture, capture_s=t * 0.03)
             targets.track(grey(picture))
             assert core.targets().tolist() == mirror_rows(targets)
             assert core.features().tolist() == targets.features().tolist()
             assert bool(said.flags & LIGHT) == targets.is_light_off() == (t == 4)
             is_wrong = bool(said.flags & LIGHT)
-            expected = wrench.run(targets.features().tolist(), 0 if is_wrong else 1 + t * 30_000, saturations)
+            warm = (None if celsius is None else round(1000 * celsius), round(1000 * CELSIUS_AT_REST))
+            expected = wrench.run(targets.features().tolist(), 0 if is_wrong else 1 + t * 30_000, saturations, warm)
             assert said.wrench_un.tolist() == expected.wrench
             assert core.covariance().tolist() == expected.covariance
             assert bool(said.flags & FEATURES) != expected.agrees
             assert bool(said.flags & OVER_RANGE) != expected.is_in_range
-            state = INVALID if is_wrong or not expected.agrees or not expected.is_in_range else VALID
+            assert bool(said.flags & TEMPERATURE) != expected.is_warmth_known == (t in (2, 3))
+            state = VALID if expected.is_warmth_known else UNCALIBRATED
+            state = INVALID if is_wrong or not expected.agrees or not expected.is_in_range else state
             assert said.wrench_validity == (state, state, state, state, NOT_MEASURED, state)
             seen_flags |= said.flags
         assert core.process(picture).saturations == saturations.count
@@ -145,7 +157,8 @@ def test_a_table_for_other_features_is_refused() -> None:
     [
         ("wrench.gain", 1 << 27), ("wrench.square", 1 << 27), ("wrench.shift", 41), ("wrench.full_scale", -1),
         ("wrench.error", 1 << 26), ("wrench.forward", 1 << 27), ("wrench.tolerance", 0), ("wrench.relax_time_ms", 0),
-        ("wrench.relax_part", (1 << 20) + 1),
+        ("wrench.relax_part", (1 << 20) + 1), ("wrench.warm_mc", 300_001), ("wrench.warm_gain", -(1 << 15) - 1),
+        ("wrench.warm_offset", (1 << 26) + 1),
     ],
 )  # fmt: skip
 def test_numbers_out_of_range_are_refused(name: str, value: int) -> None:
@@ -166,12 +179,17 @@ def test_a_fitted_map_says_the_same_in_integers() -> None:
     made = WrenchMap(
         gain, full, rng.normal(size=(6, 21)) * 0.02 * full[:, None], relax, np.zeros((9, 27)), np.full(9, 6e7),
         np.zeros((2, 6, 6)),
+        WrenchWarmth(25.0, 20.0, 30.0, rng.normal(size=6) * 3e-3, rng.normal(size=6) * 1e-3 * full),
     )  # fmt: skip
     fit = Fit(made, 0.0, 0.0, {}, full, full, full, 1.0, 50, 1, "recording")
     kind, _ = tables_of(fit, Features("targets", 9))
-    frames = Frames(np.round(features), np.zeros((50, 6)), 0.1 * np.arange(50), np.zeros(50, np.intp))
+    degrees = Degrees(np.linspace(18.0, 33.0, 50), np.full(50, 21.0))
+    frames = Frames(np.round(features), np.zeros((50, 6)), 0.1 * np.arange(50), np.zeros(50, np.intp), degrees)
     core, saturations = FeatureWrench(kind), Saturations()
-    said = [core.run(row.astype(int).tolist(), 1 + 100_000 * t, saturations) for t, row in enumerate(frames.features)]
+    said = [
+        core.run(row.astype(int).tolist(), 1 + 100_000 * t, saturations, (round(1000 * degrees.now[t]), 21_000))
+        for t, row in enumerate(frames.features)
+    ]
     wrench = np.array([s.wrench for s in said]) * [1e-6, 1e-6, 1e-6, 1e-9, 1e-9, 1e-9]
     assert (np.abs(wrench - made.predicted(frames)) < 1e-4 * full).all()
     assert saturations.count == 0

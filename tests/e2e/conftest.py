@@ -31,6 +31,7 @@ from ruffini.sim.unit import TwinUnit
 ROOT = Path(__file__).parents[2]
 N_REST, N_FRAMES = 10, 40
 N_UNTOUCHED = 120
+MILLI_CELSIUS = 36_600  # in the file that stands for the board's thermometer
 COLOUR_OF_SLOPE = 0.5
 
 TINY = {
@@ -62,7 +63,9 @@ def write_board(folder: Path, changes: dict[str, str]) -> Path:
         assert old in text, old
         text = text.replace(old, new, 1)
     folder.mkdir(parents=True)
-    (folder / "board.toml").write_text(text)
+    thermometer = folder / "temp1_input"
+    thermometer.write_text(f"{MILLI_CELSIUS}\n")
+    (folder / "board.toml").write_text(f'{text}\n[temperature]\nplace = "gel"\npath = "{thermometer}"\n')
     return folder
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import N_FRAMES, N_REST, Sensor, start
+from conftest import MILLI_CELSIUS, N_FRAMES, N_REST, Sensor, start
 
 from ruffini.device import Connection, Field, Wrench
 from ruffini.device.results import NOT_MEASURED, VALID
@@ -111,6 +111,7 @@ def test_a_host_that_does_not_read_costs_telemetry_and_no_reply(sensor: Sensor, 
         host._send("STATUS")
         status = host._wait_for("STATUS", 3.0, lambda m: True)
     assert status.drops.link_backpressure > 0
+    assert [(t.place, t.milli_celsius) for t in status.temperatures] == [("gel", MILLI_CELSIUS)]
     assert status.frames_processed > 50
 
 

@@ -165,6 +165,19 @@ class FieldSettings(Section):
     force_lsb_un: Annotated[int, Field(ge=1, le=1_000)]
 
 
+class Temperature(Section):
+    """[temperature]: a thermometer of Linux."""
+
+    place: Listed
+    path: Annotated[str, Field(min_length=1, max_length=128, pattern=PRINTABLE)]
+
+    @model_validator(mode="after")
+    def _fits(self) -> Temperature:
+        if not self.path.startswith("/"):
+            raise ValueError("temperature.path must begin with /")
+        return self
+
+
 class Memory(Section):
     """[memory]."""
 
@@ -199,6 +212,7 @@ class Board(Section):
     contact: Contact
     skin: Skin | None = None
     field: FieldSettings
+    temperature: Temperature | None = None
     memory: Memory | None = None
     pipeline: Pipeline
 

@@ -16,12 +16,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.reference_log import reference_wrench
+from ruffini.calibrate.reference_log import celsius_of_csv, reference_wrench
+from ruffini.calibrate.warmth import CELSIUS
+from ruffini.calibrate.wrench_warmth import Degrees
 from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
 from ruffini.frames import read_frames
 from ruffini.rig.found import on_reference_clock, reference_in_pad
-from ruffini.rig.log_file import read_log
+from ruffini.rig.log_file import TouchRecord, read_log
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -34,7 +36,7 @@ class FeatureRun:
     """One recording from rest on.
 
     features (t, n) raw integers at time_s (t,), is_good (t,) nothing lost; reference (r, 6) N and N m at reference_s
-    (r,).
+    (r,); degrees (t,) where the board has a thermometer.
     """
 
     name: str
@@ -43,6 +45,7 @@ class FeatureRun:
     is_good: npt.NDArray[np.bool_]
     reference_s: Array
     reference: Array
+    degrees: Degrees | None = None
 
     def at(self, lag_s: float) -> Array:
         """Reference of each frame (t, 6) where it is read `lag_s` after what the camera sees."""
@@ -104,7 +107,7 @@ def _of_frames(path: Path, board: Board) -> FeatureRun:
     frames = read_frames(path)
     if len(frames) != len(wrench):
         raise InputError(f"{path} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")
-    rows, good, kept = [], [], []
+    rows, good, kept = [], [], list[int]()
     with Pipeline(board) as pipeline:
         for i, image in enumerate(frames):
             frame = pipeline.process(image)
@@ -118,7 +121,17 @@ def _of_frames(path: Path, board: Board) -> FeatureRun:
     return FeatureRun(
         f"{path.parent.name}/{path.name}", np.array(kept) * period_s, np.array(rows, dtype=np.float64), np.array(good),
         np.arange(len(wrench), dtype=np.float64) * period_s, np.asarray(wrench, dtype=np.float64),
+        _degrees_of_frames(path, board, kept),
     )  # fmt: skip
+
+
+def _degrees_of_frames(path: Path, board: Board, kept: list[int]) -> Degrees | None:
+    """Of the kept frames: of a bench's readings, or of the column `celsius` of wrench.csv."""
+    rig = path / "rig.npz"
+    celsius = np.load(rig).get("celsius") if rig.is_file() else celsius_of_csv(path / "wrench.csv")
+    if celsius is None or board.temperature is None:
+        return None
+    return Degrees(celsius[kept], np.full(len(kept), celsius[max(kept[0] - 1, 0)]))
 
 
 def _of_log(path: Path, board: Board) -> list[FeatureRun]:
@@ -126,7 +139,7 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
     if log.facts.get("board") != board.name:
         raise InputError(f"{path} was collected on board {log.facts.get('board')!r}, not {board.name!r}")
     wanted = features_of(board)
-    out = []
+    out, rest_celsius = [], dict[str, float]()
     for number, touch in enumerate(log.touches):
         moved = touch.arrays.get("marker_displacement")
         columns = STEPS[wanted.sort]
@@ -136,10 +149,19 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
         if rows.shape[1] != wanted.n:
             raise InputError(f"{path}, touch {number}: {moved.shape[1]} {wanted.sort}, the board has "
                              f"{wanted.n // len(columns)}")  # fmt: skip
+        celsius = _celsius_of_touch(touch, board)
+        at_rest = rest_celsius.setdefault(str(touch.facts.get("session")), celsius)
         offset = float(np.median(on_reference_clock(log, touch) - touch.arrays["stream_s"]))
         out.append(FeatureRun(f"{path.name}/{number}", touch.arrays["marker_s"] + offset, rows,
                               np.asarray(np.isfinite(rows).all(axis=1)), touch.arrays["reference_s"],
-                              reference_in_pad(log, touch)))  # fmt: skip
+                              reference_in_pad(log, touch),
+                              Degrees(np.full(len(rows), celsius), np.full(len(rows), at_rest))))  # fmt: skip
     if not out:
         raise InputError(f"{path} holds no {wanted.sort} in pixels: give recordings of frames instead")
     return out
+
+
+def _celsius_of_touch(touch: TouchRecord, board: Board) -> float:
+    """By the board's thermometer; NaN: not measured. A session's rest is as warm as its first touch."""
+    place = board.temperature.place if board.temperature else ""
+    return float(touch.facts.get(CELSIUS, {}).get(place, np.nan))

@@ -93,14 +93,32 @@ def read_wrench_csv(path: Path) -> Array:
     InputError
         The file cannot be read, lacks a column, or holds something that is no number.
     """
-    try:
-        table = np.genfromtxt(path, delimiter=",", names=True)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as CSV: {error}") from error
+    table = _csv_table(path)
     missing = [c for c in COLUMNS if c not in (table.dtype.names or ())]
     if missing:
         raise InputError(f"{path} lacks the columns {', '.join(missing)}")
     return np.stack([np.atleast_1d(table[c]) for c in COLUMNS], axis=1) * ([1.0] * 3 + [1e-3] * 3)
+
+
+def celsius_of_csv(path: Path) -> Array | None:
+    """Column `celsius` (t,) of a wrench.csv; None where there is no such file or column.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    if not path.is_file():
+        return None
+    table = _csv_table(path)
+    return np.atleast_1d(table["celsius"]) if "celsius" in (table.dtype.names or ()) else None
+
+
+def _csv_table(path: Path) -> npt.NDArray[Any]:
+    try:
+        return np.asarray(np.genfromtxt(path, delimiter=",", names=True))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as CSV: {error}") from error
 
 
 def write_fit(path: Path, board: Board, report: dict[str, Any]) -> None:

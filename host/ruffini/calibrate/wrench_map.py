@@ -1,8 +1,8 @@
 """Wrench of a vector of image features, fitted to a reference sensor: tables of kind `wrench` (proto/CALIBRATION.md).
 
-K by least squares is the paper's (F-TOUCH, eq. 2). Quadratic terms and what the structure forgets under a held load
-are taken in where they lessen the error on recordings (or touches) that were not fitted; the reference's lag is found
-first.
+K by least squares is the paper's (F-TOUCH, eq. 2). Temperature, quadratic terms and what the structure forgets under a
+held load are taken in where they lessen the error on recordings (or touches) that were not fitted; the reference's lag
+is found first.
 firmware/estimators/feature_wrench.h has the equations; `predicted` is the same in float. Units here: N and N mm.
 """
 
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 
 from ruffini.calibrate.feature_log import FeatureRun
+from ruffini.calibrate.wrench_warmth import Degrees, WrenchWarmth, no_warmth
 from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -35,30 +36,42 @@ REST_PART = 0.02  # of full scale: nothing presses
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
 LEAST_PRODUCT = 0.03  # of u_j u_k, root mean square: a pair that the log hardly loads together gets no term
 FREE_RIDGE = 1e-5  # of quadratic terms that no geometry gives
+N_PASSES = 3  # K, temperature and relaxation by turns
 TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of a log, in order: features (t, n), reference (t, 6) N and N mm, time, and number of the recording."""
+    """Frames of a log, in order.
+
+    features (t, n), reference (t, 6) N and N mm, time, number of the recording, and how warm it is.
+    """
 
     features: Array
     wrench: Array
     time_s: Array
     run: npt.NDArray[np.intp]
+    degrees: Degrees
 
     def take(self, which: npt.NDArray[np.bool_]) -> Frames:
-        return Frames(self.features[which], self.wrench[which], self.time_s[which], self.run[which])
+        return Frames(
+            self.features[which], self.wrench[which], self.time_s[which], self.run[which], self.degrees.take(which)
+        )
 
 
 def frames_of(runs: list[FeatureRun], lag_s: float) -> Frames:
     """The good frames of recordings."""
     good = [run.is_good for run in runs]
+    seen = [
+        run.degrees.take(g) if run.degrees else Degrees.unknown(int(g.sum())) for run, g in zip(runs, good, strict=True)
+    ]
+    degrees = Degrees(*(np.concatenate([getattr(each, name) for each in seen]) for name in ("now", "rest")))
     return Frames(
         np.concatenate([run.features[g] for run, g in zip(runs, good, strict=True)]),
         np.concatenate([run.at(lag_s)[g] for run, g in zip(runs, good, strict=True)]) * TO_NMM,
         np.concatenate([run.time_s[g] for run, g in zip(runs, good, strict=True)]),
         np.concatenate([np.full(int(g.sum()), i) for i, g in enumerate(good)]),
+        degrees,
     )
 
 
@@ -67,7 +80,8 @@ class WrenchMap:
     """The tables in float.
 
     gain (6, n) N and N mm a raw unit; full (6,) what makes u = 1, 0 of an axis that is not measured; square (6, 21);
-    relax (terms, 6) parts; forward (n, 27); tolerance (n,); error (2, 6, 6) vectors of the covariance.
+    relax (terms, 6) parts; forward (n, 27); tolerance (n,); error (2, 6, 6) vectors of the covariance; warmth: None
+    where temperature is not corrected for.
     """
 
     gain: Array
@@ -77,6 +91,7 @@ class WrenchMap:
     forward: Array
     tolerance: Array
     error: Array
+    warmth: WrenchWarmth | None = None
 
     def scaled(self, y: Array) -> Array:
         """u (t, 6) of the linear estimate."""
@@ -84,11 +99,15 @@ class WrenchMap:
 
     def predicted(self, frames: Frames) -> Array:
         """Wrench of frames in time order, (t, 6); each recording starts from rest."""
-        elastic = self.elastic(frames)
+        elastic = self.corrected(self.elastic(frames), frames.degrees)
         return elastic if not self.relax.any() else elastic - forgotten(elastic, frames, self.relax)
 
+    def corrected(self, elastic: Array, degrees: Degrees) -> Array:
+        """With temperature, without relaxation."""
+        return elastic if self.warmth is None else self.warmth.corrected(elastic, degrees)
+
     def elastic(self, frames: Frames) -> Array:
-        """Without relaxation."""
+        """As the features have it: without temperature and relaxation."""
         y = frames.features @ self.gain.T
         return np.asarray(y + products(self.scaled(y)) @ self.square.T)
 
@@ -138,6 +157,7 @@ class Fit:
     n_runs: int
     holdout: str
     checks: list[str] = field(default_factory=list)
+    no_warmth: str | None = None  # why temperature was not tried
 
     def report(self) -> dict[str, object]:
         """For JSON."""
@@ -148,8 +168,18 @@ class Fit:
         return {
             "axes": by_axis, "unit": "N, N mm", "held_out_by": self.holdout, "lag_ms": 1e3 * self.lag_s,
             "ridge": self.ridge, "terms": self.terms, "condition": self.condition, "n_frames": self.n_frames,
-            "n_recordings": self.n_runs, "checks": self.checks,
+            "n_recordings": self.n_runs, "checks": self.checks, "temperature": self._warmth(),
             "not_measured": [a for a, f in zip(AXES, self.map.full, strict=True) if f == 0],
+        }  # fmt: skip
+
+    def _warmth(self) -> object:
+        warmth = self.map.warmth
+        if warmth is None:
+            return self.no_warmth or "lessens no error on what was not fitted"
+        return {
+            "reference_c": warmth.reference, "range_c": [warmth.coldest, warmth.warmest],
+            "gain_per_k": dict(zip(AXES, warmth.gain.tolist(), strict=True)),
+            "offset_per_k": dict(zip(AXES, warmth.offset.tolist(), strict=True)),
         }  # fmt: skip
 
 
@@ -183,11 +213,12 @@ def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | Non
     folds = _folds(groups)
     checks = _checks(frames)
     ridge = RIDGES[0] if frames.features.shape[1] <= FEW else _best_ridge(frames, folds)
-    plain = _Terms(ridge, square=np.zeros(6, bool), relax=np.zeros(6, bool), bend=bend)
+    off, why_not = np.zeros(6, bool), frames.degrees.why_not
+    plain = _Terms(ridge, square=off, relax=off, warm=off, bend=bend)
     linear = _held_out(frames, folds, plain)
     chosen, errors = plain, linear
     is_loaded = np.abs(frames.wrench).max(axis=0) > 1e-9
-    for name in ("square", "relax"):
+    for name in ("square", "relax") if why_not else ("warm", "square", "relax"):
         trial = replace(chosen, **{name: is_loaded})
         # A geometry that is known stays unless it does harm: the log may not load the pairs that it is for.
         least = -LEAST_GAIN if name == "square" and bend is not None else LEAST_GAIN
@@ -202,17 +233,18 @@ def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | Non
         is_told |= (_rms(fitted) < np.sqrt(1 - LEAST_R2) * spread) & (spread > 0)
     full = np.where(is_told, np.abs(frames.wrench).max(axis=0), 0.0)
     found = _with_forward(_fitted(frames, chosen, full), frames, errors, bend)
-    terms = {"quadratic": chosen.square, "relaxation": chosen.relax}
+    terms = {"temperature": chosen.warm, "quadratic": chosen.square, "relaxation": chosen.relax}
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)
     return Fit(
         found, lag_s, ridge, {n: [a for a, on in zip(AXES, m, strict=True) if on] for n, m in terms.items()},
-        _rms(errors), r2, _rms(linear), _condition(scaled), len(frames.features), len(runs), holdout, checks,
+        _rms(errors), r2, _rms(linear), _condition(scaled), len(frames.features), len(runs), holdout, checks, why_not,
     )  # fmt: skip
 
 
 def linear_map(runs: list[FeatureRun], lag_s: float) -> WrenchMap:
     """K alone, as the paper's."""
-    return _fitted(frames_of(runs, lag_s), _Terms(RIDGES[0], np.zeros(6, bool), np.zeros(6, bool)))
+    off = np.zeros(6, bool)
+    return _fitted(frames_of(runs, lag_s), _Terms(RIDGES[0], off, off, off))
 
 
 def share_in_disagreement(found: WrenchMap, runs: list[FeatureRun], n: int, rng: np.random.Generator) -> float:
@@ -234,6 +266,7 @@ class _Terms:
     ridge: float
     square: npt.NDArray[np.bool_]
     relax: npt.NDArray[np.bool_]
+    warm: npt.NDArray[np.bool_]
     bend: Bend | None = None
 
 
@@ -260,22 +293,31 @@ def _fitted(frames: Frames, terms: _Terms, full: Array | None = None) -> WrenchM
     if full is None:
         full = np.abs(frames.wrench).max(axis=0)
     relax, target = np.zeros((len(TIMES_S), 6)), frames.wrench
-    for _ in range(3 if terms.relax.any() else 1):
-        gain = _solve(frames.features, target, terms.ridge)
+    warmth = no_warmth(frames.degrees) if terms.warm.any() else None
+    for _ in range(N_PASSES if terms.relax.any() or warmth else 1):
+        aim = target if warmth is None else warmth.inverse(target, frames.degrees)
+        gain = _solve(frames.features, aim, terms.ridge)
         square = np.zeros((6, len(PAIRS[0])))
-        made = WrenchMap(gain, full, square, relax, np.zeros((n, 27)), np.ones(n), np.zeros((2, 6, 6)))
+        made = WrenchMap(gain, full, square, relax, np.zeros((n, 27)), np.ones(n), np.zeros((2, 6, 6)), warmth)
         for _ in range(2 if terms.square.any() else 0):  # u is of the gain, which the products change a little
-            made = _with_square(made, frames, target, terms)
-        if not terms.relax.any():
-            return made
-        elastic = made.elastic(frames)
-        h = memories(elastic, frames)
-        for axis in np.flatnonzero(terms.relax):
-            columns = np.stack([elastic[:, axis], *(-h[k, :, axis] for k in range(len(TIMES_S)))], axis=1)
-            weights = nnls(columns, frames.wrench[:, axis])[0]
-            relax[:, axis] = (weights[1:] / max(weights[0], 1e-9)).clip(0, 0.9)
-        target = frames.wrench + forgotten(elastic, frames, relax)
-    return replace(made, relax=relax.copy())
+            made = _with_square(made, frames, aim, terms)
+        elastic = made.corrected(made.elastic(frames), frames.degrees)
+        if terms.relax.any():
+            relax = _relaxation(elastic, frames, terms.relax)
+            target = frames.wrench + forgotten(elastic, frames, relax)
+        if warmth is not None:
+            warmth = warmth.refined(made.elastic(frames), target, frames.degrees, terms.warm)
+    return replace(made, relax=relax, warmth=warmth)
+
+
+def _relaxation(elastic: Array, frames: Frames, axes: npt.NDArray[np.bool_]) -> Array:
+    """Parts of each term that leave the reference's wrench of the elastic one, on those axes."""
+    relax, h = np.zeros((len(TIMES_S), 6)), memories(elastic, frames)
+    for axis in np.flatnonzero(axes):
+        columns = np.stack([elastic[:, axis], *(-h[k, :, axis] for k in range(len(TIMES_S)))], axis=1)
+        weights = nnls(columns, frames.wrench[:, axis])[0]
+        relax[:, axis] = (weights[1:] / max(weights[0], 1e-9)).clip(0, 0.9)
+    return relax
 
 
 def _with_square(made: WrenchMap, frames: Frames, target: Array, terms: _Terms) -> WrenchMap:
@@ -323,7 +365,7 @@ def _held_out(frames: Frames, folds: list[npt.NDArray[np.bool_]], terms: _Terms)
 def _best_ridge(frames: Frames, folds: list[npt.NDArray[np.bool_]]) -> float:
     off = np.zeros(6, bool)
     spread = np.maximum(frames.wrench.std(axis=0), 1e-12)
-    worth = [(_rms(_held_out(frames, folds, _Terms(r, off, off))) / spread).mean() for r in RIDGES]
+    worth = [(_rms(_held_out(frames, folds, _Terms(r, off, off, off))) / spread).mean() for r in RIDGES]
     return next(r for r, w in zip(RIDGES, worth, strict=True) if w <= 1.001 * min(worth))
 
 
@@ -386,12 +428,13 @@ def _error(found: WrenchMap, frames: Frames, errors: Array) -> Array:
 
     The reference's own noise is in both and goes: it is what the reference says of rest frames, where nothing presses.
     """
-    u = found.scaled(frames.features @ found.gain.T)
+    at_once = found.corrected(frames.features @ found.gain.T, frames.degrees)
+    u = found.scaled(at_once)
     size2 = (u**2).sum(axis=1)
     at_rest = size2 < REST_PART**2
     if at_rest.sum() < 20:
         raise InputError("the log has fewer than 20 frames at rest: leave some before every load")
-    quiet = np.cov((frames.features[at_rest] @ found.gain.T).T)
+    quiet = np.cov(at_once[at_rest].T)
     loaded = size2 > 0.1**2
     left = np.cov(errors[loaded].T) - np.cov(errors[at_rest].T)
     growing = left / size2[loaded].mean()

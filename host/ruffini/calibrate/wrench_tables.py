@@ -16,6 +16,7 @@ FINE = 16e6  # steps of 1/16 uN or 1/16 uN mm in a newton or N mm
 MICRO = 1e6
 MAX_ENTRY, MAX_SHIFT, MAX_SIGMA = 1 << 26, 40, 1 << 25
 PART = 1 << 20
+MILLI, GAIN, MAX_GAIN, OFFSET = 1e-3, 1 << 30, 1 << 15, 1 << 10  # firmware/estimators/wrench_warmth.cpp
 
 I32 = npt.NDArray[np.int32]
 
@@ -46,6 +47,11 @@ def tables(fit: Fit, features: Features) -> tuple[Tensors, dict[str, str]]:
     if found.relax.any():
         tensors["wrench.relax_time_ms"] = np.array([round(1e3 * t) for t in TIMES_S], np.int32)
         tensors["wrench.relax_part"] = _held(found.relax * PART, PART, "relaxation")
+    if found.warmth is not None:
+        celsius = (found.warmth.reference, found.warmth.coldest, found.warmth.warmest)
+        tensors["wrench.warm_mc"] = np.array([round(1e3 * c) for c in celsius], np.int32)
+        tensors["wrench.warm_gain"] = _held(found.warmth.gain * MILLI * GAIN, MAX_GAIN, "gain of temperature")
+        tensors["wrench.warm_offset"] = _held(found.warmth.offset * MILLI * FINE * OFFSET, MAX_ENTRY, "offset of it")
     return tensors, {"wrench.features": features.sort, "residuals": json.dumps(fit.report())}
 
 

@@ -69,4 +69,9 @@ def _text(out: Path, fit: Fit) -> str:
             f"  {axis:4}{abs(fit.map.full[i]):>10.3g}{fit.linear_rmse[i]:>10.3g}{fit.rmse[i]:>10.3g}{fit.r2[i]:>8.3f}"
             f"  {unit}{'  ' + state if state else ''}"
         )
+    warmth = fit.map.warmth
+    lines.append(
+        f"  temperature: no term, {fit.report()['temperature']}" if warmth is None else
+        f"  temperature: corrected from {warmth.coldest:.1f} to {warmth.warmest:.1f} C, about {warmth.reference:.1f} C"
+    )  # fmt: skip
     return "\n".join(lines)

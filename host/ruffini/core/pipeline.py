@@ -17,6 +17,7 @@ from ruffini.native import native_folder
 N_COVARIANCE = 21  # upper triangle of 6 x 6
 DISPLACEMENT_LSB_M = 125e-9
 NO_REFERENCE = 1
+NO_TEMPERATURE = -(2**31)
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement",
     "operator", "support", "wrench", "feature_wrench", "contacts", "skin",
@@ -238,6 +239,11 @@ class Pipeline:
             n_contacts=result.n_contacts,
             stage_ns=dict(zip(STAGES, result.stage_ns[:], strict=True)),
         )
+
+    def set_celsius(self, celsius: float | None) -> None:
+        """How warm the pad is from the next frame on; None, as at first: not measured."""
+        milli = NO_TEMPERATURE if celsius is None else round(1e3 * celsius)
+        self._check(self._lib.ruffini_set_temperature(self._pointer, ctypes.c_int32(milli)))
 
     def zero(self, n_frames: int = 0) -> None:
         """Learn rest from the next n frames (0 = the board's own number)."""

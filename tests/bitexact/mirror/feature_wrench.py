@@ -1,4 +1,7 @@
-"""Wrench of features: linear, quadratic, relaxation, agreement, covariance. Python integers: nothing can overflow."""
+"""Wrench of features: linear, quadratic, temperature, relaxation, agreement, covariance.
+
+Python integers: nothing can overflow.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +24,13 @@ def _round_shift(x: int, shift: int) -> int:
 
 @dataclass(frozen=True)
 class Said:
-    """Wrench (uN, uN um), covariance (upper triangle), whether the features agree and are in range."""
+    """Wrench (uN, uN um), covariance (upper triangle), whether features agree, are in range, temperature is known."""
 
     wrench: list[int]
     covariance: list[int]
     agrees: bool
     is_in_range: bool
+    is_warmth_known: bool
 
 
 class FeatureWrench:
@@ -49,7 +53,14 @@ class FeatureWrench:
     def _products(u: list[int]) -> list[int]:
         return [_round_shift(u[j] * u[k], 14) for j in range(6) for k in range(j, 6)]
 
-    def run(self, features: list[int], capture_us: int, saturations: Saturations) -> Said:
+    def run(
+        self,
+        features: list[int],
+        capture_us: int,
+        saturations: Saturations,
+        warm: tuple[int | None, int | None] = (None, None),
+    ) -> Said:
+        """`warm`: thousandths of a degree now, and when rest was learned."""
         table = self._table
         y = []
         for row, shift in zip(table["wrench.gain"], table["wrench.shift"], strict=True):
@@ -65,6 +76,7 @@ class FeatureWrench:
         ]
         strained = self._scaled(e)
         agrees = self._agrees(features, [*strained, *self._products(strained)])
+        is_warmth_known, e = self._corrected(e, *warm)
         if agrees and capture_us:
             e = self._relaxed(e, capture_us)
         covariance = self._covariance(self._scaled(e))
@@ -72,7 +84,22 @@ class FeatureWrench:
             0 if not full else _round_shift(v if i < 3 else 1000 * v, 4)
             for i, (v, full) in enumerate(zip(e, self._full, strict=True))
         ]
-        return Said(wrench, covariance, agrees, all(abs(v) <= 5 << 12 for v in strained))
+        return Said(wrench, covariance, agrees, all(abs(v) <= 5 << 12 for v in strained), is_warmth_known)
+
+    def _corrected(self, e: list[int], now: int | None, at_rest: int | None) -> tuple[bool, list[int]]:
+        if "wrench.warm_mc" not in self._table:
+            return True, e
+        reference, coldest, warmest = (int(v) for v in self._table["wrench.warm_mc"])
+        if now is None or not coldest - 10_000 <= now <= warmest + 10_000:
+            return False, e
+        since_rest, since_reference = (
+            min(max(now - then, -100_000), 100_000) for then in (reference if at_rest is None else at_rest, reference)
+        )
+        out = []
+        for v, gain, offset in zip(e, self._table["wrench.warm_gain"], self._table["wrench.warm_offset"], strict=True):
+            cold = v - _round_shift(int(offset) * since_rest, 10)
+            out.append(cold + _round_shift(cold * _round_shift(int(gain) * since_reference, 10), 20))
+        return True, out
 
     def _agrees(self, features: list[int], basis: list[int]) -> bool:
         if "wrench.forward" not in self._table:

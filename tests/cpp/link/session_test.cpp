@@ -323,5 +323,15 @@ TEST_F(SessionTest, TheDevicesOwnFramesComingBackAreAnEcho) {
   EXPECT_EQ(status().drops.rx_echo, 1U);
 }
 
+TEST_F(SessionTest, StatusCarriesTheTemperatureWhereThereIsOne) {
+  board_.temperature.place = "gel";
+  EXPECT_EQ(status().temperatures_count, 0U);
+  exchange_.milli_celsius = 23'450;
+  const ruffini_Status warm = status();
+  ASSERT_EQ(warm.temperatures_count, 1U);
+  EXPECT_STREQ(warm.temperatures[0].place, "gel");
+  EXPECT_EQ(warm.temperatures[0].milli_celsius, 23'450);
+}
+
 }  // namespace
 }  // namespace ruffini

@@ -133,6 +133,7 @@ GOOD: dict[str, Change] = {
     "8000-bytes": lambda t: t + "#" * (8_000 - len(t)),
     "lists-at-their-limits": put("board.not_measured", str(["x" * 23] * 8).replace("'", '"')),
     "memory": lambda t: t + "[memory]\ncalibration_kb = 64\n",
+    "temperature": append(f'[temperature]\nplace = "gel"\npath = "/{"a" * 127}"\n'),
     "limits": all_of(
         put("pad.poisson_1e4", "4999"), put("grid.n_layers", "32"), put("contact.threshold_un", "100000000")
     ),
@@ -208,6 +209,10 @@ BAD: dict[str, tuple[Change, str]] = {
     "markers-overlap": (put("markers.diameter_um", "5000"), "diameter_um"),
     "memory-too-small": (lambda t: t + "[memory]\ncalibration_kb = 63\n", "calibration_kb"),
     "memory-too-large": (lambda t: t + "[memory]\ncalibration_kb = 131073\n", "calibration_kb"),
+    "temperature-without-path": (append('[temperature]\nplace = "gel"\n'), "path"),
+    "temperature-relative-path": (append('[temperature]\nplace = "gel"\npath = "temp1_input"\n'), "begin with /"),
+    "temperature-long-place": (append(f'[temperature]\nplace = "{"a" * 24}"\npath = "/t"\n'), "place"),
+    "temperature-long-path": (append(f'[temperature]\nplace = "gel"\npath = "/{"a" * 128}"\n'), "path"),
     "memory-empty": (lambda t: t + "[memory]\n", "calibration_kb"),
     "texture-and-photometric": (put("markers.polarity", '"texture"'), "photometric"),
     "texture-in-a-small-image": (

@@ -13,6 +13,7 @@ from ruffini.calibrate.feature_log import FeatureRun, Features
 from ruffini.calibrate.target_geometry import TargetGeometry
 from ruffini.calibrate.wrench_map import AXES, Fit, fit_wrench_map, frames_of, memories
 from ruffini.calibrate.wrench_tables import tables
+from ruffini.calibrate.wrench_warmth import Degrees
 from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -73,7 +74,8 @@ def error_on_new(fit: Fit, **made: float) -> Array:
 def test_k_and_the_lag_of_a_linear_sensor() -> None:
     fit = fit_wrench_map(recordings(30))
     assert fit.lag_s == pytest.approx(LAG_S, abs=0.004)
-    assert fit.terms == {"quadratic": [], "relaxation": []}
+    assert fit.terms == {"temperature": [], "quadratic": [], "relaxation": []}
+    assert fit.report()["temperature"] == "not measured in every recording"
     assert (error_on_new(fit) < 0.004).all()
     assert (fit.r2 > 0.99).all()
 
@@ -90,6 +92,48 @@ def test_what_the_structure_forgets_is_found() -> None:
     assert set(fit.terms["relaxation"]) == set(AXES)
     assert fit.map.relax[0] == pytest.approx(np.full(6, 0.2), abs=0.05)
     assert (error_on_new(fit, forgets=0.2) < 0.01).all()
+
+
+GAIN_PER_K = np.array([3e-3, 3e-3, -5e-3, 2e-3, 2e-3, 4e-3])
+OFFSET_PER_K = np.array([1e-3, 0.0, 15e-3, 0.0, 0.02, 0.0])  # N and N mm
+
+
+def warmed(n: int, *, sensitive: float, degrees_k: float = 12.0) -> list[FeatureRun]:
+    """Recordings at temperatures between 20 and 20 + degrees_k, their rest learned at up to 4 K less."""
+    out, made_by = [], np.random.default_rng(1).normal(size=(N_FEATURES, 6)) * 5e5 / FULL
+    for k, run in enumerate(recordings(n)):
+        rng = np.random.default_rng(1000 + k)
+        celsius, since = 20 + degrees_k * rng.uniform(), rng.uniform(0, 4)
+        wrench = frames_of([run], LAG_S).wrench
+        elastic = wrench / (1 + sensitive * GAIN_PER_K * (celsius - 26)) + sensitive * OFFSET_PER_K * since
+        degrees = Degrees(np.full(len(wrench), celsius), np.full(len(wrench), celsius - since))
+        out.append(replace(run, features=run.features + (elastic - wrench) @ made_by.T, degrees=degrees))
+    return out
+
+
+def test_what_temperature_does_is_found() -> None:
+    """The linear map alone errs by what 12 K do; on new recordings the corrected one hardly does."""
+    fit = fit_wrench_map(warmed(40, sensitive=1.0)[:30])
+    assert {"Fx", "Fz", "Tz"} <= set(fit.terms["temperature"])
+    assert fit.map.warmth is not None
+    assert fit.map.warmth.gain[[0, 2]] == pytest.approx(GAIN_PER_K[[0, 2]], abs=5e-4)
+    assert fit.map.warmth.offset[2] == pytest.approx(OFFSET_PER_K[2], abs=2e-3)
+    new = frames_of(warmed(40, sensitive=1.0)[30:], LAG_S)
+    error = np.sqrt(((fit.map.predicted(new) - new.wrench) ** 2).mean(axis=0)) / FULL
+    assert (error < 0.004).all()
+    assert fit.rmse[2] < 0.5 * fit.linear_rmse[2]
+    kind, _ = tables(fit, Features("targets", N_FEATURES))
+    assert kind["wrench.warm_mc"][1:].tolist() == pytest.approx([20_000, 32_000], abs=1_000)
+
+
+def test_temperature_that_does_nothing_is_left_out() -> None:
+    fit = fit_wrench_map(warmed(30, sensitive=0.0))
+    assert fit.terms["temperature"] == []
+    assert fit.report()["temperature"] == "lessens no error on what was not fitted"
+    assert "wrench.warm_mc" not in tables(fit, Features("targets", N_FEATURES))[0]
+    fit = fit_wrench_map(warmed(30, sensitive=1.0, degrees_k=1.0))
+    assert fit.map.warmth is None
+    assert str(fit.report()["temperature"]).startswith("it varies by")
 
 
 def test_an_axis_that_nobody_loads_is_not_measured() -> None:

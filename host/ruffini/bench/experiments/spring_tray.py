@@ -8,8 +8,9 @@ in force.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,11 @@ from ruffini.calibrate.feature_log import FeatureRun, features_of, read_feature_
 from ruffini.calibrate.pad_view import pad_view
 from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
 from ruffini.calibrate.presses import load_presses
+from ruffini.calibrate.reference_log import VALID
 from ruffini.calibrate.target_geometry import second_order_of
 from ruffini.calibrate.wrench_map import AXES, Fit, Frames, fit_wrench_map, linear_map, share_in_disagreement
 from ruffini.calibrate.wrench_tables import tables
+from ruffini.calibrate.wrench_warmth import Degrees
 from ruffini.core import Pipeline
 from ruffini.papers.spring_tray import calibrate, targets, variables
 from ruffini.sim.recording import record_balls
@@ -52,7 +55,7 @@ RAW = np.array([65536.0, 65536.0, 256.0])  # of a target's features in px and px
 class Played:
     """One run, frame by frame from the first touch on: N and N mm.
 
-    The paper's is NaN where it sees no three targets.
+    Ours is NaN on axes that the board does not call valid, the paper's where it sees no three targets.
     """
 
     recorded: Recorded
@@ -158,7 +161,8 @@ def play(board: Board, data: bytes, r: Recorded, k: Array) -> Played:
             if i < first:
                 rest.append(blobs)
                 continue
-            ours.append(said.wrench * TO_NMM)
+            is_said = np.array(said.wrench_validity) == VALID
+            ours.append(np.where(is_said, said.wrench * TO_NMM, np.nan))
             paper.append(k @ variables(blobs, np.mean(rest, axis=0)) * TO_NMM)
             sigma.append(_sigma(core))
             flags.append(said.flags)
@@ -188,6 +192,7 @@ def _routes(
             np.concatenate([(p.features * RAW).reshape(len(p.features), -1) for p in group]), truth,
             np.concatenate([period_s * np.arange(len(p.truth)) for p in group]),
             np.concatenate([np.full(len(p.truth), i) for i, p in enumerate(group)]),
+            Degrees.unknown(len(truth)),
         )  # fmt: skip
         for route, found in maps.items():
             error = (found.predicted(frames) - truth)[judged]
@@ -202,7 +207,10 @@ def _sigma(core: Pipeline) -> Array:
 
 
 def _judge(group: Sequence[Played]) -> dict[str, Any]:
-    """RMSE and R^2 of each axis against the truth, by us and by the paper's method, on the frames that both have."""
+    """RMSE and R^2 of each axis against the truth, by us and by the paper's method, on the frames that both have.
+
+    None of an axis that no frame says.
+    """
     truth, ours, paper, reference, sigma = (
         np.concatenate([getattr(p, name)[p.judged] for p in group])
         for name in ("truth", "ours", "paper", "reference", "sigma")
@@ -210,22 +218,37 @@ def _judge(group: Sequence[Played]) -> dict[str, Any]:
     flagged = np.concatenate([p.flags != 0 for p in group])
     both = np.isfinite(paper).all(axis=1)
     error = ours - truth
-
-    def rmse(a: Array, b: Array) -> list[float]:
-        return [float(v) for v in np.sqrt(((a - b)[both] ** 2).mean(axis=0))]
-
-    spread = ((truth - truth.mean(axis=0))[both] ** 2).mean(axis=0)
     wrong = (np.abs(error) > WRONG_SIGMAS * sigma) & (np.abs(error) > WRONG_PART * RANGES)
     return {
         "what": group[0].recorded.run.settings.what, "frames": len(truth), "flagged": int(flagged.sum()),
         "paper_lost": int((~both).sum()), "largest": np.abs(truth).max(axis=0).tolist(),
-        "ours": rmse(ours, truth), "paper": rmse(paper, truth),
-        "ours_to_reference": rmse(ours, reference), "paper_to_reference": rmse(paper, reference),
-        "r2": (1 - np.array(rmse(ours, truth)) ** 2 / np.maximum(spread, 1e-12)).tolist(),
-        "paper_r2": (1 - np.array(rmse(paper, truth)) ** 2 / np.maximum(spread, 1e-12)).tolist(),
+        "ours": _by_axis(_rmse, ours[both], truth[both]), "paper": _by_axis(_rmse, paper, truth),
+        "ours_to_reference": _by_axis(_rmse, ours[both], reference[both]),
+        "paper_to_reference": _by_axis(_rmse, paper, reference),
+        "r2": _by_axis(_explained, ours[both], truth[both]), "paper_r2": _by_axis(_explained, paper, truth),
         "unflagged_wrong": int(wrong.any(axis=1).sum()),
-        "within_2_sigma": float((np.abs(error) < 2 * sigma).mean()),
+        "within_2_sigma": _by_axis(partial(_covered, 2), error, sigma),
+        "within_5_sigma": _by_axis(partial(_covered, 5), error, sigma),
     }  # fmt: skip
+
+
+def _by_axis(figure: Callable[[Array, Array], float], a: Array, b: Array) -> list[float | None]:
+    """`figure` of the rows in which a is finite, axis by axis; None where there are none."""
+    kept = np.isfinite(a)
+    return [float(figure(a[k, i], b[k, i])) if k.any() else None for i, k in enumerate(kept.T)]
+
+
+def _rmse(said: Array, truth: Array) -> float:
+    return float(np.sqrt(((said - truth) ** 2).mean()))
+
+
+def _explained(said: Array, truth: Array) -> float:
+    """R^2."""
+    return float(1 - ((said - truth) ** 2).mean() / max(truth.var(), 1e-12))
+
+
+def _covered(n_sigmas: float, error: Array, sigma: Array) -> float:
+    return float((np.abs(error) < n_sigmas * sigma).mean())
 
 
 def table(result: dict[str, Any]) -> str:
@@ -238,16 +261,10 @@ def table(result: dict[str, Any]) -> str:
             f"{name}: {s['what']}; {s['frames']} frames in the paper's ranges, {s['flagged']} flagged, "
             f"{s['paper_lost']} without three blobs for the paper's method, wrong without a flag: "
             f"{s['unflagged_wrong']}",
-            f"  {'':4}{'ours':>16}{'its method':>16}{'ratio':>7}{'R2':>7}{'its R2':>8}{'paper':>16}{'GelSight':>16}",
+            f"  {'':4}{'ours':>16}{'its method':>16}{'ratio':>7}{'R2':>7}{'its R2':>8}{'2, 5 sigma, %':>15}"
+            f"{'paper':>16}{'GelSight':>16}",
         ]
-        for i, axis in enumerate(AXES):
-            ours, paper = s["ours"][i], s["paper"][i]
-            gel = printed.get(f"GelSight, {axis}")
-            said = f"{gel:.3g} ({printed[f'GelSight, {axis} of its range']:.1f} %)" if gel else "-"
-            lines.append(
-                f"  {axis:4}{_of(ours, i):>16}{_of(paper, i):>16}{ours / paper:>7.2f}{_r2(s['r2'][i]):>7}"
-                f"{_r2(s['paper_r2'][i]):>8}{_of(printed[axis], i):>16}{said:>16}"
-            )
+        lines += [_row(s, i, printed) for i in range(len(AXES))]
     for route, by_set in result.get("routes", {}).items():
         said = "; ".join(f"{name} " + ", ".join(f"{v:.3g}" for v in e) for name, e in by_set.items())
         lines.append(f"route, {route}: {said}")
@@ -256,10 +273,23 @@ def table(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _r2(value: float) -> str:
+def _row(s: dict[str, Any], i: int, printed: dict[str, float]) -> str:
+    """One axis of a set; how often the truth is within the stated sigmas."""
+    axis, ours, paper = AXES[i], s["ours"][i], s["paper"][i]
+    ratio = "-" if ours is None or paper is None else f"{ours / paper:.2f}"
+    covered = "-" if ours is None else ", ".join(f"{100 * s[f'within_{n}_sigma'][i]:.1f}" for n in (2, 5))
+    gel = printed.get(f"GelSight, {axis}")
+    said = f"{gel:.3g} ({printed[f'GelSight, {axis} of its range']:.1f} %)" if gel else "-"
+    return (
+        f"  {axis:4}{_of(ours, i):>16}{_of(paper, i):>16}{ratio:>7}{_r2(s['r2'][i]):>7}{_r2(s['paper_r2'][i]):>8}"
+        f"{covered:>15}{_of(printed[axis], i):>16}{said:>16}"
+    )
+
+
+def _r2(value: float | None) -> str:
     """Nothing where the axis is hardly loaded."""
-    return f"{value:.3f}" if value > 0 else "-"
+    return f"{value:.3f}" if value is not None and value > 0 else "-"
 
 
-def _of(value: float, axis: int) -> str:
-    return f"{value:.3g} ({100 * value / RANGES[axis]:.2f} %)"
+def _of(value: float | None, axis: int) -> str:
+    return "not measured" if value is None else f"{value:.3g} ({100 * value / RANGES[axis]:.2f} %)"

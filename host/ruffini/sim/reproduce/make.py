@@ -3,6 +3,7 @@
 frames/, truth.npz, recording.toml   as every recording of the twin (`ruffini.sim.recording`)
 rig.npz   force (t, 6) N and N m that the reference sensor read, depth_m (t,) where the stage said it was,
           shore_a that the tester read (NaN of a rigid one), place_m (2,) that a person noted,
+          celsius (t,) that the board's thermometer says, of a bench with [warmth],
           gel_depth_m (t,) and area_m2 (t,) of the contact: truth that no sensor of the bench reads
 run.json  part, indenter, and the run's value on each list of its set
 """
@@ -30,8 +31,16 @@ from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
 from ruffini.sim.recording import record_touches
 from ruffini.sim.reproduce.runs import Run, readings_rng, runs_of
-from ruffini.sim.reproduce.settings import PAPER_BENCH, MountSettings, ReproduceSettings, RigSettings, load_reproduce
+from ruffini.sim.reproduce.settings import (
+    PAPER_BENCH,
+    MountSettings,
+    ReproduceSettings,
+    RigSettings,
+    WarmthSettings,
+    load_reproduce,
+)
 from ruffini.sim.reproduce.solved import KeptMoment, aged, slowed, solved
+from ruffini.sim.reproduce.warmth import celsius_read, risen, warmed, warmer_k
 from ruffini.sim.rig import Unit
 from ruffini.sim.settings import load_twin
 from ruffini.sim.units import build_unit
@@ -99,8 +108,10 @@ def _make_one(board: str, run: Run, out: Path, bench: str) -> str:
     unit = _unit(board)
     settings = load_reproduce(unit.board, bench)
     unit = slowed(aged(unit, settings.aging, run.n_pressed_before), run)
+    warmth, kelvin, n_rest = settings.warmth or WarmthSettings(), warmer_k(run), unit.board.pipeline.n_rest_frames
+    unit = warmed(unit, warmth, kelvin)
     try:
-        moments = solved(unit, run)
+        moments = risen(solved(unit, run), warmth, kelvin, n_rest)
     except InputError:
         raise
     except RuffiniError as error:
@@ -110,7 +121,7 @@ def _make_one(board: str, run: Run, out: Path, bench: str) -> str:
     for rest in (begun, folder):  # of a run that was stopped
         shutil.rmtree(rest, ignore_errors=True)
     record_touches(unit, run.story(unit.board), begun, seed=run.seed, program=run.key, moments=moments)
-    _write_rig(begun, run, moments, settings, unit.board.camera.rate_mhz * 1e-3)
+    _write_rig(begun, run, moments, settings, unit.board)
     _write_run(begun, run)
     begun.rename(folder)
     return ""
@@ -152,13 +163,15 @@ def mount_zero(run: Run, mounts: list[MountSettings]) -> Array:
     return np.asarray(np.random.default_rng([run.seed, 4]).normal(size=6) * sigma)
 
 
-def _write_rig(folder: Path, run: Run, moments: list[KeptMoment], settings: ReproduceSettings, rate_hz: float) -> None:
+def _write_rig(folder: Path, run: Run, moments: list[KeptMoment], settings: ReproduceSettings, board: Board) -> None:
     rig = settings.rig
     wrench, poses = np.array([m.wrench() for m in moments]), np.array([m.pose_row() for m in moments])
-    arrays = readings(run, rig, wrench, poses, rate_hz)
+    arrays = readings(run, rig, wrench, poses, board.camera.rate_mhz * 1e-3)
     arrays["force"] += mount_zero(run, settings.mount)
     arrays["gel_depth_m"] = np.array([m.gel_depth_m for m in moments])
     arrays["area_m2"] = np.array([m.area_m2 for m in moments])
+    if settings.warmth is not None:
+        arrays["celsius"] = celsius_read(run, settings.warmth, len(moments), board.pipeline.n_rest_frames)
     if any(rig.displacement_noise_um):
         nodes = np.array([m.nodal_displacement() for m in moments])
         noise = np.random.default_rng([run.seed, 3]).normal(size=nodes.shape)
@@ -191,7 +204,7 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
     unused: dict[str, Any] = {} if settings.mount else {"mount": True}  # younger than the first frozen boards
     if not settings.rig.ring_force_un:
         unused["rig"] = {"ring_force_un"}
-    seen = board.model_dump(mode="json", exclude={"targets"})
+    seen = board.model_dump(mode="json", exclude={"targets", "temperature"})
     seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ONLY_READ]
     if board.markers is not None and board.markers.polarity == "texture":
         seen["markers"] = None
@@ -204,6 +217,10 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
     for pair in (one["second"] for one in told["set_"] if one["second"]):
         if not pair["turn_mrad"]:  # younger too
             del pair["turn_mrad"]
+    if told["warmth"] is None:  # and these
+        del told["warmth"]
+    for hand in (one for one in told["hand"] if not one["warmer_mk"]):
+        del hand["warmer_mk"]
     tree = [seen, load_twin(board).model_dump(mode="json"), told]
     return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 

@@ -85,6 +85,15 @@ class AgingSettings(Section):
     light_loss_1e3: Annotated[int, Field(ge=0, le=900)] = 0
 
 
+class WarmthSettings(Section):
+    """[warmth]: what a kelvin does to a unit on a tray; what of it is warm, `warmer_mk` of its sets says."""
+
+    springs_1e6: Annotated[int, Field(ge=-100_000, le=100_000)] = 0  # of their stiffness
+    sleeve_1e6: Annotated[int, Field(ge=-100_000, le=100_000)] = 0
+    rise_nm: Annotated[int, Field(ge=-1_000_000, le=1_000_000)] = 0  # of the tray, unloaded
+    thermometer_noise_mk: Error = 0
+
+
 class SecondSettings(Section):
     """A second rigid indenter on the same holder."""
 
@@ -151,6 +160,8 @@ class HandSet(Section):
     quick_takes: Annotated[int, Field(ge=0, le=1000)] = 0
     peak_un: ThreeErrors = Field(default=[1_000_000, 1_000_000, 8_000_000])  # largest force along each axis
     peak_nnm: ThreeErrors = Field(default=[20_000_000, 20_000_000, 20_000_000])  # and torque about it
+    # By how much each take, in turn, is warmer than when its rest was learned.
+    warmer_mk: list[Annotated[int, Field(ge=-80_000, le=80_000)]] = Field(default=[])
 
     @property
     def largest(self) -> npt.NDArray[np.float64]:
@@ -178,6 +189,7 @@ class ReproduceSettings(Section):
     rig: RigSettings = RigSettings()
     mount: list[MountSettings] = Field(default=[])
     aging: AgingSettings = AgingSettings()
+    warmth: WarmthSettings | None = None
     set_: Annotated[list[PressSet], Field(alias="set")] = Field(default=[])
     hand: list[HandSet] = Field(default=[])
 

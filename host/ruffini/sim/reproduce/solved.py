@@ -18,6 +18,7 @@ import numpy.typing as npt
 from ruffini import sim
 from ruffini.errors import InputError
 from ruffini.files import write_whole
+from ruffini.sim.bodies.platform_unit import PlatformUnit
 from ruffini.sim.cache import cache_folder
 from ruffini.sim.optics.conditions import TrayPose
 from ruffini.sim.programs import n_frames_of
@@ -148,6 +149,8 @@ def _key(unit: Unit, run: Run) -> str:
         unit.body_toml(), mechanics, _friction(unit, run), run.story(unit.board), unit.board.pad, unit.board.grid,
         unit.board.camera.rate_mhz,
     ]  # fmt: skip
+    if isinstance(unit, PlatformUnit):
+        told += [unit.platform.springs.tolist(), unit.platform.sleeve.tolist()]  # other ones where it is warmer
     return hashlib.sha256(repr(told).encode() + _code()).hexdigest()[:32]
 
 

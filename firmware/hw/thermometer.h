@@ -1,0 +1,25 @@
+// A thermometer of Linux: a file with one integer, thousandths of a degree Celsius.
+//
+// So are /sys/class/thermal/thermal_zone*/temp and /sys/class/hwmon/hwmon*/temp*_input. A read may wait for a bus:
+// never in the frame thread.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+namespace ruffini {
+
+class Thermometer {
+ public:
+  // An empty path: none.
+  explicit Thermometer(std::string path) : path_(std::move(path)) {}
+
+  // Nothing where the file cannot be read, or holds no integer, or none from -100 to 300 degrees.
+  [[nodiscard]] std::optional<int32_t> milli_celsius() const;
+
+ private:
+  std::string path_;
+};
+
+}  // namespace ruffini
