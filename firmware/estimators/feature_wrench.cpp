@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <numeric>
 #include <string>
 
 #include "solve/node_sigma.h"
@@ -25,7 +26,8 @@ constexpr int32_t kWhole = 1 << kPartFraction;
 constexpr int32_t kMaxTimeMs = 1'000'000;
 
 // Sums stay inside 63 bits: K f, q u u, G u + H u u.
-static_assert(int64_t{FeatureWrench::kMaxFeatures} * kMaxEntry <= (int64_t{1} << 62) / FeatureWrench::kMaxFeature);
+constexpr int64_t kMaxGainSum = int64_t{1} << 36;  // of a row of K, without signs: the loader sees to it
+static_assert(kMaxGainSum <= (int64_t{1} << 62) / FeatureWrench::kMaxFeature);
 static_assert(int64_t{FeatureWrench::kPairs + FeatureWrench::kAxes} * kMaxEntry * kMaxScaled * 2 < int64_t{1} << 62);
 
 Error refused(const std::string& what) {
@@ -34,6 +36,11 @@ Error refused(const std::string& what) {
 
 bool are_within(std::span<const int32_t> values, int32_t low, int32_t high) {
   return std::all_of(values.begin(), values.end(), [&](int32_t v) { return v >= low && v <= high; });
+}
+
+bool are_summable(std::span<const int32_t> row) {
+  return std::accumulate(row.begin(), row.end(), int64_t{0},
+                         [](int64_t sum, int32_t v) { return sum + std::abs(v); }) <= kMaxGainSum;
 }
 
 // The products u_j u_k, j <= k by rows, Q14.
@@ -76,6 +83,9 @@ Result<FeatureWrench> FeatureWrench::load(const Calibration& c, std::string_view
       !are_within(f, 0, kMaxFullScaleUn) || !are_within(v, -kMaxSigma, kMaxSigma) ||
       std::any_of(s.begin(), s.end(), [](uint8_t each) { return each < 1 || each > kMaxShift; })) {
     return refused("a number of wrench.* is out of range");
+  }
+  for (size_t i = 0; i < kAxes; ++i) {
+    if (!are_summable(g.subspan(i * out.n_, out.n_))) return refused("a row of wrench.gain sums to more than 2^36");
   }
   out.gain_.assign(g.begin(), g.end());
   out.square_.assign(q.begin(), q.end());

@@ -15,7 +15,8 @@ from mirror.targets import Targets, nominal
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, pack
 from ruffini.calibrate.feature_log import Features
-from ruffini.calibrate.wrench_map import TIMES_S, Fit, Frames, WrenchMap
+from ruffini.calibrate.wrench_map import Fit
+from ruffini.calibrate.wrench_model import TIMES_S, Frames, WrenchMap
 from ruffini.calibrate.wrench_tables import tables as tables_of
 from ruffini.calibrate.wrench_warmth import Degrees, WrenchWarmth
 from ruffini.core import Pipeline
@@ -166,6 +167,26 @@ def test_numbers_out_of_range_are_refused(name: str, value: int) -> None:
     kind[name].flat[0] = value  # type: ignore[index]
     with pytest.raises(InputError, match=r"wrench.* out of range"):
         opened(board_text(), kind)
+
+
+def test_a_row_that_could_overflow_is_refused() -> None:
+    """Of 513 markers: 1,024 of the largest entries are what the accumulator holds."""
+    text = board_text().replace('"targets", ', '"markers", ')
+    for old, new in (
+        (
+            "n_x = 5\nn_y = 3\npitch_x_um = 733\npitch_y_um = 751",
+            "n_x = 27\nn_y = 19\npitch_x_um = 101\npitch_y_um = 101",
+        ),
+        ("diameter_um = 301", "diameter_um = 80"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    kind = tables(np.random.default_rng(1), n=2 * 27 * 19)
+    kind["wrench.gain"][2] = 1 << 26
+    with pytest.raises(InputError, match=r"a row of wrench.gain sums to more than 2\^36"):
+        opened(text, kind, features="markers")
+    kind["wrench.gain"][2, :2] = 0
+    opened(text, kind, features="markers").close()
 
 
 def test_a_fitted_map_says_the_same_in_integers() -> None:

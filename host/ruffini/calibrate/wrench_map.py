@@ -16,20 +16,28 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 
 from ruffini.calibrate.feature_log import FeatureRun
-from ruffini.calibrate.wrench_warmth import Degrees, WrenchWarmth, no_warmth
+from ruffini.calibrate.wrench_model import (
+    AXES,
+    PAIRS,
+    TIMES_S,
+    Frames,
+    WrenchMap,
+    forgotten,
+    frames_of,
+    memories,
+    products,
+)
+from ruffini.calibrate.wrench_warmth import no_warmth
 from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
-AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
-TO_NMM = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])  # N and N m to N and N mm
 Bend = Callable[[Array], Array]
-PAIRS = np.triu_indices(6)
-TIMES_S = (0.3, 3.0, 30.0)  # a third of a second to half a minute: rubber forgets over decades of time
 LAGS_S = np.arange(-0.1, 0.1001, 0.0125)
 FEW = 30  # features: thousands of frames determine these without a ridge, and their memories besides
 SAME_LAG_S = 0.005  # a sixth of a frame of a usual camera
-RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)  # of the features' mean square: only many features need more than the first
+RIDGES = (1e-8, 1e-6, 1e-4, 1e-2, 1.0)  # of the features' mean square: only many features need more than the first
+SAME = 1.001  # errors on what was not fitted that are as good as each other
 LEAST_GAIN = 0.01  # a term stays where it lessens the error of an axis on what was not fitted by this part
 LEAST_R2 = 0.3  # of what the features tell of an axis: one that the log hardly loads is not measured
 REST_PART = 0.02  # of full scale: nothing presses
@@ -38,104 +46,6 @@ LEAST_PRODUCT = 0.03  # of u_j u_k, root mean square: a pair that the log hardly
 FREE_RIDGE = 1e-5  # of quadratic terms that no geometry gives
 N_PASSES = 3  # K, temperature and relaxation by turns
 TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
-
-
-@dataclass(frozen=True)
-class Frames:
-    """Frames of a log, in order.
-
-    features (t, n), reference (t, 6) N and N mm, time, number of the recording, and how warm it is.
-    """
-
-    features: Array
-    wrench: Array
-    time_s: Array
-    run: npt.NDArray[np.intp]
-    degrees: Degrees
-
-    def take(self, which: npt.NDArray[np.bool_]) -> Frames:
-        return Frames(
-            self.features[which], self.wrench[which], self.time_s[which], self.run[which], self.degrees.take(which)
-        )
-
-
-def frames_of(runs: list[FeatureRun], lag_s: float) -> Frames:
-    """The good frames of recordings."""
-    good = [run.is_good for run in runs]
-    seen = [
-        run.degrees.take(g) if run.degrees else Degrees.unknown(int(g.sum())) for run, g in zip(runs, good, strict=True)
-    ]
-    degrees = Degrees(*(np.concatenate([getattr(each, name) for each in seen]) for name in ("now", "rest")))
-    return Frames(
-        np.concatenate([run.features[g] for run, g in zip(runs, good, strict=True)]),
-        np.concatenate([run.at(lag_s)[g] for run, g in zip(runs, good, strict=True)]) * TO_NMM,
-        np.concatenate([run.time_s[g] for run, g in zip(runs, good, strict=True)]),
-        np.concatenate([np.full(int(g.sum()), i) for i, g in enumerate(good)]),
-        degrees,
-    )
-
-
-@dataclass(frozen=True)
-class WrenchMap:
-    """The tables in float.
-
-    gain (6, n) N and N mm a raw unit; full (6,) what makes u = 1, 0 of an axis that is not measured; square (6, 21);
-    relax (terms, 6) parts; forward (n, 27); tolerance (n,); error (2, 6, 6) vectors of the covariance; warmth: None
-    where temperature is not corrected for.
-    """
-
-    gain: Array
-    full: Array
-    square: Array
-    relax: Array
-    forward: Array
-    tolerance: Array
-    error: Array
-    warmth: WrenchWarmth | None = None
-
-    def scaled(self, y: Array) -> Array:
-        """u (t, 6) of the linear estimate."""
-        return np.asarray(np.where(self.full > 0, y / np.where(self.full > 0, self.full, 1), 0).clip(-2, 2))
-
-    def predicted(self, frames: Frames) -> Array:
-        """Wrench of frames in time order, (t, 6); each recording starts from rest."""
-        elastic = self.corrected(self.elastic(frames), frames.degrees)
-        return elastic if not self.relax.any() else elastic - forgotten(elastic, frames, self.relax)
-
-    def corrected(self, elastic: Array, degrees: Degrees) -> Array:
-        """With temperature, without relaxation."""
-        return elastic if self.warmth is None else self.warmth.corrected(elastic, degrees)
-
-    def elastic(self, frames: Frames) -> Array:
-        """As the features have it: without temperature and relaxation."""
-        y = frames.features @ self.gain.T
-        return np.asarray(y + products(self.scaled(y)) @ self.square.T)
-
-
-def products(u: Array) -> Array:
-    """u_j u_k, j <= k by rows, (t, 21)."""
-    return np.asarray(u[:, PAIRS[0]] * u[:, PAIRS[1]])
-
-
-def memories(elastic: Array, frames: Frames) -> Array:
-    """h of each term (terms, t, k): tau dh/dt = elastic - h, from zero in every recording."""
-    out = np.zeros((len(TIMES_S), *elastic.shape))
-    for k, tau in enumerate(TIMES_S):
-        h = before = np.zeros(elastic.shape[1])
-        for t in range(len(elastic)):
-            if t == 0 or frames.run[t] != frames.run[t - 1]:
-                h = before = np.zeros(elastic.shape[1])
-            else:
-                step = 1 - np.exp(-(frames.time_s[t] - frames.time_s[t - 1]) / tau)
-                h = h + step * ((elastic[t] + before) / 2 - h)
-            before = elastic[t]
-            out[k, t] = h
-    return out
-
-
-def forgotten(elastic: Array, frames: Frames, relax: Array) -> Array:
-    """What relaxation takes from the elastic wrench, (t, 6)."""
-    return np.asarray(np.einsum("ktj,kj->tj", memories(elastic, frames), relax))
 
 
 @dataclass(frozen=True)
@@ -158,6 +68,12 @@ class Fit:
     holdout: str
     checks: list[str] = field(default_factory=list)
     no_warmth: str | None = None  # why temperature was not tried
+    has_prior: bool = False  # K leans on the pad's mechanics
+
+    @property
+    def left_out(self) -> str:
+        """What the errors were judged on."""
+        return _left_out(self.holdout)
 
     def report(self) -> dict[str, object]:
         """For JSON."""
@@ -168,7 +84,7 @@ class Fit:
         return {
             "axes": by_axis, "unit": "N, N mm", "held_out_by": self.holdout, "lag_ms": 1e3 * self.lag_s,
             "ridge": self.ridge, "terms": self.terms, "condition": self.condition, "n_frames": self.n_frames,
-            "n_recordings": self.n_runs, "checks": self.checks, "temperature": self._warmth(),
+            "prior": self.has_prior, "n_recordings": self.n_runs, "checks": self.checks, "temperature": self._warmth(),
             "not_measured": [a for a, f in zip(AXES, self.map.full, strict=True) if f == 0],
         }  # fmt: skip
 
@@ -183,11 +99,14 @@ class Fit:
         }  # fmt: skip
 
 
-def fit_wrench_map(runs: list[FeatureRun], *, holdout: str = "recording", bend: Bend | None = None) -> Fit:
+def fit_wrench_map(
+    runs: list[FeatureRun], *, holdout: str = "recording", bend: Bend | None = None, prior: Array | None = None
+) -> Fit:
     """Fit K and what goes beyond it where that pays on held-out data.
 
     bend : what products of axes add to the features (n, 21), for features that are linear in them by (n, 6), where the
         board's geometry says it (`target_geometry`); else quadratic terms are free.
+    prior : K (6, n) by the pad's mechanics (`marker_prior`), for many features: kept where it pays.
     holdout : `recording` leaves whole recordings out, `touch` single loads (from one touch-free moment to the next).
 
     Raises
@@ -203,18 +122,19 @@ def fit_wrench_map(runs: list[FeatureRun], *, holdout: str = "recording", bend: 
     lags = [_lag(runs, has_memory) for has_memory in ways]
     if abs(lags[-1] - lags[0]) < SAME_LAG_S:
         lags = lags[:1]
-    fits = [_fit_at(runs, lag_s, holdout, bend) for lag_s in lags]
+    fits = [_fit_at(runs, lag_s, holdout, bend, prior) for lag_s in lags]
     return min(fits, key=lambda fit: float((1 - fit.r2).sum()))
 
 
-def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | None) -> Fit:
+def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | None, prior: Array | None) -> Fit:
     frames = frames_of(runs, lag_s)
     groups = frames.run if holdout == "recording" else _touches(frames)
     folds = _folds(groups)
     checks = _checks(frames)
-    ridge = RIDGES[0] if frames.features.shape[1] <= FEW else _best_ridge(frames, folds)
     off, why_not = np.zeros(6, bool), frames.degrees.why_not
-    plain = _Terms(ridge, square=off, relax=off, warm=off, bend=bend)
+    plain = _Terms(RIDGES[0], square=off, relax=off, warm=off, bend=bend)
+    if frames.features.shape[1] > FEW:
+        plain = _with_ridge(frames, folds, plain, prior)
     linear = _held_out(frames, folds, plain)
     chosen, errors = plain, linear
     is_loaded = np.abs(frames.wrench).max(axis=0) > 1e-9
@@ -231,14 +151,24 @@ def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | Non
     if frames.features.shape[1] <= FEW:  # cannot fit what is not there: an axis that only one recording loads counts
         fitted = _fitted(frames, chosen).predicted(frames) - frames.wrench
         is_told |= (_rms(fitted) < np.sqrt(1 - LEAST_R2) * spread) & (spread > 0)
+    if not is_told.any():
+        raise InputError(
+            f"on {_left_out(holdout)} that were not fitted the features tell nothing of the reference: is it this "
+            "sensor's, in the pad's axes, one row a frame?"
+        )
     full = np.where(is_told, np.abs(frames.wrench).max(axis=0), 0.0)
     found = _with_forward(_fitted(frames, chosen, full), frames, errors, bend)
     terms = {"temperature": chosen.warm, "quadratic": chosen.square, "relaxation": chosen.relax}
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)
     return Fit(
-        found, lag_s, ridge, {n: [a for a, on in zip(AXES, m, strict=True) if on] for n, m in terms.items()},
+        found, lag_s, plain.ridge, {n: [a for a, on in zip(AXES, m, strict=True) if on] for n, m in terms.items()},
         _rms(errors), r2, _rms(linear), _condition(scaled), len(frames.features), len(runs), holdout, checks, why_not,
+        plain.prior is not None,
     )  # fmt: skip
+
+
+def _left_out(holdout: str) -> str:
+    return "touches" if holdout == "touch" else "recordings"
 
 
 def linear_map(runs: list[FeatureRun], lag_s: float) -> WrenchMap:
@@ -268,6 +198,7 @@ class _Terms:
     relax: npt.NDArray[np.bool_]
     warm: npt.NDArray[np.bool_]
     bend: Bend | None = None
+    prior: Array | None = None
 
 
 def _rms(errors: Array) -> Array:
@@ -280,11 +211,11 @@ def _condition(scaled: Array) -> float:
     return float(values[0] / values[min(5, len(values) - 1)])
 
 
-def _solve(features: Array, wrench: Array, ridge: float) -> Array:
+def _solve(features: Array, wrench: Array, ridge: float | Array) -> Array:
     """K (6, n), each feature scaled by its own spread."""
     scale = np.maximum(np.sqrt((features**2).mean(axis=0)), 1e-9)
     a = features / scale
-    normal = a.T @ a + ridge * len(a) * np.eye(a.shape[1])
+    normal = a.T @ a + np.diag(np.broadcast_to(ridge * np.float64(len(a)), a.shape[1]))
     return np.asarray(np.linalg.solve(normal, a.T @ wrench).T / scale)
 
 
@@ -296,7 +227,7 @@ def _fitted(frames: Frames, terms: _Terms, full: Array | None = None) -> WrenchM
     warmth = no_warmth(frames.degrees) if terms.warm.any() else None
     for _ in range(N_PASSES if terms.relax.any() or warmth else 1):
         aim = target if warmth is None else warmth.inverse(target, frames.degrees)
-        gain = _solve(frames.features, aim, terms.ridge)
+        gain, _ = _gain(frames.features, np.zeros((len(aim), 0)), aim, terms)
         square = np.zeros((6, len(PAIRS[0])))
         made = WrenchMap(gain, full, square, relax, np.zeros((n, 27)), np.ones(n), np.zeros((2, 6, 6)), warmth)
         for _ in range(2 if terms.square.any() else 0):  # u is of the gain, which the products change a little
@@ -320,21 +251,32 @@ def _relaxation(elastic: Array, frames: Frames, axes: npt.NDArray[np.bool_]) -> 
     return relax
 
 
+def _gain(features: Array, others: Array, target: Array, terms: _Terms) -> tuple[Array, Array]:
+    """K (6, n), and what `others` add. With a prior the ridge holds K to what that says, times what each axis needs."""
+    n, m = features.shape[1], others.shape[1]
+    if terms.prior is None:
+        both = _solve(np.concatenate([features, others], axis=1), target, terms.ridge)
+        return both[:, :n], both[:, n:]
+    columns = np.concatenate([features, others, features @ terms.prior.T], axis=1)
+    ridge = np.concatenate([np.full(n + m, terms.ridge), np.full(6, RIDGES[0])])
+    all_ = _solve(columns, target, ridge)
+    return all_[:, :n] + all_[:, n + m :] @ terms.prior, all_[:, n : n + m]
+
+
 def _with_square(made: WrenchMap, frames: Frames, target: Array, terms: _Terms) -> WrenchMap:
     """Gain and quadratic terms together, on the axes that have them."""
-    n, keep = frames.features.shape[1], terms.square[:, None]
+    keep = terms.square[:, None]
     u = made.scaled(frames.features @ made.gain.T)
     basis = products(u)
     if terms.bend is not None:  # what the geometry says that the features do; then the rest is linear
         beyond = terms.bend(_solve(u, frames.features, RIDGES[0]))
-        gain = _solve(frames.features - basis @ beyond.T, target, terms.ridge)
+        gain, _ = _gain(frames.features - basis @ beyond.T, basis[:, :0], target, terms)
         square = -gain @ beyond
     else:
         is_excited = np.sqrt((basis**2).mean(axis=0)) > LEAST_PRODUCT
-        columns = np.concatenate([frames.features, basis[:, is_excited]], axis=1)
-        both = _solve(columns, target, max(terms.ridge, FREE_RIDGE))
-        gain, square = both[:, :n], np.zeros((6, len(PAIRS[0])))
-        square[:, is_excited] = both[:, n:]
+        square = np.zeros((6, len(PAIRS[0])))
+        terms = replace(terms, ridge=max(terms.ridge, FREE_RIDGE))
+        gain, square[:, is_excited] = _gain(frames.features, basis[:, is_excited], target, terms)
     return replace(made, gain=np.where(keep, gain, made.gain), square=np.where(keep, square, 0.0))
 
 
@@ -362,11 +304,14 @@ def _held_out(frames: Frames, folds: list[npt.NDArray[np.bool_]], terms: _Terms)
     return out
 
 
-def _best_ridge(frames: Frames, folds: list[npt.NDArray[np.bool_]]) -> float:
-    off = np.zeros(6, bool)
+def _with_ridge(frames: Frames, folds: list[npt.NDArray[np.bool_]], plain: _Terms, prior: Array | None) -> _Terms:
+    """The least ridge, without the prior if it can be, of those that err as little as any on what was not fitted."""
     spread = np.maximum(frames.wrench.std(axis=0), 1e-12)
-    worth = [(_rms(_held_out(frames, folds, _Terms(r, off, off, off))) / spread).mean() for r in RIDGES]
-    return next(r for r, w in zip(RIDGES, worth, strict=True) if w <= 1.001 * min(worth))
+    trials = [replace(plain, ridge=r) for r in RIDGES]
+    if prior is not None:
+        trials += [replace(plain, ridge=r, prior=prior) for r in RIDGES]
+    worth = [float((_rms(_held_out(frames, folds, t)) / spread).mean()) for t in trials]
+    return next(t for t, w in zip(trials, worth, strict=True) if w <= SAME * min(worth))
 
 
 def _lag(runs: list[FeatureRun], has_memory: bool) -> float:

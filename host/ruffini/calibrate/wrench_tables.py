@@ -9,12 +9,13 @@ import numpy.typing as npt
 
 from ruffini.calibrate.container import CalibrationFile, Tensors
 from ruffini.calibrate.feature_log import Features
-from ruffini.calibrate.wrench_map import TIMES_S, Fit, WrenchMap
+from ruffini.calibrate.wrench_map import Fit
+from ruffini.calibrate.wrench_model import TIMES_S, WrenchMap
 from ruffini.errors import InputError
 
 FINE = 16e6  # steps of 1/16 uN or 1/16 uN mm in a newton or N mm
 MICRO = 1e6
-MAX_ENTRY, MAX_SHIFT, MAX_SIGMA = 1 << 26, 40, 1 << 25
+MAX_ENTRY, MAX_SUM, MAX_SHIFT, MAX_SIGMA = 1 << 26, 1 << 36, 40, 1 << 25
 PART = 1 << 20
 MILLI, GAIN, MAX_GAIN, OFFSET = 1e-3, 1 << 30, 1 << 15, 1 << 10  # firmware/estimators/wrench_warmth.cpp
 
@@ -32,7 +33,7 @@ def tables(fit: Fit, features: Features) -> tuple[Tensors, dict[str, str]]:
     found = fit.map
     gain, shift = np.zeros(found.gain.shape, np.int32), np.zeros(6, np.uint8)
     for i, row in enumerate(found.gain * FINE):
-        largest = max(float(np.abs(row).max()), 2.0**-14)
+        largest = max(float(np.abs(row).max()), float(np.abs(row).sum()) * MAX_ENTRY / MAX_SUM, 2.0**-14)
         shift[i] = int(np.clip(np.floor(np.log2(MAX_ENTRY / largest) - 1e-9), 1, MAX_SHIFT))
         gain[i] = _held(row * 2.0 ** shift[i], MAX_ENTRY, "gain")
     tensors: Tensors = {

@@ -33,6 +33,7 @@ def wrench(
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.feature_log import features_of, read_feature_runs
+    from ruffini.calibrate.marker_prior import marker_prior
     from ruffini.calibrate.target_geometry import second_order_of
     from ruffini.calibrate.wrench_map import fit_wrench_map
     from ruffini.calibrate.wrench_tables import tables
@@ -41,7 +42,7 @@ def wrench(
     found = find_board(board)
     with progress_bar("frames") as progress:
         runs = read_feature_runs(log, found, progress=progress)
-    fit = fit_wrench_map(runs, holdout=holdout, bend=second_order_of(found))
+    fit = fit_wrench_map(runs, holdout=holdout, bend=second_order_of(found), prior=marker_prior(found))
     for line in fit.checks:
         note(line)
     tensors, metadata = tables(fit, features_of(found))
@@ -53,12 +54,12 @@ def wrench(
 
 
 def _text(out: Path, fit: Fit) -> str:
-    from ruffini.calibrate.wrench_map import AXES
+    from ruffini.calibrate.wrench_model import AXES
 
     lines = [
         f"{out}: {fit.n_frames} frames of {fit.n_runs} recordings, reference {1e3 * fit.lag_s:.1f} ms behind the "
         f"pictures, condition number {fit.condition:.1f}",
-        f"  RMSE on {fit.holdout}s that were not fitted, against the reference:",
+        f"  RMSE on {fit.left_out} that were not fitted, against the reference:",
         f"  {'':4}{'range':>10}{'K alone':>10}{'RMSE':>10}{'R2':>8}",
     ]
     for i, axis in enumerate(AXES):
@@ -69,6 +70,8 @@ def _text(out: Path, fit: Fit) -> str:
             f"  {axis:4}{abs(fit.map.full[i]):>10.3g}{fit.linear_rmse[i]:>10.3g}{fit.rmse[i]:>10.3g}{fit.r2[i]:>8.3f}"
             f"  {unit}{'  ' + state if state else ''}"
         )
+    if fit.has_prior:
+        lines.append("  K leans on the pad's mechanics (the board's inverse FEM, shifts alone)")
     warmth = fit.map.warmth
     lines.append(
         f"  temperature: no term, {fit.report()['temperature']}" if warmth is None else

@@ -11,7 +11,7 @@ from ruffini.bench.experiments import Options, reproduce
 from ruffini.bench.experiments.spring_tray import BENCH, RANGES, Played, _judge, table
 from ruffini.bench.papers.recorded import Recorded
 from ruffini.boards import Board, find_board
-from ruffini.calibrate.wrench_map import AXES
+from ruffini.calibrate.wrench_model import AXES
 from ruffini.errors import InputError
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import load_reproduce

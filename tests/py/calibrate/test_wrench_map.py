@@ -11,7 +11,8 @@ import pytest
 from ruffini.boards import find_board
 from ruffini.calibrate.feature_log import FeatureRun, Features
 from ruffini.calibrate.target_geometry import TargetGeometry
-from ruffini.calibrate.wrench_map import AXES, Fit, fit_wrench_map, frames_of, memories
+from ruffini.calibrate.wrench_map import Fit, fit_wrench_map
+from ruffini.calibrate.wrench_model import AXES, frames_of, memories
 from ruffini.calibrate.wrench_tables import tables
 from ruffini.calibrate.wrench_warmth import Degrees
 from ruffini.errors import InputError
@@ -167,6 +168,16 @@ def test_wrong_units_and_too_little_are_refused() -> None:
         fit_wrench_map(late)
 
 
+def test_a_reference_of_something_else_is_refused() -> None:
+    """Features of their own, best explained by no lag at all."""
+    runs = recordings(10)
+    for k, run in enumerate(runs):
+        noise = np.random.default_rng(7 + k).normal(size=(len(run.time_s), 40))
+        runs[k] = replace(run, features=noise + 0.2 * run.at(LAG_S)[:, :1])
+    with pytest.raises(InputError, match="the features tell nothing of the reference"):
+        fit_wrench_map(runs)
+
+
 def test_touches_of_one_recording_can_be_held_out() -> None:
     runs = recordings(12)
     joined = FeatureRun(
@@ -232,9 +243,33 @@ def test_many_markers_are_features_too() -> None:
     fit = fit_wrench_map([recording(k) for k in range(25)])
     new = frames_of([replace(recording(k), reference=loads(k) * TO_N_M) for k in range(100, 110)], 0.0)
     assert (np.sqrt(((fit.map.predicted(new) - new.wrench) ** 2).mean(axis=0)) / FULL < 0.02).all()
+    assert not fit.has_prior
     kind, said = tables(fit, Features("markers", 120))
     assert kind["wrench.gain"].shape == (6, 120)
     assert said["wrench.features"] == "markers"
+
+
+def test_what_the_mechanics_says_is_leaned_on_where_it_helps() -> None:
+    """Few loads for many markers: K of the mechanics, of which each axis is off by a factor, errs less than none."""
+    truth = np.random.default_rng(6)
+    made_by, others = truth.normal(size=(120, 6)) * 5e4 / FULL, truth.normal(size=(120, 50)) * 1e4
+    known = np.linalg.pinv(np.concatenate([made_by, others], axis=1))[:6] * truth.uniform(0.5, 2, 6)[:, None]
+
+    def recording(k: int) -> FeatureRun:
+        rng, wrench = np.random.default_rng(k), loads(k, 20)
+        size = np.abs(wrench / FULL).max(axis=1, keepdims=True)
+        features = wrench @ made_by.T + size * (rng.normal(size=50) @ others.T)
+        features += rng.normal(size=features.shape) * NOISE
+        time_s = np.arange(len(wrench)) / RATE_HZ
+        return FeatureRun(f"pad/{k}", time_s, features, np.ones(len(wrench), bool), time_s, wrench * TO_N_M)
+
+    runs = [recording(k) for k in range(25)]
+    plain, leaning = fit_wrench_map(runs), fit_wrench_map(runs, prior=known)
+    assert leaning.has_prior
+    assert (leaning.rmse < 0.5 * plain.rmse).all()
+    assert (leaning.rmse / FULL < 0.02).all()
+    nonsense = fit_wrench_map(runs, prior=truth.normal(size=known.shape) * 1e-9)
+    assert (nonsense.rmse < 1.01 * plain.rmse).all()
 
 
 def test_memories_follow_their_equation() -> None:

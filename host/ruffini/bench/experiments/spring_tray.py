@@ -27,7 +27,8 @@ from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabu
 from ruffini.calibrate.presses import load_presses
 from ruffini.calibrate.reference_log import VALID
 from ruffini.calibrate.target_geometry import second_order_of
-from ruffini.calibrate.wrench_map import AXES, Fit, Frames, fit_wrench_map, linear_map, share_in_disagreement
+from ruffini.calibrate.wrench_map import Fit, fit_wrench_map, linear_map, share_in_disagreement
+from ruffini.calibrate.wrench_model import AXES, Frames
 from ruffini.calibrate.wrench_tables import tables
 from ruffini.calibrate.wrench_warmth import Degrees
 from ruffini.core import Pipeline

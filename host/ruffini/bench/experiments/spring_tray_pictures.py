@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ruffini.calibrate.wrench_map import AXES
+from ruffini.calibrate.wrench_model import AXES
 
 if TYPE_CHECKING:
     from ruffini.bench.experiments.spring_tray import Played
