@@ -40,11 +40,14 @@ def play(
     reference: Path | None,
     take: Callable[[Pipeline, Frame], Array],
     *,
+    is_believed: Callable[[Frame], bool] = lambda frame: frame.force_z_validity == VALID,
+    what: str = "has a valid force",
     progress: Progress,
 ) -> Played:
-    """Run a recording through the board's own pipeline; `take` is called where the normal force is valid.
+    """Run a recording through the board's own pipeline; `take` is called where the frame is believed.
 
-    The reference is `reference`, or `wrench.csv` in the recording's folder, or a simulated recording's truth.
+    `what` such a frame has, by default a valid normal force, is for the message where there is none. The reference is
+    `reference`, or `wrench.csv` in the recording's folder, or a simulated recording's truth.
 
     Raises
     ------
@@ -59,12 +62,12 @@ def play(
     with Pipeline(board, calibration.data) as pipeline:
         for i, image in enumerate(frames):
             frame = pipeline.process(image)
-            if frame.has_reference and frame.force_z_validity == VALID:
+            if frame.has_reference and is_believed(frame):
                 kept.append(i)
                 taken.append(take(pipeline, frame))
             progress((i + 1) / len(frames))
     if not kept:
-        raise InputError(f"{recording}: no frame has a valid force: is it this board, with its colours calibrated?")
+        raise InputError(f"{recording}: no frame {what}: is it this board, with its colours calibrated?")
     return Played(np.array(kept), np.array(taken), wrench[kept])
 
 

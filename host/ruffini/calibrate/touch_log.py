@@ -20,10 +20,9 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.material import TOUCHED_N, force_size
-from ruffini.calibrate.reference_log import VALID, reference_wrench
+from ruffini.calibrate.reference_log import VALID, play, reference_wrench
 from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
-from ruffini.frames import read_frames
 from ruffini.rig.found import on_reference_clock, reference_in_pad
 from ruffini.rig.log_file import Log, TouchRecord, read_log
 
@@ -198,24 +197,16 @@ def _series(log: Log, touch: TouchRecord) -> Series:
 def _of_recording(path: Path, board: Board, calibration: CalibrationFile | None, progress: Progress) -> TouchLog:
     if calibration is None:
         raise InputError(f"{path} is a recording: its pictures need a calibration with colours")
-    wrench, frames = reference_wrench(path, None), read_frames(path)
-    if len(frames) != len(wrench):
-        raise InputError(f"{path} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")
-    kept, fields = [], []
-    with Pipeline(board, calibration.data) as pipeline:
-        for i, image in enumerate(frames):
-            frame = pipeline.process(image)
-            if frame.has_reference and frame.depth_validity == VALID:
-                kept.append(i)
-                fields.append(pipeline.displacement_m().reshape(-1, 3))
-            progress((i + 1) / len(frames))
-    if not kept:
-        raise InputError(f"{path}: no frame shows depth: is it this board, with its colours calibrated?")
-    size = force_size(wrench)
-    number = np.cumsum(np.diff((size > TOUCHED_N).astype(int), prepend=0) == 1) - 1
-    displacement, wrench, size, number = np.array(fields), wrench[kept], size[kept], number[kept]
+    played = play(
+        board, calibration, path, None, lambda pipeline, _: pipeline.displacement_m().reshape(-1, 3),
+        is_believed=lambda frame: frame.depth_validity == VALID, what="shows depth", progress=progress,
+    )  # fmt: skip
+    loads_n = force_size(reference_wrench(path, None))
+    numbers = np.cumsum(np.diff((loads_n > TOUCHED_N).astype(int), prepend=0) == 1) - 1
+    size, number = loads_n[played.frame], numbers[played.frame]
     touched, free = size > TOUCHED_N, size < UNTOUCHED_N
     unknown = np.full((int(touched.sum()), 6), np.nan)
+    displacement, wrench = played.taken, played.wrench
     return TouchLog(displacement[touched], wrench[touched], number[touched], displacement[free], unknown,
                     sources={path.name: file_sha256(path)}, facts=[{"board": board.name}], found=[{}])  # fmt: skip
 
