@@ -40,10 +40,16 @@ Bytes host_frame(ruffini_MessageType type, const Bytes& payload = {}, uint8_t se
   return out;
 }
 
+BoardSettings board_with_thermometer() {
+  BoardSettings board = load_board(std::string(RUFFINI_BOARDS_DIR) + "/gelslim").value();
+  board.temperature.place = "gel";
+  return board;
+}
+
 class SessionTest : public testing::Test {
  protected:
   SessionTest()
-      : board_(load_board(std::string(RUFFINI_BOARDS_DIR) + "/gelslim").value()),
+      : board_(board_with_thermometer()),
         path_(FramePath::configure(board_, nullptr, [] { return uint64_t{0}; }).value()),
         folder_(testing::TempDir() + "session_test_store" + std::to_string(::getpid())),
         calibrator_(board_, "0042", SlotStore::open(folder_).value(), exchange_),
@@ -324,7 +330,6 @@ TEST_F(SessionTest, TheDevicesOwnFramesComingBackAreAnEcho) {
 }
 
 TEST_F(SessionTest, StatusCarriesTheTemperatureWhereThereIsOne) {
-  board_.temperature.place = "gel";
   EXPECT_EQ(status().temperatures_count, 0U);
   exchange_.milli_celsius = 23'450;
   const ruffini_Status warm = status();
