@@ -19,7 +19,7 @@ from ruffini.calibrate.report_page import AXES as LABELS
 from ruffini.calibrate.report_page import gate_table, range_table, stage_table
 from ruffini.calibrate.touch_log import file_sha256
 from ruffini.calibrate.warmth import celsius_ranges
-from ruffini.calibrate.wrench_map import AXES, frames_of
+from ruffini.calibrate.wrench_model import AXES, frames_of
 from ruffini.calibrate.wrench_tables import map_in
 from ruffini.rig.log_file import read_log
 

@@ -11,6 +11,7 @@ from ruffini.calibrate.container import CalibrationFile, Tensors
 from ruffini.calibrate.feature_log import Features
 from ruffini.calibrate.wrench_map import Fit
 from ruffini.calibrate.wrench_model import TIMES_S, WrenchMap
+from ruffini.calibrate.wrench_warmth import WrenchWarmth
 from ruffini.errors import InputError
 
 FINE = 16e6  # steps of 1/16 uN or 1/16 uN mm in a newton or N mm
@@ -71,8 +72,13 @@ def map_in(file: CalibrationFile) -> WrenchMap:
     if "relax_part" in t:
         relax = t["relax_part"] / PART
     gain = t["gain"] / (FINE * 2.0 ** t["shift"][:, None])
+    warmth = None
+    if "warm_mc" in t:
+        about, coldest, warmest = (t["warm_mc"] * MILLI).tolist()
+        gain_per_k, offset_per_k = t["warm_gain"] / (MILLI * GAIN), t["warm_offset"] / (MILLI * FINE * OFFSET)
+        warmth = WrenchWarmth(about, coldest, warmest, gain_per_k, offset_per_k)
     return WrenchMap(gain, t["full_scale"] / MICRO, t["square"] / FINE, relax, t["forward"], t["tolerance"],
-                     t["error"] / MICRO)  # fmt: skip
+                     t["error"] / MICRO, warmth)  # fmt: skip
 
 
 def _held(values: npt.NDArray[np.float64], limit: int, what: str) -> I32:

@@ -50,24 +50,29 @@ class WrenchWarmth:
     offset: Array
 
     def corrected(self, elastic: Array, degrees: Degrees) -> Array:
-        """(t, 6)."""
-        since_rest, since_reference = degrees.now - degrees.rest, degrees.now - self.reference
+        """(t, 6); as they are where temperature is not measured."""
+        since_rest, since_reference = self._since(degrees)
         return np.asarray((elastic - np.outer(since_rest, self.offset)) * (1 + np.outer(since_reference, self.gain)))
 
     def inverse(self, wrench: Array, degrees: Degrees) -> Array:
         """Elastic wrench that `corrected` takes to `wrench`."""
-        since_rest, since_reference = degrees.now - degrees.rest, degrees.now - self.reference
+        since_rest, since_reference = self._since(degrees)
         return np.asarray(wrench / (1 + np.outer(since_reference, self.gain)) + np.outer(since_rest, self.offset))
 
     def refined(self, elastic: Array, wrench: Array, degrees: Degrees, axes: npt.NDArray[np.bool_]) -> WrenchWarmth:
         """Offset and gain that take `elastic` nearest to `wrench`, on those axes; the others have none."""
-        since_rest, since_reference = degrees.now - degrees.rest, degrees.now - self.reference
+        since_rest, since_reference = self._since(degrees)
         gain, offset = np.zeros(6), np.zeros(6)
         for i in np.flatnonzero(axes):
             columns = np.stack([elastic[:, i], elastic[:, i] * since_reference, -since_rest], axis=1)
             scale, slope, zero = np.linalg.lstsq(columns, wrench[:, i], rcond=None)[0]
             gain[i], offset[i] = slope / scale, zero / scale
         return replace(self, gain=gain, offset=offset)
+
+    def _since(self, degrees: Degrees) -> tuple[Array, Array]:
+        """Kelvin since rest was learned, and above the reference; 0 where not measured."""
+        rest = np.where(np.isfinite(degrees.rest), degrees.rest, self.reference)
+        return np.nan_to_num(degrees.now - rest), np.nan_to_num(degrees.now - self.reference)
 
 
 def no_warmth(degrees: Degrees) -> WrenchWarmth:

@@ -9,11 +9,12 @@ import numpy.typing as npt
 import pytest
 
 from ruffini.boards import find_board
+from ruffini.calibrate import container
 from ruffini.calibrate.feature_log import FeatureRun, Features
 from ruffini.calibrate.target_geometry import TargetGeometry
 from ruffini.calibrate.wrench_map import Fit, fit_wrench_map
 from ruffini.calibrate.wrench_model import AXES, frames_of, memories
-from ruffini.calibrate.wrench_tables import tables
+from ruffini.calibrate.wrench_tables import map_in, tables
 from ruffini.calibrate.wrench_warmth import Degrees
 from ruffini.errors import InputError
 
@@ -123,7 +124,11 @@ def test_what_temperature_does_is_found() -> None:
     error = np.sqrt(((fit.map.predicted(new) - new.wrench) ** 2).mean(axis=0)) / FULL
     assert (error < 0.004).all()
     assert fit.rmse[2] < 0.5 * fit.linear_rmse[2]
-    kind, _ = tables(fit, Features("targets", N_FEATURES))
+    kind, said = tables(fit, Features("targets", N_FEATURES))
+    again = map_in(
+        container.unpack(container.pack(kind, {**container.base_metadata(find_board("ftouch")), **said}).data)
+    )
+    assert again.predicted(new) == pytest.approx(fit.map.predicted(new), abs=1e-4)
     assert kind["wrench.warm_mc"][1:].tolist() == pytest.approx([20_000, 32_000], abs=1_000)
 
 
