@@ -383,7 +383,8 @@ def _error(found: WrenchMap, frames: Frames, errors: Array) -> Array:
     loaded = size2 > 0.1**2
     left = np.cov(errors[loaded].T) - np.cov(errors[at_rest].T)
     growing = left / size2[loaded].mean()
-    return np.stack([_vectors(quiet), _vectors(growing, least=LEAST_ERROR * found.full)])
+    is_measured = np.outer(found.full > 0, found.full > 0)  # nothing is said of the others
+    return np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured, least=LEAST_ERROR * found.full)])
 
 
 def _vectors(covariance: Array, least: Array | None = None) -> Array:

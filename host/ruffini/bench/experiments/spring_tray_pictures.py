@@ -92,7 +92,7 @@ def _traces(path: Path, loads: Sequence[Played]) -> Path:
             label = {"paper": "paper's method", "ours": "ruffini", "truth": "truth"}[name]
             axis.plot(time_s, lines[name], color=colour, lw=width, label=label, ls="--" if name == "truth" else "-")
         axis.set_ylabel(f"{AXES[i]}, {UNITS[i]}")
-    axes[0].legend(loc="upper right", ncols=3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
     axes[-1].set_xlabel("s, loads one after the other")
     figure.suptitle("Fig. 8, SIMULATED: other loads by hand on the connector")
     return _save(figure, path)
