@@ -25,6 +25,10 @@ from ruffini.sim.pad import PadModel, surface_compliance
 from ruffini.sim.pose import Pose
 from ruffini.sim.programs import Load
 from ruffini.sim.prony import Prony
+from ruffini.sim.reproduce.runs import runs_of
+from ruffini.sim.reproduce.settings import WarmthSettings, load_reproduce
+from ruffini.sim.reproduce.solved import _key
+from ruffini.sim.reproduce.warmth import warmed
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.serve import Scripted
 from ruffini.sim.settings import load_twin
@@ -201,3 +205,19 @@ def test_the_live_twin_shows_the_tray(unit):
     assert min(tray.shift_m[2] for tray in trays) < -0.2 * MM
     pictures = [unit.renderer().image(*frames.states(i)[:1], np.random.default_rng(1), tray=trays[i]) for i in (0, 12)]
     assert (pictures[0] != pictures[1]).any()
+
+
+def test_a_warm_tray_gives_way_as_its_parts_do(unit):
+    """Steel softer, rubber stiffer; its mechanics is kept under another name than the cold one's."""
+
+    def sunk(**per_k):
+        rig = warmed(unit, WarmthSettings(**per_k), 20.0).rig()
+        rig.load(np.array([0, 0, -5.0, 0, 0, 0]))
+        return rig.tray.shift_m[2]
+
+    cold = sunk()
+    assert sunk(springs_1e6=2500, sleeve_1e6=2500) == pytest.approx(cold / 1.05, rel=1e-9)
+    assert sunk(springs_1e6=-270) < cold < sunk(sleeve_1e6=3400) < 0
+    run = runs_of(load_reproduce(unit.board, "warm.toml"))[0]
+    assert _key(unit, run) != _key(warmed(unit, WarmthSettings(sleeve_1e6=3400), 20.0), run)
+    assert warmed(unit, WarmthSettings(sleeve_1e6=3400), 0.0) is unit

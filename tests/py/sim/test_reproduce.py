@@ -14,7 +14,8 @@ from ruffini.sim.programs import Load
 from ruffini.sim.reproduce.make import digest, mount_zero, readings, reproduce
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import HandSet, load_reproduce, parse_reproduce
-from ruffini.sim.reproduce.solved import slowed
+from ruffini.sim.reproduce.solved import KeptMoment, slowed
+from ruffini.sim.reproduce.warmth import celsius_read, risen, warmer_k
 
 COARSE = "\n[mesh]\ncells_x = 10\ncells_y = 8\n"
 SMALL = """
@@ -236,3 +237,18 @@ def test_hand_loads_are_as_large_as_the_set_says():
     expected /= np.sqrt(1 - np.array([0.99, 0.99, 0.94, 0.96, 0.94, 0.85]))
     assert paper == pytest.approx(expected, rel=0.2)
     assert (np.concatenate(spread["range"]).std(axis=0) > 1.2 * paper).all()
+
+
+def test_takes_of_a_warm_bench_are_warmer_after_their_rest():
+    """Stiffness by the run's temperature, a tray that rose, and what the thermometer says of it."""
+    settings = load_reproduce(find_board("ftouch"), "warm.toml")
+    runs = runs_of(settings)
+    assert [warmer_k(r) for r in runs[::17]] == [0.0, 8.0, 16.0]
+    assert warmer_k(runs_of(load_reproduce(find_board("gelslim")))[0]) == 0.0
+    celsius = celsius_read(runs[-1], settings.warmth, 40, 10)
+    assert celsius[:10].mean() == pytest.approx(23.0, abs=0.15)
+    assert celsius[10:].mean() == pytest.approx(39.0, abs=0.1)
+    cold = [KeptMoment({"tray": np.zeros((4, 6))}, i) for i in range(4)]
+    warm = risen(cold, settings.warmth, 16.0, 2)
+    assert [m.tray.shift_m[2] for m in warm] == pytest.approx([0, 0, 24e-6, 24e-6])
+    assert cold[3].tray.shift_m[2] == 0.0
