@@ -322,11 +322,9 @@ def _lag(runs: list[FeatureRun], has_memory: bool) -> float:
     seen = frames_of(runs, 0.0)
     scaled = seen.features / np.maximum(np.sqrt((seen.features**2).mean(axis=0)), 1e-9)
     features = np.concatenate([scaled, *memories(scaled, seen)], axis=1) if has_memory else scaled
-    misfit = []
-    for lag in LAGS_S:
-        wrench = frames_of(runs, float(lag)).wrench
-        error = features @ _solve(features, wrench, RIDGES[0]).T - wrench
-        misfit.append((_rms(error) ** 2 / np.maximum(wrench.var(axis=0), 1e-12)).sum())
+    wrench = np.concatenate([frames_of(runs, float(lag)).wrench for lag in LAGS_S], axis=1)
+    error = features @ _solve(features, wrench, RIDGES[0]).T - wrench
+    misfit = (_rms(error) ** 2 / np.maximum(wrench.var(axis=0), 1e-12)).reshape(len(LAGS_S), 6).sum(axis=1)
     best = int(np.argmin(misfit))
     if best in (0, len(LAGS_S) - 1) and not has_memory:
         raise InputError(

@@ -45,6 +45,8 @@ def wrench(
     fit = fit_wrench_map(runs, holdout=holdout, bend=second_order_of(found), prior=marker_prior(found))
     for line in fit.checks:
         note(line)
+    if "feature_wrench" not in found.pipeline.stages:
+        note(f"board {found.name!r} has no stage feature_wrench: it would not use this table")
     tensors, metadata = tables(fit, features_of(found))
     container.write(out, container.pack(tensors, {**container.base_metadata(found), **metadata}))
     said = {"file": str(out), **fit.report()}

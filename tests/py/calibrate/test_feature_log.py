@@ -9,12 +9,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from ruffini.boards import find_board
+from ruffini.boards import find_board, parse_board
 from ruffini.calibrate.feature_log import read_feature_runs
 from ruffini.errors import InputError
 from ruffini.rig.log_file import Log, TouchRecord, write_log
 
 BOARD = find_board("ftouch")
+WARM = parse_board(f'{BOARD.text}\n[temperature]\nplace = "sleeve"\npath = "/none"\n', "warm")
 N = 6
 
 
@@ -93,3 +94,30 @@ def test_frames_with_a_csv(tmp_path: Path) -> None:
     (tmp_path / "wrench.csv").write_text("\n".join(rows[:-1]) + "\n")
     with pytest.raises(InputError, match="one row a frame"):
         read_feature_runs([tmp_path], BOARD)
+
+
+def test_temperature_of_frames_is_a_column_of_the_csv(tmp_path: Path) -> None:
+    n = BOARD.pipeline.n_rest_frames + 3
+    rows = ["fx,fy,fz,tx,ty,tz,celsius"]
+    for i in range(n):
+        cv2.imwrite(str(tmp_path / f"{i:03d}.png"), drawn(0.0))
+        rows.append(f"0,0,0,0,0,0,{20 + i}")
+    (tmp_path / "wrench.csv").write_text("\n".join(rows) + "\n")
+    (run,) = read_feature_runs([tmp_path], WARM)
+    assert run.degrees is not None
+    assert run.degrees.now == pytest.approx([20 + n - 3, 20 + n - 2, 20 + n - 1])
+    assert run.degrees.rest == pytest.approx([20 + n - 4] * 3)
+    (run,) = read_feature_runs([tmp_path], BOARD)
+    assert run.degrees is None  # this board has no thermometer
+
+
+def test_temperature_of_a_log_is_what_status_said(tmp_path: Path) -> None:
+    """By the board's own thermometer; a session's rest is as warm as its first touch."""
+    said = ({"sleeve": 24.5, "lamp": 50.0}, {"sleeve": 31.0}, {"lamp": 50.0})
+    touches = [seen(np.zeros((N, 3, 3))) for _ in said]
+    for each, celsius in zip(touches, said, strict=True):
+        each.facts["temperatures_c"] = celsius
+    write_log(tmp_path / "log.h5", Log({"board": "ftouch", "marker_unit": "px"}, touches, {}))
+    degrees = [run.degrees for run in read_feature_runs([tmp_path / "log.h5"], WARM)]
+    assert [d.now[0] for d in degrees if d] == pytest.approx([24.5, 31.0, np.nan], nan_ok=True)
+    assert [d.rest[0] for d in degrees if d] == pytest.approx([24.5, 24.5, 24.5])
