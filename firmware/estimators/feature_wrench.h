@@ -30,7 +30,7 @@ namespace ruffini {
 class FeatureWrench {
  public:
   static constexpr int kAxes = 6;
-  static constexpr int kPairs = 21;  // of axes, j <= k, by rows
+  static constexpr int kPairs = 21;           // of axes, j <= k, by rows
   static constexpr int kMaxFeatures = 8'192;  // two of 64 x 64 markers
   static constexpr int kMaxTerms = 4;
   static constexpr int32_t kMaxFeature = 1 << 26;  // 1,024 px in Q16
