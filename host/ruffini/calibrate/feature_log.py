@@ -27,6 +27,7 @@ from ruffini.rig.log_file import TouchRecord, read_log
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
+LEAST_REST, ZERO_SIGMAS = 8, 12.0  # frames, and standard errors by which a zero must be off to be one
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
 STEPS = {"targets": (65536.0, 65536.0, 256.0), "markers": (65536.0, 65536.0)}  # the core's: px Q16, px^2 Q8
 
@@ -120,9 +121,17 @@ def _of_frames(path: Path, board: Board) -> FeatureRun:
     period_s = 1000.0 / board.camera.rate_mhz
     return FeatureRun(
         f"{path.parent.name}/{path.name}", np.array(kept) * period_s, np.array(rows, dtype=np.float64), np.array(good),
-        np.arange(len(wrench), dtype=np.float64) * period_s, np.asarray(wrench, dtype=np.float64),
+        np.arange(len(wrench), dtype=np.float64) * period_s, wrench - zero_of(wrench[: kept[0]]),
         _degrees_of_frames(path, board, kept),
     )  # fmt: skip
+
+
+def zero_of(at_rest: Array) -> Array:
+    """What a reference reads (6,) while rest is learned, (t, 6): where it is more than its noise there, else 0."""
+    if len(at_rest) < LEAST_REST:
+        return np.zeros(6)
+    mean, noise = at_rest.mean(axis=0), at_rest.std(axis=0, ddof=1) / np.sqrt(len(at_rest))
+    return np.asarray(np.where(np.abs(mean) > ZERO_SIGMAS * noise, mean, 0.0))
 
 
 def _degrees_of_frames(path: Path, board: Board, kept: list[int]) -> Degrees | None:

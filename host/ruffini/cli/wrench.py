@@ -26,6 +26,9 @@ def wrench(
     holdout: Annotated[
         str, typer.Option(help="What is left out to judge the fit: whole recordings, or single touches.")
     ] = "recording",
+    prior: Annotated[
+        bool, typer.Option("--prior/--no-prior", help="Of markers: lean on the pad's mechanics where that helps.")
+    ] = True,
     report: Annotated[Path | None, typer.Option(help="JSON of the report.")] = None,
     json_: JsonFlag = False,
 ) -> None:
@@ -42,7 +45,8 @@ def wrench(
     found = find_board(board)
     with progress_bar("frames") as progress:
         runs = read_feature_runs(log, found, progress=progress)
-    fit = fit_wrench_map(runs, holdout=holdout, bend=second_order_of(found), prior=marker_prior(found))
+    mechanics = marker_prior(found) if prior else None
+    fit = fit_wrench_map(runs, holdout=holdout, bend=second_order_of(found), prior=mechanics)
     for line in fit.checks:
         note(line)
     if "feature_wrench" not in found.pipeline.stages:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from ruffini.boards import find_board, parse_board
-from ruffini.calibrate.feature_log import read_feature_runs
+from ruffini.calibrate.feature_log import read_feature_runs, zero_of
 from ruffini.errors import InputError
 from ruffini.rig.log_file import Log, TouchRecord, write_log
 
@@ -121,3 +121,14 @@ def test_temperature_of_a_log_is_what_status_said(tmp_path: Path) -> None:
     degrees = [run.degrees for run in read_feature_runs([tmp_path / "log.h5"], WARM)]
     assert [d.now[0] for d in degrees if d] == pytest.approx([24.5, 31.0, np.nan], nan_ok=True)
     assert [d.rest[0] for d in degrees if d] == pytest.approx([24.5, 24.5, 24.5])
+
+
+def test_a_reference_that_is_not_zero_at_rest_is_taken_off() -> None:
+    """A bias of each recording would look like a wrench that no feature tells; mere noise is left as it is."""
+    rng = np.random.default_rng(2)
+    noise = rng.normal(size=(200, 12, 6)) * 0.1
+    assert all((zero_of(each) == 0).all() for each in noise)
+    bias = np.array([1.0, 0, -2.0, 0, 0, 0.7])
+    assert zero_of(noise[0] + bias)[[0, 2, 5]] == pytest.approx([1.0, -2.0, 0.7], abs=0.15)
+    assert (zero_of(noise[0] + bias)[[1, 3, 4]] == 0).all()
+    assert (zero_of(noise[0, :3] + bias) == 0).all()  # too few to tell
