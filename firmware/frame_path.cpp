@@ -151,6 +151,9 @@ void FramePath::run_displacement() {
       markers(),
       is_measured ? std::span<const DisplacementUm>(state_.poisson.depth) : std::span<const DisplacementUm>(),
       state_.displacement.node, state_.saturations);
+  if (depth_gauge_ && is_measured) {
+    depth_gauge_->run(state_.displacement.node, state_.poisson.depth, state_.saturations);
+  }
   if (marker_depth_) marker_depth_->run(state_.displacement.node, state_.saturations);
   displacement_.mark_filled(markers(), state_.displacement.is_filled);
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/result.h"
+#include "estimators/depth_gauge.h"
 #include "estimators/feature_wrench.h"
 #include "estimators/force_field.h"
 #include "estimators/marker_depth.h"
@@ -88,7 +89,10 @@ class FramePath {
   Status load_camera_map(const Calibration& c);
   Status load_photometric(const Calibration& c);
   Status load_feature_wrench(const Calibration& c);
-  [[nodiscard]] bool light_is_trusted() const { return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_; }
+  [[nodiscard]] bool has_gauge() const { return !board_.depth.has_gauge_table() || depth_gauge_; }
+  [[nodiscard]] bool light_is_trusted() const {
+    return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_ && has_gauge();
+  }
   [[nodiscard]] bool depth_is_trusted() const { return marker_depth_ || light_is_trusted(); }
   [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
 
@@ -142,6 +146,7 @@ class FramePath {
   bool is_foreign_optics_ = false;
   Poisson poisson_;
   Displacement displacement_;
+  std::optional<DepthGauge> depth_gauge_;    // of boards whose gauge is a table
   std::optional<MarkerDepth> marker_depth_;  // of boards whose depth comes from the markers
   ForceField forces_;
   std::optional<FeatureWrench> feature_wrench_;

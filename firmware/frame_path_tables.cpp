@@ -56,6 +56,9 @@ Status FramePath::load_tables() {
     if (Status views = keep(ViewMaps::load(c, board_), views_); !views) return views;
   }
   if (Status light = load_photometric(c); !light) return light;
+  if (board_.depth.has_gauge_table() && c.has_kind("gauge")) {
+    if (Status gauge = keep(DepthGauge::load(c, board_), depth_gauge_); !gauge) return gauge;
+  }
   if (board_.depth.source == DepthSource::kMarkers && c.has_kind("marker_depth")) {
     if (Status depth = keep(MarkerDepth::load(c, board_), marker_depth_); !depth) return depth;
   }

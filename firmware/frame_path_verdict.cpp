@@ -41,7 +41,8 @@ void FramePath::judge_input() {
 void FramePath::judge() {
   FrameState& s = state_;
   if (!forces_.is_measured() && !feature_wrench_) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
-  if (!feature_wrench_ && !marker_depth_ && (!photometric_ || is_foreign_optics_)) s.flags |= kFlagUncalibratedZ;
+  const bool has_light = photometric_ && !is_foreign_optics_ && has_gauge();
+  if (!feature_wrench_ && !marker_depth_ && !has_light) s.flags |= kFlagUncalibratedZ;
   const bool is_wrong = this->is_wrong();
   if (is_wrong) slip_.forget();
   const auto verdict = [&](bool is_measured, bool is_calibrated) {

@@ -93,7 +93,8 @@ void read_skin(BoardReader& in, SkinSettings& skin) {
 void read_rest(BoardReader& in, BoardSettings& board) {
   in.section("depth");
   if (in.has("source") && in.choice("source", {"light", "markers"}) == 1) board.depth.source = DepthSource::kMarkers;
-  board.depth.gauge = in.choice("gauge", {"margin", "mean"}) == 0 ? Gauge::kMargin : Gauge::kMean;
+  constexpr Gauge kGauges[] = {Gauge::kMargin, Gauge::kMean, Gauge::kSpacing, Gauge::kVolume, Gauge::kBoth};
+  board.depth.gauge = kGauges[in.choice("gauge", {"margin", "mean", "spacing", "volume", "both"})];
   board.depth.margin_um = in.integer("margin_um", 0, kMaxLengthUm);
   board.depth.step_px = static_cast<int>(in.integer("step_px", 1, 4));
   in.section("contact");
@@ -175,6 +176,15 @@ bool has_stage(const BoardSettings& board, const char* name) {
   return std::find(board.stages.begin(), board.stages.end(), name) != board.stages.end();
 }
 
+void check_gauge(BoardReader& in, const BoardSettings& board) {
+  if (!board.depth.has_gauge_table()) return;
+  if (!has_stage(board, "poisson") || !has_stage(board, "displacement")) {
+    in.fail("depth.gauge spacing, volume and both need the stages poisson and displacement");
+  } else if (board.markers.is_scattered) {
+    in.fail("depth.gauge spacing, volume and both need markers.layout lattice");
+  }
+}
+
 void check_depth(BoardReader& in, const BoardSettings& board) {
   if (board.depth.source == DepthSource::kLight) return;
   if (!has_stage(board, "displacement")) {
@@ -240,6 +250,7 @@ void cross_check(BoardReader& in, const BoardSettings& board) {
     in.fail("[window] holds fewer than 2 node lines: widen it or refine [grid]");
   }
   check_markers(in, board);
+  check_gauge(in, board);
   check_depth(in, board);
   check_skin(in, board);
   check_targets(in, board);

@@ -18,7 +18,7 @@ inline constexpr int64_t kMaxCalibrationKb = 131'072;  // of a calibration file:
 inline constexpr size_t kMaxListedLength = 23;         // of a stage, of a quantity
 
 enum class Polarity { kDark, kLight, kTexture };  // dots, or patches of a texture
-enum class Gauge { kMargin, kMean };
+enum class Gauge { kMargin, kMean, kSpacing, kVolume, kBoth };  // the last three by a table
 enum class DepthSource { kLight, kMarkers };
 enum class SkinShape { kPlane, kTube, kDome };
 enum class SkinMode { kSingle, kMulti, kAuto };  // one touch, several, or as many as are seen
@@ -82,6 +82,8 @@ struct DepthSettings {
   Gauge gauge = Gauge::kMargin;
   int64_t margin_um = 0;
   int step_px = 1;
+
+  [[nodiscard]] bool has_gauge_table() const { return gauge != Gauge::kMargin && gauge != Gauge::kMean; }
 };
 
 struct ContactSettings {

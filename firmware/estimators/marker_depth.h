@@ -1,7 +1,7 @@
 // Depth from the markers' motion alone, for boards without side light ([depth] source = "markers").
 //
 //   u_z    = D d            a block program, `marker_depth.*`; d as the nodes see it with u_z = 0, x and y interleaved
-//   u_x, y = d + (X + d) u_z / H                        what of the motion was perspective; rounded half up
+//   u_x, y = d + (X + d) u_z / H                        what of the motion was perspective (pinhole_nodes.h)
 //
 // D is the best linear estimate over simulated touches (host/ruffini/calibrate/marker_depth.py): how far a nearly
 // incompressible layer spreads tells how deep it is pressed, and perspective adds its part. A sharp dent leaves little
@@ -16,6 +16,7 @@
 #include "base/fixed.h"
 #include "base/result.h"
 #include "board/settings.h"
+#include "estimators/pinhole_nodes.h"
 #include "image/displacement.h"
 #include "solve/block_program.h"
 #include "store/calibration.h"
@@ -32,18 +33,10 @@ class MarkerDepth {
   void run(std::span<NodeDisplacement> node, SaturationCounter& saturations);
 
  private:
-  struct Place {
-    int64_t x_q3 = 0;  // from the pad's centre, 1/8 um
-    int64_t y_q3 = 0;
-  };
-
-  MarkerDepth(BlockProgram program, const BoardSettings& board);
-  [[nodiscard]] DisplacementUm without_perspective(DisplacementUm seen, int64_t place_q3, int64_t depth_q3,
-                                                   SaturationCounter& saturations) const;
+  MarkerDepth(BlockProgram program, PinholeNodes nodes);
 
   BlockProgram program_;
-  int64_t standoff_q3_;
-  std::vector<Place> place_;
+  PinholeNodes nodes_;
   std::vector<int16_t> seen_;
   std::vector<int64_t> wide_;
 };

@@ -17,10 +17,10 @@ import scipy.linalg as la
 from threadpoolctl import threadpool_limits
 
 from ruffini.bench.ifem import Scores
-from ruffini.bench.states import FRESH, JUDGED, State, make_states
+from ruffini.bench.states import FRESH, JUDGED, TUNED, State, make_states
 from ruffini.boards import Board, find_board, parse_board
 from ruffini.calibrate.gauge import gauge_nodes, gauge_uncertainty_m
-from ruffini.calibrate.marker_depth import MarkerDepth, View
+from ruffini.calibrate.marker_depth import DISCREPANCY, MarkerDepth, View
 from ruffini.calibrate.operator import board_slab, make_operator, second_pass
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.operators import ForcePrior, Noise
@@ -94,6 +94,20 @@ def depths(board: Board, states: list[State], fitted: MarkerDepth, seen: list[Ar
     }  # fmt: skip
 
 
+def coverage(board: Board, states: list[State], fitted: MarkerDepth, seen: list[Array]) -> dict[str, float]:
+    """How the board's depth keeps to what is stated of it: shares of nodes within one and two sigma."""
+    threshold_n = board.contact.threshold_un * 1e-6
+    off = [fitted.displacement(d)[..., 2] - s.displacement[..., 2] for s, d in zip(states, seen, strict=True)]
+    pressed = [s.force[..., 2] < -threshold_n for s in states]
+    out = {"stated_um": 1e6 * fitted.sigma_m, "gauge_um": 1e6 * fitted.gauge_m,
+           "over_touches": rms([e[p] for e, p in zip(off, pressed, strict=True)]) / fitted.sigma_m * DISCREPANCY,
+           "gauge_over_stated": rms([np.array([e.mean()]) for e in off]) / fitted.gauge_m}  # fmt: skip
+    for name, keep in (("pressed", pressed), ("elsewhere", [~p for p in pressed])):
+        over = np.concatenate([np.abs(e[k]) for e, k in zip(off, keep, strict=True)]) / fitted.sigma_m
+        out |= {f"{name}_within_1": float((over < 1).mean()), f"{name}_within_2": float((over < 2).mean())}
+    return out
+
+
 def from_light(board: Board, state: State, view: View, rng: np.random.Generator) -> Array:
     """Displacement with a depth of its own: white noise, and zero on the gauge's nodes."""
     far = replace(view, standoff_m=1e3)  # its perspective is corrected
@@ -135,9 +149,8 @@ def forces(
 def run(board: Board, states: list[State]) -> dict[str, Any]:
     blind = without_light(board)
     rows, fitted, seen = forces(board, blind, states)
-    said = {"pressed_um": fitted.sigma_m * 1e6, "mean_um": fitted.gauge_m * 1e6}
-    return {"simulated": True, "states": len(states), "depth": depths(blind, states, fitted, seen), "stated": said,
-            "force": rows}  # fmt: skip
+    return {"simulated": True, "states": len(states), "depth": depths(blind, states, fitted, seen),
+            "stated": coverage(blind, states, fitted, seen), "force": rows}  # fmt: skip
 
 
 def main() -> None:
@@ -148,7 +161,7 @@ def main() -> None:
     args = parser.parse_args()
     board = find_board(args.board)
     with threadpool_limits(limits=1):
-        result = run(board, make_states(board, FRESH if args.development else JUDGED, DEPTHS_MM))
+        result = run(board, make_states(board, (*TUNED, *FRESH) if args.development else JUDGED, DEPTHS_MM))
     if args.json:
         print(json.dumps(result))
         return
@@ -156,9 +169,13 @@ def main() -> None:
     print(f"{'depth from the markers':44}{'pressed um':>12}{'all um':>9}{'mean um':>9}")
     for name, row in result["depth"].items():
         print(f"{name:44}{row['pressed_um']:12.0f}{row['all_um']:9.0f}{row['mean_um']:9.1f}")
-    print(
-        f"{'stated to the operator':44}{result['stated']['pressed_um']:12.0f}{'':9}{result['stated']['mean_um']:9.1f}"
-    )
+    said = result["stated"]
+    print(f"{'stated to the operator':44}{said['stated_um']:12.0f}{'':9}{said['gauge_um']:9.1f}")
+    for name in ("pressed", "elsewhere"):
+        within = [100 * said[f"{name}_within_{n}"] for n in (1, 2)]
+        print(f"{'nodes ' + name:18}{within[0]:.0f} % within one stated sigma, {within[1]:.0f} % within two")
+    print(f"off by {said['over_touches']:.2f} times what simulated touches are; gauge by "
+          f"{said['gauge_over_stated']:.2f} of what is stated")  # fmt: skip
     print(f"{'force, depth from':20}{'tangential':>12}{'normal':>9}{'shape':>9}{'peak':>9}  F_z over true")
     for name, row in result["force"].items():
         print(

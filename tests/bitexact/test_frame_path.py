@@ -24,11 +24,11 @@ ALL_STAGES = (
 )
 N_REST = 3
 NOISE_UN = (700, 900)  # below the board's threshold, of 2 x 2 nodes and of one alone
-VALID, WINDOW_BORDER, LIGHT = 1, 512, 1024  # of Validity and FlagBit
+VALID, UNCALIBRATED_Z, WINDOW_BORDER, LIGHT = 1, 4, 512, 1024  # of Validity and FlagBit
 
 
-def board_with_all_stages(step: int) -> str:
-    text = small_board(width=66, height=44, step=step)
+def board_with_all_stages(step: int, gauge: str = "margin") -> str:
+    text = small_board(width=66, height=44, step=step, gauge=gauge)
     return text[: text.index("stages = ")] + f"stages = {ALL_STAGES}\n"
 
 
@@ -73,9 +73,12 @@ def dent(board: Board, t: int) -> npt.NDArray[np.float64]:
     return np.stack([blue, green, -(blue + green) / 2], axis=2)
 
 
-@pytest.mark.parametrize(("step", "has_camera_map"), [(1, False), (2, False), (1, True), (2, True)])
-def test_every_stage_over_a_recording(step: int, has_camera_map: bool) -> None:
-    text = board_with_all_stages(step)
+@pytest.mark.parametrize(
+    ("step", "has_camera_map", "gauge"),
+    [(1, False, "margin"), (2, False, "both"), (1, True, "margin"), (2, True, "margin")],
+)
+def test_every_stage_over_a_recording(step: int, has_camera_map: bool, gauge: str) -> None:
+    text = board_with_all_stages(step, gauge)
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(step)
     kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)), is_finite=step == 2)
@@ -119,6 +122,21 @@ def test_every_stage_over_a_recording(step: int, has_camera_map: bool) -> None:
             n_at_border += bool(result.flags & WINDOW_BORDER)
     assert 3 <= n_touched < 10, n_touched  # the recording has both: touched and untouched frames
     assert 0 < n_at_border < n_touched, n_at_border  # the dent walks over the window's border
+
+
+def test_a_gauge_without_its_table_measures_no_depth() -> None:
+    text = board_with_all_stages(2, "both")
+    typed, board = parse_board(text.encode(), "small"), read_board(text)
+    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    tables = {k: v for k, v in kind.tensors.items() if k != "gauge.weight"}
+    file = pack({**tables, **photometric_tables(np.random.default_rng(1))}, {**base_metadata(typed), **kind.metadata})
+    with Pipeline(typed, file.data) as core:
+        for seed in range(N_REST + 1):
+            frame = np.clip(np.round(render(board, np.random.default_rng(seed), 0.0)), 0, 255).astype(np.uint8)
+            result = core.process(frame)
+        assert not core.raw("displacement")[..., 2].any()
+    assert result.flags & UNCALIBRATED_Z
+    assert result.force_z_validity != VALID
 
 
 def test_drifting_light_is_followed_while_nothing_touches() -> None:

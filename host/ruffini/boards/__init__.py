@@ -119,9 +119,14 @@ class Depth(Section):
     """[depth]."""
 
     source: Literal["light", "markers"] = "light"
-    gauge: Literal["margin", "mean"]
+    gauge: Literal["margin", "mean", "spacing", "volume", "both"]
     margin_um: LengthUm
     step_px: Annotated[int, Field(ge=1, le=4)]  # 3 is refused below; a Literal would take true and 1.0
+
+    @property
+    def has_gauge_table(self) -> bool:
+        """Whether the free constant comes from a calibration's kind `gauge`."""
+        return self.gauge not in ("margin", "mean")
 
 
 class Contact(Section):
@@ -274,6 +279,14 @@ class Board(Section):
         if min(self.camera.width_px, self.camera.height_px) < MIN_TEXTURE_PX:
             raise ValueError(f"markers.polarity texture needs an image of at least {MIN_TEXTURE_PX} pixels a side")
 
+    def _check_gauge(self) -> None:
+        if not self.depth.has_gauge_table:
+            return
+        if not {"poisson", "displacement"} <= set(self.pipeline.stages):
+            raise ValueError("depth.gauge spacing, volume and both need the stages poisson and displacement")
+        if self.markers is not None and self.markers.layout != "lattice":
+            raise ValueError("depth.gauge spacing, volume and both need markers.layout lattice")
+
     def _check_depth(self) -> None:
         stages = self.pipeline.stages
         if self.depth.source == "light":
@@ -334,6 +347,7 @@ class Board(Section):
         if rows.stop - rows.start < 2 or columns.stop - columns.start < 2:
             raise ValueError("[window] holds fewer than 2 node lines: widen it or refine [grid]")
         self._check_markers()
+        self._check_gauge()
         self._check_depth()
         if self.skin is None and "skin" in self.pipeline.stages:
             raise ValueError("section [skin] is missing")

@@ -27,6 +27,7 @@ KINDS = {
     "contact",
     "dark",
     "finite_strain",
+    "gauge",
     "marker_depth",
     "operator",
     "photometric",

@@ -3,7 +3,7 @@
 The images leave depth a free constant; the board makes the mean over the window's rim (or over all of it) zero. The rim
 of an elastic pad moves a little with every touch, so each frame is off by minus that mean. How much follows from the
 pad's own numbers: touches are simulated, and the root mean square of what the rim does is the uncertainty of the
-constant.
+constant. A gauge of the kinds `ruffini.calibrate.depth_gauge` says itself how far it is off.
 """
 
 from __future__ import annotations
@@ -13,10 +13,13 @@ import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from ruffini.boards import Board
+from ruffini.calibrate.depth_gauge import fit_depth_gauge
 from ruffini.calibrate.operator import Material, board_slab
+from ruffini.fem.operators import Noise
 from ruffini.fem.touches import TouchMaker
 
 N_TOUCHES, SEED = 60, 1
+USUAL = Noise((5e-6, 5e-6, 20e-6), tilt_m=30e-6)  # the defaults of cal operator
 LEAST_M = 1e-6  # more than what the depth's own step and the picture's noise leave of a mean over the rim
 
 
@@ -34,9 +37,11 @@ def gauge_nodes(board: Board) -> npt.NDArray[np.bool_]:
 
 
 def gauge_uncertainty_m(board: Board, material: Material | None = None) -> float:
-    """Root mean square over simulated touches of the mean u_z of what the gauge takes as zero, metres."""
-    nodes = gauge_nodes(board)
+    """Root mean square over simulated touches of what the gauge leaves of the mean u_z, metres."""
+    nodes, slab = gauge_nodes(board), board_slab(board, material)
     with threadpool_limits(limits=1):
-        touches = TouchMaker(board_slab(board, material), SEED)
+        if board.depth.has_gauge_table:
+            return fit_depth_gauge(board, slab, USUAL).gauge_m
+        touches = TouchMaker(slab, SEED)
         sunk = [float(touches.draw().displacement[nodes, 2].mean()) for _ in range(N_TOUCHES)]
     return max(float(np.sqrt(np.mean(np.square(sunk)))), LEAST_M)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from ruffini.boards import Board
+from ruffini.calibrate.depth_gauge import DepthGauge, fit_depth_gauge
 from ruffini.calibrate.error_model import ErrorModel, Estimate, error_tensors, fit_error_model
 from ruffini.calibrate.marker_depth import MarkerDepth, fit_marker_depth
 from ruffini.errors import InputError
@@ -50,6 +51,7 @@ class OperatorKind:
     beyond: FiniteStrain | None
     errors: ErrorModel | None
     marker_depth: MarkerDepth | None = None  # of boards whose depth comes from the markers
+    gauge: DepthGauge | None = None  # of boards whose gauge is a table
     no_errors: str | None = None  # why no error model could be fitted, though one was asked for
 
 
@@ -153,7 +155,9 @@ def _made(
 ) -> OperatorKind:  # fmt: skip
     has_support = method == "support"
     depth = fit_marker_depth(board, slab, noise) if board.depth.source == "markers" else None
+    gauge = fit_depth_gauge(board, slab, noise) if board.depth.has_gauge_table else None
     noise = noise if depth is None else depth.noise(noise)
+    noise = noise if gauge is None else replace(noise, gauge_m=gauge.gauge_m)
     matrix = force_operator(
         slab,
         "optimal" if has_support else method,
@@ -187,6 +191,10 @@ def _made(
     _add(tensors, metadata, "operator", compiled)
     if depth is not None:
         room = _add_marker_depth(tensors, metadata, depth, sites, room)
+    if gauge is not None:
+        table, integers = gauge.tables()
+        tensors |= table
+        metadata |= integers
     system, beyond, errors, no_errors = None, None, None, None
     if has_support:
         system = support_system(condense(slab), noise, observed_unknowns(board), matrix)
@@ -209,7 +217,7 @@ def _made(
         except InputError as error:
             errors, no_errors = None, str(error)
     progress(1.0)
-    return OperatorKind(tensors, metadata, matrix, system, beyond, errors, depth, no_errors)
+    return OperatorKind(tensors, metadata, matrix, system, beyond, errors, depth, gauge, no_errors)
 
 
 def second_pass(board: Board, matrix: npt.NDArray[np.float64], system: SupportSystem) -> Estimate:

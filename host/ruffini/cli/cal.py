@@ -53,7 +53,7 @@ def operator(
         float | None,
         typer.Option(
             help="Uncertainty of the depth's free constant (optimal, support). Without: what the board's [depth] gauge "
-            "is off by under simulated touches. Not for depth from markers, which has its own."
+            "is off by under simulated touches. Not for gauges by a table nor for depth from markers: they say it."
         ),
     ] = None,
     tilt_um: Annotated[
@@ -96,12 +96,13 @@ def operator(
     found = find_board(board)
     x, y, z = _micrometres(noise_um)
     known = None if material is None else read_material(material, found)
-    if found.depth.source == "markers" and gauge_um is not None:
+    is_judged = found.depth.source == "markers" or found.depth.has_gauge_table  # when the table is fitted
+    if is_judged and gauge_um is not None:
         raise InputError(
-            f"--gauge-um: {found.name!r} takes depth from its markers, whose gauge is judged when the table is fitted: "
-            "leave the option out"
+            f"--gauge-um: the table that gives {found.name!r} its depth or gauge says itself how far it is off: leave "
+            "the option out"
         )
-    gauge_m = gauge_uncertainty_m(found, known) if gauge_um is None else gauge_um * 1e-6
+    gauge_m = 0.0 if is_judged else gauge_uncertainty_m(found, known) if gauge_um is None else gauge_um * 1e-6
     noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_m, tilt_m=tilt_um * 1e-6)
     memory = None if relaxation is None else read_relaxation(relaxation, found)
     if memory is not None and method != "support":
@@ -122,10 +123,11 @@ def operator(
     seconds = time.perf_counter() - start
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in 1024 bytes
     depth = kind.marker_depth
-    gauge_m = gauge_m if depth is None else depth.gauge_m
+    gauge_m = next((table.gauge_m for table in (depth, kind.gauge) if table is not None), gauge_m)
     result = {"file": str(out), "board": found.name, "method": method, "strain": strain,
               "grid": [int(kind.metadata["operator.n_x"]), int(kind.metadata["operator.n_y"])],
               "rounding_error": error, "bytes": len(file.data), "gauge_um": gauge_m * 1e6,
+              "gauge": "markers" if depth else found.depth.gauge,
               "form": kind.metadata["operator.form"], "seconds": seconds, "peak_mb": peak_mb,
               "worst_error_un": [int(v) for v in kind.metadata["operator.worst_error_un"].split(",")],
               "depth_of_markers_um": None if depth is None else [v * 1e6 for v in (depth.sigma_m, depth.pressed_m)],
@@ -139,10 +141,10 @@ def operator(
         json_,
         f"{out}: {method} operator of {found.name}, {len(file.data) / 1e6:.1f} MB, rounding error {error:.1e}; "
         f"up to 1 mm a nodal force is off by at most {kind.metadata['operator.worst_error_un']} uN (x, y, z)"
-        f"; {seconds:.1f} s, {peak_mb:.0f} MB of memory at most"
+        f"; {seconds:.1f} s, {peak_mb:.0f} MB of memory at most; gauge {result['gauge']}, off by {gauge_m * 1e6:.1f} um"
         + (
             f"; depth from the markers is off by {depth.sigma_m * 1e6:.0f} um of {depth.pressed_m * 1e6:.0f} um "
-            f"where something presses, its gauge by {depth.gauge_m * 1e6:.0f} um"
+            "where something presses"
             if depth
             else ""
         )

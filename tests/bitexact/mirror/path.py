@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from mirror.board import Board, observed_nodes
 from mirror.camera_map import CameraMap
+from mirror.depth_gauge import DepthGauge
 from mirror.displacement import displacement
 from mirror.dot_templates import DotTemplates
 from mirror.dots import detect_dots
@@ -44,7 +45,7 @@ class Outcome:
 
 
 class FramePath:
-    """Operator, support and photometric kinds are all required; camera, finite strain and relaxation may be there."""
+    """Kinds operator, support and photometric are required; camera, gauge, finite strain, relaxation may be there."""
 
     def __init__(self, board: Board, tensors: Tensors, metadata: dict[str, str]) -> None:
         self.board = board
@@ -59,6 +60,7 @@ class FramePath:
         )
         self._places = node_places(board)
         self._camera_map = CameraMap(tensors, metadata, board) if "camera.rays" in tensors else None
+        self._gauge = DepthGauge(tensors, metadata) if "gauge.weight" in tensors else None
         has_finite_strain = "finite_strain.extension" in tensors
         self._finite_strain = FiniteStrain(tensors, metadata) if has_finite_strain else None
         self._relaxation = None
@@ -107,6 +109,8 @@ class FramePath:
             slope, seen_from = self._camera_map.rectify(slope), self._camera_map.ideal
         depth = poisson(seen_from, slope, saturations)
         u = displacement(board, markers, depth, saturations, self._camera_map)
+        if self._gauge is not None:
+            u, depth = self._gauge.lifted(board, u, depth, saturations)
         force, mask = self.solve(u)
         self._was_touched = bool(mask.any())
         if self._relaxation is not None:

@@ -105,6 +105,9 @@ GOOD: dict[str, Change] = {
         put("markers.polarity", '"texture"'),
         put("pipeline.stages", '["difference", "markers", "displacement"]'),
     ),
+    "gauge-spacing": put("depth.gauge", '"spacing"'),
+    "gauge-volume": put("depth.gauge", '"volume"'),
+    "gauge-both": put("depth.gauge", '"both"'),
     "depth-from-light": add("depth", 'source = "light"'),
     "depth-from-markers": all_of(add("depth", 'source = "markers"'), put("pipeline.stages", WITHOUT_LIGHT)),
     "scattered": add("markers", 'layout = "scattered"'),
@@ -255,6 +258,19 @@ BAD: dict[str, tuple[Change, str]] = {
     ),
     "polarity-unknown": (put("markers.polarity", '"grey"'), "polarity"),
     "gauge-unknown": (put("depth.gauge", '"guess"'), "gauge"),
+    "gauge-of-scattered-markers": (
+        all_of(put("depth.gauge", '"volume"'), add("markers", 'layout = "scattered"')), "layout"
+    ),
+    "gauge-without-displacement": (
+        all_of(put("depth.gauge", '"both"'), put("pipeline.stages", '["difference", "photometric", "poisson"]')),
+        "displacement",
+    ),
+    "gauge-of-depth-from-markers": (
+        all_of(
+            put("depth.gauge", '"spacing"'), add("depth", 'source = "markers"'), put("pipeline.stages", WITHOUT_LIGHT)
+        ),
+        "poisson",
+    ),
     "source-unknown": (add("depth", 'source = "sonar"'), "source"),
     "source-twice-measured": (add("depth", 'source = "markers"'), "photometric"),
     "source-without-displacement": (

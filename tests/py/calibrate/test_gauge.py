@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from ruffini.bench.states import TUNED, make_states
-from ruffini.boards import find_board, parse_board
-from ruffini.calibrate.gauge import gauge_nodes, gauge_uncertainty_m
-from ruffini.calibrate.operator import Material
+from ruffini.bench.states import FRESH, TUNED, make_states
+from ruffini.boards import Board, find_board, parse_board
+from ruffini.calibrate.depth_gauge import LitNodes, fit_depth_gauge
+from ruffini.calibrate.gauge import USUAL, gauge_nodes, gauge_uncertainty_m
+from ruffini.calibrate.operator import Material, board_slab, make_operator
+from ruffini.errors import InputError
+
+BASE = Path(__file__).parents[2] / "data" / "boards" / "base.toml"
 
 
 @pytest.fixture(scope="module")
-def board():
+def board() -> Board:
     return find_board("gelslim")
+
+
+def with_gauge(text: str, gauge: str) -> Board:
+    return parse_board(text.replace('gauge = "margin"', f'gauge = "{gauge}"'), "test")
 
 
 def test_the_twins_rim_sinks_as_much_as_stated(board) -> None:
@@ -40,3 +51,41 @@ def test_softness_does_not_matter_thickness_does(board) -> None:
     stated = gauge_uncertainty_m(board, Material(2e5, 0.48, 4e-3))
     assert gauge_uncertainty_m(board, Material(4e5, 0.48, 4e-3)) == pytest.approx(stated, rel=0.05)
     assert gauge_uncertainty_m(board, Material(2e5, 0.48, 6e-3)) != pytest.approx(stated, rel=0.2)
+
+
+@pytest.mark.parametrize(("gauge", "most_um"), [("spacing", 3.0), ("volume", 6.0)])
+def test_a_table_is_off_by_what_it_says_on_the_twin(board: Board, gauge: str, most_um: float) -> None:
+    other = with_gauge(board.text, gauge)
+    slab = board_slab(other)
+    table, lit = fit_depth_gauge(other, slab, USUAL), LitNodes(other, slab, USUAL)
+    u = np.array([s.displacement for s in make_states(board, FRESH, (0.4, 0.8))])
+    seen = lit.seen(u, np.random.default_rng(1))
+    off = table.constant(seen) - lit.mean(u)
+    assert 0.4 < np.sqrt(np.mean(off**2)) / table.gauge_m < 1.2
+    assert np.mean(np.abs(off) < 2 * table.gauge_m) > 0.9
+    assert table.gauge_m < most_um * 1e-6 < 0.3 * np.sqrt(np.mean(lit.mean(u) ** 2))
+    assert table.lift(seen)[..., 2].mean(axis=(1, 2)) == pytest.approx(lit.mean(u) + off)
+    # Whatever constant the depth has already falls out of it.
+    place = lit.view.place_m / lit.view.standoff_m
+    constant = np.concatenate([place, np.ones((*place.shape[:2], 1))], axis=-1) * 30e-6
+    assert table.constant(seen + constant) == pytest.approx(table.constant(seen) - 30e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("gauge", ["margin", "both"])
+def test_what_a_gauge_is_off_by_reaches_the_operator(gauge: str) -> None:
+    text = BASE.read_text().replace("n_x = 31\nn_y = 25\nn_layers = 6", "n_x = 11\nn_y = 9\nn_layers = 3")
+    board, margin = with_gauge(text, gauge), with_gauge(text, "margin")
+    stated = replace(USUAL, gauge_m=gauge_uncertainty_m(board))
+    given = stated if gauge == "margin" else USUAL  # a table says it itself
+    matrix = make_operator(board, method="optimal", noise=given).matrix
+    assert np.allclose(matrix, make_operator(margin, method="optimal", noise=stated).matrix, rtol=1e-9, atol=0)
+    vaguer = make_operator(margin, method="optimal", noise=replace(stated, gauge_m=10 * stated.gauge_m)).matrix
+    n = len(matrix) // 3
+    lifted = np.tile([0.0, 0.0, 1.0], n)
+    force_z = [abs((m @ lifted)[2::3].sum()) for m in (matrix, vaguer)]
+    assert force_z[1] < 0.9 * force_z[0]  # the less a constant is believed, the less force is made of it
+
+
+def test_a_gauge_without_a_table_has_none_to_fit(board: Board) -> None:
+    with pytest.raises(InputError, match="margin"):
+        fit_depth_gauge(board, board_slab(board), USUAL)

@@ -46,8 +46,11 @@ def test_it_is_off_by_what_it_says(board: Board, depth: MarkerDepth, states: lis
         sideways.append(error[..., :2][pressed])
         seen = depth.view.seen(state.displacement[None])[0]
         flat.append((seen - state.displacement[..., :2])[pressed])
+    over = np.abs(np.concatenate(off)) / depth.sigma_m
     rms = [float(np.sqrt(np.mean(np.square(np.concatenate(v))))) for v in (off, deep, sideways, flat)]
-    assert 0.6 < rms[0] / depth.sigma_m < 1.5, (rms[0], depth.sigma_m)
+    assert 0.7 < rms[0] / depth.sigma_m < 1.15, (rms[0], depth.sigma_m)
+    assert 0.6 < np.mean(over < 1) < 0.85, over
+    assert np.mean(over < 2) > 0.9, over
     assert 0.3 < np.sqrt(np.mean(np.square(mean))) / depth.gauge_m < 2.0
     assert rms[0] < 0.6 * rms[1], rms  # about half of the depth is told; see the README
     assert rms[2] < 0.6 * rms[3], rms  # and so is most of what perspective hides of the sideways motion

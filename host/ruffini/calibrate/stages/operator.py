@@ -33,7 +33,7 @@ def keep(job: Job) -> Outcome:
     taken = job.take("operator")
     if taken is None:
         raise InputError("--skip operator needs a calibration that has one: give --previous FILE")
-    for kind in ("support", "finite_strain", "marker_depth"):
+    for kind in ("support", "finite_strain", "gauge", "marker_depth"):
         job.take(kind)
     return taken
 
