@@ -142,7 +142,8 @@ def fit_depth_gauge(board: Board, slab: Slab, noise: Noise) -> DepthGauge:
     shows = pad.view.place_m.reshape(n, 2) / pad.view.standoff_m
     weight[:, 2] -= weight[:, 2].mean() + (1 + (weight[:, :2] * shows).sum()) / n
     row = weight.reshape(*pad.view.place_m.shape[:2], 3)
-    return replace(gauge := DepthGauge(row, pad.view, 0.0), gauge_m=_judged(slab, pad, gauge))
+    gauge = DepthGauge(row, pad.view, 0.0)
+    return replace(gauge, gauge_m=_judged(slab, pad, gauge))
 
 
 def _judged(slab: Slab, pad: LitNodes, gauge: DepthGauge) -> float:
