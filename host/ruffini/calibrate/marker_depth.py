@@ -37,8 +37,8 @@ Array = npt.NDArray[np.float64]
 N_TOUCHES, BATCH = 1000, 50  # drawn to fit, four times as many with their mirror images
 N_JUDGED = 240  # drawn to say how far off it is
 SEED = 40_000
-# Contacts of the twin (gelslim, the states TUNED and FRESH) are off by this many times what simulated touches are:
-# their edges are sharper. `tests/bench/marker_depth.py --development` prints it.
+# The twin's contacts (states TUNED and FRESH) are off by this many times what simulated touches are: their edges are
+# sharper. `tests/bench/marker_depth.py --development` prints it.
 DISCREPANCY = 1.3
 LEAST_M = 1e-6  # of any uncertainty: rounding of the displacement and of the markers' places
 

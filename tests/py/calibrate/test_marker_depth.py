@@ -8,7 +8,7 @@ import pytest
 from ruffini.bench.states import FRESH, State, make_states
 from ruffini.boards import Board, find_board, parse_board
 from ruffini.calibrate.marker_depth import MarkerDepth, fit_marker_depth
-from ruffini.calibrate.operator import board_slab, make_operator, second_pass
+from ruffini.calibrate.operator import OperatorKind, board_slab, make_operator, second_pass
 from ruffini.errors import InputError
 from ruffini.fem.operators import Noise
 
@@ -25,8 +25,14 @@ def board() -> Board:
 
 
 @pytest.fixture(scope="module")
-def depth(board: Board) -> MarkerDepth:
-    return fit_marker_depth(board, board_slab(board), NOISE)
+def kind(board: Board) -> OperatorKind:
+    return make_operator(board, method="support", noise=NOISE, n_touches=N_ERROR_TOUCHES)
+
+
+@pytest.fixture(scope="module")
+def depth(kind: OperatorKind) -> MarkerDepth:
+    assert kind.marker_depth is not None
+    return kind.marker_depth
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +62,9 @@ def test_it_is_off_by_what_it_says(board: Board, depth: MarkerDepth, states: lis
     assert rms[2] < 0.6 * rms[3], rms  # and so is most of what perspective hides of the sideways motion
 
 
-def test_force_is_told_within_what_a_spread_of_touches_leaves(board: Board, states: list[State]) -> None:
-    kind = make_operator(board, method="support", noise=NOISE, n_touches=N_ERROR_TOUCHES)
+def test_force_is_told_within_what_a_spread_of_touches_leaves(
+    board: Board, kind: OperatorKind, states: list[State]
+) -> None:
     assert kind.support is not None
     assert kind.marker_depth is not None
     assert kind.errors is not None
