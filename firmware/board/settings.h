@@ -17,7 +17,7 @@ inline constexpr size_t kMaxNotMeasured = 8;
 inline constexpr int64_t kMaxCalibrationKb = 131'072;  // of a calibration file: what one upload may carry
 inline constexpr size_t kMaxListedLength = 23;         // of a stage, of a quantity
 
-enum class Polarity { kDark, kLight, kTexture };  // dots, or patches of a texture
+enum class Polarity { kDark, kLight, kTexture };                // dots, or patches of a texture
 enum class Gauge { kMargin, kMean, kSpacing, kVolume, kBoth };  // the last three by a table
 enum class DepthSource { kLight, kMarkers };
 enum class SkinShape { kPlane, kTube, kDome };
