@@ -39,6 +39,10 @@ def collect(
     quick: Annotated[bool, typer.Option("--quick", help="6 touches, for a first look.")] = False,
     depth_mm: Annotated[float, typer.Option(min=0.05, max=10, help="Deepest press below the contact.")] = 0.8,
     shear_mm: Annotated[float, typer.Option(min=0, max=5, help="How far it goes sideways (grid).")] = 0.3,
+    hold_s: Annotated[
+        float,
+        typer.Option(min=0.5, max=60, help="How long each touch is held (grid, balls); 3 tells a gel's relaxation."),
+    ] = 0.5,
     grams: Annotated[str, typer.Option(help="weights: which, in grams.")] = "20,50,100,200",
     force_n: Annotated[float, typer.Option(min=0.1, help="free, conditions: largest force by hand.")] = 2.0,
     torque_nmm: Annotated[float, typer.Option(min=0.1, help="conditions: largest moment by hand.")] = 10.0,
@@ -63,7 +67,7 @@ def collect(
     from ruffini.demo.twin_session import MACHINES, TwinOptions
     from ruffini.rig import collect as collecting
     from ruffini.rig.log_file import LogWriter
-    from ruffini.rig.program import BY_STAGE, CONDITIONS, plan, span_of
+    from ruffini.rig.program import BY_STAGE, CONDITIONS, Touch, plan, span_of
 
     found = find_board(board)
     settings = None if rig == SIMULATED else _settings(rig)
@@ -75,6 +79,7 @@ def collect(
     if program == LOG:
         return _by_log(found, settings, out, calibration, options, json_, dry_run=dry_run)
     items = plan(program, span, count, seed, _by_hand(grams, force_n, torque_nmm, normal_n))
+    items = [item._replace(hold_s=hold_s) if isinstance(item, Touch) else item for item in items]
     limits = _limits(settings, found, span, ball_mm) if program in BY_STAGE else None
     result: dict[str, Any] = {"file": str(out), "touches": count, "program": program, "simulated": rig == SIMULATED}
     if limits is not None or dry_run:

@@ -160,6 +160,10 @@ class Auto:
         noise = Noise(SIGMA_M, gauge_m=gauge_uncertainty_m(self.board), tilt_m=TILT_M)
         kind = make_operator(self.board, method="support", noise=noise)
         metadata = {**container.base_metadata(self.board), **kind.metadata}
+        if "photometric" not in self.board.pipeline.stages:  # depth by markers: no colours to learn
+            file = container.pack(kind.tensors, metadata)
+            container.write(done, file)
+            return file
         balls = plan("balls", self.site.span, self.counts.balls, self.seed)
         path = self._collect("balls", "balls", balls, self.seed, container.pack(kind.tensors, metadata))
         job = Job(self.board, [path])

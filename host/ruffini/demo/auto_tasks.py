@@ -27,6 +27,7 @@ from ruffini.rig.program import CONDITIONS, ByHand, Condition, Item, Span, Touch
 Array = npt.NDArray[np.float64]
 
 FITTED_PART = 0.7  # of the span, in which an operator's touches lie; the judged ones are all over it
+LONG_EACH, LONG_S = 8, 3.0  # each eighth touch is held so long
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 FORCE_N, TORQUE_NM, NORMAL_N = 1.0, 0.02, 8.0  # as far as the F-TOUCH paper's sensor goes, Table III
 
@@ -82,10 +83,15 @@ def task_of(board: Board) -> Task:
     """
     stages = set(board.pipeline.stages)
     for task in TASKS:
-        if task.stage in stages and (task.stage != "operator" or "photometric" in stages):
+        if task.stage in stages and (task.stage != "operator" or has_depth(board)):
             return task
     raise InputError(f"board {board.name!r} has no estimator yet that `cal auto` could fit: its stages "
                      f"({', '.join(board.pipeline.stages)}) make no force, no wrench, no skin's contacts")  # fmt: skip
+
+
+def has_depth(board: Board) -> bool:
+    """Whether a board measures depth, which forces are solved from: by its light, or by its markers' motion."""
+    return "photometric" in board.pipeline.stages or board.depth.source == "markers"
 
 
 def _forces_word(_: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
@@ -174,9 +180,11 @@ def _skin_left_out(outcomes: dict[str, Outcome]) -> float:
 
 
 def _grid_inside(span: Span, n: int, seed: int) -> Sequence[Item]:
-    """Where a dent does not reach the rim that the depth is gauged by."""
+    """Where a dent does not reach the rim that the depth is gauged by; some are held long enough to see it relax."""
     inside = span._replace(half_x_m=FITTED_PART * span.half_x_m, half_y_m=FITTED_PART * span.half_y_m)
-    return plan("grid", inside, n, seed)
+    touches = plan("grid", inside, n, seed)
+    return [t._replace(hold_s=LONG_S) if isinstance(t, Touch) and i % LONG_EACH == LONG_EACH - 1 else t
+            for i, t in enumerate(touches)]  # fmt: skip
 
 
 def judged_touches(span: Span, n: int, seed: int) -> Sequence[Item]:
@@ -228,7 +236,7 @@ WRENCH = Task(
     _wrench_left_out,
 )  # fmt: skip
 SKIN = Task(
-    "skin", "skin", "balls", Counts(0, 60, 20, 0), Counts(0, 14, 6, 0), 2.5, 0.0, 10.0, "% of a force above 2 N, mean",
+    "skin", "skin", "balls", Counts(0, 60, 20, 0), Counts(0, 14, 6, 0), 3.4, 0.0, 10.0, "% of a force above 2 N, mean",
     _all_round, _straight, _straight, _skin_word, _skin_figures, _skin_left_out,
 )  # fmt: skip
 TASKS = (FORCES, WRENCH, SKIN)

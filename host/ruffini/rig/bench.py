@@ -14,6 +14,7 @@ from ruffini import host_clock
 from ruffini.errors import InputError, RefusedError
 from ruffini.rig.guarded_stage import GuardedStage
 from ruffini.rig.placed_weight import PlacedWeight
+from ruffini.rig.program import HOLD_S
 from ruffini.rig.reference import Reading
 from ruffini.rig.stage import Guard, nobody
 from ruffini.rig.stream_watch import StreamWatch
@@ -22,7 +23,7 @@ from ruffini.rig.watch import Watch
 
 Array = npt.NDArray[np.float64]
 
-HOLD_S, REST_S = 0.5, 0.3
+REST_S = 0.3
 MAX_HOLD_S = 10.0  # for a slow reference, a slow camera, a slow line that brings a picture
 TARE_S = 0.15
 MAX_DRIFT = 0.05  # of full scale, since it was tared: it is not the same reference any more
@@ -73,15 +74,15 @@ class Bench:
         with self.stage.safely() if self.stage else contextlib.nullcontext():
             yield
 
-    def hold(self, started_s: float) -> float:
-        """Wait until enough was seen since `started_s`; the time at which it ends.
+    def hold(self, started_s: float, least_s: float = HOLD_S) -> float:
+        """Wait until enough was seen since `started_s`, `least_s` at least; the time at which it ends.
 
         Raises
         ------
         NoDeviceError, RefusedError
             Sensor or reference went away or is saturated, or a guard says stop.
         """
-        deadline = started_s + self.max_hold_s
+        deadline = started_s + max(self.max_hold_s, least_s + self.max_hold_s / 2)
         while host_clock.now() < deadline:
             self.guard()
             self.reference.latest()
@@ -89,7 +90,7 @@ class Bench:
             seen = self.stream.since(started_s)
             has_image = bool(seen.images) or not self.stream.has_images
             has_all = len(seen.frames) > MIN_FRAMES and len(self.reference.since(started_s)) > MIN_READINGS
-            if has_all and has_image and host_clock.now() - started_s > HOLD_S:
+            if has_all and has_image and host_clock.now() - started_s > least_s:
                 break
             host_clock.sleep(0.02)
         return host_clock.now()

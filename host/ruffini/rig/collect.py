@@ -15,13 +15,13 @@ from ruffini.calibrate.warmth import CELSIUS
 from ruffini.errors import RefusedError
 from ruffini.files import write_whole
 from ruffini.rig import by_hand
-from ruffini.rig.bench import HOLD_S, REST_S, TARE_S, Bench
+from ruffini.rig.bench import REST_S, TARE_S, Bench
 from ruffini.rig.checks import preflight
 from ruffini.rig.contact_surface import ContactSurface, PadMovedError
 from ruffini.rig.found import estimate
 from ruffini.rig.guarded_stage import CONTACT_N, DryStage, GuardedStage, Limits
 from ruffini.rig.log_file import LogWriter, TouchRecord
-from ruffini.rig.program import Condition, HandTouch, Item, Touch, Weight
+from ruffini.rig.program import HOLD_S, Condition, HandTouch, Item, Touch, Weight
 from ruffini.rig.stage import Place
 from ruffini.rig.touch import faults_of, record_of
 
@@ -178,7 +178,7 @@ def _by_stage(bench: Bench, touch: Touch, path: list[tuple[float, Place]]) -> di
 
     contact_m = press(stage, touch, note)
     held = host_clock.now()
-    lifted = bench.hold(held)
+    lifted = bench.hold(held, touch.hold_s)
     note(path[-1][1])
     stage.lift()
     bench.rest()
@@ -217,8 +217,9 @@ def rehearse(plan: Sequence[Item], limits: Limits | None) -> Rehearsal:
         A touch leads out of the soft limits.
     """
     lines = [f"{number}: {item.told()}" for number, item in enumerate(plan)]
+    held_s = sum(item.hold_s if isinstance(item, Touch) else HOLD_S for item in plan) + len(plan) * REST_S
     if limits is None:
-        return Rehearsal(lines, np.zeros((0, 3)), len(plan) * (HOLD_S + REST_S))
+        return Rehearsal(lines, np.zeros((0, 3)), held_s)
     dry, out = DryStage(Place(0.0, 0.0, limits.top_m)), list[str]()
 
     def force() -> Array:
@@ -231,7 +232,7 @@ def rehearse(plan: Sequence[Item], limits: Limits | None) -> Rehearsal:
             press(stage, item, lambda place: None)
             stage.lift()
         out += [line, *(f"   {place}" for place in dry.moves[n_before:])]
-    return Rehearsal(out, np.array(dry.moves).reshape(-1, 3), dry.duration_s + len(plan) * (HOLD_S + REST_S))
+    return Rehearsal(out, np.array(dry.moves).reshape(-1, 3), dry.duration_s + held_s)
 
 
 def _line(record: TouchRecord) -> str:

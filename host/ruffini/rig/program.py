@@ -11,6 +11,7 @@ from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.rig.log_file import TouchRecord
 
+HOLD_S = 0.5  # of a touch, at least
 BORDER = 0.25  # of the window's half side stays untouched: there the camera sees a part of the dent only
 PROGRAMS = ("grid", "balls", "weights", "free", "conditions")
 BY_STAGE = ("grid", "balls")
@@ -35,6 +36,7 @@ class Touch(NamedTuple):
     depth_m: float
     shear_x_m: float = 0.0
     shear_y_m: float = 0.0
+    hold_s: float = HOLD_S
 
     @property
     def kind(self) -> str:

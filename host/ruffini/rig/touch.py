@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ruffini.rig.guarded_stage import CONTACT_N
 from ruffini.rig.log_file import ACTIVITY, MOTION, TouchRecord
+from ruffini.rig.program import HOLD_S
 from ruffini.rig.reference import Reading
 from ruffini.rig.stage import Place
 from ruffini.rig.stream_watch import StreamSample, Window
@@ -23,7 +24,8 @@ MIN_FRAMES, MIN_READINGS = 5, 3  # while it is held
 TWISTED = "condition"  # kind of touch that may have a moment and no force
 SEEN_PART = 0.1  # of the reference's force: a sensor that is yet to be calibrated sees more than that
 FREE_N = CONTACT_N / 2  # of the reference after the tip was lifted
-FIELDS_KEPT, REST_FIELDS_KEPT, IMAGES_KEPT = 4, 2, 4  # of a hold, of before it: they are all alike
+FIELDS_KEPT, IMAGES_KEPT = 4, 4  # of a hold: they are all alike
+REST_FIELDS_KEPT = 8  # of before it: 16 touches then tell the noise of the untouched pad
 MARKERS_KEPT = 40
 MOTIONS = 3  # ways of moving that are kept: as many as a force has axes
 
@@ -77,7 +79,7 @@ def faults_of(
     seen = arrays["stream_wrench"][is_held, :3].mean(axis=0) if is_held.any() else np.full(3, np.nan)
     is_measured = np.isfinite(seen)  # a skin measures what is out of it, z, alone
     seen_n, of_n = float(np.linalg.norm(seen[is_measured])), float(np.linalg.norm(pressed[is_measured]))
-    if seen_n < SEEN_PART * of_n:
+    if of_n > pressed_n / 2 and seen_n < SEEN_PART * of_n:  # what is left of a press sideways tells nothing
         found.append(f"the sensor saw {seen_n:.3f} N of {of_n:.3f} N: is it this pad that was pressed?")
     left_n = float(np.linalg.norm(np.nan_to_num(wrench[-1, :3])))
     if left_n > FREE_N:
@@ -135,12 +137,16 @@ def _contacts(window: Window) -> Arrays:
 
 
 def _kept(window: Window, facts: dict[str, Any]) -> Arrays:
-    """The dense results: a few of the hold, and a few of before the contact."""
+    """The dense results: a few of the hold, and a few of before the contact. Fields as a usual hold ends, however long
+    this one is: rubber forgets, and all touches are to have the same age."""
     held = {s.stream_s for s in window.frames if facts["held_host_s"] < s.host_s < facts["lifted_host_s"]}
     free = {s.stream_s for s in window.frames if s.host_s < facts["touched_host_s"]}
+    young = {s.stream_s for s in window.frames if s.stream_s in held and s.host_s < facts["held_host_s"] + HOLD_S}
     out: Arrays = {}
     for prefix, when, n in (("field", held, FIELDS_KEPT), ("rest_field", free, REST_FIELDS_KEPT)):
-        fields = [f for f in window.fields if f.stream_s in when][-n:]
+        all_of_it = [f for f in window.fields if f.stream_s in when]
+        fields = [f for f in all_of_it if f.stream_s in young][-n:] if prefix == "field" else all_of_it[-n:]
+        fields = fields if len(fields) == n else all_of_it[:n]
         if fields:
             out[f"{prefix}_s"] = np.array([f.stream_s for f in fields])
             out[f"{prefix}_displacement"] = np.array([f.displacement for f in fields], np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -28,6 +29,7 @@ __all__ = ["FULL_SCALE", "MAX_FORCE_N", "ORIGIN", "SIGMA", "Hanging", "PressedTw
 
 ORIGIN = Place(HOME_PLACE.x_m + 0.002, HOME_PLACE.y_m - 0.001, HOME_PLACE.z_m - 0.004)  # of the pad in the machine
 MAX_FORCE_N = 15.0
+LEAST_FRAME_S = 1e-4
 Load = Pose | Array | None  # the indenter there, a wrench on the connector, or nothing
 
 
@@ -69,16 +71,21 @@ def along_the_tool(unit: Unit, pose: Pose, wrench: Array) -> Array:
 
 
 class PressedTwin:
-    """Frames of a twin under a loader; keeps the true wrench of the newest, and tells who listens."""
+    """Frames of a twin under a loader; keeps the true wrench of the newest, and tells who listens.
+
+    A busy computer makes fewer frames than the camera has: the body gets older by the time that really went by.
+    """
 
     def __init__(self, unit: Unit, indenter: Indenter, loader: Loader) -> None:
         self.unit, self.loader = unit, loader
         self._rig, self._indenter, self._is_free = unit.rig(), indenter, True
         self.wrench = np.zeros(6)
+        self._last_s = time.monotonic()
         self.listeners: list[Callable[[int, Array], None]] = []  # told frame and wrench, when the camera has the frame
 
     def states(self, frame: int) -> States | None:
-        before = self._rig.displacement.copy()
+        before, now = self._rig.displacement.copy(), time.monotonic()
+        self._rig.frame_s, self._last_s = max(now - self._last_s, LEAST_FRAME_S), now
         load = self.loader.load(self.wrench)
         with contextlib.suppress(InputError):  # deeper than the body's model goes: it stays as it was
             self._take(load)

@@ -24,6 +24,9 @@ class Rig(Protocol):
     Forces act ON the body. What a method or property returns is of the present frame: copy what is to stay.
     """
 
+    frame_s: float
+    """How long a frame lasts: by so much a body with a memory gets older in it. The camera's period until it is set."""
+
     @property
     def displacement(self) -> Array:
         """Of the nodes that the renderer shows, (n, 3) metres."""

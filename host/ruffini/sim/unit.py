@@ -157,7 +157,7 @@ class FlatRig:
     """A flat pad under one indenter after the other (`rig.Rig`); it remembers them as long as its gel does."""
 
     def __init__(self, unit: TwinUnit) -> None:
-        self.unit = unit
+        self.unit, self.frame_s = unit, unit.frame_s
         self.solver: ContactSolver | None = None
         self._pad = unit.response()
         self._pose: Pose | None = None
@@ -178,7 +178,7 @@ class FlatRig:
         assert self.solver is not None
         if pose == self._pose and not self.unit.twin.pad.is_relaxing:
             return  # nothing moves
-        self.solver.advance(pose, self.unit.frame_s)
+        self.solver.advance(pose, self.frame_s)
         self._pose = pose
 
     def load(self, wrench: Array) -> None:
@@ -186,7 +186,7 @@ class FlatRig:
 
     def rest(self) -> None:
         self.solver = None
-        release(self._pad, self.unit.frame_s)
+        release(self._pad, self.frame_s)
 
     def wrench(self) -> Array:
         if self.solver is None:

@@ -117,6 +117,12 @@ def test_each_fault_of_a_touch_is_named():
     assert fault(lose("reference", 1.02, 1.99))[0].startswith("0 readings of the reference")
     assert fault(put("stream_wrench", np.s_[:, 2], -0.05))[0].startswith("the sensor saw 0.050 N of 1.000 N")
     assert fault(put("stream_wrench", np.s_[:], np.nan)) == []
+
+    def sideways(a):  # no colours yet: the markers tell the shear of a press, and hardly any
+        a["reference_wrench"][50:100, 0] = 0.07
+        a["stream_wrench"][:, 2] = np.nan
+
+    assert fault(sideways) == []
     assert fault(put("reference_wrench", np.s_[:, 2], 0.0)) == ["the reference saw only 0.000 N"]
     twist, facts = good()
     twist["reference_wrench"][:] = 0

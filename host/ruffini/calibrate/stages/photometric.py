@@ -23,6 +23,7 @@ from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage
 from ruffini.errors import InputError
 from ruffini.rig.log_file import Log, read_log
 
+PRESS = "press"  # kind of a touch that a stage makes
 ENOUGH = 12  # presses for a table of its own; with fewer a previous one is only scaled
 
 
@@ -97,7 +98,7 @@ def _write_presses(log: Log, folder: Path, number: int) -> int:
     n = 0
     for i, touch in enumerate(log.touches):
         image, facts = touch.arrays.get("image"), touch.facts
-        is_straight = not (facts.get("shear_x_m", 0) or facts.get("shear_y_m", 0))
+        is_straight = facts.get("kind", PRESS) == PRESS and not (facts.get("shear_x_m", 0) or facts.get("shear_y_m", 0))
         if image is None or len(image) < 2 or facts.get("image_step_px", 1) != 1 or not is_straight:
             continue
         _write(folder / f"reference_{number}_{i:04d}.png", image[0])

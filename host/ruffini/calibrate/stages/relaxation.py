@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ruffini.calibrate.relaxation import SHORTEST_S, RelaxationFit, RelaxationLog, fit_relaxation
+from ruffini.calibrate.relaxation import RelaxationFit, RelaxationLog, fit_relaxation
 from ruffini.calibrate.stages.job import HELD_S, Job, Outcome, Progress, Stage, left_after
+from ruffini.calibrate.touch_log import Series
 from ruffini.errors import InputError
 
 LEAST_HOLD_S = 2.0  # of one touch: shorter holds show the fast terms only, and put what is slow into E
@@ -18,9 +19,9 @@ def run(job: Job, progress: Progress) -> Outcome:
     if job.previous is not None and "relaxation" in job.previous.kinds:
         return keep(job)  # what the device said is compensated already
     series = [s for s in job.log().series if np.isfinite(s.device).all() and np.isfinite(s.reference).all()]
-    longest_s = max((float(np.ptp(s.time_s)) for s in series), default=0.0)
+    longest_s = max((held_s(s) for s in series), default=0.0)
     if longest_s < LEAST_HOLD_S:
-        return _without(job, f"no touch lasts {LEAST_HOLD_S:g} s: hold some for {SHORTEST_S:g} s and more to learn it")
+        return _without(job, f"no touch is held for {LEAST_HOLD_S:g} s: hold some for longer (--hold-s)")
     order = sorted(series, key=lambda s: float(s.time_s[0]))
     log = RelaxationLog(*(np.concatenate([getattr(s, n) for s in order]) for n in ("time_s", "device", "reference")))
     try:
@@ -34,6 +35,13 @@ def run(job: Job, progress: Progress) -> Outcome:
     terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
     return Outcome("fitted", f"of the force at once goes {terms}; RMS {1e3 * fit.rmse_before_n:.1f} -> "
                    f"{1e3 * fit.rmse_after_n:.1f} mN", fit.report())  # fmt: skip
+
+
+def held_s(series: Series) -> float:
+    """How long a touch has more than half of its largest force, s."""
+    force = np.linalg.norm(series.reference[:, :3], axis=1)
+    pressed = series.time_s[force > force.max() / 2]
+    return float(np.ptp(pressed)) if len(pressed) else 0.0
 
 
 def _rmse_of_factor(log: RelaxationLog) -> float:

@@ -100,7 +100,7 @@ class DomeRig:
     """A dome under one tool after the other (`rig.Rig`)."""
 
     def __init__(self, unit: DomeUnit) -> None:
-        self.unit = unit
+        self.unit, self.frame_s = unit, unit.frame_s
         relaxation = (unit.twin.dome or DomeSettings()).relaxation()
         self.sheet = unit.model.sheet()
         self.state = SheetState(self.sheet, unit.twin.unit.friction_1e3 * 1e-3, relaxation)
@@ -166,14 +166,14 @@ class DomeRig:
 
     def advance(self, pose: Pose) -> None:
         assert self._tool is not None
-        self.state.advance(self._tool, self.grip(self._tool.indenter, pose), self.unit.frame_s)
+        self.state.advance(self._tool, self.grip(self._tool.indenter, pose), self.frame_s)
 
     def load(self, wrench: Array) -> None:
         raise InputError(f"board {self.unit.board.name!r} has no platform that a connector could load: press its dome")
 
     def rest(self) -> None:
         self._tool = None
-        self.state.free(self.unit.frame_s)
+        self.state.free(self.frame_s)
 
     def wrench(self) -> Array:
         return self.state.wrench()

@@ -108,7 +108,7 @@ class PlatformRig(FlatRig):
 
     def advance(self, pose: Pose) -> None:
         assert self.solver is not None
-        self.solver.advance(pose, self._platform_unit.frame_s)
+        self.solver.advance(pose, self.frame_s)
         thickness_m = self.unit.model.thickness_m
         sunk = -float(self.displacement[:, 2].min())
         if sunk > MAX_STRAIN * thickness_m:
@@ -120,7 +120,7 @@ class PlatformRig(FlatRig):
     def load(self, wrench: Array) -> None:
         self.solver, self._load = None, np.array(wrench, dtype=float)
         tray = self._response.tray
-        tray.begin(self._platform_unit.frame_s)
+        tray.begin(self.frame_s)
         tray.load(self._load)
         tray.commit()
         sunk = float(np.abs(tray.shift[:3]).max())
@@ -131,7 +131,7 @@ class PlatformRig(FlatRig):
 
     def rest(self) -> None:
         self.solver, self._load = None, np.zeros(6)
-        release(self._response, self._platform_unit.frame_s)
+        release(self._response, self.frame_s)
 
     def wrench(self) -> Array:
         return super().wrench() if self.solver else self._load

@@ -136,7 +136,7 @@ class SkinRig:
     """A skin under one tool after the other (`rig.Rig`)."""
 
     def __init__(self, unit: SkinUnit) -> None:
-        self.unit = unit
+        self.unit, self.frame_s = unit, unit.frame_s
         self._panels: dict[int, _Panel] = {}
         self._indenter: Indenter | None = None
         self._probe: ToolContact | None = None
@@ -205,7 +205,7 @@ class SkinRig:
     def advance(self, pose: Pose, duration_s: float | None = None) -> None:
         """One frame, or a step of another duration."""
         assert self._indenter is not None
-        grip, step_s = self.grip(pose), self.unit.frame_s if duration_s is None else duration_s
+        grip, step_s = self.grip(pose), self.frame_s if duration_s is None else duration_s
         for number in range(self.unit.model.settings.n_panels):
             if self._is_near(grip, number):
                 if number not in self._panels:
@@ -240,7 +240,7 @@ class SkinRig:
 
     def rest(self) -> None:
         for number in list(self._panels):
-            self._leave_alone(number, self.unit.frame_s)
+            self._leave_alone(number, self.frame_s)
 
     def wrench(self) -> Array:
         return np.asarray(sum((panel.state.wrench() for panel in self._panels.values()), start=np.zeros(6)))
