@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ruffini.bench.fitted import colours_of
-from ruffini.boards import Board
+from ruffini.boards import Board, parse_board
 from ruffini.calibrate import container
 from ruffini.calibrate.fleet import Fleet, fit_fleet, predictors, unit_log
 from ruffini.calibrate.material import MaterialProblem
@@ -46,12 +46,19 @@ def record_fleet(board: Board, folder: Path, n_units: int, *, progress: Progress
     return paths
 
 
-def run(board: Board, folder: Path, n_units: int, *, progress: Progress = lambda _: None) -> dict[str, Any]:
-    """Record, fit with one worker and with two, and adapt each unit with a prior of the others."""
+def run(
+    board: Board, folder: Path, n_units: int, *, modulus: float = 1.0, progress: Progress = lambda _: None
+) -> dict[str, Any]:
+    """Record, fit with one worker and with two, and adapt each unit with a prior of the others.
+
+    modulus : factor on the board's own for the fits, as where a datasheet is wrong; the recordings stay.
+    """
     paths = record_fleet(board, folder, n_units, progress=lambda done: progress(0.5 * done))
     colours = folder / "colours.safetensors"
     if not colours.is_file():
         container.write(colours, container.pack(colours_of(board), container.base_metadata(board)))
+    mean, truth = board_prior(board).mean, [fleet_error(board, i + 1) for i in range(n_units)]
+    board = with_modulus(board, modulus)
     seconds, fleet = {}, None
     for n_workers in WORKERS:
         fleet = fit_fleet(paths, board, colours, n_workers=n_workers)
@@ -60,19 +67,24 @@ def run(board: Board, folder: Path, n_units: int, *, progress: Progress = lambda
     assert fleet is not None
     presses = adapted(board, fleet, paths, container.read(colours))
     progress(1.0)
-    truth = [fleet_error(board, i + 1) for i in range(n_units)]
-    prior = board_prior(board)
     off = np.array([
-        np.array(u.material) / (prior.mean * (t.modulus, t.poisson, t.thickness)) - 1
+        np.array(u.material) / (mean * (t.modulus, t.poisson, t.thickness)) - 1
         for u, t in zip(fleet.units, truth, strict=True) if u.material is not None
     ])  # fmt: skip
     report = fleet.report()
     return {
-        "board": board.name, "units": n_units, "touches": N_TOUCHES, "simulated": True, "seconds": seconds,
+        "board": board.name, "modulus": modulus, "units": n_units, "touches": N_TOUCHES, "simulated": True,
+        "seconds": seconds,
         "largest_n": max(u.largest_n for u in fleet.units), "presses": presses,
         "material_off_rms": np.sqrt(np.mean(off**2, axis=0)).tolist(),
         **{k: report[k] for k in REPORTED}, "gain_spread": _gain_spread(fleet),
     }  # fmt: skip
+
+
+def with_modulus(board: Board, factor: float) -> Board:
+    """A board whose file says another modulus."""
+    told = f"modulus_pa = {board.pad.modulus_pa}"
+    return parse_board(board.text.replace(told, f"modulus_pa = {round(board.pad.modulus_pa * factor)}"), board.name)
 
 
 def _gain_spread(fleet: Fleet) -> dict[str, float]:

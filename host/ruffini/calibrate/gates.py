@@ -101,7 +101,7 @@ def gates_of_stages(outcomes: dict[str, Outcome]) -> list[Gate]:
         for name, axis in wrench.report["axes"].items():
             if axis["full_scale"]:
                 part = axis["rmse"] / abs(axis["full_scale"])
-                gates.append(_at_most(f"wrench {name}", part, MAX_WRENCH_ERROR, "of full scale: RMS left out"))
+                gates.append(_part(f"wrench {name}", part, MAX_WRENCH_ERROR, "of full scale: RMS left out"))
     if skin is not None and "n_presses" in skin.report:
         gates += _of_skin(skin.report)
     return gates
@@ -112,14 +112,24 @@ def _of_skin(report: dict[str, Any]) -> list[Gate]:
     force, place = report["force_error_percent"] / 100, report["place_error_mm"] / report["pitch_mm"]
     return [
         _at_least("touches", report["n_presses"], MIN_PRESSES, "touches"),
-        _at_least("coverage", report["coverage"], MIN_COVERAGE, "of the skin's parts pressed"),
-        _at_most("skin force", force, MAX_SKIN_ERROR, "of the force: mean of presses left out, above 2 N"),
-        _at_most("skin place", place, MAX_SKIN_PLACE, "of the openings' distance: mean of presses left out"),
+        _covered(report["coverage"], "of the skin's parts"),
+        _part("skin force", force, MAX_SKIN_ERROR, "of the force: mean of presses left out, above 2 N"),
+        _part("skin place", place, MAX_SKIN_PLACE, "of the openings' distance: mean of presses left out"),
     ]
 
 
 def _at_most(name: str, value: float, limit: float, what: str) -> Gate:
     return Gate(name, bool(value <= limit), value, limit, f"{value:.3g} {what}, at most {limit:.3g}")
+
+
+def _part(name: str, value: float, limit: float, what: str) -> Gate:
+    """At most so large a part, said in per cent."""
+    return Gate(name, bool(value <= limit), value, limit, f"{100 * value:.2g} % {what}, at most {100 * limit:.3g} %")
+
+
+def _covered(value: float, what: str) -> Gate:
+    return Gate("coverage", bool(value >= MIN_COVERAGE), value, MIN_COVERAGE,
+                f"{100 * value:.0f} % {what} pressed, at least {100 * MIN_COVERAGE:.0f} %")  # fmt: skip
 
 
 def _at_least(name: str, value: float, limit: float, what: str) -> Gate:
@@ -156,7 +166,7 @@ def _of_log(board: Board, log: TouchLog, fit: MaterialFit | None) -> list[Gate]:
     gates = [_at_least("touches", log.n_touches, 1 if informed else MIN_PRESSES, "touches")]
     if not informed:
         covered = float((coverage(board, contact_places(board, log)) > 0).mean())
-        gates.append(_at_least("coverage", covered, MIN_COVERAGE, "of the pad's parts pressed"))
+        gates.append(_covered(covered, "of the pad's parts"))
     return gates
 
 
@@ -166,7 +176,7 @@ def gates_of_skin(rows: Array) -> list[Gate]:
     if not len(hard):
         return [Gate("on the board", None, None, None, f"no picture of the log is pressed with more than {HARD_N:g} N")]
     part = np.abs(hard[:, SAID] / hard[:, REFERENCE] - 1)
-    return [_at_most("on the board", float(part.mean()), MAX_SKIN_ERROR, "of the force: mean of the board's integers")]
+    return [_part("on the board", float(part.mean()), MAX_SKIN_ERROR, "of the force: mean of the board's integers")]
 
 
 def gates_of_reference(of_logs: list[dict[str, Any]]) -> list[Gate]:
@@ -180,22 +190,22 @@ def gates_of_reference(of_logs: list[dict[str, Any]]) -> list[Gate]:
 
 
 def _of_material(fit: MaterialFit) -> list[Gate]:
-    gates = [_at_most("interval of E", float(fit.interval[0] / fit.values[0]), MAX_INTERVAL, "of E, 95 %")]
+    gates = [_part("interval of E", float(fit.interval[0] / fit.values[0]), MAX_INTERVAL, "of E, 95 %")]
     if fit.n_touches < MIN_TOUCHES:
         return gates  # nothing to leave out: the prior's word counts
     figures = left_out_figures(fit)
     part = figures["force_p95_n"] / figures["largest_force_n"]
     return [
         *gates,
-        _at_most("error", part, MAX_ERROR, "of the largest force: 95th percentile of touches left out"),
-        _at_most("gain", abs(figures["gain"] - 1), MAX_GAIN_ERROR, "off in the size of forces left out"),
+        _part("error", part, MAX_ERROR, "of the largest force: 95th percentile of touches left out"),
+        _part("gain", abs(figures["gain"] - 1), MAX_GAIN_ERROR, "off in the size of forces left out"),
     ]
 
 
 def _of_forces(log: TouchLog, now: Judged, previous: Judged | None) -> list[Gate]:
     error = force_rmse_n(log, now.wrench)
     largest = float(np.nanmax(np.abs(log.wrench[:, :3])))
-    gates = [_at_most("on the board", error / largest, MAX_ERROR, "of the largest force: RMS of the board's integers")]
+    gates = [_part("on the board", error / largest, MAX_ERROR, "of the largest force: RMS of the board's integers")]
     if previous is not None:
         ratio = error / max(force_rmse_n(log, previous.wrench), 1e-9)
         gates.append(_at_most("against the previous", ratio, MAX_WORSE, "times the previous calibration's error"))

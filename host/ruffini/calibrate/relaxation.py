@@ -138,6 +138,13 @@ def fit_relaxation(log: RelaxationLog) -> RelaxationFit:
     return RelaxationFit(float(values[0]), terms, _rmse(log.elastic, log.reference), _rmse(after, log.reference))
 
 
+def lost_of(log: RelaxationLog, fit: RelaxationFit) -> Array:
+    """What of the elastic wrench has gone in each frame, sum g_k h_k, (t, 6)."""
+    touched = np.linalg.norm(log.elastic[:, :3], axis=1) > TOUCHED_N
+    parts, times = ([term[i] for term in fit.terms] for i in (0, 1))
+    return np.asarray(_lost(log, touched, times, parts) @ np.array(parts))
+
+
 def _rmse(wrench: Array, reference: Array) -> float:
     return float(np.sqrt(np.mean(np.sum((wrench - reference)[:, :3] ** 2, axis=1))))
 

@@ -197,6 +197,9 @@ def fleet(
     board: BoardOption,
     recordings: Annotated[Path, typer.Option("--recordings", help="Folder of the units' recordings; kept there.")],
     units: Annotated[int, typer.Option(min=6, help="Simulated units, each with a pad of its own.")] = 20,
+    modulus: Annotated[
+        float, typer.Option(min=0.3, max=3, help="Factor on the board's modulus: what a datasheet has wrong.")
+    ] = 1.0,
     json_: JsonFlag = False,
 ) -> None:
     """Units of a simulated fleet before and after `cal fleet`, few presses with the fleet's prior, and the time."""
@@ -204,5 +207,5 @@ def fleet(
     from ruffini.boards import find_board
 
     with progress_bar("fleet") as progress:
-        result = benchmark.run(find_board(board), recordings, units, progress=progress)
+        result = benchmark.run(find_board(board), recordings, units, modulus=modulus, progress=progress)
     emit(result, json_, benchmark.table(result))

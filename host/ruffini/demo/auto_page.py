@@ -11,6 +11,7 @@ from ruffini.errors import InputError
 
 STEPS = {"balls": "ball presses, for the colours", "fitted": "touches that it is fitted to",
          "judged": "judged touches, before and after"}  # fmt: skip
+LEAST_SHOWN_S = 3.0
 SHOWN = {
     "error": "error", "force_rmse_n": "force, N RMS", "force_worst_n": "worst touch, N", "largest_force_n": "up to, N",
     "place_mm": "place off by, mm", "untold": "touches not told", "touches": "touches",
@@ -41,7 +42,8 @@ def write_auto_page(path: Path, result: dict[str, Any]) -> None:
     page.table(
         ("", "touches"), [(text, result["presses"][key]) for key, text in STEPS.items() if result["presses"][key]]
     )
-    page.table(("step", "minutes"), [(name, s / 60) for name, s in result["seconds"].items()])
+    steps = [(name, f"{s / 60:.1f}") for name, s in result["seconds"].items() if s >= LEAST_SHOWN_S]
+    page.table(("step", "minutes"), steps)
     page.text(clock_text(result["clock"]))
     page.heading("Gates")
     words = {True: "ok", False: "FAILS", None: "not judged"}

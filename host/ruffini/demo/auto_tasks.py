@@ -236,7 +236,7 @@ WRENCH = Task(
     _wrench_left_out,
 )  # fmt: skip
 SKIN = Task(
-    "skin", "skin", "balls", Counts(0, 60, 20, 0), Counts(0, 14, 6, 0), 3.4, 0.0, 10.0, "% of a force above 2 N, mean",
+    "skin", "skin", "balls", Counts(0, 60, 20, 0), Counts(0, 24, 6, 0), 3.4, 0.0, 10.0, "% of a force above 2 N, mean",
     _all_round, _straight, _straight, _skin_word, _skin_figures, _skin_left_out,
 )  # fmt: skip
 TASKS = (FORCES, WRENCH, SKIN)

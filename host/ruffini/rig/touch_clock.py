@@ -17,7 +17,10 @@ from ruffini.rig.clock import MAX_OFFSET_S, ClockFit
 
 Array = npt.NDArray[np.float64]
 
+PERIODS = 2.0  # of the stream's frames: a slow camera may be later than MAX_OFFSET_S
 STEP_S, NEAR_S = 0.0025, 0.1  # of the shifts that are tried; of a touch's shift about that of all
+MAX_SIGMA_S = 0.02  # a frame's time of arrival is known as well
+ENDS = 0.25  # of the largest shift: so near to the reference's first and last readings nothing is compared
 MEMORY_S = 0.3
 RIDGE = 1e-7  # of the signals' largest square
 MIN_TOUCHES, MIN_FRAMES = 3, 20
@@ -42,10 +45,12 @@ def fit_touches(touches: list[Pressed]) -> ClockFit:
     Raises
     ------
     InputError
-        Too few touches in which the signals explain the reference.
+        Too few touches in which the signals explain the reference, or they disagree.
     """
     largest_n = max((float(np.nanmax(np.abs(t.wrench[:, :3]), initial=0.0)) for t in touches), default=0.0)
-    shifts = np.arange(-MAX_OFFSET_S, MAX_OFFSET_S + STEP_S / 2, STEP_S)
+    period_s = max((float(np.median(np.diff(t.stream_s))) for t in touches if len(t.stream_s) > 1), default=0.0)
+    reach_s = max(MAX_OFFSET_S, PERIODS * period_s)
+    shifts = np.arange(-reach_s, reach_s + STEP_S / 2, STEP_S)
     each = [(float(t.stream_s.mean()), _unexplained(t, shifts, largest_n)) for t in touches]
     rows = [(when_s, row) for when_s, row in each if row is not None]
     if len(rows) < MIN_TOUCHES:
@@ -58,16 +63,23 @@ def fit_touches(touches: list[Pressed]) -> ClockFit:
     if counts.sum() < MIN_TOUCHES or best in (0, len(shifts) - 1):
         raise InputError(
             f"the reference does not show what the stream shows ({counts.sum()} of {len(left)} touches, within "
-            f"+-{MAX_OFFSET_S:g} s): is it the same recording, and was it this sensor?"
+            f"+-{reach_s:.1f} s): is it the same recording, and was it this sensor?"
         )
     shift = np.array([_lowest(row, shifts, best) for row in left[counts]])
-    return _line(middle_s[counts], shift, float(np.sqrt(1 - np.median(left[counts, best]))))
+    fit = _line(middle_s[counts], shift, float(np.sqrt(1 - np.median(left[counts, best]))))
+    if fit.offset_sigma_s > MAX_SIGMA_S:
+        raise InputError(
+            f"the clocks are told to +-{1e3 * fit.offset_sigma_s:.0f} ms only (a frame each {1e3 * period_s:.0f} ms): "
+            "times of arrival are used instead; collect more touches, with a faster camera"
+        )
+    return fit
 
 
 def _unexplained(touch: Pressed, shifts: Array, largest_n: float) -> Array | None:
     """Part of the reference's variance that is left at each shift; None where the touch is too short."""
     time_s = touch.stream_s
-    inner = (time_s > touch.reference_s[0] + MAX_OFFSET_S / 4) & (time_s < touch.reference_s[-1] - MAX_OFFSET_S / 4)
+    margin_s = ENDS * float(shifts[-1])
+    inner = (time_s > touch.reference_s[0] + margin_s) & (time_s < touch.reference_s[-1] - margin_s)
     axis = _axis(touch.wrench, largest_n)
     if inner.sum() < MIN_FRAMES or axis is None:
         return None

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from ruffini.boards import find_board
+from ruffini.boards import find_board, parse_board
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.gates import gates_in
@@ -33,6 +33,9 @@ N_FRAMES = 60
 
 def test_each_board_has_the_task_of_its_estimator():
     assert [task_of(find_board(name)).name for name in ("gelslim", "ftouch", "eltac")] == ["forces", "wrench", "skin"]
+    text = (Path(__file__).parents[2] / "data" / "boards" / "good" / "depth-from-markers.toml").read_text()
+    by_markers = parse_board(text, "sample")
+    assert task_of(by_markers).name == "forces"
     with pytest.raises(InputError, match="'stereo-fingertip' has no estimator yet that `cal auto` could fit"):
         task_of(find_board("stereo-fingertip"))
 
