@@ -89,11 +89,12 @@ def _simulated(board: Board, task: Task, folder: Path, depth_m: float, shear_m: 
     span = task.span(board, depth_m, shear_m, reach_of(board))
     unit = build_unit(board, fleet_error(board, number))
     limits = limits_of(board, span, task.ball_mm)
+    is_hurried = unit.twin.shape.kind != "tube"  # simulated time, whatever else the computer does; a tube is too slow
 
     @contextlib.contextmanager
     def opened(program: str, calibration: CalibrationFile | None, seed: int) -> Iterator[Opened]:
         with contextlib.ExitStack() as stack:
-            options = TwinOptions(seed=seed, ball_mm=task.ball_mm)
+            options = TwinOptions(seed=seed, ball_mm=task.ball_mm, is_hurried=is_hurried)
             simulated, truth = open_simulated(stack, board, program, options, unit), Truth()
             simulated.twin.twin.listeners.append(truth.note)
             if calibration is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -11,6 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ruffini import host_clock
 from ruffini.errors import InputError
 from ruffini.rig.emulated_machine import HOME_PLACE, EmulatedMachine
 from ruffini.rig.emulated_references import FULL_SCALE, NO_MOUNT, SIGMA, EmulatedNetworkCell, Mount
@@ -73,18 +73,18 @@ def along_the_tool(unit: Unit, pose: Pose, wrench: Array) -> Array:
 class PressedTwin:
     """Frames of a twin under a loader; keeps the true wrench of the newest, and tells who listens.
 
-    A busy computer makes fewer frames than the camera has: the body gets older by the time that really went by.
+    A busy computer makes fewer frames than the camera has: the body gets older by the time that went by.
     """
 
     def __init__(self, unit: Unit, indenter: Indenter, loader: Loader) -> None:
         self.unit, self.loader = unit, loader
         self._rig, self._indenter, self._is_free = unit.rig(), indenter, True
         self.wrench = np.zeros(6)
-        self._last_s = time.monotonic()
+        self._last_s = host_clock.now()
         self.listeners: list[Callable[[int, Array], None]] = []  # told frame and wrench, when the camera has the frame
 
     def states(self, frame: int) -> States | None:
-        before, now = self._rig.displacement.copy(), time.monotonic()
+        before, now = self._rig.displacement.copy(), host_clock.now()
         self._rig.frame_s, self._last_s = max(now - self._last_s, LEAST_FRAME_S), now
         load = self.loader.load(self.wrench)
         with contextlib.suppress(InputError):  # deeper than the body's model goes: it stays as it was
