@@ -132,6 +132,7 @@ void Daemon::process(const FrameLease& lease) {
     if (ns > exchange_.stage_max_ns[i].load(std::memory_order_relaxed)) exchange_.stage_max_ns[i] = ns;
   }
   exchange_.flags = state.flags;
+  exchange_.skin_light_1e3 = static_cast<uint32_t>(state.skin.age_q12 * 1'000 / Taxels::kOne);
   exchange_.saturations = state.saturations.count;
   exchange_.frames_processed = n + 1;
 }

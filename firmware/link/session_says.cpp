@@ -22,6 +22,8 @@ static_assert(pb_membersize(ruffini_Temperature, place) > kMaxListedLength);
 
 namespace {
 
+constexpr uint32_t kAgedSkin1e3 = 250;  // off the calibration's light: what touches look like was learned with another
+
 bool write_schema(pb_ostream_t* stream, const pb_field_t* field, void* const*) {
   return pb_encode_tag_for_field(stream, field) && pb_encode_string(stream, kSchemaBytes, kSchemaSize);
 }
@@ -116,6 +118,9 @@ void Session::send_status(uint64_t now_us) {
   if (!active.is_present) m.health |= ruffini_HealthBit_HEALTH_UNCALIBRATED;
   if (active.is_present && active.signer.is_development_key) m.health |= ruffini_HealthBit_HEALTH_DEVELOPMENT_KEY;
   if ((exchange_.flags.load() & kFlagNoReference) != 0) m.health |= ruffini_HealthBit_HEALTH_NO_REFERENCE;
+  m.skin_light_1e3 = exchange_.skin_light_1e3.load();
+  const bool has_aged = m.skin_light_1e3 < 1'000 - kAgedSkin1e3 || m.skin_light_1e3 > 1'000 + kAgedSkin1e3;
+  if (m.skin_light_1e3 != 0 && has_aged) m.health |= ruffini_HealthBit_HEALTH_SKIN_AGED;
   if (decoder_.counters().bad_crc > 0) m.health |= ruffini_HealthBit_HEALTH_LINK_DEGRADED;
   m.development_key = active.is_present && active.signer.is_development_key;
   copy_bytes(m.calibration_sha256, active.sha256);

@@ -14,6 +14,7 @@
 
 #include "daemon.h"
 #include "support/dot_picture.h"
+#include "support/glowing_skin.h"
 #include "support/test_board.h"
 #include "support/test_calibration.h"
 
@@ -72,27 +73,51 @@ uint64_t watching_clock() {
   return clock_calls.fetch_add(1, std::memory_order_relaxed);
 }
 
-// Dots at rest, then moved and coloured: a contact that comes and goes.
-class DrawnCamera : public Camera {
- public:
-  explicit DrawnCamera(const BoardSettings& board) : n_rest_(static_cast<uint64_t>(board.n_rest_frames)) {
-    auto dots = test::nominal_dots(board);
-    rest_ = test::DotPicture{}.bgr(dots, 1);
-    for (test::Place& p : dots) p.x += 2;
-    pressed_ = test::DotPicture{}.bgr(dots, 2);
-    const int width = board.camera.width_px;
-    const int height = board.camera.height_px;
-    for (int y = 0; y < height; ++y) {
-      for (int x = 0; x < width; ++x) {
-        const int dx = x - width / 2;
-        const int dy = y - height / 2;
-        if (dx * dx + dy * dy > height * height / 16) continue;
-        uint8_t* pixel = &pressed_[static_cast<size_t>((y * width + x) * 3)];
-        pixel[0] = static_cast<uint8_t>(std::clamp(pixel[0] + dx, 0, 255));
-        pixel[1] = static_cast<uint8_t>(std::clamp(pixel[1] + dy, 0, 255));
-      }
+struct Scene {
+  BoardSettings board;
+  std::vector<uint8_t> calibration;
+  std::vector<uint8_t> rest;
+  std::vector<uint8_t> pressed;
+};
+
+// Dots at rest, then moved and coloured.
+Scene dots() {
+  Scene scene{.board = test::round_board(), .calibration = {}, .rest = {}, .pressed = {}};
+  scene.board.stages = known_stages();
+  scene.calibration = test::diagonal_calibration(scene.board);
+  auto dots = test::nominal_dots(scene.board);
+  scene.rest = test::DotPicture{}.bgr(dots, 1);
+  for (test::Place& p : dots) p.x += 2;
+  scene.pressed = test::DotPicture{}.bgr(dots, 2);
+  const int width = scene.board.camera.width_px;
+  const int height = scene.board.camera.height_px;
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const int dx = x - width / 2;
+      const int dy = y - height / 2;
+      if (dx * dx + dy * dy > height * height / 16) continue;
+      uint8_t* pixel = &scene.pressed[static_cast<size_t>((y * width + x) * 3)];
+      pixel[0] = static_cast<uint8_t>(std::clamp(pixel[0] + dx, 0, 255));
+      pixel[1] = static_cast<uint8_t>(std::clamp(pixel[1] + dy, 0, 255));
     }
   }
+  return scene;
+}
+
+// Openings that glow, two of them more where the skin is touched.
+Scene glow() {
+  const BoardSettings board = test::glowing_board();
+  return {.board = board,
+          .calibration = test::skin_calibration(board),
+          .rest = test::glowing_picture(board, {}, 0),
+          .pressed = test::glowing_picture(board, {20, 51}, 2)};
+}
+
+// A contact that comes and goes.
+class DrawnCamera : public Camera {
+ public:
+  explicit DrawnCamera(const Scene& scene)
+      : n_rest_(static_cast<uint64_t>(scene.board.n_rest_frames)), rest_(scene.rest), pressed_(scene.pressed) {}
   CaptureStatus capture(FramePool::Buffer& buffer) override {
     if (n_ == kFrames) return CaptureStatus::kEnd;
     buffer.pixels = n_ < n_rest_ || n_ / 4 % 2 == 0 ? rest_ : pressed_;
@@ -114,14 +139,15 @@ struct Outcome {
   uint64_t allocations = 0;
   size_t smallest_field = SIZE_MAX;
   size_t largest_field = 0;
+  size_t smallest_contacts = SIZE_MAX;
+  size_t largest_contacts = 0;
   std::array<uint64_t, kMessageTypes> messages{};
 };
 
 // Runs the daemon in lockstep with a host that reads everything.
-Outcome run_daemon(bool plants) {
-  BoardSettings board = test::round_board();
-  board.stages = known_stages();
-  auto file = CalibrationFile::load(test::diagonal_calibration(board));
+Outcome run_daemon(const Scene& scene, bool plants) {
+  const BoardSettings& board = scene.board;
+  auto file = CalibrationFile::load(scene.calibration);
   EXPECT_TRUE(file) << (file ? "" : file.error().message);
   auto path = FramePath::configure(board, file.value(), watching_clock);
   EXPECT_TRUE(path) << (path ? "" : path.error().message);
@@ -137,7 +163,7 @@ Outcome run_daemon(bool plants) {
   std::atomic<bool> stop{false};
   Outcome out;
   auto daemon = std::make_unique<Daemon>(
-      board, std::move(path).value(), std::make_unique<DrawnCamera>(board), std::move(port), calibrator, exchange,
+      board, std::move(path).value(), std::make_unique<DrawnCamera>(scene), std::move(port), calibrator, exchange,
       DeviceIdentity{.serial = "0000", .version = "test", .stream_flags = kSimulated, .is_lossless = true},
       DaemonOptions{.is_lockstep = true});
   std::thread reader([&] {
@@ -150,9 +176,14 @@ Outcome run_daemon(bool plants) {
         const auto frame = decoder.push(bytes[static_cast<size_t>(i)]);
         if (!frame || frame->header.fragment != 0) continue;
         ++out.messages[frame->header.type];
-        if (frame->header.type != ruffini_MessageType_MESSAGE_TYPE_FIELD) continue;
-        out.smallest_field = std::min(out.smallest_field, frame->payload.size());
-        out.largest_field = std::max(out.largest_field, frame->payload.size());
+        const size_t size = frame->payload.size();
+        if (frame->header.type == ruffini_MessageType_MESSAGE_TYPE_FIELD) {
+          out.smallest_field = std::min(out.smallest_field, size);
+          out.largest_field = std::max(out.largest_field, size);
+        } else if (frame->header.type == ruffini_MessageType_MESSAGE_TYPE_CONTACTS) {
+          out.smallest_contacts = std::min(out.smallest_contacts, size);
+          out.largest_contacts = std::max(out.largest_contacts, size);
+        }
       }
     }
   });
@@ -173,7 +204,7 @@ Outcome run_daemon(bool plants) {
 }
 
 TEST(FrameThread, AllocatesNothingInAThousandFramesWithEverythingSubscribed) {
-  const Outcome out = run_daemon(false);
+  const Outcome out = run_daemon(dots(), false);
   EXPECT_EQ(out.frames, kFrames);
   EXPECT_EQ(out.allocations, 0U);
   EXPECT_GT(out.largest_field, out.smallest_field + 50) << "no contact was seen: the second pass did not run";
@@ -184,7 +215,14 @@ TEST(FrameThread, AllocatesNothingInAThousandFramesWithEverythingSubscribed) {
   }
 }
 
-TEST(FrameThread, APlantedAllocationIsSeen) { EXPECT_EQ(run_daemon(true).allocations, 1U); }
+TEST(FrameThread, AllocatesNothingOnASkinWithTwoTouches) {
+  const Outcome out = run_daemon(glow(), false);
+  EXPECT_EQ(out.frames, kFrames);
+  EXPECT_EQ(out.allocations, 0U);
+  EXPECT_GT(out.largest_contacts, out.smallest_contacts + 50) << "no touch was seen";
+}
+
+TEST(FrameThread, APlantedAllocationIsSeen) { EXPECT_EQ(run_daemon(dots(), true).allocations, 1U); }
 
 }  // namespace
 }  // namespace ruffini

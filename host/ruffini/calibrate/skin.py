@@ -31,6 +31,7 @@ from ruffini.calibrate.skin_places import (
 from ruffini.calibrate.skin_presses import (
     TOUCHED_N,
     Press,
+    n_untouched,
     press_folders,
     read_presses,
     reference_of,
@@ -89,9 +90,9 @@ def read_points(path: Path) -> Array:
 
 
 def untouched(board: Board, folder: Path) -> Array:
-    """Mean of a press's frames before it touches, (h, w, 3) grey levels."""
+    """Mean of a press's untouched frames, (h, w, 3) grey levels."""
     _, force, _ = reference_of(folder, board)
-    n_rest = int(np.argmax(force > TOUCHED_N))
+    n_rest = n_untouched(folder, board, force)
     return np.asarray(np.mean(list(Frames(folder))[:n_rest], axis=0, dtype=np.float64))
 
 

@@ -124,12 +124,26 @@ def read_press(folder: Path, board: Board, openings: Openings) -> Press:
     frames = Frames(folder)
     if len(frames) != len(force):
         raise InputError(f"{folder}: {len(frames)} frames, but {len(force)} readings of the reference")
-    n_rest = int(np.argmax(force > TOUCHED_N))
-    if n_rest < 1:
-        raise InputError(f"{folder}: the first frame is pressed already: begin with untouched frames")
+    n_rest = n_untouched(folder, board, force)
     skin = skin_of(board)
     light = np.array([openings.light(weighted(picture, skin)) for picture in frames])
     return Press(folder.name, time_s, force, place, ratio_of(light, n_rest))
+
+
+def n_untouched(folder: Path, board: Board, force: Array) -> int:
+    """How many first frames of a press are its rest: as many as the sensor learns from, if that many come first.
+
+    Not all before TOUCHED_N: a skin glows long before a load cell tells a touch from its noise.
+
+    Raises
+    ------
+    InputError
+        None is untouched.
+    """
+    n_before = int(np.argmax(force > TOUCHED_N))
+    if n_before < 1:
+        raise InputError(f"{folder}: the first frame is pressed already: begin with untouched frames")
+    return min(n_before, board.pipeline.n_rest_frames)
 
 
 def ratio_of(light: Array, n_rest: int) -> Array:

@@ -232,6 +232,17 @@ TEST_F(SessionTest, HelloNamesEveryKindOfTheCalibrationInForce) {
   EXPECT_STREQ(info.kinds[2], "photometric");
 }
 
+TEST_F(SessionTest, StatusSaysHowFarASkinHasAged) {
+  EXPECT_EQ(status().skin_light_1e3, 0U) << "no skin, nothing to say";
+  EXPECT_FALSE(status().health & ruffini_HealthBit_HEALTH_SKIN_AGED);
+  for (const auto& [light_1e3, has_aged] : {std::pair<uint32_t, bool>{751, false}, {749, true}, {1'249, false}}) {
+    exchange_.skin_light_1e3 = light_1e3;
+    const ruffini_Status said = status();
+    EXPECT_EQ(said.skin_light_1e3, light_1e3);
+    EXPECT_EQ((said.health & ruffini_HealthBit_HEALTH_SKIN_AGED) != 0, has_aged) << light_1e3;
+  }
+}
+
 TEST_F(SessionTest, SubscriptionsReplaceEachOtherAndIgnoreTypesOfTheFuture) {
   ruffini_Command m = request(1, ruffini_Command_subscribe_tag);
   m.action.subscribe.subscriptions_count = 2;

@@ -26,7 +26,7 @@ class CalibrationBytes {
   CalibrationBytes& tensor(const std::string& name, const std::string& dtype, const std::vector<int>& shape,
                            const std::vector<T>& values) {
     std::string sizes;
-    for (const int n : shape) sizes += (sizes.empty() ? "" : ",") + std::to_string(n);
+    for (const int n : shape) sizes.append(sizes.empty() ? "" : ",").append(std::to_string(n));
     const size_t begin = data_.size();
     data_.resize(begin + values.size() * sizeof(T));
     if (!values.empty()) std::memcpy(data_.data() + begin, values.data(), values.size() * sizeof(T));
