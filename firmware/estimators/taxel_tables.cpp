@@ -11,7 +11,9 @@ namespace ruffini {
 namespace {
 
 constexpr int32_t kMaxPlaceUm = 1'000'000;
-constexpr int32_t kMaxGainQ16 = 1 << 20;
+constexpr int32_t kMinGainQ16 = 1 << 14;
+constexpr int32_t kMaxGainQ16 = 1 << 18;
+constexpr int64_t kMaxKinds = 64;
 constexpr int32_t kMaxSinkQ12 = 1 << 16;
 constexpr int32_t kMaxPress = 1 << 24;
 
@@ -70,6 +72,21 @@ Status load_curves(const Calibration& c, TaxelTables& t) {
   return Unit{};
 }
 
+// How many kinds of taxels there are.
+Result<int64_t> load_gain(const Calibration& c, TaxelTables& t) {
+  const Tensor* const gain = c.tensor("skin.gain");
+  constexpr int64_t kLeans = TaxelTables::kLeans;
+  if (gain == nullptr || gain->type != Tensor::Type::kI32 || gain->shape.size() != 4 || gain->shape[0] < 1 ||
+      gain->shape[0] > kMaxKinds || gain->shape[1] != int64_t{TaxelTables::kLoadsUn.size()} ||
+      gain->shape[2] != kLeans || gain->shape[3] != kLeans) {
+    return bad("gain is no table of 1 to 64 kinds, 6 loads and 9 by 9 leans");
+  }
+  const auto values = gain->as<int32_t>();
+  if (!is_within(values, kMinGainQ16, kMaxGainQ16)) return bad("gain is not within 1/4 to 4");
+  t.gain_q16.assign(values.begin(), values.end());
+  return int64_t{gain->shape[0]};
+}
+
 }  // namespace
 
 Result<TaxelTables> TaxelTables::load(const Calibration& c, const BoardSettings& board) {
@@ -83,31 +100,28 @@ Result<TaxelTables> TaxelTables::load(const Calibration& c, const BoardSettings&
   if (!curves) return curves.error();
   const auto place = c.tensor("skin.taxel_place", Tensor::Type::kI32, {n, 2});
   if (!place) return place.error();
-  const auto gain = c.tensor("skin.taxel_gain", Tensor::Type::kI32, {n});
-  if (!gain) return gain.error();
-  const auto bend = c.tensor("skin.bend", Tensor::Type::kI32, {kBends});
-  if (!bend) return bend.error();
+  const auto kind = c.tensor("skin.taxel_kind", Tensor::Type::kI16, {n});
+  if (!kind) return kind.error();
+  const auto n_kinds = load_gain(c, t);
+  if (!n_kinds) return n_kinds.error();
   const auto near = c.tensor("skin.taxel_near", Tensor::Type::kI16, {n, kNeighbours});
   if (!near) return near.error();
   const auto shift = c.tensor("skin.taxel_shift", Tensor::Type::kI32, {n, 2, kCoefficients});
   if (!shift) return shift.error();
   const auto places = place.value()->as<int32_t>();
-  const auto gains = gain.value()->as<int32_t>();
+  const auto kinds = kind.value()->as<int16_t>();
   const auto nears = near.value()->as<int16_t>();
   const auto shifts = shift.value()->as<int32_t>();
   if (!is_within(places, -kMaxPlaceUm, kMaxPlaceUm)) return bad("taxel_place leads beyond 1 m of skin");
-  if (!is_within(gains, 1, kMaxGainQ16)) return bad("taxel_gain is not within 0 to 16");
+  if (!is_within(kinds, 0, n_kinds.value() - 1)) return bad("taxel_kind names no kind of skin.gain");
   if (!is_within(nears, -1, n - 1)) return bad("taxel_near names no taxel");
   if (!is_within(shifts, -256 * kMaxPlaceUm, 256 * kMaxPlaceUm)) return bad("taxel_shift leads beyond 1 m of skin");
-  const auto bends = bend.value()->as<int32_t>();
-  if (!is_within(bends, -kMaxGainQ16, kMaxGainQ16)) return bad("bend is beyond 16");
-  std::copy(bends.begin(), bends.end(), t.bend_q16.begin());
   t.taxels.resize(static_cast<size_t>(n));
   for (size_t i = 0; i < t.taxels.size(); ++i) {
     Taxel& taxel = t.taxels[i];
     taxel.x_um = places[2 * i];
     taxel.y_um = places[2 * i + 1];
-    taxel.gain_q16 = gains[i];
+    taxel.kind = static_cast<size_t>(kinds[i]);
     std::copy_n(nears.begin() + static_cast<ptrdiff_t>(kNeighbours * i), kNeighbours, taxel.near.begin());
     for (size_t axis = 0; axis < 2; ++axis) {
       const auto from = shifts.begin() + static_cast<ptrdiff_t>(kCoefficients * (2 * i + axis));
@@ -131,6 +145,29 @@ int64_t TaxelTables::reach_q14(int64_t dx_um, int64_t dy_um) const {
   const int64_t top = at[0] * (reach_step_um - right) + at[1] * right;
   const int64_t bottom = at[reach_size.n_x] * (reach_step_um - right) + at[reach_size.n_x + 1] * right;
   return (top * (reach_step_um - below) + bottom * below) / (reach_step_um * reach_step_um);
+}
+
+int64_t TaxelTables::gain_of(size_t kind, int64_t elastic_un, const std::array<int64_t, 2>& lean_q12) const {
+  const int64_t load_un = std::clamp(elastic_un, kLoadsUn.front(), kLoadsUn.back());
+  size_t load = 0;
+  while (load + 2 < kLoadsUn.size() && load_un >= kLoadsUn[load + 1]) ++load;
+  const int64_t beyond_q12 = floor_div((load_un - kLoadsUn[load]) * 4096, kLoadsUn[load + 1] - kLoadsUn[load]);
+  std::array<size_t, 2> line{};
+  std::array<int64_t, 2> part{};  // Q12
+  for (size_t axis = 0; axis < 2; ++axis) {
+    const int64_t at = lean_q12[axis] * int64_t{kLeans - 1};
+    line[axis] = std::min<size_t>(static_cast<size_t>(at >> 12), kLeans - 2);
+    part[axis] = at - static_cast<int64_t>(line[axis] << 12);
+  }
+  std::array<int64_t, 2> gain{};
+  for (size_t i = 0; i < 2; ++i) {
+    const int32_t* const row =
+        gain_q16.data() + ((kind * kLoadsUn.size() + load + i) * kLeans + line[1]) * kLeans + line[0];
+    const int64_t here = row[0] * (4096 - part[0]) + row[1] * part[0];
+    const int64_t behind = row[kLeans] * (4096 - part[0]) + row[kLeans + 1] * part[0];
+    gain[i] = round_shift(here * (4096 - part[1]) + behind * part[1], 24);
+  }
+  return round_shift(gain[0] * (4096 - beyond_q12) + gain[1] * beyond_q12, 12);
 }
 
 }  // namespace ruffini

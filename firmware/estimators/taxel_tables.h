@@ -16,12 +16,14 @@ struct TaxelTables {
   static constexpr int kSize = 577;           // from -1 to 8 times the light at rest
   static constexpr size_t kNeighbours = 8;    // left, right, up, down, then the diagonals
   static constexpr size_t kCoefficients = 4;  // of a polynomial of the third degree
-  static constexpr size_t kBends = 5;         // of the gain between taxels
+  static constexpr size_t kLeans = 9;         // of the gain, over |q| along an axis: 0 to 1
+  static constexpr std::array<int64_t, 6> kLoadsUn = {500'000,   1'000'000, 2'000'000,  // of the gain, over the elastic
+                                                      4'000'000, 8'000'000, 16'000'000};  // force; held beyond
 
   struct Taxel {
     int64_t x_um = 0;
     int64_t y_um = 0;
-    int64_t gain_q16 = 0;                                       // of the force of touches on it
+    size_t kind = 0;                                            // whose gain it takes
     std::array<int16_t, kNeighbours> near{};                    // -1: none
     std::array<std::array<int64_t, kCoefficients>, 2> shift{};  // um Q8, of 1, q, q^2, q^3; along x and y
   };
@@ -30,12 +32,14 @@ struct TaxelTables {
 
   // Of a touch one unit strong, Q14, at this offset from it; 0 beyond the table.
   [[nodiscard]] int64_t reach_q14(int64_t dx_um, int64_t dy_um) const;
+  // What real force is over elastic force, of a touch that leans by |q| Q12 (taxel_touches.h), linear in all three.
+  [[nodiscard]] int64_t gain_of(size_t kind, int64_t elastic_un, const std::array<int64_t, 2>& lean_q12) const;
 
   std::vector<Taxel> taxels;
-  std::array<int64_t, kBends> bend_q16{};  // of E, q_x^2, q_y^2, E q_x^2, E q_y^2; E in 10 N
-  std::vector<int32_t> sink_q12;           // how far a taxel is pressed in, in any unit, over its ratio
-  std::vector<int32_t> press_lsb;          // its elastic force in force steps, over its ratio
-  std::vector<int16_t> reach;              // [y][x], by offset
+  std::vector<int32_t> gain_q16;   // of force: [kind][load][lean along y][lean along x]
+  std::vector<int32_t> sink_q12;   // how far a taxel is pressed in, in any unit, over its ratio
+  std::vector<int32_t> press_lsb;  // its elastic force in force steps, over its ratio
+  std::vector<int16_t> reach;      // [y][x], by offset
   GridSize reach_size;
   int64_t reach_step_um = 0;
   int64_t round_um = 0;  // way once round a tube, else 0

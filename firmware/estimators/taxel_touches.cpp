@@ -1,6 +1,7 @@
 #include "estimators/taxel_touches.h"
 
 #include <algorithm>
+#include <cstdlib>
 
 #include "solve/node_sigma.h"
 
@@ -8,9 +9,7 @@ namespace ruffini {
 namespace {
 
 constexpr int64_t kOneQ12 = 4096;
-constexpr int64_t kBendUn = 10'000'000;       // 10 N
-constexpr int64_t kMostBentUn = 100'000'000;  // the gain bends no further
-constexpr int64_t kLeastReachQ14 = 1 << 10;   // strength is not read off where a touch hardly reaches
+constexpr int64_t kLeastReachQ14 = 1 << 10;  // strength is not read off where a touch hardly reaches
 
 int64_t read_table(const std::vector<int32_t>& table, int64_t ratio_q12) {
   const int64_t at =
@@ -76,6 +75,20 @@ int64_t TaxelTouches::left(size_t taxel, const Touch* except) const {
   return sink;
 }
 
+// Whether a taxel stands out of its neighbours along both axes, as a finger makes it and a long touch's tail does not.
+bool TaxelTouches::is_peak(size_t taxel) const {
+  const auto& near = tables_.taxels[taxel].near;
+  for (const size_t axis : {size_t{0}, size_t{1}}) {
+    int64_t two = 0;  // sink of both neighbours; of the only one twice
+    for (const size_t side : {size_t{0}, size_t{1}}) {
+      const int16_t there = near[2 * axis + side] >= 0 ? near[2 * axis + side] : near[2 * axis + 1 - side];
+      if (there >= 0) two += sink_q12_[static_cast<size_t>(there)];
+    }
+    if ((2 * sink_q12_[taxel] - two) * kPeak < sink_q12_[taxel]) return false;
+  }
+  return true;
+}
+
 bool TaxelTouches::find_another() {
   if (n_touches_ == touch_.size() || (mode_ == SkinMode::kSingle && n_touches_ == 1)) return false;
   size_t best = 0;
@@ -90,6 +103,7 @@ bool TaxelTouches::find_another() {
       strongest = std::max(strongest, touch_[k].strength_q12 / (is_reached ? 1 : kBeyond));
     }
     if (unexplained * kOneQ12 < tables_.apart_q12 * strongest) continue;
+    if (n_touches_ > 0 && !is_peak(i)) continue;
     best = i;
     most = unexplained;
   }
@@ -157,14 +171,8 @@ void TaxelTouches::share_out() {
 
 int64_t TaxelTouches::force_un(const Touch& touch, int64_t elastic_lsb) const {
   const int64_t elastic_un = elastic_lsb * force_lsb_un_;
-  const int64_t e_q12 = floor_div(std::clamp(elastic_un, -kMostBentUn, kMostBentUn) * kOneQ12, kBendUn);
-  const auto& b = tables_.bend_q16;
-  int64_t gain = tables_.taxels[touch.taxel].gain_q16 + round_shift(b[0] * e_q12, 12);
-  for (size_t axis = 0; axis < 2; ++axis) {
-    const int64_t square = round_shift(touch.q_q12[axis] * touch.q_q12[axis], 12);
-    gain += round_shift((b[1 + axis] + round_shift(b[3 + axis] * e_q12, 12)) * square, 12);
-  }
-  return round_shift(elastic_un * std::clamp<int64_t>(gain, 1 << 14, 1 << 18), 16);
+  const std::array<int64_t, 2> lean = {std::abs(touch.q_q12[0]), std::abs(touch.q_q12[1])};
+  return round_shift(elastic_un * tables_.gain_of(tables_.taxels[touch.taxel].kind, elastic_un, lean), 16);
 }
 
 SkinTouch TaxelTouches::told(size_t k) const {

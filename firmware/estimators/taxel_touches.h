@@ -5,12 +5,13 @@
 //   touch k       strength s_k at place X_k: sinks a taxel at X by s_k reach(X - X_k)
 //   found         the taxel with the most sink that the touches so far do not explain is another touch, if that is more
 //                 than `apart` of its own sink and of the strength of each touch, or of a kBeyond-th of it where that
-//                 does not reach; then all are fitted again
+//                 does not reach, and if it stands out: 2 u_c - u_a - u_b over u_c / kPeak along both axes; then all
+//                 are fitted again
 //   place         on the taxel c that the others leave the most sink u on, with neighbours a, b along an axis:
 //                 q = (u_b - u_a) / (u_c - min(u_a, u_b)), or u_a / u_c of the only neighbour; shift = c's cubic in q
 //   strength      s = u_c / reach(X_c - X)
 //   force         E, the sum of press over the taxels, each shared out by what the touches sink it, times
-//                 gain_c + b0 E + (b1 + b3 E) q_x^2 + (b2 + b4 E) q_y^2, E in 10 N there; the factor is held to 1/4 to 4
+//                 the gain of c's kind at E, |q_x| and |q_y|
 //   sigma         of force: sqrt(constant^2 + (part force)^2); of place: constant + faint threshold / force
 //
 // Everything by tables of the calibration. Not in the paper. Frame thread; no allocation after load().
@@ -33,6 +34,7 @@ class TaxelTouches {
  public:
   static constexpr int kRounds = 3;  // of fitting all touches again
   static constexpr int64_t kBeyond = 3;
+  static constexpr int64_t kPeak = 6;
 
   [[nodiscard]] static Result<TaxelTouches> load(const Calibration& calibration, const BoardSettings& board);
 
@@ -58,6 +60,7 @@ class TaxelTouches {
   void read(std::span<const int32_t> ratio);
   [[nodiscard]] int64_t explained(size_t taxel, const Touch& touch) const;
   [[nodiscard]] int64_t left(size_t taxel, const Touch* except) const;
+  [[nodiscard]] bool is_peak(size_t taxel) const;
   [[nodiscard]] bool find_another();
   void fit(Touch& touch) const;
   [[nodiscard]] int64_t lean_q12(const TaxelTables::Taxel& taxel, const Touch& touch, size_t axis, int64_t here) const;

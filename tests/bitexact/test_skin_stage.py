@@ -69,9 +69,9 @@ def calibration(board: Board, text: str, rng: np.random.Generator) -> Calibratio
         "skin.sink": np.round(u * 4096).astype(np.int32),
         "skin.press": np.round(np.maximum(u, 0) ** 2 * 200_000).astype(np.int32),
         "skin.reach": np.round(reach * 16384).astype(np.int16), "skin.taxel_place": place.astype(np.int32),
-        "skin.taxel_gain": rng.integers(50_000, 80_000, n).astype(np.int32),
-        "skin.bend": rng.integers(-9_000, 9_000, 5).astype(np.int32), "skin.taxel_near": near.astype(np.int16),
-        "skin.taxel_shift": rng.integers(-90_000, 90_000, (n, 2, 4)).astype(np.int32),
+        "skin.gain": rng.integers(50_000, 80_000, (3, 6, 9, 9)).astype(np.int32),
+        "skin.taxel_kind": rng.integers(0, 3, n).astype(np.int16), "skin.taxel_near": near.astype(np.int16),
+        "skin.taxel_shift": (rng.integers(-30_000, 30_000, (n, 2, 4)) + [0, 150_000, 0, 0]).astype(np.int32),
         "relaxation.part": np.array([150_000, 90_000], np.int32), "relaxation.time_ms": np.array([80, 4000], np.int32),
     }  # fmt: skip
     numbers = {"taxels": n, "patches": 1, "runs": len(tensors["skin.run"]), "reach_step_um": 500,
@@ -171,7 +171,7 @@ def test_a_table_without_its_parts_is_refused() -> None:
 
     text = skin_text()
     file = calibration(read_board(text), text, np.random.default_rng(7))
-    for name in ("skin.bend", "skin.reach", "skin.light", "skin.taxel_near"):
+    for name in ("skin.gain", "skin.taxel_kind", "skin.reach", "skin.light", "skin.taxel_near"):
         tensors = {k: v for k, v in file.tensors.items() if k != name}
         with pytest.raises(InputError, match=name.replace(".", r"\.")):
             Pipeline(parse_board(text.encode(), "small"), pack(tensors, file.metadata).data)

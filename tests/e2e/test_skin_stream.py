@@ -12,8 +12,10 @@ from conftest import Sensor, start
 
 from ruffini.boards import find_board
 from ruffini.calibrate.skin import SkinFit, taxel_file
+from ruffini.calibrate.skin_gain import no_gain
 from ruffini.calibrate.skin_openings import TubeView, find_openings, lattice_mm
-from ruffini.calibrate.skin_places import REACH_SIZE, REACH_STEP_MM, PlaceFit
+from ruffini.calibrate.skin_places import PlaceFit
+from ruffini.calibrate.skin_reach import REACH_SIZE, REACH_STEP_MM
 from ruffini.calibrate.skin_response import ForceFit, layout_of
 from ruffini.device import Connection
 from ruffini.errors import NoDeviceError
@@ -49,8 +51,7 @@ def calibration() -> bytes:
     light = untouched[..., :2].sum(axis=-1, dtype=np.float64)
     openings = find_openings(BOARD, light, LENS.project(lattice_mm(BOARD)))
     layout = layout_of(BOARD, openings.places_mm)
-    none = np.zeros(4)
-    force = ForceFit(4.0, 0.5, 0.12, none, none, none, np.zeros(5))
+    force = ForceFit(4.0, 0.5, 0.12, np.zeros(4), no_gain())
     shift = np.zeros((openings.n_taxels, 2, 4))
     shift[:, :, 1] = 4.0
     x, y = np.meshgrid(*(np.arange(n) * REACH_STEP_MM for n in REACH_SIZE))

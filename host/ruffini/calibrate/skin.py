@@ -18,16 +18,7 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile, Tensors, base_metadata, pack
 from ruffini.calibrate.skin_openings import Openings, TubeView, find_openings, fit_view, lattice_mm
-from ruffini.calibrate.skin_places import (
-    APART_LEAST,
-    APART_MARGIN,
-    REACH_STEP_MM,
-    PlaceFit,
-    errors,
-    fit_places,
-    fit_reach,
-    unexplained,
-)
+from ruffini.calibrate.skin_places import PlaceFit, errors, fit_places
 from ruffini.calibrate.skin_presses import (
     TOUCHED_N,
     Press,
@@ -38,7 +29,8 @@ from ruffini.calibrate.skin_presses import (
     skin_of,
     weighted,
 )
-from ruffini.calibrate.skin_response import FLOOR, TIMES_S, ForceFit, Layout, fit_force, layout_of
+from ruffini.calibrate.skin_reach import APART_LEAST, APART_MARGIN, REACH_STEP_MM, fit_reach, unexplained
+from ruffini.calibrate.skin_response import FLOOR, TIMES_S, ForceFit, Layout, fit_force, gain_kinds, layout_of
 from ruffini.errors import InputError
 from ruffini.frames import Frames
 
@@ -187,7 +179,6 @@ def taxel_file(board: Board, fit: SkinFit) -> CalibrationFile:
     cubic = fit.places.shift_mm * 1e3 * 256
     markers = board.markers
     assert markers is not None
-    bend_q16 = np.round(fit.force.bend * 65536)
     tensors: Tensors = {
         "skin.run": fit.openings.runs,
         "skin.light": fit.light_q2,
@@ -195,8 +186,8 @@ def taxel_file(board: Board, fit: SkinFit) -> CalibrationFile:
         "skin.press": np.round(fit.force.press(u) / lsb_n).astype(np.int32),
         "skin.reach": np.round(fit.reach * 16384).astype(np.int16),
         "skin.taxel_place": np.round(fit.places.places_mm * 1e3).astype(np.int32),
-        "skin.taxel_gain": np.round(fit.force.taxel_gain(layout) * 65536).astype(np.int32),
-        "skin.bend": bend_q16.astype(np.int32),
+        "skin.taxel_kind": gain_kinds(layout).astype(np.int16),
+        "skin.gain": np.round(fit.force.gain.table * 65536).astype(np.int32),
         "skin.taxel_near": layout.near.astype(np.int16),
         "skin.taxel_shift": np.round(cubic).astype(np.int32),
         "relaxation.part": np.round(fit.force.parts * 2**20).astype(np.int32),

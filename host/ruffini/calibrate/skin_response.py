@@ -4,8 +4,7 @@ With u = ln(1 + ratio) of each taxel: by Beer and Lambert the way that its rubbe
 
     force    E = sum over taxels of (P(u) - sum_k g_k h_k),   tau_k dh_k/dt = P(u) - h_k,
              P(u) = p (c(a u + b) - c(b)), c the force of a pyramid (`skin_rubber`), b how far the skin's hug presses it
-    gain     F = E (gain of the taxel's column and row + E c_0 + (c_1 + E c_3) q_x^2 + (c_2 + E c_4) q_y^2): between
-             taxels what they stand in bears more, and the more so the harder the touch
+    gain     F = E gain(kind of the taxel, |q_x|, |q_y|, E): what the mask and the panel's edge bear (`skin_gain`)
     place    taxel + shift + turn + cubic(q) of its column's and of its row's kind; q by its neighbours
     reach    u at an offset from a touch over its strength: a table, the same all over the skin
 
@@ -14,13 +13,14 @@ Columns and rows that mirror each other in a panel are of one kind (board.toml [
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
 from ruffini.boards import Board
+from ruffini.calibrate.skin_gain import COLUMNS, Gain, fit_gain, no_gain
 from ruffini.calibrate.skin_presses import Press
 from ruffini.calibrate.skin_rubber import pyramid_force
 from ruffini.errors import InputError
@@ -33,8 +33,8 @@ START = (0.5, 0.1, 0.15, 0.15, 0.15, 0.15)  # a, b, g_k where the search begins:
 FLOOR = 0.02  # of u: below, a taxel is not touched
 FORCE_N = (1.5, 10.0)  # of presses that the force is fitted to
 SOFT_N = 7.0  # up to here the taxels bear nearly all
-ODD = 0.3  # relative error beyond which a frame is left out: a tool on a seam
-RIDGE = 0.004  # pulls kinds that few presses met towards the mean of all
+ODD = 0.3  # relative error beyond which a frame counts no more: a tool on a seam
+GAIN_N = (0.9, 11.0)  # of presses that the gain is fitted to
 PLACED_N = 0.8  # places are fitted above this load
 KINDS = 4  # of columns, and of rows
 SEARCH_ROUNDS = 300
@@ -112,17 +112,26 @@ def peaks(u: Array, layout: Layout) -> Peak:
     return Peak(taxel, np.clip(q, -1, 1), here)
 
 
+def rims(layout: Layout, axis: int) -> npt.NDArray[np.bool_]:
+    """Taxels (n,) without a neighbour on one side along an axis."""
+    return np.asarray((layout.near[:, 2 * axis] < 0) | (layout.near[:, 2 * axis + 1] < 0))
+
+
+def gain_kinds(layout: Layout) -> Numbers:
+    """Which gain touches on each taxel take, (n,); see `skin_gain`."""
+    at_rim = rims(layout, 0) | rims(layout, 1)
+    return np.asarray(np.minimum(layout.kind[:, 0], COLUMNS - 1) + COLUMNS * at_rim)
+
+
 @dataclass(frozen=True)
 class ForceFit:
-    """p (N), a, b, g (4,), gains of kinds of columns and rows, and c (5,), E counted in 10 N."""
+    """p (N), a, b, g (4,), and the gain."""
 
     scale: float
     sink: float
     hug: float
     parts: Array
-    gain_x: Array
-    gain_y: Array
-    bend: Array
+    gain: Gain
 
     def press(self, u: Array) -> Array:
         """P(u), N."""
@@ -135,20 +144,11 @@ class ForceFit:
         lost = [g * relaxed(total, time_s, tau) for g, tau in zip(self.parts, TIMES_S, strict=True)]
         return np.asarray(total - np.sum(lost, axis=0))
 
-    def taxel_gain(self, layout: Layout) -> Array:
-        return np.asarray(1 + self.gain_x[layout.kind[:, 0]] + self.gain_y[layout.kind[:, 1]])
-
     def force(self, press: Press, layout: Layout) -> Array:
         """Estimate of every frame of a press with one touch, (t,) N."""
         u = sinks(press)
         elastic, at = self.elastic(u, press.time_s), peaks(u, layout)
-        gain = self.taxel_gain(layout)[at.taxel] + _bends(elastic, at.q) @ self.bend
-        return np.asarray(elastic * np.clip(gain, 0.25, 4))
-
-
-def _bends(elastic: Array, q: Array) -> Array:
-    e = elastic[:, None] / 10
-    return np.concatenate([e, q**2, e * q**2], axis=1)
+        return np.asarray(elastic * self.gain.at(gain_kinds(layout)[at.taxel], elastic, at.q))
 
 
 def relaxed(load: Array, time_s: Array, tau: float) -> Array:
@@ -162,26 +162,27 @@ def relaxed(load: Array, time_s: Array, tau: float) -> Array:
 
 
 def fit_force(presses: list[Press], layout: Layout, like: ForceFit | None = None) -> ForceFit:
-    """The rubber by a simplex search over soft presses, then gains by linear least squares; relative errors.
+    """The rubber by a simplex search over soft presses away from the rims, then the gain; relative errors.
 
     like : where the search begins, and need not go on for long.
     """
     u_of, force = [sinks(p) for p in presses], np.concatenate([p.force_n for p in presses])
     at = [peaks(u, layout) for u in u_of]
-    kind, q = layout.kind[np.concatenate([a.taxel for a in at])], np.concatenate([a.q for a in at])
+    kind, q = gain_kinds(layout)[np.concatenate([a.taxel for a in at])], np.concatenate([a.q for a in at])
+    number = np.repeat(np.arange(len(presses)), [len(p.force_n) for p in presses])
     soft = (force > FORCE_N[0]) & (force < SOFT_N)
     if not soft.any():
         raise InputError(f"no press is between {FORCE_N[0]:g} and {SOFT_N:g} N: the skin's rubber cannot be fitted")
-
-    def made(v: Array) -> ForceFit:
-        none = np.zeros(KINDS)
-        fit = ForceFit(1.0, float(np.exp(v[0])), float(np.exp(v[1])), np.clip(v[2:], 0, 0.4), none, none, np.zeros(5))
-        part = np.concatenate([fit.elastic(u, p.time_s) for u, p in zip(u_of, presses, strict=True)])
-        scale = 1 / max(float(np.median(part[soft] / force[soft])), 1e-9)
-        return ForceFit(scale, fit.sink, fit.hug, fit.parts, none, none, fit.bend)
+    if (soft & (kind < COLUMNS)).any():  # a rim bears a part of its own
+        soft &= kind < COLUMNS
 
     def estimate(fit: ForceFit) -> Array:
         return np.concatenate([fit.elastic(u, p.time_s) for u, p in zip(u_of, presses, strict=True)])
+
+    def made(v: Array) -> ForceFit:
+        fit = ForceFit(1.0, float(np.exp(v[0])), float(np.exp(v[1])), np.clip(v[2:], 0, 0.4), no_gain())
+        part = estimate(fit)
+        return replace(fit, scale=1 / max(float(np.median(part[soft] / force[soft])), 1e-9))
 
     start = np.array([*np.log(START[:2]), *START[2:]])
 
@@ -195,16 +196,5 @@ def fit_force(presses: list[Press], layout: Layout, like: ForceFit | None = None
     best = minimize(wrong, begin, method="Nelder-Mead", options={"maxiter": rounds, "adaptive": True})
     fit = made(best.x)
     elastic = estimate(fit)
-    columns = np.concatenate([np.eye(KINDS)[kind[:, 0]], np.eye(KINDS)[kind[:, 1]], _bends(elastic, q)], axis=1)
-    used = (force > FORCE_N[0]) & (force < FORCE_N[1]) & (elastic > 0)
-    values = np.zeros(columns.shape[1])
-    for _ in range(3):
-        off = (elastic * (1 + columns @ values) - force) / np.maximum(force, 1e-3)
-        kept = used & (np.abs(off) < ODD)
-        part = elastic[kept] / force[kept]
-        a, b = columns[kept] * part[:, None], 1 - part
-        ridge = RIDGE * kept.sum() * np.eye(a.shape[1])
-        values = np.linalg.solve(a.T @ a + ridge, a.T @ b)
-    return ForceFit(
-        fit.scale, fit.sink, fit.hug, fit.parts, values[:KINDS], values[KINDS : 2 * KINDS], values[2 * KINDS :]
-    )
+    used = (force > GAIN_N[0]) & (force < GAIN_N[1]) & (elastic > 0)
+    return replace(fit, gain=fit_gain(kind[used], elastic[used], q[used], force[used], number[used]))

@@ -18,7 +18,7 @@ MAX_CHANGE = 1 << 15
 STEP, SIZE = 64, 577
 CURVE_STEP, CURVE_SIZE = 16, 513
 ROUNDS, BEYOND, MOST, LEAST_REACH = 3, 3, 8, 1 << 10
-BEND_UN, MOST_BENT_UN = 10_000_000, 100_000_000
+LOADS_UN, LEANS, PEAK = [500_000 << k for k in range(6)], 9, 6
 Tensors = dict[str, npt.NDArray[np.generic]]
 Numbers = dict[str, str]
 
@@ -143,6 +143,15 @@ class TaxelTouches:
         touch.x, touch.y = x, y
         touch.strength = max(here * 16384 // max(self.reach(*shift), LEAST_REACH), 0)
 
+    def is_peak(self, i: int) -> bool:
+        for axis in (0, 1):
+            pair = [int(n) for n in self.t["taxel_near"][i, 2 * axis : 2 * axis + 2]]
+            there = [n for n in pair if n >= 0]
+            two = sum(self.sink[n] for n in there) * 2 // len(there) if there else 0
+            if (2 * self.sink[i] - two) * PEAK < self.sink[i]:
+                return False
+        return True
+
     def find_another(self) -> bool:
         if len(self.touches) == MOST or (self.is_single and self.touches):
             return False
@@ -152,6 +161,8 @@ class TaxelTouches:
             if sink <= most or unexplained <= most:
                 continue
             parts = [t.strength if self.explained(i, t) > 0 else t.strength // BEYOND for t in self.touches]
+            if self.touches and not self.is_peak(i):
+                continue
             if unexplained * ONE >= self.n["apart_q12"] * max([sink, *parts]):
                 best, most = i, unexplained
         if most < self.n["floor_q12"]:
@@ -162,12 +173,19 @@ class TaxelTouches:
 
     def force(self, touch: Touch, elastic_lsb: int) -> int:
         elastic = elastic_lsb * self.lsb
-        e = min(max(elastic, -MOST_BENT_UN), MOST_BENT_UN) * ONE // BEND_UN
-        b = [int(v) for v in self.t["bend"]]
-        gain = int(self.t["taxel_gain"][touch.taxel]) + shifted(b[0] * e, 12)
-        for axis, q in enumerate(touch.q):
-            gain += shifted((b[1 + axis] + shifted(b[3 + axis] * e, 12)) * shifted(q * q, 12), 12)
-        return shifted(elastic * min(max(gain, 1 << 14), 1 << 18), 16)
+        load = min(max(elastic, LOADS_UN[0]), LOADS_UN[-1])
+        k = max(i for i in range(len(LOADS_UN) - 1) if load >= LOADS_UN[i])
+        beyond = (load - LOADS_UN[k]) * ONE // (LOADS_UN[k + 1] - LOADS_UN[k])
+        (column, right), (row, below) = (
+            (min(at >> 12, LEANS - 2), at) for at in (abs(q) * (LEANS - 1) for q in touch.q)
+        )
+        right, below = right - column * ONE, below - row * ONE
+        table = self.t["gain"][int(self.t["taxel_kind"][touch.taxel])]
+        gain = []
+        for corner in table[k : k + 2, row : row + 2, column : column + 2].tolist():
+            along = [a * (ONE - right) + b * right for a, b in corner]
+            gain.append(shifted(along[0] * (ONE - below) + along[1] * below, 24))
+        return shifted(elastic * shifted(gain[0] * (ONE - beyond) + gain[1] * beyond, 12), 16)
 
     def run(self, ratio: list[int], capture_us: int, saturations: Saturations) -> list[tuple[int, int, int]]:
         self.sink = [self.read(self.t["sink"], r) for r in ratio]

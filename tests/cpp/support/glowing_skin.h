@@ -101,13 +101,13 @@ inline std::vector<uint8_t> skin_calibration(const BoardSettings& board) {
       .tensor("skin.sink", "I32", {577}, sink)
       .tensor("skin.press", "I32", {577}, press)
       .tensor("skin.taxel_place", "I32", {n, 2}, places)
-      .tensor("skin.taxel_gain", "I32", {n}, filled(1, 65'536))
-      .tensor("skin.bend", "I32", {5}, std::vector<int32_t>(5, 1'000))
+      .tensor("skin.gain", "I32", {1, 6, 9, 9}, std::vector<int32_t>(size_t{6} * 9 * 9, 65'536))
       .tensor("skin.taxel_shift", "I32", {n, 2, 4}, filled(8, 20'000))
       .tensor("relaxation.part", "I32", {2}, std::vector<int32_t>{150'000, 90'000})
       .tensor("relaxation.time_ms", "I32", {2}, std::vector<int32_t>{80, 4'000})
       .tensor("skin.reach", "I16", {20, 20}, reach)
       .tensor("skin.taxel_near", "I16", {n, 8}, near)
+      .tensor("skin.taxel_kind", "I16", {n}, std::vector<int16_t>(static_cast<size_t>(n)))
       .bytes();
 }
 

@@ -8,8 +8,9 @@ import pytest
 
 from ruffini.boards import find_board
 from ruffini.calibrate.skin_openings import TubeView, find_openings, fit_view, lattice_mm
-from ruffini.calibrate.skin_places import errors, fit_places, fit_reach, unexplained
+from ruffini.calibrate.skin_places import errors, fit_places
 from ruffini.calibrate.skin_presses import Press, inward, out_of
+from ruffini.calibrate.skin_reach import fit_reach, unexplained
 from ruffini.calibrate.skin_response import TIMES_S, Layout, fit_force, layout_of, relaxed
 from ruffini.calibrate.skin_rubber import pyramid_force
 from ruffini.errors import InputError

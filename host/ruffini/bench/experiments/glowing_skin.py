@@ -42,6 +42,7 @@ WRONG_SIGMAS, WRONG_PART = 5.0, 0.05  # an error beyond both without a flag must
 FULL_SCALE_N = LARGEST_N
 LEVELS_N = np.arange(2.0, LARGEST_N, 0.5)  # where loading and unloading are compared
 FELT_N = 0.8  # a touch must be told above this load
+PANEL_MM = 42.9  # middle of the panels, which tools touch in the twin
 RESOLVED_MM = 5.0  # a finger counts as found within this of its place: a third of the distance
 PAPER_PLACE_MM = {"1": 6.22, "2": 6.47, "3": 6.37, "4": 6.90, "5": 7.19}
 PAPER_FORCE = {10: (10.6, 8.2), 5: (10.2, 7.7), 3: (9.3, 7.6), 1: (11.7, 7.8)}  # Table I: mean, standard deviation
@@ -299,21 +300,24 @@ def _two_fingers(played: list[Played]) -> dict[str, float]:
     rows: dict[str, float] = {}
     for name in sorted({p.name for p in played if p.name.startswith("judge_two")}):
         told = [
-            max(away(found, place) for place in _fingers(p)) < RESOLVED_MM and len(found) == 2
+            max(away(found, place) for place in fingers(p, way)) < RESOLVED_MM and len(found) == 2
             for p in played
             if p.name == name
-            for found, load in zip(p.touches, p.load, strict=True)
+            for found, load, way in zip(p.touches, p.load, p.way, strict=True)
             if load > 2.0
         ]
         rows[name.removeprefix("judge_two_")] = float(np.mean(told))
     return rows
 
 
-def _fingers(p: Played) -> list[Array]:
+def fingers(p: Played, way_m: float) -> list[Array]:
+    """Where two balls on one holder touch the tube, on its chart: on the way from its axis to each ball's middle."""
     second = getattr(p.recorded.run.settings, "second", None)
     assert second is not None
     turn, half = second.turn_mrad * 1e-3, second.distance_um * 5e-4
-    step = half * np.array([np.cos(turn), np.sin(turn)])
+    aside, along = half * np.cos(turn), half * np.sin(turn)
+    first_touch = np.sqrt((PANEL_MM + second.radius_um * 1e-3) ** 2 - aside**2)
+    step = np.array([TUBE_MM * np.arctan2(aside, first_touch - way_m * 1e3), along])
     return [p.place - step, p.place + step]
 
 
