@@ -71,7 +71,7 @@ def calibration(board: Board, text: str, rng: np.random.Generator) -> Calibratio
         "skin.reach": np.round(reach * 16384).astype(np.int16), "skin.taxel_place": place.astype(np.int32),
         "skin.gain": rng.integers(50_000, 80_000, (3, 6, 9, 9)).astype(np.int32),
         "skin.taxel_kind": rng.integers(0, 3, n).astype(np.int16), "skin.taxel_near": near.astype(np.int16),
-        "skin.taxel_shift": (rng.integers(-30_000, 30_000, (n, 2, 4)) + [0, 150_000, 0, 0]).astype(np.int32),
+        "skin.taxel_shift": np.add(rng.integers(-30_000, 30_000, (n, 2, 4)), [0, 150_000, 0, 0]).astype(np.int32),
         "relaxation.part": np.array([150_000, 90_000], np.int32), "relaxation.time_ms": np.array([80, 4000], np.int32),
     }  # fmt: skip
     numbers = {"taxels": n, "patches": 1, "runs": len(tensors["skin.run"]), "reach_step_um": 500,

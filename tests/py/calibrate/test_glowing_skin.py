@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from ruffini.boards import find_board
+from ruffini.calibrate.skin_gain import fit_gain, no_gain
 from ruffini.calibrate.skin_openings import TubeView, find_openings, fit_view, lattice_mm
 from ruffini.calibrate.skin_places import errors, fit_places
 from ruffini.calibrate.skin_presses import Press, inward, out_of
-from ruffini.calibrate.skin_reach import fit_reach, unexplained
+from ruffini.calibrate.skin_reach import fit_reach, stands_out, unexplained
 from ruffini.calibrate.skin_response import TIMES_S, Layout, fit_force, layout_of, relaxed
 from ruffini.calibrate.skin_rubber import pyramid_force
 from ruffini.errors import InputError
@@ -86,3 +89,30 @@ def test_force_into_a_curved_skin() -> None:
     out = out_of(skin, np.array([np.pi * 20, 3.0]))  # a quarter round
     assert np.allclose(out, [0, 1, 0], atol=1e-9)
     assert np.allclose(inward(skin, np.array([[0, -2.0, 0, 0, 0, 0]]), np.array([np.pi * 20, 3.0])), 2.0)
+
+
+def test_a_gain_that_changes_with_place_load_and_rim_is_found() -> None:
+    rng = np.random.default_rng(3)
+    n = 600
+    kind, q = rng.integers(0, 6, n), rng.uniform(-1, 1, (n, 2))
+    elastic = np.exp(rng.uniform(np.log(0.5), np.log(12), n))
+
+    def true(kind: npt.NDArray[np.int64], elastic: npt.NDArray[np.float64], q: npt.NDArray[np.float64]) -> Any:
+        return np.where(kind < 3, 1 + 0.2 * q[:, 0] ** 2, 0.8 + 0.3 * np.abs(q[:, 1])) * (1 + 0.01 * elastic)
+
+    press = np.arange(n) // 6
+    force = elastic * true(kind, elastic, q) * np.exp(rng.normal(0, 0.02, n))
+    gain = fit_gain(kind, elastic, q, force, press)
+    kind, q, elastic = rng.integers(0, 6, 300), rng.uniform(-0.9, 0.9, (300, 2)), rng.uniform(0.6, 10, 300)
+    off = gain.at(kind, elastic, q) / true(kind, elastic, q) - 1
+    assert np.abs(off).mean() < 0.02
+    assert np.abs(no_gain().at(kind, elastic, q) / true(kind, elastic, q) - 1).mean() > 0.08
+
+
+def test_a_tail_does_not_stand_out_and_a_finger_does() -> None:
+    layout = layout_of(BOARD, lattice_mm(BOARD))
+    off = np.abs(layout.away(np.array([15.7, -5.0])))
+    u = np.exp(-off[:, 0] / 8) * np.exp(-off[:, 1] / 60)
+    peak, tail = int(off.sum(axis=1).argmin()), int(np.abs(off - [0, 30]).sum(axis=1).argmin())
+    assert stands_out(u, layout)[peak]
+    assert not stands_out(u, layout)[tail]
