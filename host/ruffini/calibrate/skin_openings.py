@@ -74,7 +74,10 @@ def fit_view(board: Board, points: Array) -> TubeView:
     """
     skin = board.skin
     if skin is None or skin.shape != "tube":
-        raise InputError(f"board {board.name!r} is no tube: known points are only needed for one")
+        shape = "without a glowing skin" if skin is None else f"a {skin.shape}"
+        raise InputError(
+            f"board {board.name!r} is {shape}, but known points say heights along a tube: `cal skin` fits tubes alone"
+        )
     if len(points) < 8 or not np.isfinite(points).all():
         raise InputError(f"{len(points)} known points: give eight at least, x, y in pixels and the height in mm")
     cx, cy = board.camera.center_x_mpx * 1e-3, board.camera.center_y_mpx * 1e-3

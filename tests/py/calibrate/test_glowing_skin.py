@@ -48,6 +48,11 @@ def test_a_lens_is_found_from_points() -> None:
     assert np.abs(found.unproject(found.project(place)) - place).max() < 1e-3
     with pytest.raises(InputError, match="known points"):
         fit_view(BOARD, points[:5])
+    for shape in ("plane", "dome"):
+        assert BOARD.skin is not None
+        other = BOARD.model_copy(update={"skin": BOARD.skin.model_copy(update={"shape": shape})})
+        with pytest.raises(InputError, match=f"is a {shape}, but known points say heights along a tube"):
+            fit_view(other, points)
 
 
 def test_openings_are_found_and_those_in_the_wrong_place_refused() -> None:
