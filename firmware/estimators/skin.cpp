@@ -35,7 +35,7 @@ void Skin::learn(std::span<const uint16_t> rest) {
 
 void Skin::judge_light() {
   frame_.light_q12 = taxels_->light_q12();
-  frame_.is_dark = taxels_->n_dark() >= kDarkTaxels || 2 * frame_.light_q12 < -Taxels::kOne;
+  frame_.is_dark = taxels_->n_dark() > 0 || 2 * frame_.light_q12 < -Taxels::kOne;
   frame_.is_light_off = frame_.light_q12 > kLightOffQ12 || frame_.light_q12 < -kLightOffQ12 ||
                         taxels_->stray_q6() > touches_->tables().stray_limit_q6;
 }

@@ -6,7 +6,7 @@
 //   who is who and the mean over frames (estimators/skin_track.h)
 //
 // Without a calibration touches are seen but have neither place nor force. A frame is dark where half a panel's worth
-// of light is missing on kDarkTaxels taxels, and its light is off where light comes in from outside or all of the skin
+// of light is missing on a taxel, and its light is off where light comes in from outside or all of the skin
 // is kLightOff brighter or darker than at rest. Frame thread; no allocation after load().
 #pragma once
 
@@ -37,7 +37,6 @@ struct SkinFrame {
 
 class Skin {
  public:
-  static constexpr int kDarkTaxels = 2;
   static constexpr int64_t kLightOffQ12 = 1024;  // a quarter
 
   [[nodiscard]] static Result<Skin> load(const BoardSettings& board, const Calibration* calibration);

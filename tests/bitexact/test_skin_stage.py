@@ -159,7 +159,9 @@ def test_covered_dead_and_lit_from_outside_is_flagged_at_once_and_good_frames_ar
         dead = picture(rng, [(3.0, 2.0, 1.0)])
         dead[:, 14 : 14 + 3 * 16] = 0  # three columns of openings
         lit = np.clip(picture(rng, []).astype(int) + 8, 0, 255).astype(np.uint8)
-        for bad, flag in ((np.zeros_like(dead), DARK), (dead, DARK), (lit, LIGHT)):
+        one = picture(rng, [])
+        one[4:11, 14:24] = 0  # a single opening
+        for bad, flag in ((np.zeros_like(dead), DARK), (dead, DARK), (one, DARK), (lit, LIGHT)):
             frame = core.process(bad)
             assert frame.flags & flag
             assert frame.force_z_validity == INVALID
