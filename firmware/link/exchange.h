@@ -28,7 +28,7 @@ struct Exchange {
   std::atomic<uint64_t> saturations{0};
   std::atomic<uint64_t> telemetry_dropped{0};
   std::atomic<uint32_t> flags{0};
-  std::atomic<uint32_t> skin_light_1e3{0};  // at rest, over the calibration's; 0: not known
+  std::atomic<uint32_t> skin_light_1e3{0};                        // at rest, over the calibration's; 0: not known
   std::array<std::atomic<uint64_t>, kStageCount> stage_sum_ns{};  // since the last status
   std::array<std::atomic<uint64_t>, kStageCount> stage_max_ns{};
   // Written by the capture thread.
