@@ -24,6 +24,12 @@ class Clock(Protocol):
     def has_seen(self, frame: int) -> None:
         """The host has read this frame of the sensor's stream."""
 
+    def has_spoken(self) -> None:
+        """A simulated reference has spoken just now."""
+
+    def has_heard(self, reading_s: float) -> None:
+        """The host has read what a reference said, until this time."""
+
 
 class RealTime:
     """The host's own clock: `time.monotonic`."""
@@ -36,6 +42,12 @@ class RealTime:
 
     def has_seen(self, frame: int) -> None:
         """Real time waits for nobody."""
+
+    def has_spoken(self) -> None:
+        """Nor here."""
+
+    def has_heard(self, reading_s: float) -> None:
+        """Nor here."""
 
 
 _lent: list[Clock] = [RealTime()]  # the last one counts
@@ -64,3 +76,13 @@ def sleep(duration_s: float) -> None:
 def has_seen(frame: int) -> None:
     """Tell the clock that counts how far the host has read the stream."""
     _lent[-1].has_seen(frame)
+
+
+def has_spoken() -> None:
+    """Tell the clock that counts that a simulated reference spoke."""
+    _lent[-1].has_spoken()
+
+
+def has_heard(reading_s: float) -> None:
+    """Tell the clock that counts how far the host has read the reference."""
+    _lent[-1].has_heard(reading_s)

@@ -82,6 +82,8 @@ class EmulatedNetworkCell:
 
     def measure(self, frame: int, wrench: Array) -> None:
         """This is the pad's wrench now. Any thread."""
+        if self._peer is not None and self.is_plugged and not self.delay_s:
+            host_clock.has_spoken()
         self._told.put((host_clock.now() + self.delay_s, wrench.copy()))
 
     def _run(self) -> None:
@@ -171,6 +173,7 @@ class EmulatedTextCell:
         pressed_n = -float(wrench[2]) + self._noise_n * self._rng.normal()
         with contextlib.suppress(OSError):  # nobody reads, or the cable was pulled
             os.write(self._board, f"{pressed_n * self._per_newton:.4f} {self._unit}\r\n".encode())
+            host_clock.has_spoken()
 
 
 class EmulatedLogger:

@@ -1,8 +1,8 @@
 """Simulated time: as fast as a twin's frames can be made and read, and no faster.
 
-Each frame that is made takes one period of the camera; the next is made when the host has read the one before. So a
-bench sees the same on a fast computer, on a slow one, and on one that is busy. Where no frame is made, since no camera
-wants one or the camera stands still, time goes on at its real pace.
+Each frame that is made takes one period of the camera; the next is made when the host has read the one before, and what
+the reference said of it. So a bench sees the same on a fast computer, on a slow one, and on one that is busy. Where no
+frame is made, since no camera wants one or the camera stands still, time goes on at its real pace.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ from __future__ import annotations
 import threading
 import time
 
-PATIENCE_S = 0.1  # real: a host that does not read, since it has not subscribed yet, is waited for so long
-GRACE_S = 0.3  # real: longer without a frame, and time goes on without
+FIRST_S = 0.05  # real: so long a host is waited for that has not subscribed yet
+PATIENCE_S = 0.5  # real: and so long one that reads
+GRACE_S = 0.8  # real: longer without a frame, and time goes on without
 
 
 class FrameClock:
@@ -21,6 +22,7 @@ class FrameClock:
         self._period_s = period_s
         self._changed = threading.Condition()
         self._frame, self._seen = 0, 0
+        self._spoken_s, self._heard_s = -1.0, -1.0
         self._made_s = time.monotonic()
 
     def now(self) -> float:
@@ -41,11 +43,23 @@ class FrameClock:
             self._seen = max(self._seen, frame)
             self._changed.notify_all()
 
-    def next_frame(self) -> int:
-        """Waits until the host has read the frame before; time is that of the frame with this number from now on."""
+    def has_spoken(self) -> None:
         with self._changed:
-            self._changed.wait_for(lambda: self._seen >= self._frame, PATIENCE_S)
+            self._spoken_s = self._now()
+
+    def has_heard(self, reading_s: float) -> None:
+        with self._changed:
+            self._heard_s = max(self._heard_s, reading_s)
+            self._changed.notify_all()
+
+    def next_frame(self) -> int:
+        """Waits until the host has read all of the frame before; time is that of the frame of this number from now."""
+        with self._changed:
+            self._changed.wait_for(self._is_read, PATIENCE_S if self._seen else FIRST_S)
             self._frame = int(self._now() / self._period_s + 1e-6) + 1
             self._made_s = time.monotonic()
             self._changed.notify_all()
             return self._frame
+
+    def _is_read(self) -> bool:
+        return self._seen >= self._frame and self._heard_s >= self._spoken_s

@@ -60,6 +60,7 @@ class Watch:
             with self._changed:
                 self._readings += new
                 self._changed.notify_all()
+            host_clock.has_heard(new[-1].host_s)
 
     def latest(self) -> Reading:
         """The newest reading, tare taken off.

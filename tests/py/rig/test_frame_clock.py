@@ -8,7 +8,7 @@ import time
 import pytest
 
 from ruffini import host_clock
-from ruffini.rig.frame_clock import GRACE_S, PATIENCE_S, FrameClock
+from ruffini.rig.frame_clock import FIRST_S, GRACE_S, PATIENCE_S, FrameClock
 
 PERIOD_S = 0.05
 
@@ -57,16 +57,32 @@ def test_without_frames_time_goes_on_as_real_time_does_and_numbers_are_left_out(
     assert clock.now() >= before_s
 
 
-def test_a_frame_waits_until_the_one_before_was_read_but_not_for_ever():
-    clock = FrameClock(PERIOD_S)
-    first = clock.next_frame()
-    start = time.monotonic()
-    assert clock.next_frame() == first + 1  # nobody reads
-    assert time.monotonic() - start >= PATIENCE_S
-    threading.Timer(PATIENCE_S / 4, clock.has_seen, [first + 1]).start()
+def took_s(clock: FrameClock) -> float:
+    """Until the next frame is wanted."""
     start = time.monotonic()
     clock.next_frame()
-    assert PATIENCE_S / 5 < time.monotonic() - start < PATIENCE_S + GRACE_S
+    return time.monotonic() - start
+
+
+def test_a_frame_waits_until_the_one_before_was_read_but_not_for_ever():
+    clock = FrameClock(PERIOD_S)
+    clock.next_frame()
+    assert FIRST_S <= took_s(clock) < PATIENCE_S  # nobody has read yet
+    clock.has_seen(1)
+    assert took_s(clock) >= PATIENCE_S
+    threading.Timer(PATIENCE_S / 4, clock.has_seen, [3]).start()
+    assert PATIENCE_S / 5 < took_s(clock) < PATIENCE_S
+
+
+def test_a_frame_waits_until_the_reference_was_read():
+    clock = FrameClock(PERIOD_S)
+    clock.has_seen(clock.next_frame())
+    clock.has_spoken()
+    assert took_s(clock) >= PATIENCE_S
+    clock.has_seen(2)
+    clock.has_spoken()
+    clock.has_heard(clock.now())
+    assert took_s(clock) < PATIENCE_S
 
 
 def test_a_clock_is_lent_to_every_thread_and_taken_back():
