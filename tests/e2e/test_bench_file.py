@@ -59,7 +59,10 @@ class Desk:
             running_daemon(self.twin.board.folder, camera, self.folder / "store", "--lockstep") as self.port,
         ):
             (self.folder / "calibration").write_bytes(self.twin.calibration)
-            yield self
+            try:
+                yield self
+            finally:
+                self.clock.stop()
 
     def collect(self, monkeypatch: pytest.MonkeyPatch, rig: str, *words: object) -> tuple[dict[str, object], Log]:
         """Run the verb as a person would; its result and its log."""

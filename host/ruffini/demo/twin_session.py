@@ -142,6 +142,8 @@ def open_simulated(
         clock=clock,
     )
     stack.enter_context(twin.server)
+    if clock:
+        stack.callback(clock.stop)
     stack.enter_context(twin.cell)
     assert board.folder is not None
     mode = ["--lockstep"] if clock else []

@@ -10,16 +10,18 @@ from __future__ import annotations
 import threading
 import time
 
+POLL_S = 0.05  # real, of those who sleep where no frame comes
 FIRST_S = 0.05  # real: so long a host is waited for that has not subscribed yet
-PATIENCE_S = 0.5  # real: and so long one that reads
-GRACE_S = 0.8  # real: longer without a frame, and time goes on without
+PATIENCE_S = 2.0  # real: and so long one that reads
+GRACE_S = 5.0  # real: longer without a frame, and time goes on without; a busy computer may take seconds for one
 
 
 class FrameClock:
     """A `host_clock.Clock` that a `TwinServer` drives."""
 
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
+    def __init__(self, period_s: float, *, patience_s: float = PATIENCE_S, grace_s: float = GRACE_S) -> None:
+        self._period_s, self._patience_s, self._grace_s = period_s, patience_s, grace_s
+        self._is_over = False
         self._changed = threading.Condition()
         self._frame, self._seen = 0, 0
         self._spoken_s, self._heard_s = -1.0, -1.0
@@ -30,13 +32,13 @@ class FrameClock:
             return self._now()
 
     def _now(self) -> float:
-        return self._frame * self._period_s + max(0.0, time.monotonic() - self._made_s - GRACE_S)
+        return self._frame * self._period_s + max(0.0, time.monotonic() - self._made_s - self._grace_s)
 
     def sleep(self, duration_s: float) -> None:
         with self._changed:
             end_s = self._now() + duration_s
             while self._now() < end_s:
-                self._changed.wait(GRACE_S / 10)
+                self._changed.wait(POLL_S)
 
     def has_seen(self, frame: int) -> None:
         with self._changed:
@@ -55,11 +57,17 @@ class FrameClock:
     def next_frame(self) -> int:
         """Waits until the host has read all of the frame before; time is that of the frame of this number from now."""
         with self._changed:
-            self._changed.wait_for(self._is_read, PATIENCE_S if self._seen else FIRST_S)
+            self._changed.wait_for(self._is_read, self._patience_s if self._seen else FIRST_S)
             self._frame = int(self._now() / self._period_s + 1e-6) + 1
             self._made_s = time.monotonic()
             self._changed.notify_all()
             return self._frame
 
+    def stop(self) -> None:
+        """Nobody reads any more: no frame waits from now on."""
+        with self._changed:
+            self._is_over = True
+            self._changed.notify_all()
+
     def _is_read(self) -> bool:
-        return self._seen >= self._frame and self._heard_s >= self._spoken_s
+        return self._is_over or (self._seen >= self._frame and self._heard_s >= self._spoken_s)

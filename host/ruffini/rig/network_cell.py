@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import socket
 import struct
-import time
 import urllib.request
 import xml.etree.ElementTree as ElementTree
 from typing import NamedTuple
@@ -31,6 +30,7 @@ MAGIC = 0x1234
 STOP, STREAM = 0, 2
 ERROR_BIT, SATURATED_BIT = 1 << 31, 1 << 17
 HTTP_TIMEOUT_S = 3.0
+POLL_S = 0.1  # between two looks at how long it has been silent
 MAX_PAGE_BYTES = 1 << 20
 
 
@@ -101,14 +101,16 @@ class NetworkCell:
 
     def read(self, timeout_s: float) -> list[Reading]:
         readings: list[Reading] = []
-        deadline = time.monotonic() + timeout_s
+        deadline = host_clock.now() + timeout_s
         while True:
-            self._socket.settimeout(max(deadline - time.monotonic(), 1e-3) if not readings else 0)
+            self._socket.settimeout(min(timeout_s, POLL_S) if not readings else 0)
             try:
                 data = self._socket.recv(2048)
             except (TimeoutError, BlockingIOError):
                 if readings:
                     return readings
+                if host_clock.now() < deadline:
+                    continue
                 raise NoDeviceError(f"{self._name} sends nothing for {timeout_s:g} s: is it plugged in?") from None
             except OSError as error:
                 raise NoDeviceError(f"{self._name} was lost: {error}: is it switched on?") from error

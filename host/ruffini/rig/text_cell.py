@@ -71,13 +71,13 @@ class TextCell:
 
     def read(self, timeout_s: float) -> list[Reading]:
         wait_s = timeout_s if self._has_started else max(timeout_s, START_S)
-        deadline = time.monotonic() + wait_s
+        deadline = host_clock.now() + wait_s
         while True:
             readings = [r for line in self._lines() if (r := self._reading(line)) is not None]
             if readings:
                 self._has_started = True
                 return readings
-            if time.monotonic() > deadline:
+            if host_clock.now() > deadline:
                 raise NoDeviceError(
                     f"{self._port}: no number for {wait_s:g} s: is the board running, and the baud rate right?"
                 )

@@ -8,9 +8,13 @@ import time
 import pytest
 
 from ruffini import host_clock
-from ruffini.rig.frame_clock import FIRST_S, GRACE_S, PATIENCE_S, FrameClock
+from ruffini.rig.frame_clock import FIRST_S, FrameClock
 
-PERIOD_S = 0.05
+PERIOD_S, PATIENCE_S, GRACE_S = 0.05, 0.3, 0.6
+
+
+def a_clock() -> FrameClock:
+    return FrameClock(PERIOD_S, patience_s=PATIENCE_S, grace_s=GRACE_S)
 
 
 def frames(clock: FrameClock, n: int) -> list[int]:
@@ -23,14 +27,14 @@ def frames(clock: FrameClock, n: int) -> list[int]:
 
 
 def test_each_frame_takes_a_period_however_fast_it_was_made():
-    clock, start = FrameClock(PERIOD_S), time.monotonic()
+    clock, start = a_clock(), time.monotonic()
     assert frames(clock, 200) == list(range(1, 201))
     assert clock.now() == pytest.approx(200 * PERIOD_S)
     assert time.monotonic() - start < 200 * PERIOD_S / 4
 
 
 def test_who_sleeps_wakes_with_the_frame_that_ends_it():
-    clock, woken = FrameClock(PERIOD_S), list[float]()
+    clock, woken = a_clock(), list[float]()
 
     def sleep() -> None:
         clock.sleep(10 * PERIOD_S)
@@ -45,7 +49,7 @@ def test_who_sleeps_wakes_with_the_frame_that_ends_it():
 
 
 def test_without_frames_time_goes_on_as_real_time_does_and_numbers_are_left_out():
-    clock = FrameClock(PERIOD_S)
+    clock = a_clock()
     frames(clock, 4)
     start = time.monotonic()
     clock.sleep(6 * PERIOD_S)
@@ -65,7 +69,7 @@ def took_s(clock: FrameClock) -> float:
 
 
 def test_a_frame_waits_until_the_one_before_was_read_but_not_for_ever():
-    clock = FrameClock(PERIOD_S)
+    clock = a_clock()
     clock.next_frame()
     assert FIRST_S <= took_s(clock) < PATIENCE_S  # nobody has read yet
     clock.has_seen(1)
@@ -75,7 +79,7 @@ def test_a_frame_waits_until_the_one_before_was_read_but_not_for_ever():
 
 
 def test_a_frame_waits_until_the_reference_was_read():
-    clock = FrameClock(PERIOD_S)
+    clock = a_clock()
     clock.has_seen(clock.next_frame())
     clock.has_spoken()
     assert took_s(clock) >= PATIENCE_S
@@ -86,7 +90,7 @@ def test_a_frame_waits_until_the_reference_was_read():
 
 
 def test_a_clock_is_lent_to_every_thread_and_taken_back():
-    clock, told = FrameClock(PERIOD_S), list[float]()
+    clock, told = a_clock(), list[float]()
     with host_clock.lent(clock):
         frames(clock, 3)
         thread = threading.Thread(target=lambda: told.append(host_clock.now()))
@@ -98,3 +102,11 @@ def test_a_clock_is_lent_to_every_thread_and_taken_back():
         assert time.monotonic() - start < PATIENCE_S
     assert told == [pytest.approx(3 * PERIOD_S)]
     assert host_clock.now() == pytest.approx(time.monotonic(), abs=0.5)
+
+
+def test_no_frame_waits_when_it_is_over():
+    clock = a_clock()
+    clock.has_seen(clock.next_frame())
+    clock.has_spoken()
+    clock.stop()
+    assert took_s(clock) < PATIENCE_S
