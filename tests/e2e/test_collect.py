@@ -204,17 +204,21 @@ def test_machine_or_camera_that_fails_in_the_middle(
 
         def stall() -> None:
             """The camera stands still; the reference goes on, slowly."""
-            monkeypatch.setattr(simulated.twin.twin, "states", lambda _: goes_on.wait(20) and None)
+            monkeypatch.setattr(simulated.twin.twin, "states", stand_still)
             threading.Thread(target=speak, daemon=True).start()
 
+        def stand_still(_: int) -> None:
+            goes_on.wait()
+
         def speak() -> None:
-            for _ in range(10):
-                time.sleep(0.5)
+            while not goes_on.wait(0.5):
                 simulated.twin.cell.measure(0, np.zeros(6))
 
-        with pytest.raises(NoDeviceError, match="no frame for 3 s"):
-            pressed.run(b, stall)
-        goes_on.set()
+        try:
+            with pytest.raises(NoDeviceError, match="no frame for 3 s"):
+                pressed.run(b, stall)
+        finally:
+            goes_on.set()
         assert is_up(simulated)
         assert len(pressed.log().done()) == 3
 
