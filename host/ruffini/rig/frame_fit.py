@@ -11,7 +11,7 @@ found up to what no contact reveals: a shift along a force that always has one d
 from __future__ import annotations
 
 import warnings
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -99,9 +99,16 @@ def fit_frame(
             arm / UNKNOWN_ARM_M,
         ])  # fmt: skip
 
-    fits = [least_squares(residual, np.zeros(6), x_scale=[0.1] * 3 + [0.01] * 3, args=(start,)) for start in starts]
+    def fitted(start: Rotation, arm: Array) -> Any:
+        return least_squares(
+            residual, np.concatenate([np.zeros(3), arm]), x_scale=[0.1] * 3 + [0.01] * 3, args=(start,)
+        )
+
+    fits = [fitted(start, np.zeros(3)) for start in starts]
     best = int(np.argmin([f.cost for f in fits]))
-    fit, start = fits[best], starts[best]
+    # Once more from there: far from its start a turn's components are not those of a small turn, nor their sigmas.
+    start = Rotation.from_rotvec(fits[best].x[:3]) * starts[best]
+    fit = fitted(start, fits[best].x[3:])
     spread = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)) * max(1.0, 2 * fit.cost / (6 * len(reading) - 6)))
     _check(spread)
     rotation = Rotation.from_rotvec(fit.x[:3]) * start

@@ -50,6 +50,17 @@ def test_stated_uncertainty_holds():
     assert np.sqrt((np.array(pulls) ** 2).mean()) < 1.5
 
 
+@pytest.mark.parametrize("about", [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
+def test_uncertainty_is_that_of_a_small_turn_however_far_off_the_fit_began(about, monkeypatch: pytest.MonkeyPatch):
+    rest, reading, place, seen, *_ = log(1, (1, 2, 5))
+    near = fit_frame(rest, reading, place, seen, SIGMA)
+    far = [Rotation.from_rotvec(3.0 * np.array(about)) * Rotation.from_matrix(near.rotation)]
+    monkeypatch.setattr("ruffini.rig.frame_fit._starts", lambda *_: far)
+    fit = fit_frame(rest, reading, place, seen, SIGMA)
+    assert fit.rotation == pytest.approx(near.rotation, abs=1e-4)
+    assert fit.turn_sigma_rad == pytest.approx(near.turn_sigma_rad, rel=1e-2)
+
+
 def test_swapped_axes_are_named():
     rest, reading, place, seen, *_ = log(1, (0, 0, 90))
     assert swapped_axes(fit_frame(rest, reading, place, seen, SIGMA)) == "x y z = +y -x +z"
