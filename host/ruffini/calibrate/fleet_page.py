@@ -49,8 +49,8 @@ def _picture(board: Board, fleet: Fleet) -> Any:
 
     slab = board_slab(board)
     units = [(i, u, u.material) for i, u in enumerate(fleet.units) if u.material is not None]
-    number = [i for i, _, _ in units]
-    colour = ["tab:red" if i in fleet.outliers else "tab:blue" for i in number]
+    number = [i + 1 for i, _, _ in units]
+    colour = ["tab:red" if i in fleet.outliers else "tab:blue" for i, _, _ in units]
     figure, axes = plt.subplots(2, 2, figsize=(10, 5.4), sharex=True)
     shown = (
         ("E, kPa", [m.modulus_pa / 1e3 for _, _, m in units], [u.interval[0] / 1e3 for _, u, _ in units],
@@ -69,8 +69,9 @@ def _picture(board: Board, fleet: Fleet) -> Any:
     last.plot(number, [1e3 * u.before_n for _, u, _ in units], "x", color="grey", label="board's numbers")
     last.scatter(number, [1e3 * u.after_n for _, u, _ in units], c=colour, label="its own, touches left out")
     last.set(ylabel="force error, RMS, mN", yscale="log")
-    last.legend(frameon=False, fontsize=8)
+    last.legend(fontsize=8, loc="best", framealpha=0.6)
     for axis in axes[1]:
-        axis.set(xlabel="unit")
+        axis.set(xlabel="unit, as in the table below")
+        axis.xaxis.get_major_locator().set_params(integer=True)
     figure.tight_layout()
     return figure

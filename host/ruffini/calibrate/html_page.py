@@ -13,7 +13,7 @@ from ruffini.files import write_whole
 
 STYLE = """body{font:15px/1.45 system-ui,sans-serif;max-width:1000px;margin:2em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;margin:.6em 0}td,th{border-bottom:1px solid #ccc;padding:.25em .8em;text-align:left;
-vertical-align:top}td.n{text-align:right;font-variant-numeric:tabular-nums}img{max-width:100%}
+vertical-align:top}td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}img{max-width:100%}
 .ok{color:#17692b}.bad{color:#b00020;font-weight:600}.open{color:#777}
 .verdict{font-size:1.3em;padding:.6em 1em;border-left:6px solid}"""
 
@@ -42,13 +42,15 @@ class Page:
 
     def table(self, head: Sequence[str], rows: Sequence[Sequence[Any]], kinds: Sequence[str] = ()) -> None:
         """Rows of text and numbers; kinds: a class for each row."""
-        lines = ["<table><tr>" + "".join(f"<th>{html.escape(h)}</th>" for h in head) + "</tr>"]
+        is_number = [any(isinstance(row[i], float) for row in rows) for i in range(len(head))]
+        cells = (f"<th{' class=n' * n}>{html.escape(h)}</th>" for h, n in zip(head, is_number, strict=True))
+        lines = [f"<table><tr>{''.join(cells)}</tr>"]
         for i, row in enumerate(rows):
-            cells = "".join(
+            line = "".join(
                 f'<td class="n">{cell:.4g}</td>' if isinstance(cell, float) else f"<td>{html.escape(str(cell))}</td>"
                 for cell in row
             )
-            lines.append(f'<tr class="{kinds[i] if kinds else ""}">{cells}</tr>')
+            lines.append(f'<tr class="{kinds[i] if kinds else ""}">{line}</tr>')
         self._parts.append("\n".join(lines) + "</table>")
 
     def picture(self, figure: Any, what: str) -> None:

@@ -58,8 +58,8 @@ def headline(result: dict[str, Any]) -> str:
     """Before and after, in one line."""
     after = f"{result['after']['error']:.3g} {result['unit']}"
     if result["before"] is None:
-        return f"{after}; nothing was measured before"
-    return f"{result['before']['error']:.3g} before, {after} after"
+        return f"off by {after}; nothing was measured before"
+    return f"off by {result['before']['error']:.3g} before, now by {after}"
 
 
 def clock_text(clock: dict[str, Any] | None) -> str:

@@ -45,7 +45,8 @@ def preflight(bench: Bench, known_grams: float | None = None) -> Result:
     else:
         pressed, seen_n = _probe(bench)
         check_axes(facts, pressed)
-        found["axes"] = _passed(f"a straight press is {np.round(pressed[:3], 2).tolist()} N")
+        told = ", ".join(f"{n} {v:.2f}" for n, v in zip("xyz", pressed, strict=False) if np.isfinite(v))
+        found["axes"] = _passed(f"a straight press is {told} N")
         found.setdefault("unit", _compare(facts, -float(pressed[2]), seen_n))
     found.setdefault("unit", _open("nothing of known force was tried: give --known-grams"))
     return found
