@@ -23,7 +23,7 @@ AT = re.compile(r"x ([-+][\d.]+), y ([-+][\d.]+) mm")
 PRESS = re.compile(r"press .*with [\d.]+ N")
 PUT = re.compile(r"put ([\d.]+) g")
 AXIS = re.compile(r"([-+])(F[xyz]|T[xyz])")
-UP_TO = re.compile(r"up to ([\d.]+) N, pressing ([\d.]+) N, and ([\d.]+) N mm")
+UP_TO = re.compile(r"up to ([\d.]+) N(?:, pressing ([\d.]+) N,)? and ([\d.]+) N mm")
 FIRST_STEP_M, LEAST_STEP_M = 3e-5, 2e-6  # a frame, of a hand that seeks a force
 HESITATES = 0.6  # of the step before, each time that it has to turn back
 WEIGHT_STEP_M = 1e-4  # a frame, at most, that a weight sinks in
@@ -131,5 +131,6 @@ def _loads(text: str, rng: np.random.Generator) -> Array:
         signs[NAMES.index(name)] = 1.0 if sign == "+" else -1.0
     largest = UP_TO.search(text)
     assert largest is not None
-    force_n, normal_n, torque_nmm = (float(v) for v in largest.groups())
+    force_n, torque_nmm = float(largest[1]), float(largest[3])
+    normal_n = float(largest[2] or force_n)
     return hand_load(signs, LOAD_FRAMES, rng, np.array([force_n, force_n, normal_n, *[1e-3 * torque_nmm] * 3]))

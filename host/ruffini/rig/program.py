@@ -103,8 +103,8 @@ class Condition(NamedTuple):
 
     def told(self) -> str:
         axes = " ".join(f"{'-+'[s > 0]}{name}" for s, name in zip(self.signs, NAMES, strict=True) if s)
-        return (f"load {axes}, up to {self.force_n:g} N, pressing {self.normal_n:g} N, and {1e3 * self.torque_nm:g} "
-                "N mm, then let go")  # fmt: skip
+        pressing = "" if self.normal_n == self.force_n else f", pressing {self.normal_n:g} N,"
+        return f"load {axes}, up to {self.force_n:g} N{pressing} and {1e3 * self.torque_nm:g} N mm, then let go"
 
     def part(self, wrench: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Each axis of a load, (..., 6), over what is asked for."""

@@ -19,6 +19,7 @@ from ruffini.demo.auto import BETTER, Auto, Site
 from ruffini.demo.auto_page import table_of
 from ruffini.demo.auto_tasks import FORCES, SKIN, WRENCH, Counts, Word, judged_loads, judged_touches, task_of
 from ruffini.errors import InputError, RefusedError
+from ruffini.rig.emulated_person import _loads
 from ruffini.rig.log_file import Log, TouchRecord, write_log
 from ruffini.rig.program import CONDITIONS, Condition, Span, Touch
 from ruffini.sim.units import fleet_error
@@ -170,3 +171,11 @@ def test_what_is_no_better_than_what_is_in_force_is_not_flashed(tmp_path: Path, 
 def test_unit_zero_is_as_its_board_file_says():
     assert fleet_error(FTOUCH, 0).modulus == 1.0
     assert fleet_error(FTOUCH, 1).modulus != 1.0
+
+
+def test_a_person_hears_how_hard_to_press():
+    rng = np.random.default_rng(1)
+    for normal_n, most_n in ((8.0, 8.0), (1.0, 1.0)):
+        loads = _loads(Condition((0, 1, -1, 0, 0, 0), 1.0, 0.02, normal_n).told(), rng)
+        assert -1.3 * most_n < loads[:, 2].min() < -0.4 * most_n
+        assert 0.4 < loads[:, 1].max() < 1.3
