@@ -3,7 +3,7 @@
 Between taxels the mask and the arch of the panel bear a part, at a rim the panel's free edge; the part changes within
 millimetres, and no law with few numbers follows it. So log(force / E) is a smooth function of |q_x|, |q_y|, log E and
 the kind of column, one for taxels at a rim and one for all others: a Gaussian process whose mean over the presses is
-tabulated. Frames of one press err together (`PRESS`).
+tabulated. Frames of one press err together.
 """
 
 from __future__ import annotations
