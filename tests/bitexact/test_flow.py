@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import pytest
-from conftest import small_board
 from core_stages import CoreStages
 from mirror.board import Board
 from mirror.flow import Flow
+from odd_boards import small_board
 
 OpenStages = Callable[[str], tuple[CoreStages, Board]]
 Grey = npt.NDArray[np.uint16]

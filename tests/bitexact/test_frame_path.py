@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
-from conftest import small_board
 from mirror.board import Board, read_board
 from mirror.estimators import reaches_border
 from mirror.path import FramePath
+from odd_boards import small_board
 from test_stages import render
 
 from ruffini.boards import parse_board

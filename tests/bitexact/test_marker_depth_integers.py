@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import small_board
 from mirror.board import Board, read_board
 from mirror.displacement import displacement
 from mirror.dot_templates import DotTemplates
@@ -15,6 +14,7 @@ from mirror.marker_depth import with_depth
 from mirror.markers import Lattice
 from mirror.program import Program
 from mirror.solve import linear_force
+from odd_boards import small_board
 from test_frame_path import camera_tables
 from test_stages import render
 

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import pytest
-from conftest import board_text, small_board
 from core_stages import CoreStages
 from marker_twins import NOTHING, MarkerTwins
 from mirror.board import Board, depth_grid, length_q16
 from mirror.displacement import displacement, filled
 from mirror.fixed import Saturations
 from mirror.markers import ABSENT, DX, DY, LOST, Lattice
+from odd_boards import board_text, small_board
 
 OpenStages = Callable[[str], tuple[CoreStages, Board]]
 Places = npt.NDArray[np.int64]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
-from conftest import small_board
 from mirror.board import Board, read_board
 from mirror.fixed import Saturations
 from mirror.skin import Taxels, TaxelTouches, base_of, glow_of, image_force, smoothed
+from odd_boards import small_board
 
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack

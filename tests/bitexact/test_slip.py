@@ -8,10 +8,10 @@ from dataclasses import astuple
 import numpy as np
 import numpy.typing as npt
 import pytest
-from conftest import board_text, small_board
 from core_stages import CoreStages
 from mirror.board import Board
 from mirror.slip import INCIPIENT, SLIDES, STICKS, UNKNOWN, SlipTracker
+from odd_boards import board_text, small_board
 
 OpenStages = Callable[[str], tuple[CoreStages, Board]]
 Field = tuple[npt.NDArray[np.uint8], npt.NDArray[np.int32], npt.NDArray[np.int16]]

@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection
 import numpy as np
 import numpy.typing as npt
 import pytest
-from conftest import board_text, small_board
 from core_stages import CoreStages
 from marker_twins import NOTHING, MarkerTwins
 from mirror.board import Board, center_q16, depth_grid, observed_nodes
@@ -19,6 +18,7 @@ from mirror.light import difference, grey, reciprocal, rest_image
 from mirror.markers import ABSENT, DX, DY, LOST, Lattice
 from mirror.photometric import Bend, cell_depth, cell_slope, marker_mask, unmix_of_cells
 from mirror.poisson import cos_pi_q30, poisson
+from odd_boards import board_text, small_board
 
 from ruffini.bench.markers import fill_lost
 from ruffini.boards import parse_board

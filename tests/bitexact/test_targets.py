@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
-from conftest import small_board
 from mirror.board import Board, read_board
 from mirror.feature_wrench import FeatureWrench
 from mirror.fixed import Saturations
 from mirror.light import grey, grey_of_rest, rest_image
 from mirror.targets import Targets, nominal
+from odd_boards import small_board
 
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, pack

@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 import pytest
 import serial
-from conftest import Sensor, start, write_board, write_recording
 from mcap.reader import make_reader
+from tiny_sensor import Sensor, start, write_board, write_recording
 
 from ruffini.calibrate import container
 from ruffini.demo.daemon import find_daemon

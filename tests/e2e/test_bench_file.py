@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Twin
+from tiny_sensor import Twin
 
 from ruffini import host_clock
 from ruffini.cli import main

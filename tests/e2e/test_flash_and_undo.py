@@ -6,8 +6,8 @@ import hashlib
 import json
 from pathlib import Path
 
-from conftest import Sensor, start
 from test_bad_input import run_host
+from tiny_sensor import Sensor, start
 
 from ruffini.calibrate import container
 from ruffini.device import Connection

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Twin
+from tiny_sensor import Twin
 
 from ruffini.boards import find_board
 from ruffini.demo.daemon import find_daemon, running_daemon

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
-from conftest import Sensor, start
+from tiny_sensor import Sensor, start
 
 from ruffini.boards import find_board
 from ruffini.calibrate.skin import SkinFit, taxel_file

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import MILLI_CELSIUS, N_FRAMES, N_REST, Sensor, start
+from tiny_sensor import MILLI_CELSIUS, N_FRAMES, N_REST, Sensor, start
 
 from ruffini.device import Connection, Field, Wrench
 from ruffini.device.results import NOT_MEASURED, VALID

@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import N_FRAMES, N_REST, Sensor, draw, start
 from test_bad_input import HOST, is_one_sentence, run_host
+from tiny_sensor import N_FRAMES, N_REST, Sensor, draw, start
 
 
 def ask(*arguments: str, port: str | None = None) -> dict[str, object]:
