@@ -206,6 +206,8 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
         unused["rig"] = {"ring_force_un"}
     seen = board.model_dump(mode="json", exclude={"targets", "temperature"})
     seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ONLY_READ]
+    if board.depth.source == "light":  # the only one when they were frozen
+        del seen["depth"]["source"]
     if board.markers is not None and board.markers.polarity == "texture":
         seen["markers"] = None
         seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ("markers", "displacement")]
