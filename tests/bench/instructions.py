@@ -19,9 +19,9 @@ from pathlib import Path
 
 # Name, clock in GHz (Raspberry Pi 3, 4 and 5), instructions a cycle that are assumed.
 CORES = (("Cortex-A53", 1.4, 0.7), ("Cortex-A72", 1.8, 1.4), ("Cortex-A76", 2.4, 2.2))
-# In the order of the frame path; its last stretch is the stated uncertainty, where the calibration has an error model.
+# In the order of the frame path of run.py's boards; light is what follows the light, uncertainty the error model.
 STAGES = (
-    "difference", "markers", "photometric", "poisson", "displacement",
+    "difference", "markers", "light", "photometric", "poisson", "displacement",
     "operator", "support", "wrench", "contacts", "uncertainty",
 )  # fmt: skip
 BLOCK = re.compile(r"^0x([0-9a-f]+):")
@@ -63,7 +63,10 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="+", help="a board and its pictures")
     arguments = parser.parse_args()
     for folder in arguments.folder:
-        counts = dict(zip(STAGES, count(arguments.binary, folder), strict=False))
+        counted = count(arguments.binary, folder)
+        if len(counted) != len(STAGES):
+            sys.exit(f"{folder}: {len(counted)} stretches, {len(STAGES)} stages: STAGES is no longer the frame path's")
+        counts = dict(zip(STAGES, counted, strict=True))
         counts["sum"] = sum(counts.values())
         print(f"{folder.name}: thousands of aarch64 instructions of one frame; ESTIMATED milliseconds")
         print(f"  {'':14}{'counted':>9}" + "".join(f"{name:>12}" for name, _, _ in CORES))
