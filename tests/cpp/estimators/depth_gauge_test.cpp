@@ -2,9 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <cstring>
-
-#include "support/calibration_bytes.h"
+#include "support/held_calibration.h"
 #include "support/test_board.h"
 
 namespace ruffini {
@@ -19,22 +17,15 @@ class Loaded {
     std::vector<int16_t> weight(3 * n_nodes);
     weight[0] = 512;
     weight[5] = -1024;
-    const std::vector<uint8_t> bytes = test::CalibrationBytes()
-                                           .meta("gauge.shift", "10")
-                                           .meta("kinds", kinds)
-                                           .tensor("gauge.weight", "I16", {static_cast<int>(n_nodes), 3}, weight)
-                                           .bytes();
-    storage_.resize((bytes.size() + 7) / 8);
-    std::memcpy(storage_.data(), bytes.data(), bytes.size());
-    auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
-    EXPECT_TRUE(parsed.has_value()) << (parsed ? "" : parsed.error().message);
-    calibration_ = std::move(parsed).value();
+    file_ = test::held(test::CalibrationBytes()
+                           .meta("gauge.shift", "10")
+                           .meta("kinds", kinds)
+                           .tensor("gauge.weight", "I16", {static_cast<int>(n_nodes), 3}, weight));
   }
-  [[nodiscard]] Result<DepthGauge> gauge() const { return DepthGauge::load(calibration_, test::round_board()); }
+  [[nodiscard]] Result<DepthGauge> gauge() const { return DepthGauge::load(file_->get(), test::round_board()); }
 
  private:
-  std::vector<uint64_t> storage_;
-  Calibration calibration_;
+  std::shared_ptr<const CalibrationFile> file_;
 };
 
 DisplacementUm um_q3(int raw) { return DisplacementUm::from_raw(static_cast<int16_t>(raw)); }

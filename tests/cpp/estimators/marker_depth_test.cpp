@@ -2,9 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <cstring>
-
-#include "support/calibration_bytes.h"
+#include "support/held_calibration.h"
 #include "support/test_board.h"
 
 namespace ruffini {
@@ -19,24 +17,17 @@ class Loaded {
     std::vector<int16_t> rows(static_cast<size_t>(n_nodes) * 2 * static_cast<size_t>(n_nodes));
     for (size_t i = 0; i < static_cast<size_t>(n_nodes); ++i)
       rows[i * 2 * static_cast<size_t>(n_nodes) + 2 * i] = 8'192;
-    const std::vector<uint8_t> bytes = test::CalibrationBytes()
-                                           .meta("kinds", kinds)
-                                           .meta("marker_depth.out_shift", "13")
-                                           .dense_program("marker_depth", n_nodes, 2 * n_nodes)
-                                           .dense_entries("marker_depth", n_nodes, 2 * n_nodes, rows)
-                                           .dense_shifts("marker_depth", n_nodes, 2 * n_nodes)
-                                           .bytes();
-    storage_.resize((bytes.size() + 7) / 8);
-    std::memcpy(storage_.data(), bytes.data(), bytes.size());
-    auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
-    EXPECT_TRUE(parsed.has_value()) << (parsed ? "" : parsed.error().message);
-    calibration_ = std::move(parsed).value();
+    file_ = test::held(test::CalibrationBytes()
+                           .meta("kinds", kinds)
+                           .meta("marker_depth.out_shift", "13")
+                           .dense_program("marker_depth", n_nodes, 2 * n_nodes)
+                           .dense_entries("marker_depth", n_nodes, 2 * n_nodes, rows)
+                           .dense_shifts("marker_depth", n_nodes, 2 * n_nodes));
   }
-  [[nodiscard]] Result<MarkerDepth> depth() const { return MarkerDepth::load(calibration_, test::round_board()); }
+  [[nodiscard]] Result<MarkerDepth> depth() const { return MarkerDepth::load(file_->get(), test::round_board()); }
 
  private:
-  std::vector<uint64_t> storage_;
-  Calibration calibration_;
+  std::shared_ptr<const CalibrationFile> file_;
 };
 
 NodeDisplacement seen(int x_q3, int y_q3) {

@@ -2,10 +2,9 @@
 
 #include <gtest/gtest.h>
 
-#include <cstring>
 #include <string>
 
-#include "support/calibration_bytes.h"
+#include "support/held_calibration.h"
 
 namespace ruffini {
 namespace {
@@ -87,22 +86,14 @@ TEST(ContactMask, IsEmptyBelowTheLeastNumberOfNodes) {
 class Noise {
  public:
   Noise(int32_t of_four_un, int32_t alone_un) {
-    const std::vector<uint8_t> bytes =
-        test::CalibrationBytes()
-            .meta("kinds", "contact")
-            .tensor("contact.noise_un", "I32", {2}, std::vector<int32_t>{of_four_un, alone_un})
-            .bytes();
-    storage_.resize((bytes.size() + 7) / 8);
-    std::memcpy(storage_.data(), bytes.data(), bytes.size());
-    auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
-    EXPECT_TRUE(parsed.has_value()) << (parsed ? "" : parsed.error().message);
-    calibration_ = std::move(parsed).value();
+    file_ = test::held(test::CalibrationBytes()
+                           .meta("kinds", "contact")
+                           .tensor("contact.noise_un", "I32", {2}, std::vector<int32_t>{of_four_un, alone_un}));
   }
-  [[nodiscard]] Status into(ContactMask& stage) const { return stage.load_noise(calibration_, 10); }
+  [[nodiscard]] Status into(ContactMask& stage) const { return stage.load_noise(file_->get(), 10); }
 
  private:
-  std::vector<uint64_t> storage_;
-  Calibration calibration_;
+  std::shared_ptr<const CalibrationFile> file_;
 };
 
 TEST(ContactMask, SeesWhatTheNoiseOfTheUnitAllows) {

@@ -2,9 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <cstring>
-
-#include "support/calibration_bytes.h"
+#include "support/held_calibration.h"
 
 namespace ruffini {
 namespace {
@@ -22,23 +20,16 @@ struct Tables {
 class Loaded {
  public:
   explicit Loaded(const Tables& tables) {
-    const std::vector<uint8_t> bytes = test::CalibrationBytes()
-                                           .meta("kinds", "support")
-                                           .tensor("support.error_local", "I32", {2, 4}, tables.local)
-                                           .tensor("support.error_quiet", "I32", {2, 7}, tables.quiet)
-                                           .tensor("support.error_reported", "I32", {2, 12}, tables.reported)
-                                           .bytes();
-    storage_.resize((bytes.size() + 7) / 8);
-    std::memcpy(storage_.data(), bytes.data(), bytes.size());
-    auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
-    EXPECT_TRUE(parsed.has_value());
-    calibration_ = std::move(parsed).value();
+    file_ = test::held(test::CalibrationBytes()
+                           .meta("kinds", "support")
+                           .tensor("support.error_local", "I32", {2, 4}, tables.local)
+                           .tensor("support.error_quiet", "I32", {2, 7}, tables.quiet)
+                           .tensor("support.error_reported", "I32", {2, 12}, tables.reported));
   }
-  [[nodiscard]] Result<NodeSigmaModel> model() const { return NodeSigmaModel::load(calibration_, kNodes, kThreshold); }
+  [[nodiscard]] Result<NodeSigmaModel> model() const { return NodeSigmaModel::load(file_->get(), kNodes, kThreshold); }
 
  private:
-  std::vector<uint64_t> storage_;
-  Calibration calibration_;
+  std::shared_ptr<const CalibrationFile> file_;
 };
 
 std::vector<NodeSigma> sigma_of(const Tables& tables, const std::vector<NodeForce>& force,

@@ -3,9 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstring>
 
-#include "support/calibration_bytes.h"
+#include "support/held_calibration.h"
 
 namespace ruffini {
 namespace {
@@ -17,23 +16,16 @@ class Loaded {
  public:
   Loaded(const std::vector<int32_t>& parts, const std::vector<int32_t>& times_ms, const std::string& n_terms) {
     const auto n = static_cast<int>(parts.size());
-    const std::vector<uint8_t> bytes = test::CalibrationBytes()
-                                           .meta("kinds", "relaxation")
-                                           .meta("relaxation.terms", n_terms)
-                                           .tensor("relaxation.part", "I32", {n}, parts)
-                                           .tensor("relaxation.time_ms", "I32", {n}, times_ms)
-                                           .bytes();
-    storage_.resize((bytes.size() + 7) / 8);
-    std::memcpy(storage_.data(), bytes.data(), bytes.size());
-    auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
-    EXPECT_TRUE(parsed.has_value()) << (parsed ? "" : parsed.error().message);
-    calibration_ = std::move(parsed).value();
+    file_ = test::held(test::CalibrationBytes()
+                           .meta("kinds", "relaxation")
+                           .meta("relaxation.terms", n_terms)
+                           .tensor("relaxation.part", "I32", {n}, parts)
+                           .tensor("relaxation.time_ms", "I32", {n}, times_ms));
   }
-  [[nodiscard]] Result<Relaxation> relaxation(int n_nodes) const { return Relaxation::load(calibration_, n_nodes); }
+  [[nodiscard]] Result<Relaxation> relaxation(int n_nodes) const { return Relaxation::load(file_->get(), n_nodes); }
 
  private:
-  std::vector<uint64_t> storage_;
-  Calibration calibration_;
+  std::shared_ptr<const CalibrationFile> file_;
 };
 
 int32_t part(double share) { return static_cast<int32_t>(std::lround(share * (1 << 20))); }

@@ -6,7 +6,7 @@
 #include <array>
 #include <cmath>
 
-#include "support/calibration_bytes.h"
+#include "support/held_calibration.h"
 
 namespace ruffini {
 namespace {
@@ -60,35 +60,27 @@ class Loaded {
         normal[i * kUnknowns + j] = static_cast<int16_t>(std::lround(h[i][j] * 8192));
       project[i * kUnknowns + i] = 8192;
     }
-    const std::vector<uint8_t> bytes =
-        test::CalibrationBytes()
-            .meta("kinds", "support")
-            .meta("support.normal.out_shift", "5")   // 8192 / 2^5 = 256: 8 fraction bits
-            .meta("support.project.out_shift", "7")  // 8192 / 2^7 = 64
-            .meta("support.shear_noise", "0")
-            .tensor("support.scale", "I32", {kUnknowns}, std::vector<int32_t>(kUnknowns, 4 << 16))
-            .dense_program("support.normal", kUnknowns, kUnknowns)
-            .dense_program("support.project", kUnknowns, kUnknowns)
-            .dense_entries("support.normal", kUnknowns, kUnknowns, normal)
-            .dense_entries("support.project", kUnknowns, kUnknowns, project)
-            .dense_shifts("support.normal", kUnknowns, kUnknowns)
-            .dense_shifts("support.project", kUnknowns, kUnknowns)
-            .bytes();
-    storage_.resize((bytes.size() + 7) / 8);
-    std::memcpy(storage_.data(), bytes.data(), bytes.size());
-    auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage_.data()), bytes.size()});
-    EXPECT_TRUE(parsed.has_value()) << (parsed ? "" : parsed.error().message);
-    calibration_ = std::move(parsed).value();
+    file_ = test::held(test::CalibrationBytes()
+                           .meta("kinds", "support")
+                           .meta("support.normal.out_shift", "5")   // 8192 / 2^5 = 256: 8 fraction bits
+                           .meta("support.project.out_shift", "7")  // 8192 / 2^7 = 64
+                           .meta("support.shear_noise", "0")
+                           .tensor("support.scale", "I32", {kUnknowns}, std::vector<int32_t>(kUnknowns, 4 << 16))
+                           .dense_program("support.normal", kUnknowns, kUnknowns)
+                           .dense_program("support.project", kUnknowns, kUnknowns)
+                           .dense_entries("support.normal", kUnknowns, kUnknowns, normal)
+                           .dense_entries("support.project", kUnknowns, kUnknowns, project)
+                           .dense_shifts("support.normal", kUnknowns, kUnknowns)
+                           .dense_shifts("support.project", kUnknowns, kUnknowns));
     const std::vector<NodePlace> places = {{-1500, 0}, {-500, 0}, {500, 0}, {1500, 0}};
-    auto loaded = SupportSolver::load(calibration_, {kNodes, 1}, places);
+    auto loaded = SupportSolver::load(file_->get(), {kNodes, 1}, places);
     EXPECT_TRUE(loaded.has_value()) << (loaded ? "" : loaded.error().message);
     solver_.emplace(std::move(loaded).value());
   }
   SupportSolver& solver() { return *solver_; }
 
  private:
-  std::vector<uint64_t> storage_;
-  Calibration calibration_;
+  std::shared_ptr<const CalibrationFile> file_;
   std::optional<SupportSolver> solver_;
 };
 
