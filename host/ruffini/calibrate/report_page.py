@@ -25,15 +25,7 @@ def write_page(path: Path, board: Board, file: CalibrationFile, report: Report) 
 
     matplotlib.use("Agg")
     tree = report.tree
-    page = Page(f"Calibration of {board.name}" + (", SIMULATED" if tree["log"]["simulated"] else ""))
-    bad = failed(report.gates)
-    page.verdict("FAILS: " + "; ".join(g.name for g in bad) if bad else "Passes its gates", is_good=not bad)
-    known = "the log that it was fitted to" if tree["log"]["in_the_fit"] else "a log that it was not fitted to"
-    page.text(f"{tree['calibration']['sha256'][:12]}, made {tree['calibration'].get('created_utc')}, "
-              f"{', '.join(file.kinds)}; judged on {tree['log']['touches']} touches of {known} "
-              f"({', '.join(tree['log']['files'])})")  # fmt: skip
-    gate_table(page, report.gates)
-    stage_table(page, file)
+    page = report_head(file, tree, report.gates, f"{tree['log']['touches']} touches")
     page.heading("Error of each touch, on the board's integers")
     rows = {"this calibration, RMS": "rmse_n_nm", "what the sensor said meanwhile, RMS": "as_the_sensor_said_n_nm"}
     page.table(("", *AXES), [(name, *_row(tree["wrench"][key])) for name, key in rows.items()])
@@ -56,6 +48,20 @@ def write_page(path: Path, board: Board, file: CalibrationFile, report: Report) 
              "x_mm": "x, mm", "y_mm": "y, mm"}  # fmt: skip
     range_table(page, names, tree["valid_for"])
     page.write(path)
+
+
+def report_head(file: CalibrationFile, tree: dict[str, Any], gates: list[Gate], judged: str) -> Page:
+    """A page that says what is judged on what (`judged`: how many touches, pictures, frames), the gates, the stages."""
+    log, calibration = tree["log"], tree["calibration"]
+    page = Page(f"Calibration of {tree['board']}" + (", SIMULATED" if log["simulated"] else ""))
+    bad = failed(gates)
+    page.verdict("FAILS: " + "; ".join(g.name for g in bad) if bad else "Passes its gates", is_good=not bad)
+    known = "the log that it was fitted to" if log["in_the_fit"] else "a log that it was not fitted to"
+    page.text(f"{calibration['sha256'][:12]}, made {calibration.get('created_utc')}, {', '.join(file.kinds)}; "
+              f"judged on {judged} of {known} ({', '.join(log['files'])})")  # fmt: skip
+    gate_table(page, gates)
+    stage_table(page, file)
+    return page
 
 
 def range_table(page: Page, names: dict[str, str], valid_for: dict[str, Any]) -> None:

@@ -11,9 +11,8 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.gates import HARD_N, Gate, failed, gates_in, gates_of_reference, gates_of_skin
-from ruffini.calibrate.html_page import Page
 from ruffini.calibrate.report import about
-from ruffini.calibrate.report_page import gate_table, range_table, stage_table
+from ruffini.calibrate.report_page import range_table, report_head
 from ruffini.calibrate.skin_judge import OFF_X, PLACE_X, PLACE_Y, REFERENCE, SAID, TOUCH, judged_presses
 from ruffini.calibrate.skin_log import read_skin_log
 from ruffini.calibrate.skin_presses import Progress
@@ -82,14 +81,7 @@ def write_skin_page(path: Path, file: CalibrationFile, report: SkinReport) -> No
 
     matplotlib.use("Agg")
     tree, figures = report.tree, report.tree["skin"]
-    page = Page(f"Calibration of {tree['board']}" + (", SIMULATED" if tree["log"]["simulated"] else ""))
-    bad = failed(report.gates)
-    page.verdict("FAILS: " + "; ".join(g.name for g in bad) if bad else "Passes its gates", is_good=not bad)
-    known = "the log that it was fitted to" if tree["log"]["in_the_fit"] else "a log that it was not fitted to"
-    page.text(f"{tree['calibration']['sha256'][:12]}, {', '.join(file.kinds)}; judged on {tree['log']['touches']} "
-              f"touches of {known} ({', '.join(tree['log']['files'])})")  # fmt: skip
-    gate_table(page, report.gates)
-    stage_table(page, file)
+    page = report_head(file, tree, report.gates, f"{tree['log']['touches']} touches")
     page.heading("Error of each pressed picture, on the board's integers")
     rows = [("this calibration", figures)] + ([("the previous", tree["previous"])] if tree["previous"] else [])
     keys = ("force_rmse_n", "force_error_percent", "place_error_mm", "untold")

@@ -13,10 +13,9 @@ from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.feature_log import read_feature_runs
 from ruffini.calibrate.gates import MAX_WRENCH_ERROR, Gate, failed, gates_in, gates_of_reference
-from ruffini.calibrate.html_page import Page
 from ruffini.calibrate.report import about
 from ruffini.calibrate.report_page import AXES as LABELS
-from ruffini.calibrate.report_page import gate_table, range_table, stage_table
+from ruffini.calibrate.report_page import range_table, report_head
 from ruffini.calibrate.touch_log import file_sha256
 from ruffini.calibrate.warmth import celsius_ranges
 from ruffini.calibrate.wrench_model import AXES, frames_of
@@ -87,14 +86,7 @@ def write_wrench_page(path: Path, file: CalibrationFile, report: WrenchReport) -
 
     matplotlib.use("Agg")
     tree = report.tree
-    page = Page(f"Calibration of {tree['board']}" + (", SIMULATED" if tree["log"]["simulated"] else ""))
-    bad = failed(report.gates)
-    page.verdict("FAILS: " + "; ".join(g.name for g in bad) if bad else "Passes its gates", is_good=not bad)
-    known = "the log that it was fitted to" if tree["log"]["in_the_fit"] else "a log that it was not fitted to"
-    page.text(f"{tree['calibration']['sha256'][:12]}, {', '.join(file.kinds)}; judged on {tree['log']['frames']} "
-              f"frames of {tree['log']['touches']} loads of {known} ({', '.join(tree['log']['files'])})")  # fmt: skip
-    gate_table(page, report.gates)
-    stage_table(page, file)
+    page = report_head(file, tree, report.gates, f"{tree['log']['frames']} frames of {tree['log']['touches']} loads")
     page.heading("Error of each axis, all frames")
     axes = tree["axes"].values()
     page.table(("", *LABELS), [

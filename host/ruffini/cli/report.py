@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +13,7 @@ from ruffini.cli.common import JsonFlag, emit, note, progress_bar
 if TYPE_CHECKING:
     from ruffini.boards import Board
     from ruffini.calibrate.container import CalibrationFile
+    from ruffini.calibrate.gates import Gate
 
 
 def report(
@@ -26,12 +27,10 @@ def report(
 ) -> None:
     """Judge a calibration on a log: gates, residuals, coverage, accuracy against presses, as one page and JSON."""
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import failed
     from ruffini.calibrate.prior import read_prior
     from ruffini.calibrate.report import report_of
     from ruffini.calibrate.report_page import write_page
     from ruffini.calibrate.touch_log import read_touch_log
-    from ruffini.files import write_whole
 
     file = container.read(calibration)
     found = container.board_of(file, board)
@@ -40,6 +39,8 @@ def report(
         container.check_board(before, found)
     if "skin" in file.kinds:
         return _of_skin(found, file, logs, out, before, json_)
+    if "wrench" in file.kinds:
+        return _of_wrench(found, file, logs, out, json_)
     with progress_bar("report") as progress:
         log = read_touch_log(logs, found, file, progress=lambda done: progress(0.2 * done))
         made = report_of(
@@ -47,33 +48,45 @@ def report(
             progress=lambda done: progress(0.2 + 0.8 * done),
         )  # fmt: skip
     write_page(out, found, file, made)
-    write_whole(out.with_suffix(".json"), json.dumps(made.tree, indent=1).encode() + b"\n")
-    bad = failed(made.gates)
     for row in made.tree["accuracy_of_presses"]:
         known = f", from what was known before {1e3 * row['prior']:.1f} mN" if "prior" in row else ""
         note(f"{row['presses']:3d} presses: force of the others off by {1e3 * row['board']:.1f} mN{known}")
-    emit({"page": str(out), **made.tree}, json_,
-         f"{out}: force off by {1e3 * made.tree['wrench']['force_rmse_n']:.1f} mN RMS over {log.n_touches} touches; "
-         + ("FAILS " + "; ".join(f"{g.name}: {g.text}" for g in bad) if bad else "passes its gates"))  # fmt: skip
-    if bad:
-        raise typer.Exit(1)
+    off = f"force off by {1e3 * made.tree['wrench']['force_rmse_n']:.1f} mN RMS over {log.n_touches} touches"
+    _say(out, made.tree, made.gates, off, json_)
 
 
 def _of_skin(
     board: Board, file: CalibrationFile, logs: list[Path], out: Path, previous: CalibrationFile | None, json_: bool
 ) -> None:
     """A skin that glows where it is pressed: force and place, by its pictures."""
-    from ruffini.calibrate.gates import failed
     from ruffini.calibrate.skin_report import skin_report_of, write_skin_page
-    from ruffini.files import write_whole
 
     with progress_bar("report") as progress:
         made = skin_report_of(board, file, logs, previous=previous, progress=progress)
     write_skin_page(out, file, made)
-    write_whole(out.with_suffix(".json"), json.dumps(made.tree, indent=1).encode() + b"\n")
-    bad, figures = failed(made.gates), made.tree["skin"]
-    emit({"page": str(out), **made.tree}, json_,
-         f"{out}: force off by {figures['force_rmse_n']:.2f} N RMS over {made.tree['log']['touches']} touches; "
-         + ("FAILS " + "; ".join(f"{g.name}: {g.text}" for g in bad) if bad else "passes its gates"))  # fmt: skip
+    off = f"force off by {made.tree['skin']['force_rmse_n']:.2f} N RMS over {made.tree['log']['touches']} touches"
+    _say(out, made.tree, made.gates, off, json_)
+
+
+def _of_wrench(board: Board, file: CalibrationFile, logs: list[Path], out: Path, json_: bool) -> None:
+    """A wrench made of features: each axis, on logs or recordings."""
+    from ruffini.calibrate.wrench_report import wrench_report_of, write_wrench_page
+
+    made = wrench_report_of(board, file, logs)
+    write_wrench_page(out, file, made)
+    told = [f"{name} {axis['rmse']:.3g}" for name, axis in made.tree["axes"].items() if axis["rmse"] is not None]
+    off = f"off by {', '.join(told)} RMS (N, N mm) over {made.tree['log']['touches']} loads"
+    _say(out, made.tree, made.gates, off, json_)
+
+
+def _say(out: Path, tree: dict[str, Any], gates: list[Gate], off: str, json_: bool) -> None:
+    """The numbers beside the page, one line, and exit code 1 where a gate fails."""
+    from ruffini.calibrate.gates import failed
+    from ruffini.files import write_whole
+
+    write_whole(out.with_suffix(".json"), json.dumps(tree, indent=1).encode() + b"\n")
+    bad = failed(gates)
+    verdict = "FAILS " + "; ".join(f"{g.name}: {g.text}" for g in bad) if bad else "passes its gates"
+    emit({"page": str(out), **tree}, json_, f"{out}: {off}; {verdict}")
     if bad:
         raise typer.Exit(1)

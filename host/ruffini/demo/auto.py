@@ -192,8 +192,12 @@ class Auto:
         log = read_log(path)
         words = [self.task.word(self.board, log, t, _reference(log, t)) for t in log.touches]
         before, after = float(self.task.figures(words)["error"]), self.task.left_out(outcomes)
-        if np.isnan(before) or np.isnan(after):
-            return Gate(BETTER, None, None, None, f"no touch of the log tells ({self.task.unit})")
+        if np.isnan(after):  # nobody knows: what is in force stays
+            return Gate(BETTER, False, None, None, f"no touch left out tells ({self.task.unit}): collect more")
+        if np.isnan(before):
+            return Gate(
+                BETTER, None, after, None, f"touches left out err by {after:.3g}, what was in force said nothing"
+            )
         text = f"touches left out err by {after:.3g}, with what was in force by {before:.3g} {self.task.unit}"
         return Gate(BETTER, bool(after < before), after, before, text)
 

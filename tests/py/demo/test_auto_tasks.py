@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -15,6 +17,7 @@ from ruffini.boards import find_board, parse_board
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.gates import gates_in
+from ruffini.cli import main
 from ruffini.demo.auto import BETTER, Auto, Site
 from ruffini.demo.auto_page import table_of
 from ruffini.demo.auto_tasks import FORCES, SKIN, WRENCH, Counts, Word, judged_loads, judged_touches, task_of
@@ -166,6 +169,39 @@ def test_what_is_no_better_than_what_is_in_force_is_not_flashed(tmp_path: Path, 
         assert "FAILS: than before" in (tmp_path / "report.html").read_text()
     gate = next(g for g in gates_in(container.read(tmp_path / "calibration.safetensors")) or [] if g.name == BETTER)
     assert gate.ok is is_better  # `cal flash` refuses it, too
+
+
+def test_a_fit_of_which_nobody_knows_is_not_flashed(tmp_path: Path):
+    before = container.pack({"wrench.gain": np.zeros((6, 9), np.int32)}, container.base_metadata(FTOUCH))
+    run = run_of(tmp_path, before)
+    run.said_off = {"before": 0.2, "fitted": 0.2, "after": 0.0}
+    run.task = replace(run.task, left_out=lambda _: float("nan"))
+    with pytest.raises(RefusedError, match="than before: no touch left out tells"):
+        run.run()
+    assert [name for name, _ in run.in_force] == ["before", "fitted"]
+
+
+def test_cal_report_judges_a_wrench_on_its_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    run = run_of(tmp_path, None)
+    run.said_off = {"after": 0.02, "fitted": np.nan}
+    run.run()
+    words = [
+        "cal",
+        "report",
+        tmp_path / "calibration.safetensors",
+        "--log",
+        tmp_path / "fitted.h5",
+        "--board",
+        "ftouch",
+    ]
+    monkeypatch.setattr(sys, "argv", ["ruffini", *map(str, words), "--out", str(tmp_path / "page.html")])
+    assert main() == 0
+    assert "passes its gates" in capsys.readouterr().out
+    assert "Error of each axis" in (tmp_path / "page.html").read_text()
+    axes = json.loads((tmp_path / "page.json").read_text())["axes"]
+    assert all(axis["rmse"] < 0.05 * axis["largest"] for axis in axes.values())
 
 
 def test_unit_zero_is_as_its_board_file_says():
