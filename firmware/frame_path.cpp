@@ -267,13 +267,13 @@ void FramePath::zero(int n_frames) {
 // What was done to the pad before.
 void FramePath::forget() {
   forces_.forget();
+  slip_.forget();
   if (feature_wrench_) feature_wrench_->forget();
 }
 
 void FramePath::set_rest(std::span<const uint16_t> image) {
   rest_.load(image);
-  slip_.forget();
-  if (feature_wrench_) feature_wrench_->forget();
+  forget();
   warmth_.rest_mc = warmth_.now_mc;
   learn_features();
 }

@@ -101,16 +101,19 @@ TEST(FramePath, APadWithoutDotsIsNotThisBoard) {
   EXPECT_TRUE(sensor.show(blank).flags & kFlagMarkersLost);
 }
 
-// A pressed pad whose calibration states its uncertainty.
+// A pressed pad whose calibration states its uncertainty; with capture times of 60 Hz.
 struct PressedSensor {
-  PressedSensor() {
+  explicit PressedSensor(bool is_relaxing = false) {
     board.stages.clear();
     for (const std::string& stage : known_stages()) {
       if (stage != "skin") board.stages.push_back(stage);  // a skin that glows has contacts of its own
     }
-    auto file = CalibrationFile::load(test::diagonal_calibration(board));
+    auto file = CalibrationFile::load(test::diagonal_calibration(board, is_relaxing));
     EXPECT_TRUE(file.has_value());
     path = std::move(FramePath::configure(board, file.value(), fake_clock)).value();
+    learn();
+  }
+  void learn() {
     for (int i = 0; i < board.n_rest_frames; ++i) show(test::nominal_dots(board), 0);
   }
   // All dots moved by two pixels but the `hidden` one; shaded as by a dent in the middle.
@@ -120,11 +123,19 @@ struct PressedSensor {
     if (hidden >= 0) dots.erase(dots.begin() + hidden);
     return show(dots, 1);
   }
+  const FrameState& show_level(uint8_t level) {
+    return process(
+        std::vector<uint8_t>(static_cast<size_t>(3 * board.camera.width_px * board.camera.height_px), level));
+  }
 
   BoardSettings board = test::round_board();
   std::unique_ptr<FramePath> path;
 
  private:
+  const FrameState& process(const std::vector<uint8_t>& pixels) {
+    const ptrdiff_t stride = ptrdiff_t{3} * board.camera.width_px;
+    return path->process({pixels.data(), board.camera.width_px, board.camera.height_px, 3, stride}, now_us_ += 16'667);
+  }
   const FrameState& show(const std::vector<test::Place>& dots, int steep) {
     const int width = board.camera.width_px;
     const int height = board.camera.height_px;
@@ -137,9 +148,53 @@ struct PressedSensor {
       pixel[0] = static_cast<uint8_t>(std::clamp(pixel[0] + steep * dx, 0, 255));
       pixel[1] = static_cast<uint8_t>(std::clamp(pixel[1] + steep * dy, 0, 255));
     }
-    return path->process({pixels.data(), width, height, 3, ptrdiff_t{3} * width});
+    return process(pixels);
   }
+  uint64_t now_us_ = 0;
 };
+
+// The promise of the product: a force that may be wrong is never called valid.
+TEST(FramePath, WhatAWrongFrameSaysIsInvalidInEveryQuantity) {
+  PressedSensor sensor;
+  const auto all = [](const FrameState& s) {
+    std::vector<Validity> out(s.wrench_validity.begin(), s.wrench_validity.end());
+    out.insert(out.end(),
+               {s.force_xy, s.force_z, s.depth_validity, s.uncertainty.validity, s.uncertainty.wrench_validity});
+    return out;
+  };
+  const std::vector<Validity> valid(11, Validity::kValid);
+  const std::vector<Validity> invalid(11, Validity::kInvalid);
+  EXPECT_EQ(all(sensor.press(-1)), valid);
+  EXPECT_EQ(all(sensor.show_level(2)), invalid) << "a covered lens";
+  EXPECT_EQ(all(sensor.show_level(255)), invalid) << "light from outside";
+  EXPECT_EQ(all(sensor.press(-1)), valid) << "it must recover";
+  sensor.path->zero(2);
+  for (const Validity v : all(sensor.press(-1))) {
+    EXPECT_TRUE(v == Validity::kInvalid || v == Validity::kNotMeasured) << "no rest to compare with";
+  }
+}
+
+// What a pad lost to an old press must not be taken off the next force once the user has said "this is rest".
+TEST(FramePath, ANewRestForgetsWhatThePadWentThrough) {
+  const auto relearnt = [](PressedSensor& sensor) {
+    sensor.learn();
+    return sensor.press(-1).wrench.force_x_un;
+  };
+  PressedSensor fresh(true);
+  fresh.path->zero(fresh.board.n_rest_frames);
+  const int64_t rested = relearnt(fresh);
+  ASSERT_GT(rested, 0);
+  PressedSensor held(true);
+  for (int i = 0; i < 60; ++i) held.press(-1);
+  EXPECT_LT(held.press(-1).wrench.force_x_un, rested * 9 / 10) << "it relaxes while held";
+  held.path->zero(held.board.n_rest_frames);
+  EXPECT_EQ(relearnt(held), rested);
+  for (int i = 0; i < 60; ++i) held.press(-1);
+  const std::vector<uint16_t> rest(fresh.path->rest_image().begin(), fresh.path->rest_image().end());
+  held.path->set_rest(rest);
+  fresh.path->set_rest(rest);
+  EXPECT_EQ(held.press(-1).wrench.force_x_un, fresh.press(-1).wrench.force_x_un);
+}
 
 TEST(FramePath, ALostMarkerMakesShearLessSureThereAndLeavesTheForceNearWhatItWas) {
   PressedSensor sensor;

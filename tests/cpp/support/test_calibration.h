@@ -11,7 +11,8 @@
 namespace ruffini::test {
 
 // Operator and support are diagonal and agree: F = 20 steps of force per 125 nm. Blue bends to slope x, green to slope y.
-inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board) {
+// A relaxing pad loses 30 % of its force within a second.
+inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board, bool is_relaxing = false) {
   const GridSize nodes = NodeGrid(board).size();
   const int n = 3 * nodes.count();
   const auto diagonal = [&](int16_t value) {
@@ -32,8 +33,8 @@ inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board) {
       slope[static_cast<size_t>((y * n_q + x) * 2 + 1)] = static_cast<int16_t>((y - 32) * 128);
     }
   }
-  return CalibrationBytes()
-      .meta("kinds", "operator,support,photometric")
+  CalibrationBytes file;
+  file.meta("kinds", std::string("operator,support,photometric") + (is_relaxing ? ",relaxation" : ""))
       .meta("board", board.name)
       .meta("optics", board.camera.optics)
       .meta("resolution", std::to_string(board.camera.width_px) + "x" + std::to_string(board.camera.height_px))
@@ -55,8 +56,13 @@ inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board) {
               std::vector<int32_t>{6'400, 6'400, 6'400, 6'400, 6'400, 6'400, 6'400,  //
                                    9'216, 9'216, 9'216, 9'216, 9'216, 9'216, 9'216})
       .tensor("support.error_reported", "I32", {2, 12}, std::vector<int32_t>(24, 25 << 8))
-      .tensor("support.error_wrench", "I32", {4, 2}, std::vector<int32_t>{2'000, 7'000, 8'000, 3'000, 0, 0, 0, 0})
-      .dense_program("operator", n, n)
+      .tensor("support.error_wrench", "I32", {4, 2}, std::vector<int32_t>{2'000, 7'000, 8'000, 3'000, 0, 0, 0, 0});
+  if (is_relaxing) {
+    file.meta("relaxation.terms", "1")
+        .tensor("relaxation.part", "I32", {1}, std::vector<int32_t>{314'573})
+        .tensor("relaxation.time_ms", "I32", {1}, std::vector<int32_t>{1'000});
+  }
+  return file.dense_program("operator", n, n)
       .dense_program("support.normal", n, n)
       .dense_program("support.project", n, n)
       .dense_entries("operator", n, n, diagonal(10'240))

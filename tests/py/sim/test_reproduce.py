@@ -179,6 +179,21 @@ def test_each_run_has_its_own_zero_of_its_indenters_mount():
     assert not mount_zero(runs[0], []).any()
 
 
+def test_a_recorded_run_reads_its_mounts_zero_on_top(board, tmp_path):
+    reproduce(board, tmp_path / "none", quick=True)
+    table = '\n[[mount]]\nindenter = "sphere"\nzero_force_un = 2000000\nzero_torque_unm = 90000\n'
+    with (board.folder / "reproduce.toml").open("a") as file:
+        file.write(table)
+    mounted = find_board(board.folder)
+    reproduce(mounted, tmp_path / "mounted", quick=True)
+    settings = load_reproduce(mounted)
+    run = runs_of(settings, quick=True)[0]
+    read = [np.load(tmp_path / name / run.key / "rig.npz")["force"] for name in ("none", "mounted")]
+    zero = mount_zero(run, settings.mount)
+    assert zero[[0, 1, 3, 4, 5]].all()
+    assert read[1] - read[0] == pytest.approx(np.tile(zero, (len(read[0]), 1)), abs=1e-12)
+
+
 def test_mounts_count_in_the_digest(tmp_path):
     folder = tmp_path / "contact-glitter"
     shutil.copytree(find_board("contact-glitter").folder, folder)
