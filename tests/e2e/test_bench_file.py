@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import sys
@@ -16,6 +17,7 @@ from tiny_sensor import Twin
 from ruffini import host_clock
 from ruffini.cli import main
 from ruffini.demo.daemon import running_daemon
+from ruffini.device import Connection
 from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
 from ruffini.rig.emulated_person import EmulatedPerson
 from ruffini.rig.emulated_references import EmulatedLogger, EmulatedPage, EmulatedTextCell, Mount
@@ -64,17 +66,21 @@ class Desk:
             finally:
                 self.clock.stop()
 
-    def collect(self, monkeypatch: pytest.MonkeyPatch, rig: str, *words: object) -> tuple[dict[str, object], Log]:
-        """Run the verb as a person would; its result and its log."""
+    def run(self, monkeypatch: pytest.MonkeyPatch, rig: str, verb: str, *words: object) -> tuple[int, str, str]:
+        """Run a verb of `cal` as a person would: exit code, what it printed, what it said."""
         (self.folder / "rig.toml").write_text("schema = 1\n" + rig)
-        out = self.folder / "log.h5"
-        board = self.twin.board.folder
-        argv = ["ruffini", "--port", self.port, "cal", "collect", "--board", board, "--out", out, "--json",
-                "--rig", self.folder / "rig.toml", "--calibration", self.folder / "calibration", *words]  # fmt: skip
+        argv = ["ruffini", "--port", self.port, "cal", verb, "--board", self.twin.board.folder, "--json",
+                "--rig", self.folder / "rig.toml", *words]  # fmt: skip
         monkeypatch.setattr(sys, "argv", [str(word) for word in argv])
         self._capsys.readouterr()
         code = main()
-        text, error = self._capsys.readouterr()
+        return (code, *self._capsys.readouterr())
+
+    def collect(self, monkeypatch: pytest.MonkeyPatch, rig: str, *words: object) -> tuple[dict[str, object], Log]:
+        """Its result and its log."""
+        out = self.folder / "log.h5"
+        calibration = self.folder / "calibration"
+        code, text, error = self.run(monkeypatch, rig, "collect", "--out", out, "--calibration", calibration, *words)
         assert code == 0, error
         return json.loads(text), read_log(out)
 
@@ -189,3 +195,20 @@ def test_a_csv_of_another_program(twin: Twin, tmp_path, monkeypatch, capsys, per
     for touch in log.touches:
         truth = held(touch, "reference_wrench", "reference_s")
         assert held(touch, "stream_wrench", "stream_host_s") == pytest.approx(truth, rel=0.3)
+
+
+def test_auto_replaces_no_calibration_that_nobody_could_put_back(twin: Twin, tmp_path, monkeypatch, capsys) -> None:
+    ball = '[tip]\nshape = "sphere"\ndiameter_mm = 6.0\n'
+    rig = TEXT.format(port=tmp_path / "no-cell") + ball + LIMITS  # it gets no further than to the missing reference
+    desk = Desk(twin, tmp_path, EmulatedPerson(1), capsys)
+    with desk.running():
+        with Connection(desk.port) as sensor:
+            sensor.flash(twin.calibration)
+        auto = ("auto", "--quick", "--out", tmp_path / "auto")
+        code, _, said = desk.run(monkeypatch, rig, *auto)
+        assert (code, "--previous" in said) == (4, True)
+        for word in (("--previous", tmp_path / "calibration"), ("--force",)):
+            code, _, said = desk.run(monkeypatch, rig, *auto, *word)
+            assert (code, "no-cell" in said) == (3, True), said
+        with Connection(desk.port) as sensor:
+            assert sensor.hello.sensors[0].calibration.sha256 == hashlib.sha256(twin.calibration).digest()

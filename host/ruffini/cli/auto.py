@@ -89,12 +89,11 @@ def _simulated(board: Board, task: Task, folder: Path, depth_m: float, shear_m: 
     span = task.span(board, depth_m, shear_m, reach_of(board))
     unit = build_unit(board, fleet_error(board, number))
     limits = limits_of(board, span, task.ball_mm)
-    is_hurried = unit.twin.shape.kind != "tube"  # simulated time, whatever else the computer does; a tube is too slow
 
     @contextlib.contextmanager
     def opened(program: str, calibration: CalibrationFile | None, seed: int) -> Iterator[Opened]:
         with contextlib.ExitStack() as stack:
-            options = TwinOptions(seed=seed, ball_mm=task.ball_mm, is_hurried=is_hurried)
+            options = TwinOptions(seed=seed, ball_mm=task.ball_mm, is_hurried=True)
             simulated, truth = open_simulated(stack, board, program, options, unit), Truth()
             simulated.twin.twin.listeners.append(truth.note)
             if calibration is not None:
@@ -149,11 +148,12 @@ def _real(
     @contextlib.contextmanager
     def opened(program: str, calibration: CalibrationFile | None, _: int) -> Iterator[Opened]:
         with contextlib.ExitStack() as stack:
-            parts = open_real(stack, settings, stack.enter_context(open_sensor()), TerminalPerson(note))
+            sensor = stack.enter_context(open_sensor())
             known = {bytes.fromhex(line) for line in flashed.read_text().split()} if flashed.exists() else set()
             known |= set() if previous is None else {previous.sha256}
             if not is_forced:
-                _need_known(parts.sensor.hello.sensors[0].calibration, known)
+                _need_known(sensor.hello.sensors[0].calibration, known)
+            parts = open_real(stack, settings, sensor, TerminalPerson(note))
             if calibration is not None:
                 write_whole(flashed, "\n".join(sha.hex() for sha in known | {calibration.sha256}).encode())
                 parts.sensor.flash(calibration.data)

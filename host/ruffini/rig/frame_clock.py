@@ -17,10 +17,12 @@ GRACE_S = 5.0  # real: longer without a frame, and time goes on without; a busy 
 
 
 class FrameClock:
-    """A `host_clock.Clock` that a `TwinServer` drives."""
+    """A `host_clock.Clock` that a `TwinServer` drives. Of the camera's frames only each `step`-th is made."""
 
-    def __init__(self, period_s: float, *, patience_s: float = PATIENCE_S, grace_s: float = GRACE_S) -> None:
-        self._period_s, self._patience_s, self._grace_s = period_s, patience_s, grace_s
+    def __init__(
+        self, period_s: float, *, step: int = 1, patience_s: float = PATIENCE_S, grace_s: float = GRACE_S
+    ) -> None:
+        self._period_s, self._step, self._patience_s, self._grace_s = period_s, step, patience_s, grace_s
         self._is_over = False
         self._changed = threading.Condition()
         self._frame, self._seen = 0, 0
@@ -58,7 +60,7 @@ class FrameClock:
         """Waits until the host has read all of the frame before; time is that of the frame of this number from now."""
         with self._changed:
             self._changed.wait_for(self._is_read, self._patience_s if self._seen else FIRST_S)
-            self._frame = int(self._now() / self._period_s + 1e-6) + 1
+            self._frame = int(self._now() / self._period_s + 1e-6) + self._step
             self._made_s = time.monotonic()
             self._changed.notify_all()
             return self._frame

@@ -33,6 +33,12 @@ def test_each_frame_takes_a_period_however_fast_it_was_made():
     assert time.monotonic() - start < 200 * PERIOD_S / 4
 
 
+def test_of_a_slow_body_only_some_of_the_cameras_frames_are_made():
+    clock = FrameClock(PERIOD_S, step=6, patience_s=PATIENCE_S, grace_s=GRACE_S)
+    assert frames(clock, 50) == list(range(6, 306, 6))
+    assert clock.now() == pytest.approx(300 * PERIOD_S)
+
+
 def test_who_sleeps_wakes_with_the_frame_that_ends_it():
     clock, woken = a_clock(), list[float]()
 
