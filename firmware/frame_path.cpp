@@ -79,7 +79,7 @@ void FramePath::learn_features() {
     is_other_pad_ = (!camera_map_ && !pitch_fits(markers(), board_)) ||
                     printed_.n_dots_at_rest() > 2 * board_.markers.lattice.count();
   }
-  displacement_.learn(markers());
+  if (!board_.markers.has_views) displacement_.learn(markers());
 }
 
 void FramePath::run_difference(const FrameView& frame) {

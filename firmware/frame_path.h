@@ -117,6 +117,7 @@ class FramePath {
   [[nodiscard]] int n_features() const;
   // frame_path_verdict.cpp
   void judge_input();
+  bool are_markers_lost();
   void judge();
   void judge_skin();
   // Nothing that this frame says may be used.

@@ -14,15 +14,28 @@ constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board'
 
 bool FramePath::is_wrong() const { return (state_.flags & kWrongFlags) != 0; }
 
+// A view of several that has lost too many counts as blind; the others see.
+bool FramePath::are_markers_lost() {
+  if (!board_.markers.has_views) return state_.markers.n_lost > board_.markers.max_lost;
+  size_t n_blind = 0;
+  for (size_t view = 0; view < printed_.n_views(); ++view) {
+    n_blind += printed_.n_lost(view) > board_.markers.max_lost ? 1 : 0;
+  }
+  if (n_blind > 0) state_.flags |= kFlagViewLost;
+  return n_blind == printed_.n_views();
+}
+
 // Flags of what the frame shows, before anything is made of it.
 void FramePath::judge_input() {
   FrameState& s = state_;
   const int n_pixels = board_.camera.width_px * board_.camera.height_px;
-  if (s.difference.exposure.dark * 2 > n_pixels) s.flags |= kFlagDark;
+  // Of several views one may be dark.
+  const int n_views = static_cast<int>(printed_.n_views());
+  if (s.difference.exposure.dark * 2 > n_pixels * (2 * n_views - 1) / n_views) s.flags |= kFlagDark;
   if (s.difference.exposure.full * 20 > n_pixels) s.flags |= kFlagOverexposed;
   const int n_missing = board_.markers.lattice.count() - n_markers_at_rest_;
-  if (has(Stage::kMarkers) && (s.markers.n_lost > board_.markers.max_lost ||
-                               100 * n_missing > (100 - kMinMarkersPercent) * board_.markers.lattice.count())) {
+  if (has(Stage::kMarkers) &&
+      (are_markers_lost() || 100 * n_missing > (100 - kMinMarkersPercent) * board_.markers.lattice.count())) {
     s.flags |= kFlagMarkersLost;
   }
   if (is_other_pad_) s.flags |= kFlagOtherPad;

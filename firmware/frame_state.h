@@ -39,6 +39,7 @@ enum Flag : uint32_t {
   kFlagFeatures = 2048,
   kFlagOtherPad = 4096,
   kFlagTemperature = 8192,
+  kFlagViewLost = 16384,
 };
 
 // Numbers are those of Validity in ruffini.proto.

@@ -51,16 +51,19 @@ void read_markers(BoardReader& in, MarkerSettings& markers) {
   in.section("markers");
   const int polarity = in.choice("polarity", {"dark", "light", "texture"});
   markers.polarity = polarity == 0 ? Polarity::kDark : polarity == 1 ? Polarity::kLight : Polarity::kTexture;
-  markers.is_scattered = in.has("layout") && in.choice("layout", {"lattice", "scattered"}) == 1;
+  const int layout = in.has("layout") ? in.choice("layout", {"lattice", "scattered", "views"}) : 0;
+  markers.is_scattered = layout > 0;
+  markers.has_views = layout == 2;
   if (in.has("places_um")) markers.places = in.places("places_um", 0, kMaxLengthUm);
-  markers.lattice.n_x = static_cast<int>(in.integer("n_x", 2, 64));
-  markers.lattice.n_y = static_cast<int>(in.integer("n_y", 2, 64));
+  markers.lattice.n_x = static_cast<int>(in.integer("n_x", 2, markers.has_views ? 1024 : 64));
+  markers.lattice.n_y = static_cast<int>(in.integer("n_y", 2, markers.has_views ? 4 : 64));
   markers.pitch_x_um = in.integer("pitch_x_um", 100, 100'000);
   markers.pitch_y_um = in.integer("pitch_y_um", 100, 100'000);
   markers.first_x_um = in.integer("first_x_um", 0, kMaxLengthUm);
   markers.first_y_um = in.integer("first_y_um", 0, kMaxLengthUm);
   markers.diameter_um = in.integer("diameter_um", 20, 50'000);
-  markers.threshold_1e3 = in.integer("threshold_1e3", 10, 900);
+  // Light markers may stand out by more than all that is round them.
+  markers.threshold_1e3 = in.integer("threshold_1e3", 10, markers.polarity == Polarity::kLight ? 1900 : 900);
   markers.max_lost = in.integer("max_lost", 0, 4'096);
 }
 
@@ -127,9 +130,22 @@ bool stages_in_order(const std::vector<std::string>& stages) {
   return !stages.empty();
 }
 
+void check_views(BoardReader& in, const BoardSettings& board) {
+  const MarkerSettings& markers = board.markers;
+  if (!markers.places.empty()) return in.fail("markers.places_um needs markers.layout = \"scattered\"");
+  if (board.camera.width_px % markers.lattice.n_y != 0) {
+    return in.fail("camera.width_px is no multiple of the markers.n_y views that it holds");
+  }
+  const auto makes_a_field = [](const std::string& stage) { return stage == "displacement" || stage == "photometric"; };
+  if (std::any_of(board.stages.begin(), board.stages.end(), makes_a_field)) {
+    in.fail("markers.layout views has no nodes: leave the stages displacement and photometric out");
+  }
+}
+
 void check_scattered(BoardReader& in, const BoardSettings& board) {
   const MarkerSettings& markers = board.markers;
   if (markers.polarity == Polarity::kTexture) return in.fail("markers.polarity texture needs markers.layout lattice");
+  if (markers.has_views) return check_views(in, board);
   if (markers.places.empty()) return;
   if (std::ssize(markers.places) != markers.lattice.count()) {
     return in.fail("markers.places_um lists " + std::to_string(markers.places.size()) +

@@ -58,6 +58,7 @@ struct PadPlace {
 struct MarkerSettings {
   Polarity polarity = Polarity::kDark;
   bool is_scattered = false;       // not on the lattice, which then only counts them
+  bool has_views = false;          // the frame is n_y views side by side, with n_x scattered markers in each
   std::vector<PadPlace> places{};  // of scattered ones, where they are listed
   GridSize lattice;
   int64_t pitch_x_um = 0;

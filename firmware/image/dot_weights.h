@@ -1,5 +1,5 @@
 // A row of weights of dots.h, on lanes (lanes_scalar.h). Bounds: a box's sum below 2^31 (kMaxBoxRadiusPx), its inverse
-// below 2^29 (no box is smaller than 3 x 3), background and grey at most 12,240, threshold below 2^15.
+// below 2^29 (no box is smaller than 3 x 3), background and grey at most 12,240, threshold below 2^16.
 #pragma once
 
 #include <algorithm>

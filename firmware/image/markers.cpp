@@ -1,6 +1,7 @@
 #include "image/markers.h"
 
 #include <algorithm>
+#include <numeric>
 
 #include "image/marker_grade.h"
 namespace ruffini {
@@ -11,6 +12,21 @@ int64_t px_q16(int64_t mpx) { return floor_div(mpx * 65536 + 500, 1000); }
 // Pixels, Q16, of a length in the undeformed surface.
 int64_t length_q16(const CameraSettings& camera, int64_t um) {
   return floor_div(um * camera.focal_mpx * 65536, camera.standoff_um * 1000);
+}
+
+// At least the square root, Q16 px; lengths stay below 2^30.
+int64_t gate_of(int64_t gate2) {
+  int64_t gate = 1;
+  while (gate * gate < gate2) gate *= 2;
+  return gate;
+}
+
+// Markers of the shorter side; of those of a view, all counted in one row, of a square of as many.
+int row_of(GridSize size) {
+  if (size.n_y > 1) return std::min(size.n_x, size.n_y);
+  int row = 1;
+  while ((row + 1) * (row + 1) <= size.n_x) ++row;
+  return row;
 }
 
 constexpr int kRings = 16;              // of neighbours that lead to a marker
@@ -41,6 +57,7 @@ MarkerTracker::MarkerTracker(const BoardSettings& board)
       graph_(size_),
       is_scattered_(board.markers.is_scattered),
       is_listed_(!board.markers.is_scattered || !board.markers.places.empty()) {
+  many_left_ = row_of(size_);
   const CameraSettings& camera = board.camera;
   const int64_t pitch = length_q16(camera, std::min(board.markers.pitch_x_um, board.markers.pitch_y_um));
   const auto squared_share = [pitch](int64_t percent) { return (pitch * percent / 100) * (pitch * percent / 100); };
@@ -70,6 +87,7 @@ MarkerTracker::MarkerTracker(const BoardSettings& board)
   nominal_.resize(n);
   marker_of_dot_.resize(DotDetector::kMaxDots);
   is_dot_taken_.resize(DotDetector::kMaxDots);
+  by_height_.resize(DotDetector::kMaxDots);
   if (is_listed_ && n > 0) place_nominal(board);
 }
 
@@ -99,19 +117,23 @@ void MarkerTracker::place_nominal(const BoardSettings& board) {
 
 // Mutual nearest neighbours within the gate, among open markers and dots not taken.
 void MarkerTracker::match(std::span<const Dot> dots, int64_t gate2) {
-  const int n_dots = static_cast<int>(dots.size());
+  const int64_t reach = gate_of(gate2);
   std::fill(dot_of_marker_.begin(), dot_of_marker_.end(), Nearest{-1, gate2});
-  std::fill_n(marker_of_dot_.begin(), n_dots, Nearest{-1, gate2});
+  std::fill_n(marker_of_dot_.begin(), dots.size(), Nearest{-1, gate2});
   for (int i = 0; i < size_.count(); ++i) {
     if (is_open_[static_cast<size_t>(i)] == 0 || is_led_[static_cast<size_t>(i)] == 0) continue;
     const Point& place = expected_[static_cast<size_t>(i)];
     Nearest& mine = dot_of_marker_[static_cast<size_t>(i)];
-    for (int j = 0; j < n_dots; ++j) {
+    const auto end = by_height_.begin() + std::ssize(dots);
+    auto at = std::partition_point(by_height_.begin(), end,
+                                   [&](int j) { return dots[static_cast<size_t>(j)].y.raw() < place.y - reach; });
+    for (; at != end && dots[static_cast<size_t>(*at)].y.raw() <= place.y + reach; ++at) {
+      const int j = *at;
       const int64_t dx = dots[static_cast<size_t>(j)].x.raw() - place.x;
       const int64_t dy = dots[static_cast<size_t>(j)].y.raw() - place.y;
       const int64_t apart2 = dx * dx + dy * dy;
       if (is_dot_taken_[static_cast<size_t>(j)] != 0) continue;
-      if (apart2 < mine.distance2) mine = {j, apart2};
+      if (apart2 < mine.distance2 || (apart2 == mine.distance2 && j < mine.index)) mine = {j, apart2};
       Nearest& theirs = marker_of_dot_[static_cast<size_t>(j)];
       if (apart2 < theirs.distance2) theirs = {i, apart2};
     }
@@ -308,8 +330,7 @@ MarkerTracker::Verdict MarkerTracker::judge(size_t n_dots) const {
 
 bool MarkerTracker::is_doubtful(const Verdict& verdict) const {
   const int64_t limit2 = pitch_q8_ * pitch_q8_ * (kDoubtPercent * kDoubtPercent) / 10'000;
-  if (verdict.n_missing > 0 || verdict.widest2 > limit2 || 2 * verdict.n_left >= std::min(size_.n_x, size_.n_y))
-    return true;
+  if (verdict.n_missing > 0 || verdict.widest2 > limit2 || 2 * verdict.n_left >= many_left_) return true;
   for (size_t i = 0; i < markers_.size(); ++i) {
     const int64_t x = (markers_[i].displacement_x.raw() - last_[i].x) >> 8;
     const int64_t y = (markers_[i].displacement_y.raw() - last_[i].y) >> 8;
@@ -363,6 +384,9 @@ std::span<Marker> MarkerTracker::assign(std::span<const Dot> dots) {
   for (size_t i = 0; i < markers_.size(); ++i) {
     last_[i] = {markers_[i].displacement_x.raw(), markers_[i].displacement_y.raw()};
   }
+  std::iota(by_height_.begin(), by_height_.begin() + std::ssize(dots), 0);
+  std::sort(by_height_.begin(), by_height_.begin() + std::ssize(dots),
+            [&](int a, int b) { return dots[static_cast<size_t>(a)].y.raw() < dots[static_cast<size_t>(b)].y.raw(); });
   look(dots, [&](size_t i) { return last_[i]; }, is_scattered_ ? tight_gate2_ : gate2_, -1);
   const Verdict verdict = judge(dots.size());
   if (is_doubtful(verdict)) search(dots, verdict.n_known > 0 ? verdict.cost : INT64_MAX);

@@ -93,6 +93,7 @@ class MarkerTracker {
   int64_t search2_;             // a middle marker's dot from its rest place
   int64_t pitch_q8_;            // px
   Point view_{};                // size of the picture, Q16 px
+  int many_left_;               // dots without a marker, twice as many: something is wrong
   int64_t edge_;                // a marker this near to the picture's border may be cut, Q16 px
   int middle_ = 0;              // marker that the search begins with
   int64_t seed_gate2_;          // the first dot from its nominal place
@@ -104,6 +105,7 @@ class MarkerTracker {
   std::vector<Nearest> dot_of_marker_;
   std::vector<Nearest> marker_of_dot_;
   std::vector<uint8_t> is_dot_taken_;
+  std::vector<int> by_height_;    // the frame's dots, upper ones first
   std::vector<int> queue_;        // markers found, in order of growth
   std::vector<uint8_t> is_open_;  // still looking for its dot
   std::vector<uint8_t> is_led_;   // knows where to look

@@ -1,4 +1,6 @@
 // The printed markers of a board: dots, which is which, and each by all its ink.
+// Several views side by side in one frame ([markers] layout "views") are followed each for itself: what one of them
+// loses, the others still have. Their markers come view by view, in the frame's pixels.
 // Frame thread; no allocation after the constructor.
 #pragma once
 
@@ -22,12 +24,28 @@ class PrintedMarkers {
 
   // Markers, dirt and all.
   [[nodiscard]] int n_dots_at_rest() const { return n_dots_at_rest_; }
-  [[nodiscard]] std::span<const Marker> markers() const { return tracker_.markers(); }
+  [[nodiscard]] std::span<const Marker> markers() const { return markers_; }
+  [[nodiscard]] size_t n_views() const { return views_.size(); }
+  // Of one view: markers lost in the last frame that were there at rest.
+  [[nodiscard]] int n_lost(size_t view) const { return views_[view].n_lost; }
 
  private:
+  struct View {
+    MarkerTracker tracker;
+    int64_t left_q16 = 0;  // of the frame's pixels
+    int n_lost = 0;
+    std::vector<Dot> dots{};
+    std::span<Marker> own{};  // the tracker's, to be refined
+  };
+  void share_out(std::span<const Dot> dots);
+  void gather();
+
   DotDetector dots_;
-  MarkerTracker tracker_;
+  int64_t view_width_q16_;
+  size_t n_per_view_;
+  std::vector<View> views_;
   DotTemplates templates_;
+  std::vector<Marker> markers_;
   std::vector<int64_t> error2_q16_;
   int n_dots_at_rest_ = 0;
 };

@@ -86,22 +86,34 @@ class Window(Section):
 
 
 class Markers(Section):
-    """[markers]: the printed lattice, or scattered markers: listed, or found in the rest picture."""
+    """[markers]: the printed lattice, or scattered markers: listed, or found in the rest picture.
+
+    views : the frame is n_y views side by side, with n_x markers in each, found in the rest picture.
+    """
 
     polarity: Literal["dark", "light", "texture"]
-    layout: Literal["lattice", "scattered"] = "lattice"
+    layout: Literal["lattice", "scattered", "views"] = "lattice"
     places_um: (
         Annotated[list[Annotated[list[LengthUm], Field(min_length=2, max_length=2)]], Field(min_length=1)] | None
     ) = None
-    n_x: Annotated[int, Field(ge=2, le=64)]
+    n_x: Annotated[int, Field(ge=2, le=1024)]
     n_y: Annotated[int, Field(ge=2, le=64)]
     pitch_x_um: Annotated[int, Field(ge=100, le=100_000)]
     pitch_y_um: Annotated[int, Field(ge=100, le=100_000)]
     first_x_um: LengthUm
     first_y_um: LengthUm
     diameter_um: Annotated[int, Field(ge=20, le=50_000)]
-    threshold_1e3: Annotated[int, Field(ge=10, le=900)]
+    threshold_1e3: Annotated[int, Field(ge=10, le=1900)]
     max_lost: Annotated[int, Field(ge=0, le=4_096)]
+
+    @model_validator(mode="after")
+    def _is_within_its_layout(self) -> Markers:
+        most_x, most_y = (1024, 4) if self.layout == "views" else (64, 64)
+        if self.n_x > most_x or self.n_y > most_y:
+            raise ValueError(f"markers.n_x is at most {most_x} and markers.n_y at most {most_y} in this layout")
+        if self.threshold_1e3 > 900 and self.polarity != "light":
+            raise ValueError("markers.threshold_1e3 is at most 900 unless markers are light")
+        return self
 
 
 class Targets(Section):
@@ -261,6 +273,8 @@ class Board(Section):
             return
         if markers.layout == "scattered":
             self._check_scattered(markers)
+        elif markers.layout == "views":
+            self._check_views(markers)
         else:
             if markers.places_um is not None:
                 raise ValueError('markers.places_um needs markers.layout = "scattered"')
@@ -322,6 +336,16 @@ class Board(Section):
                 f"targets.diameter_um makes a radius of {radius_px} px in the image: "
                 f"{MIN_TARGET_PX} to {MAX_TARGET_PX} can be measured"
             )
+
+    def _check_views(self, markers: Markers) -> None:
+        if markers.polarity == "texture":
+            raise ValueError("markers.polarity texture needs markers.layout lattice")
+        if markers.places_um is not None:
+            raise ValueError('markers.places_um needs markers.layout = "scattered"')
+        if self.camera.width_px % markers.n_y:
+            raise ValueError("camera.width_px is no multiple of the markers.n_y views that it holds")
+        if {"displacement", "photometric"} & set(self.pipeline.stages):
+            raise ValueError("markers.layout views has no nodes: leave the stages displacement and photometric out")
 
     def _check_scattered(self, markers: Markers) -> None:
         if markers.polarity == "texture":

@@ -115,6 +115,13 @@ GOOD: dict[str, Change] = {
         add("markers", 'layout = "scattered"\nplaces_um = [[0, 0], [4000, 500], [700, 900], [20000, 16000]]'),
         put("markers.n_x", "2"), put("markers.n_y", "2"),
     ),
+    "views": all_of(
+        add("markers", 'layout = "views"'), put("markers.n_x", "1024"), put("markers.n_y", "2"),
+        put("pipeline.stages", '["difference", "markers"]'),
+    ),
+    "light-markers-of-high-contrast": all_of(
+        put("markers.polarity", '"light"'), put("markers.threshold_1e3", "1900")
+    ),
     "hexadecimal": put("camera.width_px", "0x140"),
     "underscores": put("pad.modulus_pa", "200_000"),
     "plus-sign": put("grid.n_x", "+31"),
@@ -248,6 +255,29 @@ BAD: dict[str, tuple[Change, str]] = {
     "places-of-floats": (add("markers", 'layout = "scattered"\nplaces_um = [[1.0, 2.0]]'), "places_um"),
     "places-of-bools": (add("markers", 'layout = "scattered"\nplaces_um = [[true, 2]]'), "places_um"),
     "places-empty": (add("markers", 'layout = "scattered"\nplaces_um = []'), "places_um"),
+    "views-with-nodes": (
+        all_of(
+            add("markers", 'layout = "views"'), put("markers.n_x", "1024"), put("markers.n_y", "2"),
+            put("pipeline.stages", '["difference", "markers", "displacement"]'),
+        ),
+        "displacement",
+    ),
+    "views-that-do-not-fill-the-frame": (
+        all_of(
+            add("markers", 'layout = "views"'), put("markers.n_x", "292"), put("markers.n_y", "3"),
+            put("pipeline.stages", '["difference", "markers"]'),
+        ),
+        "width_px",
+    ),
+    "views-of-too-many": (
+        all_of(
+            add("markers", 'layout = "views"'), put("markers.n_x", "1025"), put("markers.n_y", "2"),
+            put("pipeline.stages", '["difference", "markers"]'),
+        ),
+        "n_x",
+    ),
+    "scattered-too-many": (all_of(add("markers", 'layout = "scattered"'), put("markers.n_x", "65")), "n_x"),
+    "dark-markers-of-high-contrast": (put("markers.threshold_1e3", "901"), "threshold_1e3"),
     "texture-and-scattered": (
         all_of(
             add("markers", 'layout = "scattered"'),

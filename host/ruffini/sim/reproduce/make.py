@@ -208,7 +208,10 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
     seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ONLY_READ]
     if board.depth.source == "light":  # the only one when they were frozen
         del seen["depth"]["source"]
-    if board.markers is not None and board.markers.polarity == "texture":
+    if board.markers is not None and board.markers.layout == "views":  # pins are the twin's, they are not printed
+        seen["markers"] = None
+        seen["pipeline"]["stages"] = ["difference"]
+    elif board.markers is not None and board.markers.polarity == "texture":
         seen["markers"] = None
         seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ("markers", "displacement")]
     elif board.markers is not None and board.markers.layout == "lattice":  # the only one when they were frozen
@@ -219,6 +222,8 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
     for pair in (one["second"] for one in told["set_"] if one["second"]):
         if not pair["turn_mrad"]:  # younger too
             del pair["turn_mrad"]
+    for one in (one for one in told["set_"] if one["drawn"] is None):  # and this
+        del one["drawn"]
     if told["warmth"] is None:  # and these
         del told["warmth"]
     for hand in (one for one in told["hand"] if not one["warmer_mk"]):

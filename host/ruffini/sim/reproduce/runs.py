@@ -16,6 +16,7 @@ from ruffini.sim.programs import Load, Rest, Step, Touch
 from ruffini.sim.reproduce.settings import HandSet, Lists, PressSet, ReproduceSettings
 
 UM = 1e-6
+QUICK_EVERY = 8  # of drawn runs
 N_REST = 2  # untouched frames after the board's rest frames
 
 AXES = tuple(Lists.model_fields)
@@ -117,10 +118,10 @@ def runs_of(settings: ReproduceSettings, *, quick: bool = False) -> list[Run]:
     for s in settings.set_:
         if quick and s.quick is None:
             continue
-        for number, chosen in enumerate(_product(s)):
-            if quick and not _is_quick(s, chosen):
-                continue
+        for number, chosen in enumerate(_product(s) if s.drawn is None else _drawn(settings, s)):
             key = f"{s.name}/{number:04d}"
+            if quick and not _is_quick(s, chosen, number):
+                continue
             out.append(Run(key, _seed(settings, key), s, _indenter(s, chosen), chosen))
     return out
 
@@ -134,8 +135,26 @@ def _product(s: PressSet) -> list[dict[str, object]]:
     return [dict(zip(lists, chosen, strict=True)) for chosen in itertools.product(*lists.values())]
 
 
-def _is_quick(s: PressSet, chosen: dict[str, object]) -> bool:
+def _drawn(settings: ReproduceSettings, s: PressSet) -> list[dict[str, object]]:
+    lists = {name: values for name in AXES if (values := getattr(s, name)) is not None}
+    runs = []
+    for number in range(s.drawn or 0):
+        rng = np.random.default_rng([_seed(settings, f"{s.name}/{number:04d}"), 6])
+        runs.append({name: _drawn_value(rng, values) for name, values in lists.items()})
+    return runs
+
+
+def _drawn_value(rng: np.random.Generator, values: list[object]) -> object:
+    if isinstance(values[0], str):
+        return values[int(rng.integers(len(values)))]
+    numbers = np.array(values)
+    return np.round(rng.uniform(numbers.min(axis=0), numbers.max(axis=0))).astype(int).tolist()
+
+
+def _is_quick(s: PressSet, chosen: dict[str, object], number: int) -> bool:
     assert s.quick is not None
+    if s.drawn is not None:
+        return number % QUICK_EVERY == 0
     wanted = {name: values for name in AXES if (values := getattr(s.quick, name)) is not None}
     return all(chosen.get(name) in values for name, values in wanted.items())
 

@@ -124,6 +124,8 @@ class PressSet(Lists):
 
     `after` presses the unit has been pressed before (aging); a `trial` is the same press with another seed. At a speed
     the frames that would stand closer than `step_um` are left out: the recording is so much slower than the camera.
+    `drawn` : so many runs instead of the product of the lists, each number drawn evenly between the least and the most
+    of its list, each indenter from its own; runs before stay as they are when more are drawn.
     """
 
     name: Name
@@ -132,6 +134,7 @@ class PressSet(Lists):
     depth_um: Positive
     step_um: Positive = 100
     side_steps: Annotated[int, Field(ge=1, le=1000)] = 4
+    drawn: Annotated[int, Field(ge=1, le=100_000)] | None = None
     hold_frames: Annotated[int, Field(ge=0, le=100_000)] = 0  # at the end, before it returns
     returns: bool = False  # up again as it went down
     friction_1e3: Annotated[int, Field(ge=0, le=2000)] | None = None  # of the twin where absent
