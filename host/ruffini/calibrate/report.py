@@ -14,7 +14,9 @@ import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from ruffini.boards import Board
+from ruffini.calibrate import fewer_presses
 from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.fewer_presses import Figures, Numbers
 from ruffini.calibrate.gates import (
     Gate,
     Judged,
@@ -39,9 +41,8 @@ from ruffini.fem.operators import Noise
 
 Array = npt.NDArray[np.float64]
 
-PRESSES = (1, 2, 3, 5, 10, 20, 50, 100)
-DRAWS, SEED = 8, 1  # of presses, for each number of them
-LEAST_JUDGED = 3  # touches that no press of a draw belongs to
+PRESSES = (1, 2, 3, *fewer_presses.SIZES)
+DRAWS = 8  # of presses, for each number of them
 
 
 @dataclass(frozen=True)
@@ -128,26 +129,24 @@ def accuracy_of_presses(
 
     "board": with the board's numbers as prior; "prior": with the one that is given.
     """
-    rng = np.random.default_rng(SEED)
     touches = np.unique(log.touch)
     priors = {"board": board_prior(board), **({} if prior is None else {"prior": prior})}
     problems = {name: MaterialProblem(board, log, predictor, p) for name, p in priors.items()}
-    sizes = [n for n in PRESSES if n <= len(touches) - LEAST_JUDGED]
     rows: list[dict[str, Any]] = [{"presses": 0} | {
         name: float(np.sqrt(np.mean(np.square(touch_errors(log, predictor.wrench(p.mean), touches)))))
         for name, p in priors.items()
     }]  # fmt: skip
-    for k, n in enumerate(sizes):
-        error: dict[str, list[float]] = {name: [] for name in problems}
-        for _ in range(DRAWS):
-            order = rng.permutation(touches)
-            used = np.isin(log.touch, order[:n])
-            for name, problem in problems.items():
-                wrench = predictor.wrench(problem.solve(used))
-                error[name].append(float(np.mean(np.square(touch_errors(log, wrench, order[n:])))))
-        rows.append({"presses": n} | {name: float(np.sqrt(np.mean(e))) for name, e in error.items()})
-        progress((k + 1) / len(sizes))
-    return rows
+
+    def error(fitted: Numbers, left: Numbers) -> Figures:
+        used, out = np.isin(log.touch, touches[fitted]), {}
+        for name, problem in problems.items():
+            wrench = predictor.wrench(problem.solve(used))
+            out[name] = float(np.sqrt(np.mean(np.square(touch_errors(log, wrench, touches[left])))))
+        return out
+
+    return rows + fewer_presses.accuracy_of_presses(
+        len(touches), error, progress, sizes=PRESSES, n_draws=DRAWS, is_shuffled=True
+    )
 
 
 def touch_errors(log: MaterialLog, wrench: Array, touches: npt.NDArray[np.int64]) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.fewer_presses import accuracy_text
 from ruffini.calibrate.gates import Gate, failed
 from ruffini.calibrate.html_page import Page
 from ruffini.calibrate.report import Report
@@ -62,6 +63,13 @@ def report_head(file: CalibrationFile, tree: dict[str, Any], gates: list[Gate], 
     gate_table(page, gates)
     stage_table(page, file)
     return page
+
+
+def fewer_presses_table(page: Page, rows: list[dict[str, Any]]) -> None:
+    """What fewer presses would have been worth, where the fit of the file told it."""
+    if rows:
+        page.heading("Accuracy against the number of presses")
+        page.table(("presses", "judged on the others"), [tuple(accuracy_text(row).split(" presses: ")) for row in rows])
 
 
 def range_table(page: Page, names: dict[str, str], valid_for: dict[str, Any]) -> None:

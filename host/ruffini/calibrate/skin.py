@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile, Tensors, base_metadata, pack
+from ruffini.calibrate.fewer_presses import Figures, Numbers, accuracy_of_presses
 from ruffini.calibrate.skin_openings import Openings, TubeView, find_openings, fit_view, lattice_mm
 from ruffini.calibrate.skin_places import PlaceFit, errors, fit_places
 from ruffini.calibrate.skin_presses import (
@@ -129,8 +130,9 @@ def fit_seen(board: Board, seen: SeenSkin, pressed: list[Press], progress: Progr
     apart = max(APART_MARGIN * unexplained(pressed, layout, places, reach), APART_LEAST)
     progress(0.6)
     report = _left_out(pressed, layout, force)
-    progress(1.0)
+    progress(0.7)
     report |= {
+        "accuracy_of_presses": _of_fewer(pressed, layout, force, lambda done: progress(0.7 + 0.3 * done)),
         "n_presses": len(pressed), "n_taxels": openings.n_taxels,
         "f_px": view.f, "d_mm": view.d, "k1": view.k1, "k2": view.k2, "points_rmse_px": view.rmse_px,
         "memory": [{"part": float(g), "time_s": t} for g, t in zip(force.parts, TIMES_S, strict=True)],
@@ -168,6 +170,17 @@ def _left_out(presses: list[Press], layout: Layout, whole: ForceFit) -> dict[str
         "place_rms_mm": float(np.sqrt(np.mean(away[load > 2] ** 2) / 2)) if len(part) else float("nan"),
         "faint_place_rms_mm": float(np.sqrt(np.mean(away[load <= 2] ** 2) / 2)) if (load <= 2).any() else 0.0,
     }  # fmt: skip
+
+
+def _of_fewer(presses: list[Press], layout: Layout, whole: ForceFit, progress: Progress) -> list[dict[str, Any]]:
+    def error(used: Numbers, left: Numbers) -> Figures:
+        some, others = [presses[i] for i in used], [presses[i] for i in left]
+        load, off, away = errors(others, layout, fit_force(some, layout, whole), fit_places(some, layout))
+        hard = load > 2
+        part = float(100 * np.abs(off / load)[hard].mean()) if hard.any() else float("nan")
+        return {"force_error_percent": part, "place_error_mm": float(away.mean())}
+
+    return accuracy_of_presses(len(presses), error, progress)
 
 
 def taxel_file(board: Board, fit: SkinFit) -> CalibrationFile:

@@ -10,9 +10,10 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.fewer_presses import accuracy_in
 from ruffini.calibrate.gates import HARD_N, Gate, failed, gates_in, gates_of_reference, gates_of_skin
 from ruffini.calibrate.report import about
-from ruffini.calibrate.report_page import range_table, report_head
+from ruffini.calibrate.report_page import fewer_presses_table, range_table, report_head
 from ruffini.calibrate.skin_judge import OFF_X, PLACE_X, PLACE_Y, REFERENCE, SAID, TOUCH, judged_presses
 from ruffini.calibrate.skin_log import read_skin_log
 from ruffini.calibrate.skin_presses import Progress
@@ -50,6 +51,7 @@ def skin_report_of(
                 "in_the_fit": in_the_fit, "simulated": any(log.facts.get("rig") == "sim" for log in logs)},
         "passed": not failed(gates), "gates": [gate._asdict() for gate in gates], "skin": skin_figures(rows),
         "previous": before,
+        "accuracy_of_presses": accuracy_in(file, "skin") if in_the_fit else [],
         "valid_for": {
             "normal_force_n": _range(rows[:, REFERENCE]), "x_mm": _range(rows[:, PLACE_X]),
             "y_mm": _range(rows[:, PLACE_Y]), "temperature_c": warmth,
@@ -88,6 +90,7 @@ def write_skin_page(path: Path, file: CalibrationFile, report: SkinReport) -> No
     said = [(name, *("not measured" if f[k] is None else f[k] for k in keys)) for name, f in rows]
     page.table(("", "force, N RMS", f"force above {HARD_N:g} N, % mean", "place, mm mean", "not told"), said)
     page.picture(_errors(report.rows), "force said against the reference; how far off each place is")
+    fewer_presses_table(page, tree["accuracy_of_presses"])
     page.heading("Valid for")
     names = {"normal_force_n": "force into the skin, N", "x_mm": "x, mm", "y_mm": "y, mm"}
     range_table(page, names, tree["valid_for"])

@@ -11,14 +11,15 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.feature_log import read_feature_runs
+from ruffini.calibrate.feature_log import FeatureRun, read_feature_runs
+from ruffini.calibrate.fewer_presses import accuracy_in
 from ruffini.calibrate.gates import MAX_WRENCH_ERROR, Gate, failed, gates_in, gates_of_reference
 from ruffini.calibrate.report import about
 from ruffini.calibrate.report_page import AXES as LABELS
-from ruffini.calibrate.report_page import range_table, report_head
+from ruffini.calibrate.report_page import fewer_presses_table, range_table, report_head
 from ruffini.calibrate.touch_log import file_sha256
 from ruffini.calibrate.warmth import celsius_ranges
-from ruffini.calibrate.wrench_model import AXES, frames_of
+from ruffini.calibrate.wrench_model import AXES, Frames, frames_of
 from ruffini.calibrate.wrench_tables import map_in
 from ruffini.rig.log_file import read_log
 
@@ -34,7 +35,9 @@ class WrenchReport(NamedTuple):
     true: Array
 
 
-def wrench_report_of(board: Board, file: CalibrationFile, paths: list[Path]) -> WrenchReport:
+def wrench_report_of(
+    board: Board, file: CalibrationFile, paths: list[Path], *, previous: CalibrationFile | None = None
+) -> WrenchReport:
     """Judge a wrench's tables on logs or recordings, those that it was fitted to or others.
 
     Raises
@@ -42,31 +45,43 @@ def wrench_report_of(board: Board, file: CalibrationFile, paths: list[Path]) -> 
     InputError
         Nothing to read, or another board's.
     """
-    found = map_in(file)
-    frames = frames_of(read_feature_runs(paths, board), _lag_s(file))
-    said = np.where(found.full > 0, found.predicted(frames), np.nan)
+    runs = read_feature_runs(paths, board)
+    said, frames = _said(file, runs)
     logs = [read_log(path) for path in paths if path.suffix == ".h5"]
     sources = {path.name: file_sha256(path) for path in paths}
     in_the_fit = all(sha in file.metadata.get("residuals", "") for sha in sources.values())
-    rmse, full = np.sqrt(np.mean((said - frames.wrench) ** 2, axis=0)), np.abs(frames.wrench).max(axis=0)
+    rmse, full = _rms(said, frames), np.abs(frames.wrench).max(axis=0)
     gates = gates_of_reference([dict(log.found) for log in logs])
     if in_the_fit:  # what its stages found on what was left out
         gates += [g for g in gates_in(file) or [] if g.name not in {gate.name for gate in gates}]
     else:
-        gates += [_gate(name, e / f) for name, e, f in zip(AXES, rmse, full, strict=True) if np.isfinite(e) and f > 0]
+        gates += [_gate(name, e / f) for name, e, f in zip(AXES, rmse, full, strict=True) if e is not None and f > 0]
     tree = {
         "board": board.name, "calibration": about(file),
         "log": {"files": sources, "touches": len(np.unique(frames.run)), "frames": len(said), "in_the_fit": in_the_fit,
                 "simulated": any(log.facts.get("rig") == "sim" for log in logs)},
         "passed": not failed(gates), "gates": [gate._asdict() for gate in gates],
-        "axes": {name: {"rmse": None if np.isnan(e) else float(e), "largest": float(f)}
+        "previous": None if previous is None else dict(zip(AXES, _rms(*_said(previous, runs)), strict=True)),
+        "axes": {name: {"rmse": e, "largest": float(f)}
                  for name, e, f in zip(AXES, rmse, full, strict=True)},
+        "accuracy_of_presses": accuracy_in(file, "wrench") if in_the_fit else [],
         "valid_for": {
             **{name: [float(v.min()), float(v.max())] for name, v in zip(AXES, frames.wrench.T, strict=True)},
             "temperature_c": celsius_ranges(touch.facts for log in logs for touch in log.touches),
         },
     }  # fmt: skip
     return WrenchReport(tree, gates, said, frames.wrench)
+
+
+def _said(file: CalibrationFile, runs: list[FeatureRun]) -> tuple[Array, Frames]:
+    """What a file's tables make of the features (t, 6), NaN where not measured, beside the reference."""
+    found, frames = map_in(file), frames_of(runs, _lag_s(file))
+    return np.where(found.full > 0, found.predicted(frames), np.nan), frames
+
+
+def _rms(said: Array, frames: Frames) -> list[float | None]:
+    error = np.sqrt(np.mean((said - frames.wrench) ** 2, axis=0))
+    return [None if np.isnan(e) else float(e) for e in error]
 
 
 def _lag_s(file: CalibrationFile) -> float:
@@ -89,11 +104,13 @@ def write_wrench_page(path: Path, file: CalibrationFile, report: WrenchReport) -
     page = report_head(file, tree, report.gates, f"{tree['log']['frames']} frames of {tree['log']['touches']} loads")
     page.heading("Error of each axis, all frames")
     axes = tree["axes"].values()
-    page.table(("", *LABELS), [
-        ("RMS", *("not measured" if a["rmse"] is None else a["rmse"] for a in axes)),
-        ("largest load", *(a["largest"] for a in axes)),
-    ])  # fmt: skip
+    errors = {"RMS": [a["rmse"] for a in axes]}
+    if tree["previous"]:
+        errors["RMS of the previous calibration"] = list(tree["previous"].values())
+    rows = [(name, *("not measured" if e is None else e for e in row)) for name, row in errors.items()]
+    page.table(("", *LABELS), [*rows, ("largest load", *(a["largest"] for a in axes))])
     page.picture(_picture(report), "wrench said against the reference, axis by axis")
+    fewer_presses_table(page, tree["accuracy_of_presses"])
     page.heading("Valid for")
     range_table(page, dict(zip(AXES, LABELS, strict=True)), tree["valid_for"])
     page.write(path)

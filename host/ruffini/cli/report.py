@@ -40,7 +40,7 @@ def report(
     if "skin" in file.kinds:
         return _of_skin(found, file, logs, out, before, json_)
     if "wrench" in file.kinds:
-        return _of_wrench(found, file, logs, out, json_)
+        return _of_wrench(found, file, logs, out, before, json_)
     with progress_bar("report") as progress:
         log = read_touch_log(logs, found, file, progress=lambda done: progress(0.2 * done))
         made = report_of(
@@ -48,9 +48,6 @@ def report(
             progress=lambda done: progress(0.2 + 0.8 * done),
         )  # fmt: skip
     write_page(out, found, file, made)
-    for row in made.tree["accuracy_of_presses"]:
-        known = f", from what was known before {1e3 * row['prior']:.1f} mN" if "prior" in row else ""
-        note(f"{row['presses']:3d} presses: force of the others off by {1e3 * row['board']:.1f} mN{known}")
     off = f"force off by {1e3 * made.tree['wrench']['force_rmse_n']:.1f} mN RMS over {log.n_touches} touches"
     _say(out, made.tree, made.gates, off, json_)
 
@@ -68,11 +65,13 @@ def _of_skin(
     _say(out, made.tree, made.gates, off, json_)
 
 
-def _of_wrench(board: Board, file: CalibrationFile, logs: list[Path], out: Path, json_: bool) -> None:
+def _of_wrench(
+    board: Board, file: CalibrationFile, logs: list[Path], out: Path, previous: CalibrationFile | None, json_: bool
+) -> None:
     """A wrench made of features: each axis, on logs or recordings."""
     from ruffini.calibrate.wrench_report import wrench_report_of, write_wrench_page
 
-    made = wrench_report_of(board, file, logs)
+    made = wrench_report_of(board, file, logs, previous=previous)
     write_wrench_page(out, file, made)
     told = [f"{name} {axis['rmse']:.3g}" for name, axis in made.tree["axes"].items() if axis["rmse"] is not None]
     off = f"off by {', '.join(told)} RMS (N, N mm) over {made.tree['log']['touches']} loads"
@@ -81,9 +80,12 @@ def _of_wrench(board: Board, file: CalibrationFile, logs: list[Path], out: Path,
 
 def _say(out: Path, tree: dict[str, Any], gates: list[Gate], off: str, json_: bool) -> None:
     """The numbers beside the page, one line, and exit code 1 where a gate fails."""
+    from ruffini.calibrate.fewer_presses import accuracy_text
     from ruffini.calibrate.gates import failed
     from ruffini.files import write_whole
 
+    for row in tree["accuracy_of_presses"]:
+        note(accuracy_text(row))
     write_whole(out.with_suffix(".json"), json.dumps(tree, indent=1).encode() + b"\n")
     bad = failed(gates)
     verdict = "FAILS " + "; ".join(f"{g.name}: {g.text}" for g in bad) if bad else "passes its gates"

@@ -65,7 +65,7 @@ PACES = {
     "dome": Pace(3.0, stall_s=30.0, longest_gap_s=20.0, max_hold_s=90.0, image_bytes_per_s=1e6),
     "tube": Pace(1.0, stall_s=60.0, longest_gap_s=40.0, max_hold_s=180.0, image_bytes_per_s=1e6),
 }
-REFERENCE_HZ = {"plane": 2.0, "dome": 0.8, "tube": 0.3}
+REFERENCE_HZ = {"plane": 2.0, "dome": 0.8, "tube": 0.3}  # stated: how long a silence is waited for is real time, always
 # By simulated time no computer is too slow, but a frame of a tube takes half a second to make: one of so many is made.
 HURRIED_STEP = {"tube": 6}
 
@@ -127,11 +127,10 @@ def open_simulated(
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-")))
     unit = unit or build_unit(board, options.error, progress=options.progress)
     kind, indenter = unit.twin.shape.kind, Indenter("sphere", options.ball_mm / 2e3)
-    pace, reference_hz, clock = PACES[kind], REFERENCE_HZ[kind], None
+    pace, clock = PACES[kind], None
     if options.is_hurried:
         period_s, step = 1e3 / board.camera.rate_mhz, HURRIED_STEP.get(kind, 1)
-        reference_hz, clock = 1 / (period_s * step), FrameClock(period_s, step=step)
-        pace = pace._replace(frame_hz=reference_hz)
+        clock, pace = FrameClock(period_s, step=step), pace._replace(frame_hz=1 / (period_s * step))
     stack.enter_context(host_clock.lent(clock) if clock else contextlib.nullcontext())
     emulated, driver = MACHINES[options.machine]
     machine = stack.enter_context(emulated()) if program in BY_STAGE else None
@@ -143,7 +142,7 @@ def open_simulated(
         loader,
         folder / "twin",
         options.seed,
-        rate_hz=reference_hz,
+        rate_hz=REFERENCE_HZ[kind],
         mount=options.mount or (BOLTED if program == CONNECTED else ASKEW),
         clock=clock,
     )
@@ -160,8 +159,8 @@ def open_simulated(
         stage = driver(machine.port)
         stack.callback(stage.close)
     text_cell = stack.enter_context(EmulatedTextCell(options.seed)) if kind == "tube" else None
-    page = stack.enter_context(EmulatedPage(reference_hz))
-    reference = _reference(twin, text_cell, page, program, reference_hz)
+    page = stack.enter_context(EmulatedPage(REFERENCE_HZ[kind]))
+    reference = _reference(twin, text_cell, page, program, REFERENCE_HZ[kind])
     if program == CONNECTED and options.mount is None:
         reference = Turned(reference, np.eye(3), BOLTED_ARM_M)
     parts = Parts(sensor, person, pace, reference=reference, max_force_n=MAX_FORCE_N, stage=stage, origin=ORIGIN)

@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
-from ruffini.calibrate.feature_log import features_of, read_feature_runs
+from typing import Any, TypedDict
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.calibrate.feature_log import FeatureRun, features_of, read_feature_runs
+from ruffini.calibrate.fewer_presses import Figures, Numbers, accuracy_of_presses
 from ruffini.calibrate.marker_prior import marker_prior
 from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage
 from ruffini.calibrate.target_geometry import second_order_of
-from ruffini.calibrate.wrench_map import fit_wrench_map
-from ruffini.calibrate.wrench_model import AXES
+from ruffini.calibrate.wrench_map import FEW, Bend, Fit, fit_wrench_map
+from ruffini.calibrate.wrench_model import AXES, frames_of
 from ruffini.calibrate.wrench_tables import tables
 from ruffini.errors import InputError
+
+
+class Mechanics(TypedDict):
+    """What a fit knows of the board beforehand (`fit_wrench_map`)."""
+
+    bend: Bend | None
+    prior: npt.NDArray[np.float64] | None
 
 
 def run(job: Job, progress: Progress) -> Outcome:
     """Fit to features and reference of every log; errors on recordings, or touches, that were left out."""
     runs = read_feature_runs(job.paths, job.board, progress=progress)
     holdout = "recording" if len(runs) > 1 else "touch"
-    fit = fit_wrench_map(runs, holdout=holdout, bend=second_order_of(job.board), prior=marker_prior(job.board))
+    mechanics: Mechanics = {"bend": second_order_of(job.board), "prior": marker_prior(job.board)}
+    fit = fit_wrench_map(runs, holdout=holdout, **mechanics)
     tensors, metadata = tables(fit, features_of(job.board))
     job.tensors |= tensors
     job.metadata |= metadata
@@ -24,7 +38,22 @@ def run(job: Job, progress: Progress) -> Outcome:
         f"{axis} {error:.3g}" for axis, error, full in zip(AXES, fit.rmse, fit.map.full, strict=True) if full
     )
     said = f"RMSE on {fit.left_out} left out, N and N mm: {errors}; {fit.n_frames} frames of {fit.n_runs} recordings"
-    return Outcome("fitted", said, fit.report())
+    return Outcome("fitted", said, {**fit.report(), "accuracy_of_presses": _of_fewer(runs, holdout, fit, mechanics)})
+
+
+def _of_fewer(runs: list[FeatureRun], holdout: str, fit: Fit, mechanics: Mechanics) -> list[dict[str, Any]]:
+    """RMS error over all axes, each over what it was loaded with; fits of many features would take hours."""
+    if runs[0].features.shape[1] > FEW:
+        return []
+    is_told = fit.map.full > 0
+
+    def error(used: Numbers, left: Numbers) -> Figures:
+        part = fit_wrench_map([runs[i] for i in used], holdout=holdout, **mechanics)
+        frames = frames_of([runs[i] for i in left], part.lag_s)
+        off = (part.map.predicted(frames) - frames.wrench)[:, is_told] / fit.map.full[is_told]
+        return {"error_percent": float(100 * np.sqrt(np.mean(off**2)))}
+
+    return accuracy_of_presses(len(runs), error)
 
 
 def keep(job: Job) -> Outcome:
