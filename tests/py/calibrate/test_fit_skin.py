@@ -104,6 +104,9 @@ def test_a_log_makes_a_skins_calibration_that_passes(fitted) -> None:
     assert report["n_presses"] == 40
     assert report["force_error_percent"] < 5
     assert report["place_error_mm"] < 2.5
+    fewer = report["accuracy_of_presses"]
+    assert [row["presses"] for row in fewer] == [5, 10, 20]
+    assert fewer[-1]["force_error_percent"] < 5
 
 
 def test_presses_that_a_fit_did_not_see_on_the_boards_integers(fitted, tmp_path: Path) -> None:

@@ -187,21 +187,19 @@ def test_cal_report_judges_a_wrench_on_its_log(
     run = run_of(tmp_path, None)
     run.said_off = {"after": 0.02, "fitted": np.nan}
     run.run()
-    words = [
-        "cal",
-        "report",
-        tmp_path / "calibration.safetensors",
-        "--log",
-        tmp_path / "fitted.h5",
-        "--board",
-        "ftouch",
-    ]
+    calibration = tmp_path / "calibration.safetensors"
+    words = ["cal", "report", calibration, "--log", tmp_path / "fitted.h5", "--board", "ftouch",
+             "--previous", calibration]  # fmt: skip
     monkeypatch.setattr(sys, "argv", ["ruffini", *map(str, words), "--out", str(tmp_path / "page.html")])
     assert main() == 0
     assert "passes its gates" in capsys.readouterr().out
     assert "Error of each axis" in (tmp_path / "page.html").read_text()
-    axes = json.loads((tmp_path / "page.json").read_text())["axes"]
-    assert all(axis["rmse"] < 0.05 * axis["largest"] for axis in axes.values())
+    tree = json.loads((tmp_path / "page.json").read_text())
+    assert all(axis["rmse"] < 0.05 * axis["largest"] for axis in tree["axes"].values())
+    assert tree["previous"] == {name: axis["rmse"] for name, axis in tree["axes"].items()}
+    (few,) = tree["accuracy_of_presses"]  # ten loads: five fitted, five judged
+    assert few["presses"] == 5
+    assert few["error_percent"] > 5  # five loads do not tell six axes
 
 
 def test_unit_zero_is_as_its_board_file_says():
