@@ -202,7 +202,7 @@ def test_a_fitted_map_says_the_same_in_integers() -> None:
         np.zeros((2, 6, 6)),
         WrenchWarmth(25.0, 20.0, 30.0, rng.normal(size=6) * 3e-3, rng.normal(size=6) * 1e-3 * full),
     )  # fmt: skip
-    fit = Fit(made, 0.0, 0.0, {}, full, full, full, 1.0, 50, 1, "recording")
+    fit = Fit(made, 0.0, {}, {}, full, full, full, 1.0, 50, 1, "recording")
     kind, _ = tables_of(fit, Features("targets", 9))
     degrees = Degrees(np.linspace(18.0, 33.0, 50), np.full(50, 21.0))
     frames = Frames(np.round(features), np.zeros((50, 6)), 0.1 * np.arange(50), np.zeros(50, np.intp), degrees)

@@ -8,43 +8,47 @@ firmware/estimators/feature_wrench.h has the equations; `predicted` is the same 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import nnls
 
 from ruffini.calibrate.feature_log import FeatureRun
-from ruffini.calibrate.wrench_model import (
-    AXES,
-    PAIRS,
-    TIMES_S,
-    Frames,
-    WrenchMap,
-    forgotten,
-    frames_of,
-    memories,
-    products,
+from ruffini.calibrate.wrench_model import AXES, Frames, WrenchMap, frames_of, memories, products
+from ruffini.calibrate.wrench_terms import (
+    FREE_RIDGE,
+    LEAST_PRODUCT,
+    LEAST_RIDGE,
+    Axes,
+    Bend,
+    Terms,
+    fitted,
+    held_out,
+    rms,
+    solve,
 )
-from ruffini.calibrate.wrench_warmth import no_warmth
 from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
-Bend = Callable[[Array], Array]
+Folds = list[npt.NDArray[np.bool_]]
+
 LAGS_S = np.arange(-0.1, 0.1001, 0.0125)
 FEW = 30  # features: thousands of frames determine these without a ridge, and their memories besides
 SAME_LAG_S = 0.005  # a sixth of a frame of a usual camera
-RIDGES = (1e-8, 1e-6, 1e-4, 1e-2, 1.0)  # of the features' mean square: only many features need more than the first
+RIDGES = (
+    LEAST_RIDGE,
+    1e-6,
+    1e-4,
+    1e-2,
+    1.0,
+)  # of the features' mean square: only many features need more
 SAME = 1.001  # errors on what was not fitted that are as good as each other
 LEAST_GAIN = 0.01  # a term stays where it lessens the error of an axis on what was not fitted by this part
 LEAST_R2 = 0.3  # of what the features tell of an axis: one that the log hardly loads is not measured
 REST_PART = 0.02  # of full scale: nothing presses
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
-LEAST_PRODUCT = 0.03  # of u_j u_k, root mean square: a pair that the log hardly loads together gets no term
-FREE_RIDGE = 1e-5  # of quadratic terms that no geometry gives
-N_PASSES = 3  # K, temperature and relaxation by turns
 TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
 
 
@@ -57,7 +61,7 @@ class Fit:
 
     map: WrenchMap
     lag_s: float
-    ridge: float
+    ridge: dict[str, float]  # by axis
     terms: dict[str, list[str]]  # term: axes that keep it
     rmse: Array
     r2: Array
@@ -68,7 +72,7 @@ class Fit:
     holdout: str
     checks: list[str] = field(default_factory=list)
     no_warmth: str | None = None  # why temperature was not tried
-    has_prior: bool = False  # K leans on the pad's mechanics
+    leaning: list[str] = field(default_factory=list)  # axes whose K leans on the pad's mechanics
 
     @property
     def left_out(self) -> str:
@@ -84,7 +88,7 @@ class Fit:
         return {
             "axes": by_axis, "unit": "N, N mm", "held_out_by": self.holdout, "lag_ms": 1e3 * self.lag_s,
             "ridge": self.ridge, "terms": self.terms, "condition": self.condition, "n_frames": self.n_frames,
-            "prior": self.has_prior, "n_recordings": self.n_runs, "checks": self.checks, "temperature": self._warmth(),
+            "prior": self.leaning, "n_recordings": self.n_runs, "checks": self.checks, "temperature": self._warmth(),
             "not_measured": [a for a, f in zip(AXES, self.map.full, strict=True) if f == 0],
         }  # fmt: skip
 
@@ -106,7 +110,7 @@ def fit_wrench_map(
 
     bend : what products of axes add to the features (n, 21), for features that are linear in them by (n, 6), where the
         board's geometry says it (`target_geometry`); else quadratic terms are free.
-    prior : K (6, n) by the pad's mechanics (`marker_prior`), for many features: kept where it pays.
+    prior : K (6, n) by the pad's mechanics (`marker_prior`), for many features: each axis leans on it where that pays.
     holdout : `recording` leaves whole recordings out, `touch` single loads (from one touch-free moment to the next).
 
     Raises
@@ -131,40 +135,32 @@ def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | Non
     groups = frames.run if holdout == "recording" else _touches(frames)
     folds = _folds(groups)
     checks = _checks(frames)
-    off, why_not = np.zeros(6, bool), frames.degrees.why_not
-    plain = _Terms(RIDGES[0], square=off, relax=off, warm=off, bend=bend)
-    if frames.features.shape[1] > FEW:
-        plain = _with_ridge(frames, folds, plain, prior)
-    linear = _held_out(frames, folds, plain)
-    chosen, errors = plain, linear
-    is_loaded = np.abs(frames.wrench).max(axis=0) > 1e-9
-    for name in ("square", "relax") if why_not else ("warm", "square", "relax"):
-        trial = replace(chosen, **{name: is_loaded})
-        # A geometry that is known stays unless it does harm: the log may not load the pairs that it is for.
-        least = -LEAST_GAIN if name == "square" and bend is not None else LEAST_GAIN
-        gains = is_loaded & (_rms(_held_out(frames, folds, trial)) < (1 - least) * _rms(errors))
-        chosen = replace(chosen, **{name: gains})
-        errors = _held_out(frames, folds, chosen) if gains.any() else errors
+    route = _route(frames, folds, bend, prior)
+    chosen, linear, errors = route.terms, route.linear, route.errors
     spread = frames.wrench.std(axis=0)
-    r2 = 1 - (_rms(errors) / np.where(spread > 0, spread, 1)) ** 2
+    r2 = 1 - (rms(errors) / np.where(spread > 0, spread, 1)) ** 2
     is_told = r2 >= LEAST_R2
     if frames.features.shape[1] <= FEW:  # cannot fit what is not there: an axis that only one recording loads counts
-        fitted = _fitted(frames, chosen).predicted(frames) - frames.wrench
-        is_told |= (_rms(fitted) < np.sqrt(1 - LEAST_R2) * spread) & (spread > 0)
+        left = fitted(frames, chosen).predicted(frames) - frames.wrench
+        is_told |= (rms(left) < np.sqrt(1 - LEAST_R2) * spread) & (spread > 0)
     if not is_told.any():
         raise InputError(
             f"on {_left_out(holdout)} that were not fitted the features tell nothing of the reference: is it this "
             "sensor's, in the pad's axes, one row a frame?"
         )
     full = np.where(is_told, np.abs(frames.wrench).max(axis=0), 0.0)
-    found = _with_forward(_fitted(frames, chosen, full), frames, errors, bend)
+    found = _with_forward(fitted(frames, chosen, full), frames, errors, bend)
     terms = {"temperature": chosen.warm, "quadratic": chosen.square, "relaxation": chosen.relax}
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)
     return Fit(
-        found, lag_s, plain.ridge, {n: [a for a, on in zip(AXES, m, strict=True) if on] for n, m in terms.items()},
-        _rms(errors), r2, _rms(linear), _condition(scaled), len(frames.features), len(runs), holdout, checks, why_not,
-        plain.prior is not None,
+        found, lag_s, dict(zip(AXES, chosen.ridge.tolist(), strict=True)), {n: _names(m) for n, m in terms.items()},
+        rms(errors), r2, rms(linear), _condition(scaled), len(frames.features), len(runs), holdout, checks,
+        frames.degrees.why_not, _names(chosen.leans),
     )  # fmt: skip
+
+
+def _names(axes: Axes) -> list[str]:
+    return [axis for axis, on in zip(AXES, axes, strict=True) if on]
 
 
 def _left_out(holdout: str) -> str:
@@ -173,8 +169,7 @@ def _left_out(holdout: str) -> str:
 
 def linear_map(runs: list[FeatureRun], lag_s: float) -> WrenchMap:
     """K alone, as the paper's."""
-    off = np.zeros(6, bool)
-    return _fitted(frames_of(runs, lag_s), _Terms(RIDGES[0], off, off, off))
+    return fitted(frames_of(runs, lag_s), _plain(None))
 
 
 def share_in_disagreement(found: WrenchMap, runs: list[FeatureRun], n: int, rng: np.random.Generator) -> float:
@@ -191,96 +186,13 @@ def share_in_disagreement(found: WrenchMap, runs: list[FeatureRun], n: int, rng:
     return float((off > found.tolerance).any(axis=1).mean())
 
 
-@dataclass(frozen=True)
-class _Terms:
-    ridge: float
-    square: npt.NDArray[np.bool_]
-    relax: npt.NDArray[np.bool_]
-    warm: npt.NDArray[np.bool_]
-    bend: Bend | None = None
-    prior: Array | None = None
-
-
-def _rms(errors: Array) -> Array:
-    return np.asarray(np.sqrt(np.nanmean(errors**2, axis=0)))
-
-
 def _condition(scaled: Array) -> float:
     """Of the six strongest directions of the features, each scaled by its spread."""
     values = np.linalg.svd(scaled - scaled.mean(axis=0), compute_uv=False)
     return float(values[0] / values[min(5, len(values) - 1)])
 
 
-def _solve(features: Array, wrench: Array, ridge: float | Array) -> Array:
-    """K (6, n), each feature scaled by its own spread."""
-    scale = np.maximum(np.sqrt((features**2).mean(axis=0)), 1e-9)
-    a = features / scale
-    normal = a.T @ a + np.diag(np.broadcast_to(ridge * np.float64(len(a)), a.shape[1]))
-    return np.asarray(np.linalg.solve(normal, a.T @ wrench).T / scale)
-
-
-def _fitted(frames: Frames, terms: _Terms, full: Array | None = None) -> WrenchMap:
-    n = frames.features.shape[1]
-    if full is None:
-        full = np.abs(frames.wrench).max(axis=0)
-    relax, target = np.zeros((len(TIMES_S), 6)), frames.wrench
-    warmth = no_warmth(frames.degrees) if terms.warm.any() else None
-    for _ in range(N_PASSES if terms.relax.any() or warmth else 1):
-        aim = target if warmth is None else warmth.inverse(target, frames.degrees)
-        gain, _ = _gain(frames.features, np.zeros((len(aim), 0)), aim, terms)
-        square = np.zeros((6, len(PAIRS[0])))
-        made = WrenchMap(gain, full, square, relax, np.zeros((n, 27)), np.ones(n), np.zeros((2, 6, 6)), warmth)
-        for _ in range(2 if terms.square.any() else 0):  # u is of the gain, which the products change a little
-            made = _with_square(made, frames, aim, terms)
-        elastic = made.corrected(made.elastic(frames), frames.degrees)
-        if terms.relax.any():
-            relax = _relaxation(elastic, frames, terms.relax)
-            target = frames.wrench + forgotten(elastic, frames, relax)
-        if warmth is not None:
-            warmth = warmth.refined(made.elastic(frames), target, frames.degrees, terms.warm)
-    return replace(made, relax=relax, warmth=warmth)
-
-
-def _relaxation(elastic: Array, frames: Frames, axes: npt.NDArray[np.bool_]) -> Array:
-    """Parts of each term that leave the reference's wrench of the elastic one, on those axes."""
-    relax, h = np.zeros((len(TIMES_S), 6)), memories(elastic, frames)
-    for axis in np.flatnonzero(axes):
-        columns = np.stack([elastic[:, axis], *(-h[k, :, axis] for k in range(len(TIMES_S)))], axis=1)
-        weights = nnls(columns, frames.wrench[:, axis])[0]
-        relax[:, axis] = (weights[1:] / max(weights[0], 1e-9)).clip(0, 0.9)
-    return relax
-
-
-def _gain(features: Array, others: Array, target: Array, terms: _Terms) -> tuple[Array, Array]:
-    """K (6, n), and what `others` add. With a prior the ridge holds K to what that says, times what each axis needs."""
-    n, m = features.shape[1], others.shape[1]
-    if terms.prior is None:
-        both = _solve(np.concatenate([features, others], axis=1), target, terms.ridge)
-        return both[:, :n], both[:, n:]
-    columns = np.concatenate([features, others, features @ terms.prior.T], axis=1)
-    ridge = np.concatenate([np.full(n + m, terms.ridge), np.full(6, RIDGES[0])])
-    all_ = _solve(columns, target, ridge)
-    return all_[:, :n] + all_[:, n + m :] @ terms.prior, all_[:, n : n + m]
-
-
-def _with_square(made: WrenchMap, frames: Frames, target: Array, terms: _Terms) -> WrenchMap:
-    """Gain and quadratic terms together, on the axes that have them."""
-    keep = terms.square[:, None]
-    u = made.scaled(frames.features @ made.gain.T)
-    basis = products(u)
-    if terms.bend is not None:  # what the geometry says that the features do; then the rest is linear
-        beyond = terms.bend(_solve(u, frames.features, RIDGES[0]))
-        gain, _ = _gain(frames.features - basis @ beyond.T, basis[:, :0], target, terms)
-        square = -gain @ beyond
-    else:
-        is_excited = np.sqrt((basis**2).mean(axis=0)) > LEAST_PRODUCT
-        square = np.zeros((6, len(PAIRS[0])))
-        terms = replace(terms, ridge=max(terms.ridge, FREE_RIDGE))
-        gain, square[:, is_excited] = _gain(frames.features, basis[:, is_excited], target, terms)
-    return replace(made, gain=np.where(keep, gain, made.gain), square=np.where(keep, square, 0.0))
-
-
-def _folds(groups: npt.NDArray[np.intp], n: int = 5) -> list[npt.NDArray[np.bool_]]:
+def _folds(groups: npt.NDArray[np.intp], n: int = 5) -> Folds:
     """What each fold leaves out: whole groups, dealt round."""
     names = np.unique(groups)
     if len(names) < n:
@@ -296,21 +208,57 @@ def _touches(frames: Frames) -> npt.NDArray[np.intp]:
     return np.asarray(np.cumsum(starts))
 
 
-def _held_out(frames: Frames, folds: list[npt.NDArray[np.bool_]], terms: _Terms) -> Array:
-    """Error of every frame by a map that was not fitted on it, (t, 6)."""
-    out = np.full_like(frames.wrench, np.nan)
-    for left in folds:
-        out[left] = _fitted(frames.take(~left), terms).predicted(frames.take(left)) - frames.wrench[left]
-    return out
+class _Route(NamedTuple):
+    """Terms, and the errors (t, 6) on what was not fitted: of K alone, and of all."""
+
+    terms: Terms
+    linear: Array
+    errors: Array
 
 
-def _with_ridge(frames: Frames, folds: list[npt.NDArray[np.bool_]], plain: _Terms, prior: Array | None) -> _Terms:
-    """The least ridge, without the prior if it can be, of those that err as little as any on what was not fitted."""
+def _plain(bend: Bend | None) -> Terms:
+    """K alone, hardly any ridge."""
+    off = np.zeros(6, bool)
+    return Terms(np.full(6, LEAST_RIDGE), square=off, relax=off, warm=off, leans=off, bend=bend)
+
+
+def _route(frames: Frames, folds: Folds, bend: Bend | None, prior: Array | None) -> _Route:
+    """The terms that err least on what was not fitted; each axis leans on the prior, or not, as is best for it."""
+    plain = _plain(bend)
+    if frames.features.shape[1] <= FEW:
+        return _with_terms(frames, folds, plain)
+    alone = _with_terms(frames, folds, _with_ridge(frames, folds, plain))
+    if prior is None:
+        return alone
+    leaning = replace(plain, leans=np.ones(6, bool), prior=prior)
+    other = _with_terms(frames, folds, _with_ridge(frames, folds, leaning))
+    leans = rms(alone.errors) > SAME * rms(other.errors)
+    if not leans.any():
+        return alone
+    terms = alone.terms.taking(leans, other.terms)  # products are of all axes: not the errors of either
+    return _Route(terms, np.where(leans, other.linear, alone.linear), held_out(frames, folds, terms))
+
+
+def _with_terms(frames: Frames, folds: Folds, plain: Terms) -> _Route:
+    """Temperature, products and relaxation on the axes on which they pay."""
+    chosen = plain
+    linear = errors = held_out(frames, folds, plain)
+    is_loaded = np.abs(frames.wrench).max(axis=0) > 1e-9
+    for name in ("square", "relax") if frames.degrees.why_not else ("warm", "square", "relax"):
+        trial = replace(chosen, **{name: is_loaded})
+        # A geometry that is known stays unless it does harm: the log may not load the pairs that it is for.
+        least = -LEAST_GAIN if name == "square" and plain.bend is not None else LEAST_GAIN
+        gains = is_loaded & (rms(held_out(frames, folds, trial)) < (1 - least) * rms(errors))
+        chosen = replace(chosen, **{name: gains})
+        errors = held_out(frames, folds, chosen) if gains.any() else errors
+    return _Route(chosen, linear, errors)
+
+
+def _with_ridge(frames: Frames, folds: Folds, plain: Terms) -> Terms:
+    """The least ridge of those that err as little as any on what was not fitted, one for all axes."""
     spread = np.maximum(frames.wrench.std(axis=0), 1e-12)
-    trials = [replace(plain, ridge=r) for r in RIDGES]
-    if prior is not None:
-        trials += [replace(plain, ridge=r, prior=prior) for r in RIDGES]
-    worth = [float((_rms(_held_out(frames, folds, t)) / spread).mean()) for t in trials]
+    trials = [replace(plain, ridge=np.full(6, r)) for r in RIDGES]
+    worth = [float((rms(held_out(frames, folds, t)) / spread).mean()) for t in trials]
     return next(t for t, w in zip(trials, worth, strict=True) if w <= SAME * min(worth))
 
 
@@ -323,8 +271,8 @@ def _lag(runs: list[FeatureRun], has_memory: bool) -> float:
     scaled = seen.features / np.maximum(np.sqrt((seen.features**2).mean(axis=0)), 1e-9)
     features = np.concatenate([scaled, *memories(scaled, seen)], axis=1) if has_memory else scaled
     wrench = np.concatenate([frames_of(runs, float(lag)).wrench for lag in LAGS_S], axis=1)
-    error = features @ _solve(features, wrench, RIDGES[0]).T - wrench
-    misfit = (_rms(error) ** 2 / np.maximum(wrench.var(axis=0), 1e-12)).reshape(len(LAGS_S), 6).sum(axis=1)
+    error = features @ solve(features, wrench, LEAST_RIDGE).T - wrench
+    misfit = (rms(error) ** 2 / np.maximum(wrench.var(axis=0), 1e-12)).reshape(len(LAGS_S), 6).sum(axis=1)
     best = int(np.argmin(misfit))
     if best in (0, len(LAGS_S) - 1) and not has_memory:
         raise InputError(
@@ -355,11 +303,11 @@ def _with_forward(found: WrenchMap, frames: Frames, errors: Array, bend: Bend | 
     u = found.scaled(found.elastic(frames))
     pairs = products(u)
     if bend is not None:
-        beyond = bend(_solve(u, frames.features, RIDGES[0]))
-        first = _solve(u, frames.features - pairs @ beyond.T, RIDGES[0])
+        beyond = bend(solve(u, frames.features, LEAST_RIDGE))
+        first = solve(u, frames.features - pairs @ beyond.T, LEAST_RIDGE)
     else:
         is_excited = np.sqrt((pairs**2).mean(axis=0)) > LEAST_PRODUCT
-        both = _solve(np.concatenate([u, pairs * is_excited], axis=1), frames.features, FREE_RIDGE)
+        both = solve(np.concatenate([u, pairs * is_excited], axis=1), frames.features, FREE_RIDGE)
         first, beyond = both[:, :6], both[:, 6:] * is_excited
     off = np.abs(frames.features - u @ first.T - pairs @ beyond.T)
     forward = np.concatenate([first, beyond], axis=1)

@@ -76,8 +76,8 @@ def _text(out: Path, fit: Fit) -> str:
             f"  {axis:4}{abs(fit.map.full[i]):>10.3g}{fit.linear_rmse[i]:>10.3g}{fit.rmse[i]:>10.3g}{fit.r2[i]:>8.3f}"
             f"  {unit}{'  ' + state if state else ''}"
         )
-    if fit.has_prior:
-        lines.append("  K leans on the pad's mechanics (the board's inverse FEM, shifts alone)")
+    if fit.leaning:
+        lines.append(f"  {', '.join(fit.leaning)} lean on the pad's mechanics (the board's inverse FEM, shifts alone)")
     warmth = fit.map.warmth
     lines.append(
         f"  temperature: no term, {fit.report()['temperature']}" if warmth is None else

@@ -255,15 +255,14 @@ def test_many_markers_are_features_too() -> None:
     fit = fit_wrench_map([recording(k) for k in range(25)])
     new = frames_of([replace(recording(k), reference=loads(k) * TO_N_M) for k in range(100, 110)], 0.0)
     assert (np.sqrt(((fit.map.predicted(new) - new.wrench) ** 2).mean(axis=0)) / FULL < 0.02).all()
-    assert not fit.has_prior
+    assert not fit.leaning
     kind, said = tables(fit, Features("markers", 120))
     assert kind["wrench.gain"].shape == (6, 120)
     assert said["wrench.features"] == "markers"
 
 
-def test_what_the_mechanics_says_is_leaned_on_where_it_helps() -> None:
-    """Few loads for many markers: K of the mechanics, of which each axis is off by a factor, errs less than none."""
-    truth = np.random.default_rng(6)
+def few_loads_for_many_markers(truth: np.random.Generator) -> tuple[list[FeatureRun], Array]:
+    """Recordings, and K of the mechanics, of which each axis is off by a factor."""
     made_by, others = truth.normal(size=(120, 6)) * 5e4 / FULL, truth.normal(size=(120, 50)) * 1e4
     known = np.linalg.pinv(np.concatenate([made_by, others], axis=1))[:6] * truth.uniform(0.5, 2, 6)[:, None]
 
@@ -275,13 +274,30 @@ def test_what_the_mechanics_says_is_leaned_on_where_it_helps() -> None:
         time_s = np.arange(len(wrench)) / RATE_HZ
         return FeatureRun(f"pad/{k}", time_s, features, np.ones(len(wrench), bool), time_s, wrench * TO_N_M)
 
-    runs = [recording(k) for k in range(25)]
+    return [recording(k) for k in range(25)], known
+
+
+def test_what_the_mechanics_says_is_leaned_on_where_it_helps() -> None:
+    truth = np.random.default_rng(6)
+    runs, known = few_loads_for_many_markers(truth)
     plain, leaning = fit_wrench_map(runs), fit_wrench_map(runs, prior=known)
-    assert leaning.has_prior
+    assert leaning.leaning == list(AXES)
     assert (leaning.rmse < 0.5 * plain.rmse).all()
     assert (leaning.rmse / FULL < 0.02).all()
     nonsense = fit_wrench_map(runs, prior=truth.normal(size=known.shape) * 1e-9)
     assert (nonsense.rmse < 1.01 * plain.rmse).all()
+
+
+def test_each_axis_leans_on_the_mechanics_by_itself() -> None:
+    """What the mechanics says of Fz is wrong: the others lean on theirs, and Fz is as without."""
+    truth = np.random.default_rng(6)
+    runs, known = few_loads_for_many_markers(truth)
+    known[2] = truth.normal(size=120) * np.abs(known[2]).mean()
+    plain, leaning = fit_wrench_map(runs), fit_wrench_map(runs, prior=known)
+    assert leaning.leaning == ["Fx", "Fy", "Tx", "Ty", "Tz"]
+    others = [0, 1, 3, 4, 5]
+    assert (leaning.rmse[others] < 0.5 * plain.rmse[others]).all()
+    assert leaning.rmse[2] < 1.01 * plain.rmse[2]
 
 
 def test_memories_follow_their_equation() -> None:
