@@ -223,20 +223,24 @@ def _plain(bend: Bend | None) -> Terms:
 
 
 def _route(frames: Frames, folds: Folds, bend: Bend | None, prior: Array | None) -> _Route:
-    """The terms that err least on what was not fitted; each axis leans on the prior, or not, as is best for it."""
+    """The terms that err least on what was not fitted, by axis: its ridge, and whether it leans on the prior.
+
+    Of those that err as little as any the least ridge, without the prior if it can be.
+    """
     plain = _plain(bend)
     if frames.features.shape[1] <= FEW:
         return _with_terms(frames, folds, plain)
-    alone = _with_terms(frames, folds, _with_ridge(frames, folds, plain))
-    if prior is None:
-        return alone
-    leaning = replace(plain, leans=np.ones(6, bool), prior=prior)
-    other = _with_terms(frames, folds, _with_ridge(frames, folds, leaning))
-    leans = rms(alone.errors) > SAME * rms(other.errors)
-    if not leans.any():
-        return alone
-    terms = alone.terms.taking(leans, other.terms)  # products are of all axes: not the errors of either
-    return _Route(terms, np.where(leans, other.linear, alone.linear), held_out(frames, folds, terms))
+    ways = [replace(plain, ridge=np.full(6, r)) for r in RIDGES]
+    if prior is not None:
+        ways += [replace(way, leans=np.ones(6, bool), prior=prior) for way in ways]
+    routes = [_with_terms(frames, folds, way) for way in ways]
+    errors = np.array([rms(route.errors) for route in routes])
+    best = np.argmax(errors <= SAME * errors.min(axis=0), axis=0)
+    terms, linear = routes[0].terms, routes[0].linear
+    for way, route in enumerate(routes[1:], 1):
+        terms = terms.taking(best == way, route.terms)
+        linear = np.where(best == way, route.linear, linear)
+    return _Route(terms, linear, held_out(frames, folds, terms))  # products are of all axes: not the routes' own errors
 
 
 def _with_terms(frames: Frames, folds: Folds, plain: Terms) -> _Route:
@@ -252,14 +256,6 @@ def _with_terms(frames: Frames, folds: Folds, plain: Terms) -> _Route:
         chosen = replace(chosen, **{name: gains})
         errors = held_out(frames, folds, chosen) if gains.any() else errors
     return _Route(chosen, linear, errors)
-
-
-def _with_ridge(frames: Frames, folds: Folds, plain: Terms) -> Terms:
-    """The least ridge of those that err as little as any on what was not fitted, one for all axes."""
-    spread = np.maximum(frames.wrench.std(axis=0), 1e-12)
-    trials = [replace(plain, ridge=np.full(6, r)) for r in RIDGES]
-    worth = [float((rms(held_out(frames, folds, t)) / spread).mean()) for t in trials]
-    return next(t for t, w in zip(trials, worth, strict=True) if w <= SAME * min(worth))
 
 
 def _lag(runs: list[FeatureRun], has_memory: bool) -> float:
