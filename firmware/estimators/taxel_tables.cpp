@@ -36,6 +36,7 @@ Status load_numbers(const Calibration& c, TaxelTables& t) {
                  {"skin.taxel_area_um2", 1, 1'000'000'000, &t.taxel_area_um2},
                  {"skin.floor_q12", 1, kMaxSinkQ12, &t.floor_q12},
                  {"skin.apart_q12", 1, 4096, &t.apart_q12},
+                 {"skin.pair_q12", 0, 1 << 20, &t.pair_q12},
                  {"skin.sigma_un", 1, 100'000'000, &t.sigma_un},
                  {"skin.sigma_q12", 0, 4096, &t.sigma_q12},
                  {"skin.place_sigma_um", 1, 1'000'000, &t.place_sigma_um},
@@ -132,10 +133,14 @@ Result<TaxelTables> TaxelTables::load(const Calibration& c, const BoardSettings&
   return t;
 }
 
-int64_t TaxelTables::reach_q14(int64_t dx_um, int64_t dy_um) const {
+int64_t TaxelTables::aside_um(int64_t dx_um) const {
   dx_um = std::abs(dx_um);
+  return round_um > 0 ? std::min(dx_um, std::abs(round_um - dx_um)) : dx_um;
+}
+
+int64_t TaxelTables::reach_q14(int64_t dx_um, int64_t dy_um) const {
+  dx_um = aside_um(dx_um);
   dy_um = std::abs(dy_um);
-  if (round_um > 0) dx_um = std::min(dx_um, std::abs(round_um - dx_um));
   const int64_t column = dx_um / reach_step_um;
   const int64_t row = dy_um / reach_step_um;
   if (column > reach_size.n_x - 2 || row > reach_size.n_y - 2) return 0;

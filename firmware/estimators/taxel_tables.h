@@ -30,6 +30,8 @@ struct TaxelTables {
 
   [[nodiscard]] static Result<TaxelTables> load(const Calibration& calibration, const BoardSettings& board);
 
+  // An offset along x, round a tube the shorter way.
+  [[nodiscard]] int64_t aside_um(int64_t dx_um) const;
   // Of a touch one unit strong, Q14, at this offset from it; 0 beyond the table.
   [[nodiscard]] int64_t reach_q14(int64_t dx_um, int64_t dy_um) const;
   // What real force is over elastic force, of a touch that leans by |q| Q12 (taxel_touches.h), linear in all three.
@@ -46,6 +48,7 @@ struct TaxelTables {
   int64_t taxel_area_um2 = 0;
   int64_t floor_q12 = 0;  // sink below which a taxel is not touched
   int64_t apart_q12 = 0;  // what one touch leaves unexplained, over its own sink: more is another touch
+  int64_t pair_q12 = 0;   // by how much two places explain it better than one: more is two (touch_pair.h)
   int64_t sigma_un = 0;   // of the force of a touch: a constant, and a part of the force
   int64_t sigma_q12 = 0;
   int64_t place_sigma_um = 0;  // of its place: a constant, and that at the contact's threshold

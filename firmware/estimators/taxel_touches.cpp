@@ -44,6 +44,7 @@ Result<TaxelTouches> TaxelTouches::load(const Calibration& calibration, const Bo
   out.threshold_un_ = board.contact.threshold_un;
   out.mode_ = board.skin.mode;
   out.sink_q12_.resize(n);
+  out.left_q12_.resize(n);
   out.press_.resize(n);
   out.all_nodes_.assign(n, 1);
   return out;
@@ -100,7 +101,8 @@ bool TaxelTouches::find_another() {
     int64_t strongest = sink_q12_[i];
     for (size_t k = 0; k < n_touches_; ++k) {
       const bool is_reached = explained(i, touch_[k]) > 0;
-      strongest = std::max(strongest, touch_[k].strength_q12 / (is_reached ? 1 : kBeyond));
+      const int64_t strength = std::max(touch_[k].strength_q12, touch_[k].pair_q12);
+      strongest = std::max(strongest, strength / (is_reached ? 1 : kBeyond));
     }
     if (unexplained * kOneQ12 < tables_.apart_q12 * strongest) continue;
     if (n_touches_ > 0 && !is_peak(i)) continue;
@@ -110,7 +112,44 @@ bool TaxelTouches::find_another() {
   if (most < tables_.floor_q12) return false;
   touch_[n_touches_++] = {.taxel = best};
   fit(touch_[n_touches_ - 1]);
+  split_last();
   return true;
+}
+
+// The last touch found is two where two places explain its taxels so much better.
+void TaxelTouches::split_last() {
+  if (mode_ == SkinMode::kSingle || n_touches_ == touch_.size()) return;
+  const Touch& whole = touch_[n_touches_ - 1];
+  for (size_t i = 0; i < left_q12_.size(); ++i) left_q12_[i] = left(i, &whole);
+  if (!pair_.find(tables_, left_q12_, whole.taxel)) return;
+  touch_[n_touches_ - 1] = member(0);
+  touch_[n_touches_++] = member(1);
+  for (size_t k = n_touches_ - 2; k < n_touches_; ++k) fit(touch_[k]);
+}
+
+// A touch where the pair has one, on the taxel that it reaches most.
+TaxelTouches::Touch TaxelTouches::member(size_t k) const {
+  const TouchPair::Member& found = pair_.members()[k];
+  Touch touch{.x_um = within_round(found.x_um),
+              .y_um = found.y_um,
+              .strength_q12 = found.strength_q12,
+              .q_q12 = {},
+              .pair_q12 = pair_.members()[0].strength_q12 + pair_.members()[1].strength_q12};
+  int64_t most = -1;
+  for (size_t i = 0; i < tables_.taxels.size(); ++i) {
+    const int64_t reach = tables_.reach_q14(tables_.taxels[i].x_um - touch.x_um, tables_.taxels[i].y_um - touch.y_um);
+    if (reach <= most) continue;
+    most = reach;
+    touch.taxel = i;
+  }
+  return touch;
+}
+
+// Round a tube, x on from one end to the other.
+int64_t TaxelTouches::within_round(int64_t x_um) const {
+  if (tables_.round_um > 0 && 2 * x_um > tables_.round_um) return x_um - tables_.round_um;
+  if (tables_.round_um > 0 && 2 * x_um < -tables_.round_um) return x_um + tables_.round_um;
+  return x_um;
 }
 
 // q along an axis.
@@ -128,9 +167,19 @@ int64_t TaxelTouches::lean_q12(const TaxelTables::Taxel& taxel, const Touch& tou
   return std::clamp(q, -kOneQ12, kOneQ12);
 }
 
-// Place and strength, the other touches as they are; it may move on by one taxel.
+// q, `here` being what the others leave on its taxel.
+void TaxelTouches::lean(Touch& touch, int64_t here) const {
+  const TaxelTables::Taxel& taxel = tables_.taxels[touch.taxel];
+  for (const size_t axis : {size_t{0}, size_t{1}}) touch.q_q12[axis] = lean_q12(taxel, touch, axis, here);
+}
+
+// Place and strength, the other touches as they are; it may move on by one taxel. Of one of a pair q alone.
 void TaxelTouches::fit(Touch& touch) const {
   int64_t here = left(touch.taxel, &touch);
+  if (touch.pair_q12 > 0) {
+    lean(touch, here);
+    return;
+  }
   for (const int16_t other : tables_.taxels[touch.taxel].near) {
     if (other < 0) continue;
     const int64_t there = left(static_cast<size_t>(other), &touch);
@@ -138,14 +187,12 @@ void TaxelTouches::fit(Touch& touch) const {
     here = there;
     touch.taxel = static_cast<size_t>(other);
   }
+  lean(touch, here);
   const TaxelTables::Taxel& taxel = tables_.taxels[touch.taxel];
-  for (const size_t axis : {size_t{0}, size_t{1}}) touch.q_q12[axis] = lean_q12(taxel, touch, axis, here);
   const int64_t dx = cubic(taxel.shift[0], touch.q_q12[0]);
   const int64_t dy = cubic(taxel.shift[1], touch.q_q12[1]);
-  touch.x_um = taxel.x_um + dx;
+  touch.x_um = within_round(taxel.x_um + dx);
   touch.y_um = taxel.y_um + dy;
-  if (tables_.round_um > 0 && 2 * touch.x_um > tables_.round_um) touch.x_um -= tables_.round_um;
-  if (tables_.round_um > 0 && 2 * touch.x_um < -tables_.round_um) touch.x_um += tables_.round_um;
   const int64_t reach = std::max(tables_.reach_q14(dx, dy), kLeastReachQ14);
   touch.strength_q12 = std::max<int64_t>(floor_div(here * 16'384, reach), 0);
 }

@@ -7,6 +7,8 @@
 //                 than `apart` of its own sink and of the strength of each touch, or of a kBeyond-th of it where that
 //                 does not reach, and if it stands out: 2 u_c - u_a - u_b over u_c / kPeak along both axes; then all
 //                 are fitted again
+//   two           a touch whose taxels are explained so much better by two places (touch_pair.h) is two touches, and these
+//                 stay there; for `found` each is as strong as both, which reach further than one
 //   place         on the taxel c that the others leave the most sink u on, with neighbours a, b along an axis:
 //                 q = (u_b - u_a) / (u_c - min(u_a, u_b)), or u_a / u_c of the only neighbour; shift = c's cubic in q
 //   strength      s = u_c / reach(X_c - X)
@@ -26,6 +28,7 @@
 #include "base/fixed.h"
 #include "estimators/skin_touch.h"
 #include "estimators/taxel_tables.h"
+#include "estimators/touch_pair.h"
 #include "solve/relaxation.h"
 
 namespace ruffini {
@@ -55,6 +58,7 @@ class TaxelTouches {
     int64_t y_um = 0;
     int64_t strength_q12 = 0;
     std::array<int64_t, 2> q_q12{};
+    int64_t pair_q12 = 0;  // strength of both where it is one of a pair, else 0
   };
 
   void read(std::span<const int32_t> ratio);
@@ -63,6 +67,10 @@ class TaxelTouches {
   [[nodiscard]] bool is_peak(size_t taxel) const;
   [[nodiscard]] bool find_another();
   void fit(Touch& touch) const;
+  void split_last();
+  [[nodiscard]] Touch member(size_t k) const;
+  [[nodiscard]] int64_t within_round(int64_t x_um) const;
+  void lean(Touch& touch, int64_t here) const;
   [[nodiscard]] int64_t lean_q12(const TaxelTables::Taxel& taxel, const Touch& touch, size_t axis, int64_t here) const;
   [[nodiscard]] int64_t force_un(const Touch& touch, int64_t elastic_lsb) const;
   void share_out();
@@ -74,6 +82,8 @@ class TaxelTouches {
   int64_t threshold_un_ = 0;
   SkinMode mode_ = SkinMode::kAuto;
   std::vector<int64_t> sink_q12_;
+  std::vector<int64_t> left_q12_;  // of the touch that may be two
+  TouchPair pair_;
   std::vector<NodeForce> press_;    // z alone, positive into the skin
   std::vector<uint8_t> all_nodes_;  // the relaxation's mask: every taxel is always measured
   std::array<Touch, SkinTouchList::kMax> touch_{};

@@ -16,7 +16,7 @@ from ruffini.core import Pipeline
 
 Picture = npt.NDArray[np.uint8]
 WIDTH, HEIGHT, N_X, N_Y = 150, 70, 8, 5
-PITCH_UM = 2000
+PITCH_UM = 500  # 8 of them go round the board's pad of 4 mm
 DARK, LIGHT = 64, 1024
 VALID, INVALID, NOT_MEASURED = 1, 3, 0
 N_REST = 3
@@ -24,7 +24,7 @@ N_REST = 3
 
 def skin_text(shape: str = "tube", mode: str = "auto") -> str:
     text = small_board(width=WIDTH, height=HEIGHT, step=1)
-    radius = 0 if shape == "plane" else 2546
+    radius = 0 if shape == "plane" else 637
     section = (
         f'[skin]\nshape = "{shape}"\nradius_um = {radius}\nn_panels = 1\nmode = "{mode}"\nweight_b = 1\nweight_g = 2\n'
         "weight_r = 0\nlevel = 40\nmin_area_px = 20\naveraged_frames = 1\n\n"
@@ -55,15 +55,15 @@ def calibration(board: Board, text: str, rng: np.random.Generator) -> Calibratio
     n, table = N_X * N_Y, np.arange(577) * 64 / 4096 - 1
     u = np.log1p(np.maximum(table, -0.95))
     x, y = (np.arange(k) - (k - 1) / 2 for k in (N_X, N_Y))
-    place = np.stack(np.meshgrid(x * PITCH_UM, y * PITCH_UM), axis=-1).reshape(n, 2) + rng.integers(-90, 90, (n, 2))
+    place = np.stack(np.meshgrid(x * PITCH_UM, y * PITCH_UM), axis=-1).reshape(n, 2) + rng.integers(-22, 22, (n, 2))
     near = np.full((n, 8), -1)
     for i in range(n):
         row, column = divmod(i, N_X)
         for k, (dx, dy) in enumerate([(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)]):
             if 0 <= row + dy < N_Y:
                 near[i, k] = (row + dy) * N_X + (column + dx) % N_X
-    dx, dy = np.meshgrid(np.arange(12) * 500, np.arange(24) * 500)
-    reach = np.maximum(np.exp(-dx / 1100 - dy / 1300), 0.002)
+    dx, dy = np.meshgrid(np.arange(12) * 125, np.arange(24) * 125)
+    reach = np.maximum(np.exp(-dx / 275 - dy / 325), 0.002)
     tensors = {
         "skin.run": runs(), "skin.light": np.full(n, 9000, np.int32),
         "skin.sink": np.round(u * 4096).astype(np.int32),
@@ -71,12 +71,13 @@ def calibration(board: Board, text: str, rng: np.random.Generator) -> Calibratio
         "skin.reach": np.round(reach * 16384).astype(np.int16), "skin.taxel_place": place.astype(np.int32),
         "skin.gain": rng.integers(50_000, 80_000, (3, 6, 9, 9)).astype(np.int32),
         "skin.taxel_kind": rng.integers(0, 3, n).astype(np.int16), "skin.taxel_near": near.astype(np.int16),
-        "skin.taxel_shift": np.add(rng.integers(-30_000, 30_000, (n, 2, 4)), [0, 150_000, 0, 0]).astype(np.int32),
+        "skin.taxel_shift": np.add(rng.integers(-7500, 7500, (n, 2, 4)), [0, 37_500, 0, 0]).astype(np.int32),
         "relaxation.part": np.array([150_000, 90_000], np.int32), "relaxation.time_ms": np.array([80, 4000], np.int32),
     }  # fmt: skip
-    numbers = {"taxels": n, "patches": 1, "runs": len(tensors["skin.run"]), "reach_step_um": 500,
-               "taxel_area_um2": PITCH_UM**2, "floor_q12": 82, "apart_q12": 1400, "sigma_un": 50_000, "sigma_q12": 300,
-               "place_sigma_um": 400, "faint_place_sigma_um": 900, "stray_limit_q6": 32}  # fmt: skip
+    numbers = {"taxels": n, "patches": 1, "runs": len(tensors["skin.run"]), "reach_step_um": 125,
+               "taxel_area_um2": PITCH_UM**2, "floor_q12": 82, "apart_q12": 1400, "pair_q12": 6000, "sigma_un": 50_000,
+               "sigma_q12": 300, "place_sigma_um": 400, "faint_place_sigma_um": 900,
+               "stray_limit_q6": 32}  # fmt: skip
     metadata = {**base_metadata(parse_board(text.encode(), "small")), "relaxation.terms": "2"}
     return pack(tensors, {**metadata, **{f"skin.{k}": str(v) for k, v in numbers.items()}})
 
@@ -124,6 +125,45 @@ def test_taxels_and_touches_are_those_of_the_mirror(mode: str) -> None:
     assert n_of[0] == 0
     assert n_of[3:6] == [1, 1, 1], n_of
     assert (max(n_of) > 1) == (mode == "auto"), n_of
+
+
+@pytest.mark.parametrize("shape", ["tube", "plane"])
+def test_two_fingers_side_by_side_are_told_as_the_mirror_tells_them(shape: str) -> None:
+    """A pitch and a half apart: along both axes, askew, over the tube's cut (far apart on a plane); one stays one."""
+    text = skin_text(shape)
+    board, rng = read_board(text), np.random.default_rng(8)
+    file = calibration(board, text, rng)
+    rest = [picture(rng, []) for _ in range(N_REST)]
+    base = base_of(((16 * np.sum(rest, axis=0, dtype=np.int64) + N_REST // 2) // N_REST).astype(np.uint16), board)
+    taxels, saturations = Taxels(file.tensors, file.metadata), Saturations()
+    taxels.learn(base)
+    touches = TaxelTouches(board, file.tensors, file.metadata)
+    fingers = [[(2.2, 2.0), (3.7, 2.0)], [(4.0, 1.2), (4.0, 2.7)], [(5.2, 2.0), (6.2, 3.1)], [(6.8, 1.9), (0.4, 1.9)],
+               [(3.1, 2.2)], [(5.0, 3.1)]]  # fmt: skip
+    told = []
+    with Pipeline(parse_board(text.encode(), "small"), file.data) as core:
+        for frame in rest:
+            core.process(frame)
+        for t, places in enumerate(fingers):
+            frame = pressed_picture(rng, places, shape == "tube")
+            core.process(frame, float(t))
+            expected = touches.run(taxels.run(glow_of(frame, base, board)), 1 + 1_000_000 * t, saturations)
+            assert [(r.x_um, r.y_um, r.press_un) for r in core.touches()] == expected
+            told.append((len(expected), sum(touch.of_pair > 0 for touch in touches.touches)))
+    assert told == [(2, 2)] * 3 + [(2, 2 if shape == "tube" else 0)] + [(1, 0)] * 2, told
+
+
+def pressed_picture(rng: np.random.Generator, places: list[tuple[float, float]], is_tube: bool) -> Picture:
+    """Openings that glow as the calibration's reach has it about each place (column, row)."""
+    row, column = np.divmod(np.arange(N_X * N_Y), N_X)
+    sink = np.zeros(N_X * N_Y)
+    for x, y in places:
+        aside = np.abs(column - x)
+        aside = np.minimum(aside, N_X - aside) if is_tube else aside
+        sink += 0.8 * np.exp(-aside * PITCH_UM / 275 - np.abs(row - y) * PITCH_UM / 325)
+    level = np.append(40 * np.exp(sink), [0.0, 0.0])[openings()]
+    grey = level[..., None] * np.array([1.1, 1.0, 0.6]) + rng.normal(0, 1, (HEIGHT, WIDTH, 3))
+    return np.clip(np.round(grey), 0, 255).astype(np.uint8)
 
 
 def test_the_paper_s_method_reads_place_and_force_off_its_tables() -> None:

@@ -19,6 +19,7 @@ from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile, Tensors, base_metadata, pack
 from ruffini.calibrate.fewer_presses import Figures, Numbers, accuracy_of_presses
 from ruffini.calibrate.skin_openings import Openings, TubeView, find_openings, fit_view, lattice_mm
+from ruffini.calibrate.skin_pairs import most_excess
 from ruffini.calibrate.skin_places import PlaceFit, errors, fit_places
 from ruffini.calibrate.skin_presses import (
     TOUCHED_N,
@@ -62,6 +63,7 @@ class SkinFit:
     places: PlaceFit
     reach: Array
     apart: float
+    pair: float
     report: dict[str, Any]
     light_q2: npt.NDArray[np.int32]
 
@@ -128,6 +130,7 @@ def fit_seen(board: Board, seen: SeenSkin, pressed: list[Press], progress: Progr
     progress(0.3)
     reach = fit_reach(pressed, layout, places)
     apart = max(APART_MARGIN * unexplained(pressed, layout, places, reach), APART_LEAST)
+    pair = most_excess(pressed, layout, places, reach)
     progress(0.6)
     report = _left_out(pressed, layout, force)
     progress(0.7)
@@ -137,10 +140,11 @@ def fit_seen(board: Board, seen: SeenSkin, pressed: list[Press], progress: Progr
         "f_px": view.f, "d_mm": view.d, "k1": view.k1, "k2": view.k2, "points_rmse_px": view.rmse_px,
         "memory": [{"part": float(g), "time_s": t} for g, t in zip(force.parts, TIMES_S, strict=True)],
         "pitch_mm": 1e-3 * min(board.markers.pitch_x_um, board.markers.pitch_y_um) if board.markers else float("nan"),
-        "sink_over_height": force.sink, "hug": force.hug, "apart": apart, "coverage": coverage(board, pressed),
+        "sink_over_height": force.sink, "hug": force.hug, "apart": apart, "pair": pair,
+        "coverage": coverage(board, pressed),
         "load_n": [float(f(p.force_n.max() for p in pressed)) for f in (min, max)],
     }  # fmt: skip
-    return SkinFit(view, openings, layout, force, places, reach, apart, report, openings.base_q2(rest))
+    return SkinFit(view, openings, layout, force, places, reach, apart, pair, report, openings.base_q2(rest))
 
 
 def coverage(board: Board, presses: list[Press]) -> float:
@@ -212,6 +216,7 @@ def taxel_file(board: Board, fit: SkinFit) -> CalibrationFile:
         "skin.reach_step_um": round(REACH_STEP_MM * 1e3),
         "skin.taxel_area_um2": markers.pitch_x_um * markers.pitch_y_um,
         "skin.floor_q12": round(FLOOR * 4096), "skin.apart_q12": min(round(fit.apart * 4096), 4096),
+        "skin.pair_q12": min(round(fit.pair * 4096), 1 << 20),
         "skin.sigma_un": max(round(SIGMAS * report["light_force_rms_n"] * 1e6), 1),
         "skin.sigma_q12": min(round(SIGMAS * report["force_rms_percent"] * 40.96), 4096),
         "skin.place_sigma_um": max(round(SIGMAS * report["place_rms_mm"] * 1e3), 1),

@@ -84,8 +84,15 @@ def _bends() -> Sparse:
 
 
 def reach_at(table: Array, off_mm: Array) -> Array:
-    """Reach (n,) at offsets (n, 2), linear between, 0 beyond the table."""
-    return np.asarray(_linear(np.abs(off_mm)) @ table.ravel())
+    """Reach (...) at offsets (..., 2), linear between, 0 beyond the table."""
+    n_x, n_y = REACH_SIZE
+    at = np.abs(off_mm) / REACH_STEP_MM
+    line = np.minimum(at.astype(int), [n_x - 2, n_y - 2])
+    (column, row), (right, below) = np.moveaxis(line, -1, 0), np.moveaxis(at - line, -1, 0)
+    above = table[row, column] * (1 - right) + table[row, column + 1] * right
+    behind = table[row + 1, column] * (1 - right) + table[row + 1, column + 1] * right
+    is_inside = (at[..., 0] < n_x - 1) & (at[..., 1] < n_y - 1)
+    return np.asarray(np.where(is_inside, above * (1 - below) + behind * below, 0.0))
 
 
 def unexplained(presses: list[Press], layout: Layout, places: PlaceFit, table: Array) -> float:

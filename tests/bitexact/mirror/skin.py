@@ -11,6 +11,7 @@ from mirror.block_float import shifted
 from mirror.board import Board
 from mirror.fixed import I64, Saturations
 from mirror.relaxation import Relaxation
+from mirror.touch_pair import Tables, find
 
 TAPS = (6544, 5774, 3969, 2124, 885, 287, 73)
 ONE = 4096
@@ -77,6 +78,7 @@ class Touch:
     y: int = 0
     strength: int = 0
     q: tuple[int, int] = (0, 0)
+    of_pair: int = 0
 
 
 class TaxelTouches:
@@ -88,6 +90,14 @@ class TaxelTouches:
         self.round = board["pad"]["size_x_um"] if board["skin"]["shape"] == "tube" else 0
         self.lsb, self.threshold = board["field"]["force_lsb_un"], board["contact"]["threshold_un"]
         self.is_single = board["skin"]["mode"] == "single"
+        self.pair = Tables(
+            self.t["taxel_place"],
+            self.t["taxel_near"],
+            self.round,
+            self.reach,
+            self.n["reach_step_um"],
+            self.n["pair_q12"],
+        )
         self.memory = Relaxation(tensors["relaxation.part"], tensors["relaxation.time_ms"], self.n["taxels"])
 
     def read(self, table: I64, ratio: int) -> int:
@@ -124,8 +134,14 @@ class TaxelTouches:
             q = self.left(max(before, behind), touch) * ONE // max(here, 1)
         return min(max(q, -ONE), ONE)
 
+    def within(self, x: int) -> int:
+        return x + self.round * ((2 * x < -self.round) - (2 * x > self.round)) if self.round else x
+
     def fit(self, touch: Touch) -> None:
         here = self.left(touch.taxel, touch)
+        if touch.of_pair:
+            touch.q = (self.lean(touch, 0, here), self.lean(touch, 1, here))
+            return
         for other in self.t["taxel_near"][touch.taxel].tolist():
             if other >= 0 and (there := self.left(other, touch)) > here:
                 here, touch.taxel = there, other
@@ -138,9 +154,7 @@ class TaxelTouches:
                 value = shifted(value * q, 12) + c[k]
             shift.append(shifted(value, 8))
         x, y = (int(v) + s for v, s in zip(self.t["taxel_place"][touch.taxel], shift, strict=True))
-        if self.round:
-            x += self.round * ((2 * x < -self.round) - (2 * x > self.round))
-        touch.x, touch.y = x, y
+        touch.x, touch.y = self.within(x), y
         touch.strength = max(here * 16384 // max(self.reach(*shift), LEAST_REACH), 0)
 
     def is_peak(self, i: int) -> bool:
@@ -160,7 +174,9 @@ class TaxelTouches:
             unexplained = self.left(i, None)
             if sink <= most or unexplained <= most:
                 continue
-            parts = [t.strength if self.explained(i, t) > 0 else t.strength // BEYOND for t in self.touches]
+            strong = [max(t.strength, t.of_pair) for t in self.touches]
+            reached = [self.explained(i, t) > 0 for t in self.touches]
+            parts = [s if on else s // BEYOND for s, on in zip(strong, reached, strict=True)]
             if self.touches and not self.is_peak(i):
                 continue
             if unexplained * ONE >= self.n["apart_q12"] * max([sink, *parts]):
@@ -169,7 +185,23 @@ class TaxelTouches:
             return False
         self.touches.append(Touch(best))
         self.fit(self.touches[-1])
+        self.split_last()
         return True
+
+    def split_last(self) -> None:
+        if self.is_single or len(self.touches) == MOST:
+            return
+        whole = self.touches[-1]
+        pair = find(self.pair, [self.left(i, whole) for i in range(len(self.sink))], whole.taxel)
+        if not pair:
+            return
+        self.touches.pop()
+        for x, y, strength in pair:
+            x = self.within(x)
+            reach = [self.reach(int(px) - x, int(py) - y) for px, py in self.t["taxel_place"]]
+            self.touches.append(Touch(reach.index(max(reach)), x, y, strength, of_pair=sum(s for *_, s in pair)))
+        for touch in self.touches[-2:]:
+            self.fit(touch)
 
     def force(self, touch: Touch, elastic_lsb: int) -> int:
         elastic = elastic_lsb * self.lsb

@@ -90,6 +90,7 @@ inline std::vector<uint8_t> skin_calibration(const BoardSettings& board) {
                                                      {"taxel_area_um2", pitch_um * pitch_um},
                                                      {"floor_q12", 82},
                                                      {"apart_q12", 1'400},
+                                                     {"pair_q12", 8'000},
                                                      {"sigma_un", 50'000},
                                                      {"sigma_q12", 300},
                                                      {"place_sigma_um", 400},

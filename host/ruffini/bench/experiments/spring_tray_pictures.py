@@ -92,7 +92,7 @@ def _traces(path: Path, loads: Sequence[Played]) -> Path:
             label = {"paper": "paper's method", "ours": "ruffini", "truth": "truth"}[name]
             axis.plot(time_s, lines[name], color=colour, lw=width, label=label, ls="--" if name == "truth" else "-")
         axis.set_ylabel(f"{AXES[i]}, {UNITS[i]}")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower right", ncols=3)
     axes[-1].set_xlabel("s, loads one after the other")
     figure.suptitle("Fig. 8, SIMULATED: other loads by hand on the connector")
     return _save(figure, path)
@@ -119,7 +119,7 @@ def _objects(path: Path, shown: Sequence[Played]) -> Path:
             axis.plot(time_s, p.truth[:, i], color="black", lw=0.5)
         row[2].set(title="wrench (black: truth)", xlabel="s", ylabel="N")
         torque.set_ylabel("N mm")
-        row[2].legend(loc="upper left", bbox_to_anchor=(1.12, 1.0), fontsize=8)
-        torque.legend(loc="lower left", bbox_to_anchor=(1.12, 0.0), fontsize=8)
+        row[2].legend(loc="upper left", bbox_to_anchor=(1.22, 1.0), fontsize=8)
+        torque.legend(loc="lower left", bbox_to_anchor=(1.22, 0.0), fontsize=8)
     figure.suptitle("Fig. 10, SIMULATED: shape and wrench from the same frame")
     return _save(figure, path)
