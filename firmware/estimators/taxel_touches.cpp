@@ -90,8 +90,9 @@ bool TaxelTouches::is_peak(size_t taxel) const {
   return true;
 }
 
-bool TaxelTouches::find_another() {
-  if (n_touches_ == touch_.size() || (mode_ == SkinMode::kSingle && n_touches_ == 1)) return false;
+// The taxel of another touch, if there is one.
+std::optional<size_t> TaxelTouches::next_taxel() const {
+  if (n_touches_ == touch_.size() || (mode_ == SkinMode::kSingle && n_touches_ == 1)) return std::nullopt;
   size_t best = 0;
   int64_t most = tables_.floor_q12 - 1;
   for (size_t i = 0; i < sink_q12_.size(); ++i) {
@@ -109,17 +110,28 @@ bool TaxelTouches::find_another() {
     best = i;
     most = unexplained;
   }
-  if (most < tables_.floor_q12) return false;
-  touch_[n_touches_++] = {.taxel = best};
+  return most < tables_.floor_q12 ? std::nullopt : std::optional(best);
+}
+
+bool TaxelTouches::find_another() {
+  const auto taxel = next_taxel();
+  if (!taxel) return false;
+  touch_[n_touches_++] = {.taxel = *taxel};
   fit(touch_[n_touches_ - 1]);
   split_last();
   return true;
 }
 
-// The last touch found is two where two places explain its taxels so much better.
+// The last touch found is two where two places explain its taxels so much better, and none of them stands out by itself.
 void TaxelTouches::split_last() {
   if (mode_ == SkinMode::kSingle || n_touches_ == touch_.size()) return;
   const Touch& whole = touch_[n_touches_ - 1];
+  if (const auto other = next_taxel()) {
+    const int64_t dx_um = tables_.aside_um(tables_.taxels[*other].x_um - whole.x_um);
+    const int64_t dy_um = tables_.taxels[*other].y_um - whole.y_um;
+    const int64_t far_um = TouchPair::kFar * tables_.reach_step_um;
+    if (dx_um * dx_um + dy_um * dy_um <= far_um * far_um) return;
+  }
   for (size_t i = 0; i < left_q12_.size(); ++i) left_q12_[i] = left(i, &whole);
   if (!pair_.find(tables_, left_q12_, whole.taxel)) return;
   touch_[n_touches_ - 1] = member(0);

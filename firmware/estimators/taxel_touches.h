@@ -7,8 +7,8 @@
 //                 than `apart` of its own sink and of the strength of each touch, or of a kBeyond-th of it where that
 //                 does not reach, and if it stands out: 2 u_c - u_a - u_b over u_c / kPeak along both axes; then all
 //                 are fitted again
-//   two           a touch whose taxels are explained so much better by two places (touch_pair.h) is two touches, and these
-//                 stay there; for `found` each is as strong as both, which reach further than one
+//   two           a touch beside which none stands out, whose taxels two places explain so much better (touch_pair.h),
+//                 is two touches, and these stay there; for `found` each is as strong as both, which reach further
 //   place         on the taxel c that the others leave the most sink u on, with neighbours a, b along an axis:
 //                 q = (u_b - u_a) / (u_c - min(u_a, u_b)), or u_a / u_c of the only neighbour; shift = c's cubic in q
 //   strength      s = u_c / reach(X_c - X)
@@ -65,6 +65,7 @@ class TaxelTouches {
   [[nodiscard]] int64_t explained(size_t taxel, const Touch& touch) const;
   [[nodiscard]] int64_t left(size_t taxel, const Touch* except) const;
   [[nodiscard]] bool is_peak(size_t taxel) const;
+  [[nodiscard]] std::optional<size_t> next_taxel() const;
   [[nodiscard]] bool find_another();
   void fit(Touch& touch) const;
   void split_last();

@@ -11,7 +11,7 @@ from mirror.block_float import shifted
 from mirror.board import Board
 from mirror.fixed import I64, Saturations
 from mirror.relaxation import Relaxation
-from mirror.touch_pair import Tables, find
+from mirror.touch_pair import FAR, Tables, find
 
 TAPS = (6544, 5774, 3969, 2124, 885, 287, 73)
 ONE = 4096
@@ -166,9 +166,9 @@ class TaxelTouches:
                 return False
         return True
 
-    def find_another(self) -> bool:
+    def next_taxel(self) -> int | None:
         if len(self.touches) == MOST or (self.is_single and self.touches):
-            return False
+            return None
         best, most = 0, self.n["floor_q12"] - 1
         for i, sink in enumerate(self.sink):
             unexplained = self.left(i, None)
@@ -181,7 +181,11 @@ class TaxelTouches:
                 continue
             if unexplained * ONE >= self.n["apart_q12"] * max([sink, *parts]):
                 best, most = i, unexplained
-        if most < self.n["floor_q12"]:
+        return None if most < self.n["floor_q12"] else best
+
+    def find_another(self) -> bool:
+        best = self.next_taxel()
+        if best is None:
             return False
         self.touches.append(Touch(best))
         self.fit(self.touches[-1])
@@ -191,7 +195,12 @@ class TaxelTouches:
     def split_last(self) -> None:
         if self.is_single or len(self.touches) == MOST:
             return
-        whole = self.touches[-1]
+        whole, other = self.touches[-1], self.next_taxel()
+        if other is not None:
+            x, y = (int(v) for v in self.t["taxel_place"][other])
+            aside = min(abs(x - whole.x), abs(self.round - abs(x - whole.x))) if self.round else abs(x - whole.x)
+            if aside**2 + (y - whole.y) ** 2 <= (FAR * self.n["reach_step_um"]) ** 2:
+                return
         pair = find(self.pair, [self.left(i, whole) for i in range(len(self.sink))], whole.taxel)
         if not pair:
             return

@@ -322,8 +322,8 @@ def fingers(p: Played, way_m: float) -> list[Array]:
 
 
 def _unflagged(played: list[Played]) -> dict[str, int]:
-    """Frames of single touches to full scale; flagged; no touch told; told, and wrong beyond 5 sigma and 5 %."""
-    frames = flagged = missed = wrong = 0
+    """Frames of single touches to full scale; flagged; none or more than one told; told, but beyond 5 sigma and 5 %."""
+    frames = flagged = missed = split = wrong = 0
     for p in played:
         if p.recorded.part != "judge" or p.name.startswith("judge_two"):
             continue
@@ -333,9 +333,10 @@ def _unflagged(played: list[Played]) -> dict[str, int]:
         flagged += int((used & (p.flags != 0)).sum())
         told = np.array([len(found) > 0 for found in p.touches])
         missed += int((used & (p.flags == 0) & ~told).sum())
+        split += int((used & np.array([len(found) > 1 for found in p.touches])).sum())
         bad = used & (p.flags == 0) & told & (off > WRONG_SIGMAS * p.sigma) & (off > WRONG_PART * FULL_SCALE_N)
         wrong += int(bad.sum())
-    return {"frames": frames, "flagged": flagged, "missed": missed, "wrong": wrong}
+    return {"frames": frames, "flagged": flagged, "missed": missed, "split": split, "wrong": wrong}
 
 
 def _lines(title: str, names: Iterable[str], rows: dict[str, dict[str, float]]) -> list[str]:
@@ -356,7 +357,8 @@ def _text(r: dict[str, Any]) -> str:
         *_lines("Table II by mm/s, %", ("bench", "ours", "paper", "split_ours", "split_quadratic"), r["loops"]),
         "Fig. 12, spread of five trials at 5 N, %: " + ", ".join(f"{k} {v:.2g}" for k, v in r["trials"].items()),
         "Two fingers at 15 mm told: " + ", ".join(f"{k} {100 * v:.0f} %" for k, v in r["two_fingers"].items()),
-        "Frames {frames}, flagged {flagged}, no touch told {missed}, told and wrong without a flag {wrong}".format(
+        "Frames {frames}, flagged {flagged}, no touch told {missed}, told as more than one {split}, "
+        "told and wrong without a flag {wrong}".format(
             **r["unflagged"]
         ),
     ])  # fmt: skip
