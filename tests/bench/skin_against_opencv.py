@@ -2,7 +2,7 @@
 
 OpenCV: cvtColor, GaussianBlur of 2 px, threshold, connectedComponentsWithStats, one thread. Ours: everything that the
 frame path does, through the C interface: difference, the same smoothing, peak, regions, place and force by tables; and,
-with --calibration, by taxels instead. The pictures are the twin's: at rest, and under a ball.
+with --calibration, by taxels instead, of two balls side by side too, which costs a search. The pictures are the twin's.
 """
 
 from __future__ import annotations
@@ -30,17 +30,21 @@ Picture = npt.NDArray[np.uint8]
 N_TURNS = 200
 LEVEL = 40
 TOUCH = Pose(-36e-3, 5e-3, 3e-3)
+APART_M = 15e-3
 
 
-def pictures(board: Board) -> tuple[Picture, Picture]:
-    """Untouched, and under a ball 3 mm deep."""
+def pictures(board: Board) -> list[Picture]:
+    """Untouched, under a ball 3 mm deep, and under two of them."""
     unit, rng = build_unit(board), np.random.default_rng(1)
-    rig, renderer = unit.rig(), unit.renderer()
-    rest = renderer.image(rig.displacement, rng)
-    rig.take(Indenter("sphere", 5e-3))
-    for part in (0.4, 0.7, 1.0):
-        rig.advance(Pose(TOUCH.x_m, TOUCH.y_m, part * TOUCH.depth_m))
-    return rest, renderer.image(rig.displacement, rng)
+    renderer, ball = unit.renderer(), Indenter("sphere", 5e-3)
+    made = [renderer.image(unit.rig().displacement, rng)]
+    for tool in (ball, Indenter.two(ball, ball, APART_M)):
+        rig = unit.rig()
+        rig.take(tool)
+        for part in (0.4, 0.7, 1.0):
+            rig.advance(Pose(TOUCH.x_m, TOUCH.y_m, part * TOUCH.depth_m))
+        made.append(renderer.image(rig.displacement, rng))
+    return made
 
 
 def opencv(picture: Picture, initial: Picture) -> object:
@@ -53,22 +57,23 @@ def opencv(picture: Picture, initial: Picture) -> object:
 def measure(board: Board, calibration: Path | None) -> dict[str, float]:
     """Median milliseconds of processor time of each, in turns: what else the machine does is not counted."""
     cv2.setNumThreads(1)
-    rest, touched = pictures(board)
+    rest, touched, by_two = pictures(board)
     camera = board.camera
     radius = board.skin.radius_um * 1e-3 if board.skin else 0.0
     view = TubeView(camera.focal_mpx * 1e-3, camera.standoff_um * 1e-3, 0, 0, camera.center_x_mpx * 1e-3,
                     camera.center_y_mpx * 1e-3, radius, 0.0)  # fmt: skip
     files = {"picture": paper_file(board, view, np.array([1e-4, 4e-3, 0.6])).data}
     if calibration is not None:
-        files["taxels"] = calibration.read_bytes()
+        files["taxels"] = files["two balls"] = calibration.read_bytes()
+    seen = {name: by_two if name == "two balls" else touched for name in files}
     cores = {name: Pipeline(board, data) for name, data in files.items()}
-    for core in cores.values():
+    for name, core in cores.items():
         for _ in range(board.pipeline.n_rest_frames):
             core.process(rest)
-        core.process(touched)
+        core.process(seen[name])
         assert core.touches(), "the ball is not seen"
     work: dict[str, Callable[[], object]] = {"opencv": partial(opencv, touched, rest)}
-    work |= {name: partial(core.process, touched) for name, core in cores.items()}
+    work |= {name: partial(core.process, seen[name]) for name, core in cores.items()}
     taken: dict[str, list[float]] = {name: [] for name in work}
     for _ in range(N_TURNS):
         for name, one in work.items():
