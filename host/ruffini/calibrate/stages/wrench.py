@@ -12,9 +12,10 @@ from ruffini.calibrate.fewer_presses import Figures, Numbers, accuracy_of_presse
 from ruffini.calibrate.marker_prior import marker_prior
 from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage
 from ruffini.calibrate.target_geometry import second_order_of
-from ruffini.calibrate.wrench_map import FEW, Bend, Fit, fit_wrench_map
+from ruffini.calibrate.wrench_map import FEW, Fit, fit_wrench_map
 from ruffini.calibrate.wrench_model import AXES, frames_of
 from ruffini.calibrate.wrench_tables import tables
+from ruffini.calibrate.wrench_terms import Bend
 from ruffini.errors import InputError
 
 
