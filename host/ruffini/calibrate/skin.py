@@ -32,7 +32,17 @@ from ruffini.calibrate.skin_presses import (
     weighted,
 )
 from ruffini.calibrate.skin_reach import APART_LEAST, APART_MARGIN, REACH_STEP_MM, fit_reach, unexplained
-from ruffini.calibrate.skin_response import FLOOR, TIMES_S, ForceFit, Layout, fit_force, gain_kinds, layout_of
+from ruffini.calibrate.skin_response import (
+    FLOOR,
+    TIMES_S,
+    ForceFit,
+    Layout,
+    fit_force,
+    gain_kinds,
+    layout_of,
+    rims,
+    sinks,
+)
 from ruffini.errors import InputError
 from ruffini.frames import Frames
 
@@ -141,7 +151,7 @@ def fit_seen(board: Board, seen: SeenSkin, pressed: list[Press], progress: Progr
         "memory": [{"part": float(g), "time_s": t} for g, t in zip(force.parts, TIMES_S, strict=True)],
         "pitch_mm": 1e-3 * min(board.markers.pitch_x_um, board.markers.pitch_y_um) if board.markers else float("nan"),
         "sink_over_height": force.sink, "hug": force.hug, "apart": apart, "pair": pair,
-        "coverage": coverage(board, pressed),
+        "coverage": coverage(board, pressed), "n_at_rim": n_at_rim(pressed, layout),
         "load_n": [float(f(p.force_n.max() for p in pressed)) for f in (min, max)],
     }  # fmt: skip
     return SkinFit(view, openings, layout, force, places, reach, apart, pair, report, openings.base_q2(rest))
@@ -152,6 +162,12 @@ def coverage(board: Board, presses: list[Press]) -> float:
     half_mm = np.array([board.pad.size_x_um, board.pad.size_y_um]) * 5e-4
     cell = np.clip((np.array([p.place_mm for p in presses]) / half_mm + 1) / 2 * CELLS, 0, CELLS - 1).astype(int)
     return len(np.unique(cell, axis=0)) / CELLS**2
+
+
+def n_at_rim(presses: list[Press], layout: Layout) -> int:
+    """How many presses sink a taxel at a rim of the skin most."""
+    hardest = [sinks(press)[press.force_n.argmax()].argmax() for press in presses]
+    return int((rims(layout, 0) | rims(layout, 1))[hardest].sum())
 
 
 def _left_out(presses: list[Press], layout: Layout, whole: ForceFit) -> dict[str, Any]:

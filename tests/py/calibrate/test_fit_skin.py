@@ -102,6 +102,7 @@ def test_a_log_makes_a_skins_calibration_that_passes(fitted) -> None:
     assert set(file.kinds) == {"skin", "relaxation"}
     assert report["n_taxels"] == len(lattice_mm(BOARD))
     assert report["n_presses"] == 40
+    assert 1 <= report["n_at_rim"] <= 12  # a sixth of the places asked for
     assert report["force_error_percent"] < 5
     assert report["place_error_mm"] < 2.5
     fewer = report["accuracy_of_presses"]
@@ -148,9 +149,22 @@ def test_a_reference_that_is_wrong_by_touch_and_one_that_failed_its_checks_are_r
 
 
 def test_few_presses_in_one_corner_fail_their_gates() -> None:
-    report = {"n_presses": 4, "coverage": 1 / 9, "force_error_percent": 3.0, "place_error_mm": 8.0, "pitch_mm": 10.0}
+    report = {"n_presses": 4, "coverage": 1 / 9, "force_error_percent": 3.0, "place_error_mm": 8.0, "pitch_mm": 10.0,
+              "n_at_rim": 4}  # fmt: skip
     gates = gates_of_stages({"skin": Outcome("fitted", "", report)})
     assert {g.name for g in failed(gates)} == {"touches", "coverage", "skin place"}
+    assert not any("rim" in g.text for g in gates)
+
+
+def test_a_force_that_fails_for_presses_at_the_rim_says_what_to_do() -> None:
+    report = {"n_presses": 20, "coverage": 1.0, "force_error_percent": 13.0, "place_error_mm": 1.0, "pitch_mm": 10.0}
+    said = []
+    for n_at_rim in (17, 5):
+        gates = gates_of_stages({"skin": Outcome("fitted", "", {**report, "n_at_rim": n_at_rim})})
+        said += [g.text for g in failed(gates)]
+    assert "17 of 20 presses are at a rim" in said[0]
+    assert "press inside" in said[0]
+    assert "rim" not in said[1]
 
 
 def test_what_is_missing_is_said(fitted, points: Path, tmp_path: Path) -> None:
