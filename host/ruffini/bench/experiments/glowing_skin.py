@@ -341,9 +341,9 @@ def _unflagged(played: list[Played]) -> dict[str, int]:
 
 def _lines(title: str, names: Iterable[str], rows: dict[str, dict[str, float]]) -> list[str]:
     names = list(names)
-    lines = [title, "  " + " " * 28 + "".join(f"{n:>14}" for n in names)]
+    lines = [title, "  " + " " * 28 + "".join(f"{n:>16}" for n in names)]
     for name, row in rows.items():
-        lines.append(f"  {name:28}" + "".join(f"{row[n]:14.3g}" if n in row else f"{'':14}" for n in names))
+        lines.append(f"  {name:28}" + "".join(f"{row[n]:16.3g}" if n in row else f"{'':16}" for n in names))
     return lines
 
 
