@@ -58,7 +58,16 @@ def calibration() -> bytes:
     reach = np.maximum(np.exp(-x / FAR_MM[0] - y / FAR_MM[1]), 0.002)
     errors = {"light_force_rms_n": 0.1, "force_rms_percent": 5.0, "place_rms_mm": 1.0, "faint_place_rms_mm": 1.0}
     fit = SkinFit(
-        LENS, openings, layout, force, PlaceFit(layout.places_mm, shift), reach, 0.3, errors, openings.base_q2(light)
+        LENS,
+        openings,
+        layout,
+        force,
+        PlaceFit(layout.places_mm, shift),
+        reach,
+        0.3,
+        2.0,
+        errors,
+        openings.base_q2(light),
     )
     return taxel_file(BOARD, fit).data
 
