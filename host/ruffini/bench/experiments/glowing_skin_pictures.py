@@ -55,7 +55,7 @@ def _places(path: Path, result: dict[str, Any]) -> Path:
         axis.bar(x + 0.27 * (k - 1), [row[name] for row in rows.values()], 0.25, label=label, color=colour)
     axis.set_xticks(x, [f"indenter {k}" for k in rows])
     axis.set_ylabel("mean error of the place, mm")
-    axis.legend(fontsize=8)
+    axis.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)  # above: the bars are as high
     return _save(plt, figure, path, "Fig. 9, 42 sets")
 
 
@@ -73,6 +73,7 @@ def _where(path: Path, played: Sequence[Played]) -> Path:
             axis.annotate(str(int(p.recorded.run.key[-4:]) + 1), p.place, xytext=(6, 4), textcoords="offset points")
     axis.set_xlabel("round the tube, mm")
     axis.set_ylabel("along it, mm")
+    axis.margins(y=0.1)  # for the numbers
     axis.set_aspect("equal")
     return _save(
         plt, figure, path, "Fig. 10: points 1 to 10 (squares), 42 touches (rings) and where they are told (dots)"
