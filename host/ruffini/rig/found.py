@@ -61,7 +61,7 @@ def _clock(touches: list[TouchRecord]) -> dict[str, Any]:
     try:
         if len(signals) == len(touches) >= MIN_TOUCHES:
             fit = fit_touches([
-                Pressed(t.arrays["stream_s"] + rough_s, *s, t.arrays["reference_s"], t.arrays["reference_wrench"])
+                Pressed(t.arrays["stream_s"] + rough_s, s, t.arrays["reference_s"], t.arrays["reference_wrench"])
                 for t, s in zip(touches, signals, strict=True)
             ])  # fmt: skip
         elif not np.isnan(seen).any():
@@ -81,13 +81,13 @@ def _clock(touches: list[TouchRecord]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _signals(touch: TouchRecord) -> tuple[Array, bool] | None:
-    """What of the stream follows a load, (t, k): its wrench (true), or the markers' motion."""
+def _signals(touch: TouchRecord) -> Array | None:
+    """What of the stream follows a load, (t, k): its wrench, or the markers' motion."""
     a = touch.arrays
     measured = np.isfinite(a["stream_wrench"]).all(axis=0)
     if measured.any():
-        return np.asarray(a["stream_wrench"][:, measured]), True
-    return (np.column_stack([a[MOTION], a[ACTIVITY]]), False) if MOTION in a and ACTIVITY in a else None
+        return np.asarray(a["stream_wrench"][:, measured])
+    return np.column_stack([a[MOTION], a[ACTIVITY]]) if MOTION in a and ACTIVITY in a else None
 
 
 def _frame(touches: list[TouchRecord], sigma: Array) -> dict[str, Any]:
