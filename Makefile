@@ -18,7 +18,7 @@ SUITE ?= bookworm
 # Seconds for each fuzzer.
 FUZZ_S ?= 60
 
-.PHONY: help setup build run test lint lint-python lint-cpp werror sanitize fuzz bench aarch64 fresh clean
+.PHONY: help setup build run test lint lint-python lint-cpp werror sanitize fuzz soak bench aarch64 fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -61,11 +61,11 @@ SANITIZE_FLAGS = -fno-omit-frame-pointer -fno-sanitize-recover=all
 sanitize: setup  ## C++ tests under ASan + UBSan, then under TSan
 	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_tests ruffini_device_tests ruffini_capture_tests)
 	@$(BUILD)/asan/ruffini_tests --gtest_brief=1
-	@$(BUILD)/asan/ruffini_device_tests --gtest_brief=1
+	@RUFFINI_CRASH_STEP=64 $(BUILD)/asan/ruffini_device_tests --gtest_brief=1
 	@ASAN_OPTIONS=detect_leaks=0 $(BUILD)/asan/ruffini_capture_tests --gtest_brief=1
 	@$(call compile,$(BUILD)/tsan,-DCMAKE_CXX_FLAGS='-fsanitize=thread $(SANITIZE_FLAGS)',ruffini_tests ruffini_device_tests)
 	@$(BUILD)/tsan/ruffini_tests --gtest_brief=1
-	@$(BUILD)/tsan/ruffini_device_tests --gtest_brief=1
+	@RUFFINI_CRASH_STEP=64 $(BUILD)/tsan/ruffini_device_tests --gtest_brief=1
 
 MUTATIONS ?= 1000000
 fuzz: setup  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the session, FUZZ_S seconds for each parser
@@ -76,6 +76,9 @@ fuzz: setup  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the sess
 	  -DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined$(comma)fuzzer-no-link $(SANITIZE_FLAGS)',\
 	  ruffini_fuzz_frame ruffini_fuzz_dense ruffini_fuzz_calibration ruffini_fuzz_board)
 	@.ci/fuzz-parsers $(BUILD) $(FUZZ_S)
+
+soak: build  ## the long runs of what `make test` does in short: every crash state of the calibration store
+	@RUFFINI_CRASH_STEP=1 $(BUILD)/ruffini_device_tests --gtest_filter='CrashStates.*'
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)

@@ -19,7 +19,7 @@ bool FramePath::are_markers_lost() {
   if (!board_.markers.has_views) return state_.markers.n_lost > board_.markers.max_lost;
   size_t n_blind = 0;
   for (size_t view = 0; view < printed_.n_views(); ++view) {
-    n_blind += printed_.n_lost(view) > board_.markers.max_lost ? 1 : 0;
+    if (printed_.n_lost(view) > board_.markers.max_lost) ++n_blind;
   }
   if (n_blind > 0) state_.flags |= kFlagViewLost;
   return n_blind == printed_.n_views();

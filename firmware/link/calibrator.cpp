@@ -35,16 +35,15 @@ Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes)
 
 Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::string& problem) {
   clock_ = clock;
-  auto bytes = store_.load();
-  if (!bytes) {
-    problem = bytes.error().message;
-  } else if (!bytes.value().empty()) {
-    auto prepared = prepare(bytes.value());
+  for (const auto& bytes : {store_.load(), store_.load_previous()}) {
+    if (bytes && bytes.value().empty()) break;
+    auto prepared = bytes ? prepare(bytes.value()) : Result<Prepared>(bytes.error());
     if (prepared) {
+      if (!problem.empty()) problem += "; the calibration before it is in force";
       active_ = prepared.value().calibration;
       return std::move(prepared.value().path);
     }
-    problem = prepared.error().message;
+    problem += (problem.empty() ? "" : "; the one before it: ") + prepared.error().message;
   }
   return FramePath::configure(board_, nullptr, clock);
 }
@@ -83,9 +82,11 @@ Status Calibrator::commit() {
     abort();
     return prepared.error();
   }
-  const Status installed = install(upload_, std::move(prepared).value());
-  if (installed) abort();
-  return installed;
+  const Status installed = store_.install(upload_);
+  if (!installed) return installed;
+  abort();
+  put_in_force(std::move(prepared).value());
+  return Unit{};
 }
 
 Status Calibrator::undo() {
@@ -96,15 +97,14 @@ Status Calibrator::undo() {
   }
   auto prepared = prepare(before.value());
   if (!prepared) return prepared.error();
-  return install(before.value(), std::move(prepared).value());
+  const Status undone = store_.undo();
+  if (undone) put_in_force(std::move(prepared).value());
+  return undone;
 }
 
-Status Calibrator::install(std::span<const uint8_t> bytes, Prepared prepared) {
-  const Status installed = store_.install(bytes);
-  if (!installed) return installed.error();
+void Calibrator::put_in_force(Prepared prepared) {
   active_ = std::move(prepared.calibration);
   delete exchange_.next_path.exchange(prepared.path.release(), std::memory_order_acq_rel);
-  return Unit{};
 }
 
 void Calibrator::abort() {

@@ -29,7 +29,8 @@ class Calibrator {
 
   Calibrator(const BoardSettings& board, std::string serial, SlotStore store, Exchange& exchange);
 
-  // The path for the calibration in force, or without one; `problem` says why a stored file was not used.
+  // The path for the calibration in force, where that is spoilt for the one before it, else without one; `problem` says
+  // why a stored file was not used.
   [[nodiscard]] Result<std::unique_ptr<FramePath>> start(ClockFunction clock, std::string& problem);
 
   [[nodiscard]] Status begin(uint64_t size_bytes, const std::string& sha256);
@@ -51,7 +52,7 @@ class Calibrator {
     ActiveCalibration calibration;
   };
   [[nodiscard]] Result<Prepared> prepare(std::span<const uint8_t> bytes) const;
-  [[nodiscard]] Status install(std::span<const uint8_t> bytes, Prepared prepared);
+  void put_in_force(Prepared prepared);
 
   BoardSettings board_;
   std::string serial_;

@@ -184,7 +184,7 @@ def test_flash(case: str, sensor: Sensor, tmp_path: Path) -> None:
         assert is_one_sentence(text)
         code, out, _ = run_host("info", "--json", port=daemon.port)
         assert not json.loads(out)["sensors"][0]["calibration"]["present"]
-    assert not (tmp_path / "store" / "calibration.safetensors").exists()
+    assert not (tmp_path / "store" / "calibration-1.safetensors").exists()
 
 
 def test_flash_onto_a_full_disk(sensor: Sensor, tmp_path: Path) -> None:
@@ -196,10 +196,11 @@ def test_flash_onto_a_full_disk(sensor: Sensor, tmp_path: Path) -> None:
         code, _, text = run_host("cal", "flash", str(path), port=daemon.port)
         assert daemon.process.poll() is None, "the daemon must survive"
         assert code == 5
-        assert "incoming.tmp: cannot write: File too large" in text.splitlines()[-1]
+        assert "incoming.tmp: cannot reserve" in text.splitlines()[-1]
+        assert "File too large" in text.splitlines()[-1]
         code, _, text = run_host("info", port=daemon.port)
         assert code == 0
-    assert not (tmp_path / "store" / "calibration.safetensors").exists()
+    assert not (tmp_path / "store" / "calibration-1.safetensors").exists()
 
 
 # ---- finding a sensor ---------------------------------------------------------------------------------

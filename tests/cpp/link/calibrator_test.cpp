@@ -53,7 +53,7 @@ class CalibratorTest : public testing::Test {
     EXPECT_EQ(exchange_.next_path.load(), nullptr);
     EXPECT_FALSE(calibrator_.active().is_present);
     EXPECT_FALSE(calibrator_.is_receiving());
-    EXPECT_FALSE(std::filesystem::exists(folder_ + "/calibration.safetensors"));
+    EXPECT_FALSE(std::filesystem::exists(folder_ + "/calibration-1.safetensors"));
     return committed ? Error{} : committed.error();
   }
 
@@ -125,6 +125,20 @@ TEST_F(CalibratorTest, AStoredFileThatDoesNotFitIsNamedAndNotUsed) {
   EXPECT_NE(problem, "");
   EXPECT_FALSE(later.active().is_present);
   EXPECT_EQ(path.value()->calibration_id(), 0U);
+}
+
+// The medium lost the file in force (or somebody put another one there): what was calibrated before still measures.
+TEST_F(CalibratorTest, WhereTheFileInForceIsSpoiltTheOneBeforeItIs) {
+  SlotStore store = SlotStore::open(folder_).value();
+  ASSERT_TRUE(store.install(file_));
+  ASSERT_TRUE(store.install(Bytes(100, 7)));
+  Calibrator later = open();
+  std::string problem;
+  auto path = later.start(still_clock, problem);
+  ASSERT_TRUE(path);
+  EXPECT_EQ(later.active().sha256, sha256(file_));
+  EXPECT_NE(path.value()->calibration_id(), 0U);
+  EXPECT_NE(problem.find("the calibration before it is in force"), std::string::npos) << problem;
 }
 
 TEST_F(CalibratorTest, OneSpoiltByteOfTheUploadIsSeen) {

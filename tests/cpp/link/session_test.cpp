@@ -287,7 +287,7 @@ TEST_F(SessionTest, FlashingNamesTheNextOffsetAndRefusesWhatIsNoCalibration) {
   EXPECT_NE(refused.code, ruffini_ReplyCode_REPLY_OK);
   EXPECT_NE(std::string(refused.text), "");
   EXPECT_EQ(exchange_.next_path.load(), nullptr);
-  EXPECT_FALSE(std::filesystem::exists(folder_ + "/calibration.safetensors"));
+  EXPECT_FALSE(std::filesystem::exists(folder_ + "/calibration-1.safetensors"));
 }
 
 TEST_F(SessionTest, TheNewestTelemetryOfEachTypeWinsAndTheRestIsCounted) {

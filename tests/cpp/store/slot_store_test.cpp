@@ -15,7 +15,7 @@
 namespace {
 
 // A medium that fails at one point of install(), by taking the place of the C library's functions in this program.
-enum class Fault { kNone, kFileSync, kReadBack, kLink, kRename, kFolderSync };
+enum class Fault { kNone, kFileSync, kReadBack, kRename, kFolderSync };
 Fault g_fault = Fault::kNone;
 
 int fail_with(int error) {
@@ -37,14 +37,9 @@ int fsync(int fd) {
   return static_cast<int>(::syscall(SYS_fsync, fd));
 }
 
-int rename(const char* from, const char* to) noexcept {
+int renameat(int from_folder, const char* from, int to_folder, const char* to) noexcept {
   if (g_fault == Fault::kRename) return fail_with(EROFS);
-  return ::renameat(AT_FDCWD, from, AT_FDCWD, to);
-}
-
-int link(const char* from, const char* to) noexcept {
-  if (g_fault == Fault::kLink) return fail_with(EPERM);
-  return ::linkat(AT_FDCWD, from, AT_FDCWD, to, 0);
+  return static_cast<int>(::syscall(SYS_renameat2, from_folder, from, to_folder, to, 0));
 }
 
 // Called before the read-back: what is on the medium is no longer what was written.
@@ -80,12 +75,12 @@ class SlotStoreTest : public testing::Test {
 TEST_F(SlotStoreTest, AnEmptyStoreHoldsNothing) { EXPECT_EQ(open().load().value(), Bytes{}); }
 
 TEST_F(SlotStoreTest, TheNewestIsInForceAndTheOneBeforeIsKept) {
-  const SlotStore store = open();
+  SlotStore store = open();
   ASSERT_TRUE(store.install(Bytes(100'000, 1)));
   ASSERT_TRUE(store.install(Bytes(50, 2)));
   EXPECT_EQ(store.load().value(), Bytes(50, 2));
   EXPECT_EQ(open().load().value(), Bytes(50, 2));
-  EXPECT_EQ(fs::file_size(folder_ / "previous.safetensors"), 100'000U);
+  EXPECT_EQ(store.load_previous().value(), Bytes(100'000, 1));
   EXPECT_FALSE(has("incoming.tmp"));
 }
 
@@ -97,7 +92,7 @@ TEST_F(SlotStoreTest, AnUploadThatWasCutOffIsForgotten) {
 }
 
 TEST_F(SlotStoreTest, AFullMediumLeavesWhatIsInForce) {
-  const SlotStore store = open();
+  SlotStore store = open();
   ASSERT_TRUE(store.install(Bytes(10, 1)));
   std::signal(SIGXFSZ, SIG_IGN);
   rlimit before{};
@@ -114,9 +109,9 @@ TEST_F(SlotStoreTest, AFullMediumLeavesWhatIsInForce) {
 
 // Before the rename the old file stays in force, and nothing of the new one is left.
 TEST_F(SlotStoreTest, AMediumThatFailsLeavesWhatIsInForce) {
-  const SlotStore store = open();
+  SlotStore store = open();
   ASSERT_TRUE(store.install(Bytes(10, 1)));
-  for (const Fault fault : {Fault::kFileSync, Fault::kReadBack, Fault::kLink, Fault::kRename}) {
+  for (const Fault fault : {Fault::kFileSync, Fault::kReadBack, Fault::kRename}) {
     g_fault = fault;
     const Status installed = store.install(Bytes(20, 2));
     g_fault = Fault::kNone;
@@ -132,24 +127,24 @@ TEST_F(SlotStoreTest, AMediumThatFailsLeavesWhatIsInForce) {
 
 // After it the new one has the name; that the folder may not be durable is said.
 TEST_F(SlotStoreTest, AFolderThatIsNotSyncedIsSaid) {
-  const SlotStore store = open();
+  SlotStore store = open();
   ASSERT_TRUE(store.install(Bytes(10, 1)));
   g_fault = Fault::kFolderSync;
   const Status installed = store.install(Bytes(20, 2));
   g_fault = Fault::kNone;
   ASSERT_FALSE(installed);
   EXPECT_EQ(store.load().value(), Bytes(20, 2));
-  EXPECT_TRUE(has("previous.safetensors"));
+  EXPECT_EQ(store.load_previous().value(), Bytes(10, 1));
 }
 
 TEST_F(SlotStoreTest, WhatIsNoPlainFileIsNotRead) {
-  const SlotStore store = open();
-  fs::create_directory(folder_ / "calibration.safetensors");
+  SlotStore store = open();
+  fs::create_directory(folder_ / "calibration-7.safetensors");
   EXPECT_EQ(store.load().error().kind, ErrorKind::kStorage);
-  fs::remove(folder_ / "calibration.safetensors");
-  fs::create_symlink("/etc/hostname", folder_ / "calibration.safetensors");
+  fs::remove(folder_ / "calibration-7.safetensors");
+  fs::create_symlink("/etc/hostname", folder_ / "calibration-7.safetensors");
   EXPECT_EQ(store.load().error().kind, ErrorKind::kStorage);
-  fs::remove(folder_ / "calibration.safetensors");
+  fs::remove(folder_ / "calibration-7.safetensors");
   fs::create_symlink(folder_ / "elsewhere", folder_ / "incoming.tmp");
   ASSERT_TRUE(store.install(Bytes(10, 1)));
   EXPECT_FALSE(has("elsewhere"));

@@ -1,0 +1,34 @@
+// A folder of the board's file system as the store's medium (store/storage.h). No name leads out of it: links are
+// refused, and the folder is held open.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/unique_fd.h"
+#include "store/storage.h"
+
+namespace ruffini {
+
+class FolderStorage final : public Storage {
+ public:
+  // Creates the folder where it is missing. Errors: kStorage with path and remedy.
+  [[nodiscard]] static Result<std::unique_ptr<Storage>> open(const std::string& folder);
+
+  [[nodiscard]] Result<std::vector<std::string>> list() const override;
+  [[nodiscard]] Result<std::vector<uint8_t>> read(const std::string& name, ReadFrom from) const override;
+  [[nodiscard]] Result<std::unique_ptr<NewFile>> create(const std::string& name, size_t n_bytes) override;
+  [[nodiscard]] Status rename(const std::string& from, const std::string& to) override;
+  [[nodiscard]] Status remove(const std::string& name) override;
+  [[nodiscard]] Status sync_folder() override;
+  [[nodiscard]] std::string path(const std::string& name) const override { return folder_ + "/" + name; }
+
+ private:
+  FolderStorage(std::string folder, UniqueFd fd) : folder_(std::move(folder)), fd_(std::move(fd)) {}
+
+  std::string folder_;
+  UniqueFd fd_;
+};
+
+}  // namespace ruffini
