@@ -132,7 +132,7 @@ def test_line_that_is_not_there(sensor: Sensor, tmp_path: Path) -> None:
 
 
 def test_a_spoilt_stored_calibration_is_named_and_not_used(sensor: Sensor, tmp_path: Path) -> None:
-    (tmp_path / "calibration.safetensors").write_bytes(sensor.calibration[:-100])
+    (tmp_path / "calibration-1.safetensors").write_bytes(sensor.calibration[:-100])
     with start(sensor, tmp_path, "--wait-for-host") as daemon:
         code, out, _ = run_host("info", "--json", port=daemon.port)
         daemon.process.terminate()
