@@ -38,6 +38,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
     run_uncertainty();
     timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
     run_feature_wrench(capture_us);
+    timed(Stage::kContactModel, [&] { run_contact_model(); });
   }
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
@@ -234,6 +235,27 @@ void FramePath::run_feature_wrench(uint64_t capture_us) {
   });
 }
 
+// The one contact that the flow of a texture is of.
+void FramePath::run_contact_model() {
+  FrameState& s = state_;
+  s.profile = contact_profile_->run(markers());
+  s.contacts = {};
+  if (!contact_model_) return;
+  s.modelled = contact_model_->run(s.profile, s.wrench, !is_wrong(), s.saturations);
+  const ModelledContact& c = s.modelled;
+  if (c.is_covered) s.flags |= kFlagMarkersLost;
+  if (c.is_over_range) s.flags |= kFlagOverRange;
+  if (!c.is_touched) return;
+  s.contacts.n_listed = s.contacts.n_found = 1;
+  s.contacts.contacts[0] = {.area_um2 = c.area_um2,
+                            .center_x_um = s.profile.center_x_um,
+                            .center_y_um = s.profile.center_y_um,
+                            .force_x_un = s.wrench.force_x_un,
+                            .force_y_un = s.wrench.force_y_un,
+                            .force_z_un = s.wrench.force_z_un,
+                            .peak_depth_nm = -1'000 * c.gel_depth_um};
+}
+
 // Touches are contacts of an unrolled skin, whose z is out of it everywhere.
 void FramePath::run_skin(const FrameView& frame, uint64_t capture_us) {
   state_.skin = skin_->run(frame, capture_us, state_.saturations);
@@ -269,6 +291,8 @@ void FramePath::forget() {
   forces_.forget();
   slip_.forget();
   if (feature_wrench_) feature_wrench_->forget();
+  if (contact_model_) contact_model_->forget();
+  state_.modelled = {};
 }
 
 void FramePath::set_rest(std::span<const uint16_t> image) {
@@ -305,6 +329,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
   }
   if (has_targets()) target_marks_.resize(targets().size());
   if (has(Stage::kMarkers) && board.markers.polarity == Polarity::kTexture) flow_.emplace(board);
+  if (has(Stage::kContactModel)) contact_profile_.emplace(board);
   const auto n_pixels = static_cast<size_t>(board.camera.width_px * board.camera.height_px);
   const auto n_nodes = static_cast<size_t>(nodes_.size().count());
   state_.difference.change.resize(n_pixels * 3);

@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "base/result.h"
+#include "estimators/contact_model.h"
+#include "estimators/contact_profile.h"
 #include "estimators/depth_gauge.h"
 #include "estimators/feature_wrench.h"
 #include "estimators/force_field.h"
@@ -80,6 +82,8 @@ class FramePath {
   [[nodiscard]] const NodeGrid& nodes() const { return nodes_; }
   [[nodiscard]] GridSize depth_grid() const { return depth_grid_; }
   [[nodiscard]] const Skin* skin() const { return skin_ ? &*skin_ : nullptr; }
+  [[nodiscard]] bool has_contact_model() const { return contact_model_.has_value(); }
+  [[nodiscard]] bool has_contact_profile() const { return contact_profile_.has_value(); }
   [[nodiscard]] int n_markers_at_rest() const { return n_markers_at_rest_; }
 
  private:
@@ -89,6 +93,7 @@ class FramePath {
   Status load_camera_map(const Calibration& c);
   Status load_photometric(const Calibration& c);
   Status load_feature_wrench(const Calibration& c);
+  Status load_contact_model(const Calibration& c);
   [[nodiscard]] bool has_gauge() const { return !board_.depth.has_gauge_table() || depth_gauge_; }
   [[nodiscard]] bool light_is_trusted() const {
     return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_ && has_gauge();
@@ -115,11 +120,13 @@ class FramePath {
   void run_skin(const FrameView& frame, uint64_t capture_us);
   void run_feature_wrench(uint64_t capture_us);
   [[nodiscard]] int n_features() const;
+  void run_contact_model();
   // frame_path_verdict.cpp
   void judge_input();
   bool are_markers_lost();
   void judge();
   void judge_skin();
+  void judge_contact_model();
   // Nothing that this frame says may be used.
   [[nodiscard]] bool is_wrong() const;
   template <typename Work>
@@ -152,6 +159,8 @@ class FramePath {
   ForceField forces_;
   std::optional<FeatureWrench> feature_wrench_;
   std::vector<int32_t> features_;
+  std::optional<ContactProfile> contact_profile_;
+  std::optional<ContactModel> contact_model_;
   Warmth warmth_;
   uint32_t calibration_id_ = 0;
   ContactFinder contacts_;

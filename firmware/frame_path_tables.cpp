@@ -31,6 +31,15 @@ Status FramePath::load_feature_wrench(const Calibration& c) {
   return keep(FeatureWrench::load(c, has_targets() ? "targets" : "markers", n_features()), feature_wrench_);
 }
 
+Status FramePath::load_contact_model(const Calibration& c) {
+  if (!has(Stage::kContactModel) || !c.has_kind("contact_model")) return Unit{};
+  if (!feature_wrench_) {
+    return Error{ErrorKind::kBadInput,
+                 "calibration file: contact_model without wrench: make it again with `ruffini cal contact --log`"};
+  }
+  return keep(ContactModel::load(c), contact_model_);
+}
+
 // Which tables the calibration brings, and whether they fit this board.
 Status FramePath::load_tables() {
   const Calibration* calibration = calibration_ ? &calibration_->get() : nullptr;
@@ -64,6 +73,7 @@ Status FramePath::load_tables() {
   }
   if (Status forces = forces_.load(c, has(Stage::kOperator), has(Stage::kSupport)); !forces) return forces;
   if (Status wrench = load_feature_wrench(c); !wrench) return wrench;
+  if (Status model = load_contact_model(c); !model) return model;
   if (c.has_kind("rest")) {
     const auto rest = picture("rest.image");
     if (!rest) return rest.error();

@@ -78,7 +78,22 @@ void FramePath::judge() {
   }
   s.uncertainty.wrench_validity = verdict(s.uncertainty.is_of_wrench, true);
   if (skin_) judge_skin();
+  if (contact_model_) judge_contact_model();
   if (s.force_z == Validity::kValid && s.contacts.reaches_border) s.flags |= kFlagWindowBorder;
+}
+
+// Forces of the contact are those of the wrench.
+void FramePath::judge_contact_model() {
+  FrameState& s = state_;
+  s.force_xy = s.wrench_validity[0];
+  s.force_z = s.wrench_validity[2];
+  const ModelledContact& c = s.modelled;
+  const auto verdict = [&](bool is_told) {
+    if (!is_told) return Validity::kNotMeasured;
+    return is_wrong() || c.is_strange ? Validity::kInvalid : Validity::kValid;
+  };
+  s.contact_depth = verdict(c.is_touched);
+  s.hardness = verdict(c.is_touched && c.has_hardness);
 }
 
 // Pressing is all that a skin measures.

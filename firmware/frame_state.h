@@ -10,6 +10,7 @@
 
 #include "base/fixed.h"
 #include "board/settings.h"
+#include "estimators/contact_model.h"
 #include "estimators/contacts.h"
 #include "estimators/force_field.h"
 #include "estimators/skin.h"
@@ -58,6 +59,7 @@ enum class Stage : uint8_t {
   kFeatureWrench,
   kContacts,
   kSkin,
+  kContactModel,
   kCount
 };
 inline constexpr size_t kStageCount = static_cast<size_t>(Stage::kCount);
@@ -69,6 +71,8 @@ struct FrameState {
   Validity force_xy = Validity::kNotMeasured;
   Validity force_z = Validity::kNotMeasured;
   Validity depth_validity = Validity::kNotMeasured;
+  Validity contact_depth = Validity::kNotMeasured;  // of the stage contact_model: depths and areas
+  Validity hardness = Validity::kNotMeasured;
   std::array<Validity, 6> wrench_validity{};  // of each component
 
   struct {
@@ -104,6 +108,8 @@ struct FrameState {
   Wrench wrench;
   ContactList contacts;
   SkinFrame skin;
+  Profile profile;  // of the flow, where there is the stage contact_model
+  ModelledContact modelled;
   struct {
     std::span<const NodeSlip> node;                      // observed nodes
     std::array<ContactSlip, ContactList::kMax> contact;  // in the order of `contacts`

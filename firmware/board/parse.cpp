@@ -221,6 +221,13 @@ void check_targets(BoardReader& in, const BoardSettings& board) {
       in.fail("stages wrench and feature_wrench both say the wrench: leave one of them out");
     }
   }
+  if (has_stage(board, "contact_model")) {
+    if (!has_stage(board, "feature_wrench") || board.markers.polarity != Polarity::kTexture) {
+      in.fail("stage contact_model needs the stage feature_wrench and markers.polarity texture");
+    } else if (has_stage(board, "contacts")) {
+      in.fail("stages contacts and contact_model both say the contacts: leave one of them out");
+    }
+  }
   if (targets.places.empty()) {
     if (has_stage(board, "targets")) in.fail("section [targets] is missing");
     return;

@@ -274,6 +274,38 @@ int ruffini_skin_state(const ruffini_pipeline* pipeline, int32_t* n_taxels, int6
   return 0;
 }
 
+int ruffini_get_profile(const ruffini_pipeline* pipeline, int64_t* out) {
+  if (!pipeline->path->has_contact_profile())
+    return fail("this board has no stage contact_model: see boards/README.md");
+  const ruffini::Profile& p = pipeline->path->state().profile;
+  out = std::copy(p.radial_q4.begin(), p.radial_q4.end(), out);
+  for (const int64_t each : {p.size_q4, p.fall_q16, p.center_x_um, p.center_y_um, p.lost_1e3}) *out++ = each;
+  return 0;
+}
+
+int ruffini_get_contact_model(const ruffini_pipeline* pipeline, int64_t* out) {
+  if (!pipeline->path->has_contact_model())
+    return fail("the calibration has no contact model: make one with `ruffini cal contact`");
+  const ruffini::FrameState& s = pipeline->path->state();
+  const ruffini::ModelledContact& c = s.modelled;
+  const int64_t row[] = {c.is_touched ? 1 : 0,
+                         static_cast<int64_t>(c.kind),
+                         c.sure_1e3,
+                         c.gel_depth_um,
+                         c.press_depth_um,
+                         c.depth_sigma_um,
+                         c.area_um2,
+                         c.effective_area_um2,
+                         c.stiffness_pa_um,
+                         c.shore_q4,
+                         c.shore_sigma_q4,
+                         c.is_strange ? 1 : 0,
+                         static_cast<int64_t>(s.contact_depth),
+                         static_cast<int64_t>(s.hardness)};
+  std::copy(std::begin(row), std::end(row), out);
+  return 0;
+}
+
 int ruffini_get_taxels(const ruffini_pipeline* pipeline, int32_t* ratio) {
   if (pipeline->path->skin() == nullptr) return fail("this board has no glowing skin: see [skin] in boards/README.md");
   const auto taxels = pipeline->path->skin()->ratio();

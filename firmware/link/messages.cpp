@@ -176,6 +176,25 @@ void MessageEncoder::tell_touches(const FramePath& path, ruffini_Contacts& m) {
   }
 }
 
+// What the contact model says of the only contact.
+void MessageEncoder::tell_model(const FramePath& path, ruffini_Contacts& m) {
+  if (m.contacts_count == 0) return;
+  const FrameState& s = path.state();
+  const ModelledContact& c = s.modelled;
+  ruffini_Contact& out = m.contacts[0];
+  out.kind = static_cast<ruffini_ContactKind>(c.kind);
+  out.kind_sure_1e3 = static_cast<uint32_t>(c.sure_1e3);
+  out.gel_depth_um = static_cast<uint32_t>(c.gel_depth_um);
+  out.press_depth_um = static_cast<uint32_t>(c.press_depth_um);
+  out.depth_sigma_um = static_cast<uint32_t>(c.depth_sigma_um);
+  out.depth_validity = to_proto(s.contact_depth);
+  out.effective_area_um2_k = static_cast<uint32_t>(c.effective_area_um2 / 1'000);
+  out.stiffness_pa_um = static_cast<int32_t>(c.stiffness_pa_um);
+  out.shore_a_1e1 = static_cast<uint32_t>(10 * c.shore_q4 / 16);
+  out.shore_a_sigma_1e1 = static_cast<uint32_t>(10 * c.shore_sigma_q4 / 16);
+  out.hardness_validity = to_proto(s.hardness);
+}
+
 size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) {
   const FrameState& s = path.state();
   ruffini_Contacts m = ruffini_Contacts_init_zero;
@@ -205,6 +224,7 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
     out.reaches_border = c.reaches_border;
   }
   if (path.skin() != nullptr) tell_touches(path, m);
+  if (path.has_contact_model()) tell_model(path, m);
   return serialise(ruffini_Contacts_fields, &m);
 }
 

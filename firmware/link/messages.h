@@ -39,6 +39,7 @@ class MessageEncoder {
   size_t field(const FramePath& path, const FrameStamp& stamp);
   size_t depth(const FramePath& path, const FrameStamp& stamp);
   size_t contacts(const FramePath& path, const FrameStamp& stamp);
+  static void tell_model(const FramePath& path, ruffini_Contacts& m);
   static void tell_touches(const FramePath& path, ruffini_Contacts& m);
   size_t markers(const FramePath& path, const FrameStamp& stamp);
   size_t targets(const FramePath& path, const FrameStamp& stamp);

@@ -14,7 +14,7 @@ from ruffini.errors import InputError
 
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "feature_wrench", "contacts", "skin",
+    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model",
 )  # fmt: skip
 MAX_LENGTH_UM = 500_000
 MAX_CELLS = 640  # of the depth grid along one axis: the Poisson solver's accumulator bound
@@ -321,6 +321,12 @@ class Board(Section):
                 raise ValueError("stage feature_wrench needs the stage targets or markers")
             if "wrench" in stages:
                 raise ValueError("stages wrench and feature_wrench both say the wrench: leave one of them out")
+        if "contact_model" in stages:
+            is_texture = self.markers is not None and self.markers.polarity == "texture"
+            if "feature_wrench" not in stages or not is_texture:
+                raise ValueError("stage contact_model needs the stage feature_wrench and markers.polarity texture")
+            if "contacts" in stages:
+                raise ValueError("stages contacts and contact_model both say the contacts: leave one of them out")
         if targets is None:
             if "targets" in stages:
                 raise ValueError("section [targets] is missing")

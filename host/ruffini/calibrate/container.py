@@ -25,6 +25,7 @@ MAX_RANK = 8
 KINDS = {
     "camera",
     "contact",
+    "contact_model",
     "dark",
     "finite_strain",
     "gauge",

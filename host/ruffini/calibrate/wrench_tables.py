@@ -77,7 +77,9 @@ def map_in(file: CalibrationFile) -> WrenchMap:
         about, coldest, warmest = (t["warm_mc"] * MILLI).tolist()
         gain_per_k, offset_per_k = t["warm_gain"] / (MILLI * GAIN), t["warm_offset"] / (MILLI * FINE * OFFSET)
         warmth = WrenchWarmth(about, coldest, warmest, gain_per_k, offset_per_k)
-    return WrenchMap(gain, t["full_scale"] / MICRO, t["square"] / FINE, relax, t["forward"], t["tolerance"],
+    n = gain.shape[1]
+    forward, tolerance = t.get("forward", np.zeros((n, 27))), t.get("tolerance", np.ones(n))
+    return WrenchMap(gain, t["full_scale"] / MICRO, t["square"] / FINE, relax, forward, tolerance,
                      t["error"] / MICRO, warmth)  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from ruffini.cli import (
     report,
     sim,
     skin,
+    touch,
     train,
     wrench,
 )
@@ -47,6 +48,7 @@ app.command("field")(offline.field)
 cal.app.command("camera")(camera.camera)
 cal.app.command("dark")(dark.dark)
 cal.app.command("contact")(contact.contact)
+cal.app.command("touch")(touch.touch)
 cal.app.command("wrench")(wrench.wrench)
 cal.app.command("collect")(collect.collect)
 cal.app.command("skin")(skin.skin)

@@ -4,35 +4,70 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+
+if TYPE_CHECKING:
+    from ruffini.calibrate.contact_tables import ContactFit
 
 
 def contact(
-    log: Annotated[Path, typer.Argument(metavar="RECORDING", help="Untouched frames: video, or folder of frames.")],
-    calibration: Annotated[Path, typer.Option("--calibration", help="File with operator and colours of this unit.")],
+    log: Annotated[
+        list[Path],
+        typer.Option("--log", help="Folder of presses as `sim reproduce` records them; those to fit. Repeatable."),
+    ],
+    board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")],
-    board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
+    report: Annotated[Path | None, typer.Option(help="JSON of the report.")] = None,
     json_: JsonFlag = False,
 ) -> None:
-    """Measure the noise of untouched frames: what counts as a touch on this unit."""
-    from ruffini.calibrate import container
-    from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
-    from ruffini.frames import read_frames
+    """Fit wrench, depth, area, kind of contact and hardness of a texture's flow; errors on what was not fitted.
 
-    file = container.read(calibration)
-    found = container.board_of(file, board)
-    with progress_bar("noise") as progress:
-        pressure = linear_pressure(found, file, read_frames(log))
-        noise = fit_contact_noise(pressure, found.pipeline.n_rest_frames, progress=progress)
-    report = noise.report()
-    metadata = {**container.base_metadata(found), "residuals": json.dumps(report)}
-    container.write(out, container.pack(noise.tensors(), metadata))
-    threshold_mn = found.contact.threshold_un * 1e-3
-    emit({"file": str(out), **report}, json_,
-         f"{out}: noise of a node {report['node_sigma_mn']:.3f} mN in {report['frames']} untouched frames; touched "
-         f"from {report['square_mn']:.3f} mN on 2 x 2 nodes or {report['alone_mn']:.3f} mN on one, set for a false "
-         f"contact in {1 / report['set_false_rate']:,.0f} frames (board: {threshold_mn:g} mN)")  # fmt: skip
+    What counts as a touch, from untouched frames, is `cal touch`.
+    """
+    from ruffini.boards import find_board
+    from ruffini.calibrate import container
+    from ruffini.calibrate.contact_log import read_presses
+    from ruffini.calibrate.contact_tables import fit_contact, tables
+    from ruffini.calibrate.feature_log import features_of
+    from ruffini.files import write_whole
+
+    found = find_board(board)
+    if "contact_model" not in found.pipeline.stages:
+        note(f"board {found.name!r} has no stage contact_model: it would not use these tables")
+    with progress_bar("frames") as progress:
+        presses = read_presses(log, found, progress=progress)
+    with progress_bar("fits") as progress:
+        fit = fit_contact(found, presses, progress)
+    tensors, metadata = tables(fit, features_of(found))
+    container.write(out, container.pack(tensors, {**container.base_metadata(found), **metadata}))
+    said = {"file": str(out), **json.loads(metadata["residuals"])}
+    if report is not None:
+        write_whole(report, json.dumps(said, indent=1).encode())
+    emit(said, json_, _text(out, fit, said["tables_err"]))
+
+
+def _text(out: Path, fit: ContactFit, tables_err: dict[str, float]) -> str:
+    said = fit.report()
+    crosstalk = said["reference_crosstalk"]
+    lines = [f"{out}: {said['n_presses']} presses; the reference's crosstalk, taken out: "
+             f"{100 * crosstalk['x']:.1f} % and {100 * crosstalk['y']:.1f} % of Fz in Fx and Fy"]  # fmt: skip
+    for what, rows in (("sizes", said["left_out_sizes"]), ("shapes", said["left_out_shapes"])):
+        lines.append(f"  RMSE on {what} that were not fitted, against the log:")
+        lines.append(
+            f"  {'':10}{'Fn N':>8}{'Ft N':>8}{'M N m':>9}{'gel mm':>8}{'press mm':>9}{'Shore A':>9}{'kind':>7}"
+        )
+        for shape, r in rows.items():
+            lines.append(
+                f"  {shape:10}{r['normal_n']:>8.3f}{r['tangential_n']:>8.3f}{r['moment_nm']:>9.4f}"
+                f"{r['gel_depth_mm']:>8.3f}{r['press_depth_mm']:>9.3f}{r['shore_a']:>9.2f}"
+                f"{100 * r['kind_right']:>6.0f}%"
+            )
+    lines += [f"  {name}: {over:.2f} of the strangeness that is refused" for name, over in said["strange"].items()]
+    lines.append(
+        "  tables differ from the fit by at most " + ", ".join(f"{v:.1f} steps ({k})" for k, v in tables_err.items())
+    )
+    return "\n".join(lines)

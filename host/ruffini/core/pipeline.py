@@ -20,7 +20,7 @@ NO_REFERENCE = 1
 NO_TEMPERATURE = -(2**31)
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "feature_wrench", "contacts", "skin",
+    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model",
 )  # fmt: skip
 
 
@@ -135,7 +135,38 @@ class SkinState(NamedTuple):
     age: float
 
 
+class ProfileRow(NamedTuple):
+    """What the stage contact_model sees in the flow (firmware/estimators/contact_profile.h): integers."""
+
+    radial_q4: npt.NDArray[np.int64]
+    size_q4: int
+    fall_q16: int
+    center_x_um: int
+    center_y_um: int
+    lost_1e3: int
+
+
+class ModelledRow(NamedTuple):
+    """What the stage contact_model says of the last frame (firmware/estimators/contact_model.h): integers."""
+
+    is_touched: int
+    kind: int
+    sure_1e3: int
+    gel_depth_um: int
+    press_depth_um: int
+    depth_sigma_um: int
+    area_um2: int
+    effective_area_um2: int
+    stiffness_pa_um: int
+    shore_q4: int
+    shore_sigma_q4: int
+    is_strange: int
+    depth_validity: int
+    hardness_validity: int
+
+
 MAX_CONTACTS = 8
+N_RINGS = 16
 
 
 @cache
@@ -363,6 +394,18 @@ class Pipeline:
         rows, n = np.zeros((MAX_CONTACTS, len(TouchRow._fields)), np.int64), ctypes.c_int32()
         self._check(self._lib.ruffini_get_touches(self._pointer, rows.ctypes.data_as(ctypes.c_void_p), ctypes.byref(n)))
         return [TouchRow(*row) for row in rows[: n.value].tolist()]
+
+    def profile(self) -> ProfileRow:
+        """Profile of the last frame. Raises InputError where the board has no stage contact_model."""
+        row = np.zeros(N_RINGS + 5, np.int64)
+        self._check(self._lib.ruffini_get_profile(self._pointer, row.ctypes.data_as(ctypes.c_void_p)))
+        return ProfileRow(row[:N_RINGS], *row[N_RINGS:].tolist())
+
+    def modelled(self) -> ModelledRow:
+        """Contact of the last frame. Raises InputError where the calibration has no contact model."""
+        row = np.zeros(len(ModelledRow._fields), np.int64)
+        self._check(self._lib.ruffini_get_contact_model(self._pointer, row.ctypes.data_as(ctypes.c_void_p)))
+        return ModelledRow(*row.tolist())
 
     def skin(self) -> SkinState:
         """State of a glowing skin in the last frame. Raises InputError where the board has none."""

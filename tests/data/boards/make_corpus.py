@@ -56,6 +56,7 @@ diameter_um = 3000
 threshold_1e3 = 500
 """
 WITHOUT_LIGHT = '["difference", "markers", "displacement", "operator", "support", "wrench", "contacts"]'
+WITH_CONTACT_MODEL = '["difference", "markers", "feature_wrench", "contact_model"]'
 WITH_TARGETS = '["difference", "targets", "feature_wrench"]'
 SKIN = """
 [skin]
@@ -132,6 +133,7 @@ GOOD: dict[str, Change] = {
     "skin": all_of(append(SKIN), put("pipeline.stages", '["skin"]')),
     "targets": all_of(append(TARGETS), put("pipeline.stages", WITH_TARGETS)),
     "feature-wrench-of-markers": put("pipeline.stages", '["difference", "markers", "feature_wrench"]'),
+    "contact-model": all_of(put("markers.polarity", '"texture"'), put("pipeline.stages", WITH_CONTACT_MODEL)),
     "few-stages": put("pipeline.stages", '["difference", "photometric", "poisson"]'),
     "no-markers": all_of(
         drop_section("markers"), put("pipeline.stages", '["difference", "photometric", "poisson"]')
@@ -342,6 +344,14 @@ BAD: dict[str, tuple[Change, str]] = {
     "targets-too-small-to-measure": (append(TARGETS.replace("3000", "100")), "diameter_um"),
     "feature-wrench-of-nothing": (put("pipeline.stages", '["difference", "feature_wrench"]'), "feature_wrench"),
     "two-wrenches": (put("pipeline.stages", '["markers", "wrench", "feature_wrench"]'), "feature_wrench"),
+    "contact-model-of-dots": (put("pipeline.stages", WITH_CONTACT_MODEL), "contact_model"),
+    "contact-model-and-contacts": (
+        all_of(
+            put("markers.polarity", '"texture"'),
+            put("pipeline.stages", '["markers", "feature_wrench", "contacts", "contact_model"]'),
+        ),
+        "contact_model",
+    ),
     "stage-twice": (put("pipeline.stages", '["difference", "difference"]'), "stages"),
 }  # fmt: skip
 

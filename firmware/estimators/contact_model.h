@@ -1,0 +1,126 @@
+// One contact out of a texture's flow, guided by contact models: how deep, how wide, planar or Hertzian, and how hard
+// the object is.
+//
+//   x          u_r / size of the profile (Q14), log2 of its size and of the normal force (Q10): 18 numbers
+//   size       perceptron of x: gel depth and press depth over the profile's size; root of contact and effective area
+//   kind       log odds of planar contact, linear in three numbers of the press: the mean of a perceptron of x, and the
+//              slopes of log2 of the force and of the profile's mean radius over log2 of its size. Planar contact keeps
+//              its area, so that all grow alike; a ball's grows. sure = (1 + tanh(|odds| / 2)) / 2
+//   hardness   Shore A, a perceptron of x for each kind, mean over the press weighted by depth
+//   H_m        dP/dd by least squares, P = F_n / S_e                                             the paper's eq. (9), (10)
+//   strange    mean square of x's first 16 whitened by those of the calibration: no model holds where it is too much
+//
+// What is averaged over a press are frames 0.4 to 1.8 mm deep, loaded straight (F_t <= F_n / 10), not on the way back. It
+// begins where nothing was touched. Beyond 2.5 mm of gel depth the frame is over range. Where more than a quarter of
+// the patches about the contact are lost, nothing is told. The paper fits lines of the density and of sqrt(S) d; ours are
+// fitted on the profile. Frame thread; no allocation after load.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "base/fixed.h"
+#include "base/result.h"
+#include "estimators/contact_profile.h"
+#include "estimators/perceptron.h"
+#include "estimators/wrench.h"
+#include "store/calibration.h"
+
+namespace ruffini {
+
+// Numbers are those of ContactKind in ruffini.proto.
+enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
+
+struct ModelledContact {
+  bool is_touched = false;
+  bool is_covered = false;     // too many patches are lost
+  bool is_over_range = false;  // too deep
+  bool is_strange = false;     // no model holds: depth, area and hardness are wrong
+  bool has_hardness = false;
+  ContactKind kind = ContactKind::kNotTold;
+  int64_t sure_1e3 = 0;  // of the kind, 500 to 1000
+  int64_t gel_depth_um = 0;
+  int64_t press_depth_um = 0;
+  int64_t depth_sigma_um = 0;
+  int64_t area_um2 = 0;
+  int64_t effective_area_um2 = 0;
+  int64_t stiffness_pa_um = 0;  // H_m, pascal a micrometre
+  int64_t shore_q4 = 0;
+  int64_t shore_sigma_q4 = 0;
+};
+
+class ContactModel {
+ public:
+  static constexpr size_t kInputs = Profile::kRings + 2;
+  static constexpr int64_t kLeastDepthUm = 400;  // where hardness is measured (paper, section V-B)
+  static constexpr int64_t kMostDepthUm = 1'800;
+  static constexpr int64_t kRangeUm = 2'500;  // paper, section V-A
+  static constexpr size_t kBands = 10;        // of Shore A
+  static constexpr int64_t kLeastFrames = 3;
+
+  // Kind "contact_model" of the calibration. Errors: kBadInput.
+  [[nodiscard]] static Result<ContactModel> load(const Calibration& calibration);
+
+  // `is_believed`: of a frame that is not, the press remembers nothing.
+  const ModelledContact& run(const Profile& profile, const Wrench& wrench, bool is_believed,
+                             SaturationCounter& saturations);
+  // Nothing was touched before.
+  void forget() { press_ = {}; }
+  [[nodiscard]] const ModelledContact& contact() const { return contact_; }
+
+ private:
+  static constexpr size_t kSizes = 4;
+  using Inputs = std::array<int64_t, kInputs>;
+  // Sums of a line by least squares.
+  struct Line {
+    int64_t x = 0;
+    int64_t y = 0;
+    int64_t x_x = 0;
+    int64_t x_y = 0;
+    void add(int64_t at, int64_t value);
+    [[nodiscard]] int64_t slope(int64_t n, int64_t scale) const;  // times scale; 0 where x is the same all along
+  };
+  // Sums over a press, weighted by depth but for those of the lines.
+  struct Press {
+    int64_t n = 0;
+    int64_t weight = 0;
+    int64_t kind = 0;
+    int64_t strange = 0;
+    std::array<int64_t, 2> shore{};
+    int64_t deepest_um = 0;
+    Line pressure;  // over depth
+    Line force;     // over the profile's size, and its mean radius: log2, Q10
+    Line radius;
+  };
+
+  [[nodiscard]] Status load_strange(const Calibration& calibration);
+  [[nodiscard]] Status load_sigma(const Calibration& calibration);
+  [[nodiscard]] Status load_odds(const Calibration& calibration);
+  [[nodiscard]] static Inputs inputs_of(const Profile& profile, int64_t press_un);
+  void tell_size(const Inputs& x, const Profile& profile, SaturationCounter& saturations);
+  void remember(const Inputs& x, const Profile& profile, const Wrench& wrench, SaturationCounter& saturations);
+  void tell_press();
+  [[nodiscard]] int64_t strange_q8(const Inputs& x) const;
+  [[nodiscard]] int64_t odds_q12() const;
+
+  TanhTable tanh_;
+  Perceptron size_;
+  Perceptron kind_;
+  std::array<Perceptron, 2> hardness_;  // planar, Hertzian
+  std::vector<int32_t> whitening_;      // [16][16] of x less its mean, both Q14; z Q8 after kWhiteShift
+  std::vector<int16_t> mean_;
+  std::array<std::array<int32_t, kBands>, 2> sigma_q4_{};  // by kind and tens of Shore A
+  std::array<int64_t, 4> odds_q12_{};                      // offset, weights of the three numbers
+  int64_t most_strange_q8_ = 0;
+  int64_t least_fall_q16_ = 0;
+  int64_t least_force_un_ = 0;
+  int64_t depth_sigma_um_ = 0;
+  Press press_;
+  ModelledContact contact_;
+};
+
+// log2(x), Q10; 0 for x < 1.
+[[nodiscard]] int64_t log2_q10(int64_t x);
+
+}  // namespace ruffini

@@ -1,0 +1,73 @@
+// What the flow of a texture says of one contact, whoever presses: how dense the patches lie, where its middle is, and
+// how far its surroundings are pushed outwards at each distance from there.
+//
+//   fall      by how much the density of the patches falls: to first order the divergence of the flow, central
+//             differences on the lattice, smoothed by (1 2 1) both ways; Q16
+//   centre    of the fall above 3/10 of its largest value
+//   radial    u_r, the mean over the angles of the flow's radial part, on kRings circles round the centre, a 36th of the
+//             pad's shorter side apart; flow between the patches by Catmull-Rom. A point counts together with the one
+//             opposite, or not at all: what all patches have in common (shear, perspective off the axis) falls out
+//   size      sqrt(sum of u_r^2)
+//
+// Lost patches are filled from their neighbours (image/markers.h); `lost_1e3` is their part of those within the circles.
+// Not in the paper, which takes the density alone. Frame thread; no allocation after the constructor.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "board/settings.h"
+#include "image/markers.h"
+
+namespace ruffini {
+
+struct Profile {
+  static constexpr size_t kRings = 16;
+  int64_t fall_q16 = 0;
+  int64_t center_x_um = 0;
+  int64_t center_y_um = 0;
+  std::array<int64_t, kRings> radial_q4{};  // um
+  int64_t size_q4 = 0;                      // um
+  int64_t lost_1e3 = 0;
+};
+
+class ContactProfile {
+ public:
+  static constexpr int64_t kRingsAcross = 36;
+
+  explicit ContactProfile(const BoardSettings& board);
+
+  [[nodiscard]] const Profile& run(std::span<const Marker> markers);
+  // Smoothed fall of the density at each patch of the last frame, Q16.
+  [[nodiscard]] std::span<const int32_t> fall() const { return fall_; }
+
+ private:
+  struct Point {
+    int64_t x_q4 = 0;  // um from the pad's centre
+    int64_t y_q4 = 0;
+  };
+  void take(std::span<const Marker> markers);
+  void find_fall();
+  [[nodiscard]] Point center() const;
+  [[nodiscard]] bool is_inside(const Point& at) const;
+  [[nodiscard]] Point flow_at(const Point& at) const;
+  [[nodiscard]] int64_t radial_q4(const Point& middle, size_t ring) const;
+  [[nodiscard]] int64_t lost_1e3(std::span<const Marker> markers, const Point& middle) const;
+  [[nodiscard]] Point place(int x, int y) const;
+  [[nodiscard]] const Point& flow(int x, int y) const;
+
+  GridSize lattice_;
+  int64_t px_to_um_q20_;  // um Q4 of a displacement in px Q16
+  int64_t ring_um_;
+  Point pitch_;
+  Point first_;  // of the lattice, and its last patch
+  Point last_;
+  std::vector<Point> flow_;
+  std::vector<int32_t> raw_fall_;
+  std::vector<int32_t> fall_;
+  Profile profile_;
+};
+
+}  // namespace ruffini

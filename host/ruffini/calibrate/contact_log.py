@@ -1,0 +1,135 @@
+"""Presses with a force sensor and a stage beside them: what `ruffini cal contact` fits and judges on.
+
+A log is a folder of runs as `ruffini sim reproduce` makes them: frames, rig.npz (what the bench read) and run.json
+(indenter, its radius in micrometres, hardness). The sensor's side is the core's own integers.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.feature_log import zero_of
+from ruffini.core.pipeline import N_RINGS, Pipeline
+from ruffini.errors import InputError
+from ruffini.frames import read_frames
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Progress = Callable[[float], None]
+
+PX = 65536.0
+LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
+FACES = {"triangle": 3**0.5, "square": 4.0, "flat": float(np.pi)}  # of planar indenters, over the radius squared
+HERTZIAN = ("sphere",)
+NOMINAL = ("flat", 5.0, 98.0)  # the paper's: a disc of 10 mm and Shore A 98, on which depth is calibrated
+
+
+@dataclass(frozen=True)
+class Press:
+    """One run from the first touch on: what the bench knows, and what the core saw.
+
+    flow (t, n) shifts of the patches, px; radial (t, 16), size and fall: the core's profile; center (t, 2) um;
+    force (t, 6) N and N m less the reading at rest; travel (t,), gel (t,) mm and area (t,) mm2, of what the log knows.
+    """
+
+    name: str
+    group: str  # of runs with one size at one place
+    shape: str
+    radius_mm: float
+    shore_a: float
+    flow: Array
+    radial: Integers
+    size: Integers
+    fall: Integers
+    center_um: Array
+    is_good: npt.NDArray[np.bool_]
+    force: Array
+    travel_mm: Array
+    gel_mm: Array
+    area_mm2: Array
+
+    @property
+    def is_hertzian(self) -> bool:
+        return self.shape in HERTZIAN
+
+    @property
+    def has_model(self) -> bool:
+        """Whether a contact model holds for its shape."""
+        return self.is_hertzian or self.shape in FACES
+
+    @property
+    def effective_area_mm2(self) -> Array:
+        """Of a planar indenter its face; of a ball pi R d (Hertz), d the stage's travel."""
+        if self.is_hertzian:
+            return np.asarray(np.pi * self.radius_mm * np.maximum(self.travel_mm, 0.0))
+        return np.full(len(self.travel_mm), FACES[self.shape] * self.radius_mm**2)
+
+
+def read_presses(paths: list[Path], board: Board, *, progress: Progress = lambda _: None) -> list[Press]:
+    """Every run below the folders whose run.json says part "fit", in order of names.
+
+    Raises
+    ------
+    InputError
+        There is none, or one lacks what the bench read.
+    """
+    folders = [run.parent for path in paths for run in sorted(path.glob("**/run.json"))]
+    runs = [(folder, json.loads((folder / "run.json").read_text())) for folder in folders]
+    wanted = [(folder, run) for folder, run in runs if run.get("part", "fit") == "fit"]
+    if not wanted:
+        raise InputError(f'{", ".join(map(str, paths))}: no run of `ruffini sim reproduce` with part "fit" below it')
+    out = []
+    for done, (folder, run) in enumerate(wanted, 1):
+        out.append(read_press(folder, run, board))
+        progress(done / len(wanted))
+    return out
+
+
+def read_press(folder: Path, run: dict[str, object], board: Board) -> Press:
+    """One run.
+
+    Raises
+    ------
+    InputError
+        It lacks what the bench read, or nothing touches in it.
+    """
+    try:
+        with np.load(folder / "rig.npz", allow_pickle=False) as file:
+            rig = {name: file[name] for name in file.files}
+        chosen = run["chosen"]
+        assert isinstance(chosen, dict)
+        shape, radius_mm = str(chosen["indenter"]), float(chosen["radius_um"]) * 1e-3
+    except (OSError, KeyError, ValueError, AssertionError) as error:
+        raise InputError(f"{folder}: no run of a bench ({error}): record it with ruffini sim reproduce") from error
+    flow, profiles, good = _seen(folder, board)
+    touched = np.flatnonzero(rig["depth_m"] > 0)
+    if len(flow) != len(rig["force"]) or not touched.size or touched[0] < board.pipeline.n_rest_frames:
+        raise InputError(f"{folder}: frames and force readings do not belong together, or nothing rests at first")
+    at = touched
+    nothing = np.full(len(rig["force"]), np.nan)
+    return Press(
+        f"{folder.parent.name}/{folder.name}", folder.parent.name, shape, radius_mm, float(rig["shore_a"]),
+        flow[at], profiles[at, :N_RINGS], profiles[at, N_RINGS], profiles[at, N_RINGS + 1],
+        profiles[at, N_RINGS + 2 : N_RINGS + 4].astype(np.float64), good[at],
+        (rig["force"] - zero_of(rig["force"][: touched[0]]))[at], rig["depth_m"][at] * 1e3,
+        rig.get("gel_depth_m", nothing)[at] * 1e3, rig.get("area_m2", nothing)[at] * 1e6,
+    )  # fmt: skip
+
+
+def _seen(folder: Path, board: Board) -> tuple[Array, Integers, npt.NDArray[np.bool_]]:
+    flow, profiles, good = [], [], []
+    with Pipeline(board) as pipeline:
+        for image in read_frames(folder):
+            frame = pipeline.process(image)
+            p = pipeline.profile()
+            flow.append(pipeline.features() / PX)
+            profiles.append([*p.radial_q4, p.size_q4, p.fall_q16, p.center_x_um, p.center_y_um])
+            good.append(not frame.flags & LOST_OR_DARK)
+    return np.array(flow), np.array(profiles, np.int64), np.array(good)

@@ -1,0 +1,229 @@
+"""A contact model judged on what was left out, and as the firmware's integers: kinds `contact_model` and `wrench`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.contact_log import Press
+from ruffini.calibrate.contact_model import (
+    INPUT_STEP,
+    Model,
+    Seen,
+    Told,
+    errors,
+    fit_model,
+    seen_all,
+    seen_of,
+    tell,
+)
+from ruffini.calibrate.contact_wrench import fit_contact_wrench
+from ruffini.calibrate.container import Tensors
+from ruffini.calibrate.feature_log import Features
+from ruffini.calibrate.perceptron import Perceptron, run_tables, tanh_table
+from ruffini.calibrate.wrench_map import Fit
+from ruffini.calibrate.wrench_model import PAIRS, TIMES_S, WrenchMap
+from ruffini.calibrate.wrench_tables import tables as wrench_tables
+
+Array = npt.NDArray[np.float64]
+Progress = Any
+
+MOST_FOLDS = 7  # of sizes
+LOW, HIGH = 20.0, 80.0  # of Shore A, where hardness is judged
+N_BANDS, BAND = 10, 10.0
+LEAST_SIGMA = 1.0  # Shore A
+STRANGE_ROOM = 1.5  # times the strangest press that was left out
+WEIGHT_DECAY = 0.05  # of the kind's log odds, each sign over its spread
+TOUCH_FALL, TOUCH_N = 0.004, 0.09  # least fall of the density (four times its noise at rest), the paper's touch (IV-A)
+LEAST_ERROR = 5e-3  # of a load: no reference is better
+SHIFT_WHITE, Z_ONE = 20, 8
+SIZE_STEP = np.array([2.0**-12, 2.0**-12, 1e-3, 1e-3])
+SHORE_STEP, KIND_STEP = np.array([1 / 16]), np.array([2.0**-12])
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Every press as a model tells it that was fitted without its size, or without its shape."""
+
+    presses: list[Press]
+    told: list[Told]
+    wrench: list[Array]
+    sizes: list[Array]
+
+    def report(self, weights: Array) -> dict[str, Any]:
+        """RMSE by shape and on the whole, kind by these weights of its signs; N, N m, mm and Shore A."""
+        rows: dict[str, Any] = {}
+        is_flat = [bool(weights[0] + t.signs @ weights[1:] > 0) for t in self.told]
+        for shape in [*dict.fromkeys(p.shape for p in self.presses), "all"]:
+            at = [i for i, p in enumerate(self.presses) if shape in (p.shape, "all")]
+            wrench, sizes = (np.concatenate([part[i] for i in at]) for part in (self.wrench, self.sizes))
+            rows[shape] = {
+                "normal_n": _rms(wrench[:, 2]), "tangential_n": _rms(np.hypot(wrench[:, 0], wrench[:, 1])),
+                "moment_nm": 1e-3 * _rms(wrench[:, 5]), "gel_depth_mm": _rms(sizes[:, 0]),
+                "press_depth_mm": _rms(sizes[:, 1]),
+                "shore_a": _rms(np.array([self.told[i].shore[0 if is_flat[i] else 1] - self.presses[i].shore_a
+                                          for i in at if LOW <= self.presses[i].shore_a <= HIGH])),
+                "kind_right": float(np.mean([is_flat[i] != self.presses[i].is_hertzian
+                                             for i in at if self.told[i].is_told])),
+            }  # fmt: skip
+        return rows
+
+
+@dataclass(frozen=True)
+class ContactFit:
+    """A model of all presses, and what it errs by on sizes and on shapes that were not fitted."""
+
+    model: Model
+    by_size: LeftOut
+    by_shape: LeftOut
+    weights: Array  # of the kind's signs
+    strange: dict[str, float]  # of presses for which no model holds, over the limit
+
+    def report(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "left_out_sizes": self.by_size.report(self.weights),
+            "left_out_shapes": self.by_shape.report(self.weights),
+            "reference_crosstalk": {"x": self.model.wrench.crosstalk[0], "y": self.model.wrench.crosstalk[1]},
+            "strange": self.strange, "n_presses": len(self.by_size.presses),
+        }  # fmt: skip
+
+
+def fit_contact(board: Board, presses: list[Press], progress: Progress) -> ContactFit:
+    """Fit and judge."""
+    known = [p for p in presses if p.has_model]
+    seen = seen_all(board, known, fit_contact_wrench(board, known))
+    sizes = sorted({p.radius_mm for p in known})
+    parts = [tuple(part) for part in np.array_split(sizes, min(MOST_FOLDS, len(sizes)))]
+    shapes = list(dict.fromkeys(p.shape for p in known if not p.is_hertzian))
+    n = len(parts) + len(shapes) + 1
+    model = fit_model(board, known, seen=seen)
+    progress(1 / n)
+    by_size = _left_out(board, known, seen, [[p.radius_mm in part for p in known] for part in parts],
+                        lambda done: progress((1 + done) / n))  # fmt: skip
+    by_shape = _left_out(board, known, seen, [[p.shape == shape for p in known] for shape in shapes],
+                         lambda done: progress((1 + len(parts) + done) / n))  # fmt: skip
+    limit = _most_strange(by_size)
+    strange = {f"{p.shape} {p.name}": tell(p, model).strange / limit for p in presses if not p.has_model}
+    return ContactFit(model, by_size, by_shape, kind_weights(by_size), strange)
+
+
+def _left_out(
+    board: Board, presses: list[Press], seen: list[Seen], folds: list[list[bool]], progress: Progress
+) -> LeftOut:
+    out = LeftOut([], [], [], [])
+    for done, fold in enumerate(folds, 1):
+        kept = [i for i, is_left in enumerate(fold) if not is_left]
+        model = fit_model(board, [presses[i] for i in kept], seen=[seen[i] for i in kept], n_seeds=1)
+        for press in (p for p, is_left in zip(presses, fold, strict=True) if is_left):
+            wrench, sizes = errors(press, model)
+            out.presses.append(press)
+            out.told.append(tell(press, model))
+            out.wrench.append(wrench)
+            out.sizes.append(sizes)
+        progress(done)
+    return out
+
+
+def _most_strange(left: LeftOut) -> float:
+    return STRANGE_ROOM * float(np.nanmax([t.strange for t in left.told]))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
+
+
+def tables(fit: ContactFit, features: Features) -> tuple[Tensors, dict[str, str]]:
+    """Tensors and metadata of both kinds; the report says by how much the tables differ from the fit."""
+    model, left = fit.model, fit.by_size
+    nets = {"size": (model.size, SIZE_STEP), "kind": (model.kind, KIND_STEP),
+            "planar": (model.hardness[0], SHORE_STEP), "hertzian": (model.hardness[1], SHORE_STEP)}  # fmt: skip
+    tensors: Tensors = {"contact_model.tanh": tanh_table()}
+    for name, (net, step) in nets.items():
+        tensors |= net.tables(f"contact_model.{name}", INPUT_STEP, step)
+    tensors["contact_model.mean"] = np.round(model.mean * 2**14).astype(np.int16)
+    tensors["contact_model.whitening"] = np.round(model.whitening * 2.0 ** (SHIFT_WHITE + Z_ONE - 14)).astype(np.int32)
+    tensors["contact_model.odds"] = np.round(fit.weights * 2**12).astype(np.int32)
+    tensors["contact_model.sigma"] = np.round(_sigma(left) * 16).astype(np.int32)
+    found, said = wrench_tables(_wrench_fit(fit), features)
+    del found["wrench.forward"], found["wrench.tolerance"]
+    depth = np.concatenate([s[:, 0] for s in left.sizes])
+    report = fit.report() | {"wrench": json.loads(said["residuals"]), "tables_err": _table_errors(tensors, nets, fit)}
+    return tensors | found, {
+        **said, "residuals": json.dumps(report),
+        "contact_model.most_strange_q8": str(round(_most_strange(left) * 256)),
+        "contact_model.least_fall_q16": str(round(TOUCH_FALL * 65536)),
+        "contact_model.least_force_un": str(round(TOUCH_N * 1e6)),
+        "contact_model.depth_sigma_um": str(max(1, round(_rms(depth) * 1e3))),
+    }  # fmt: skip
+
+
+def kind_weights(left: LeftOut) -> Array:
+    """Log odds of planar contact (4,): offset and weights of the signs, by logistic regression on what was left out."""
+    from scipy.optimize import minimize
+
+    told = [
+        (t.signs, -1.0 if p.is_hertzian else 1.0) for p, t in zip(left.presses, left.told, strict=True) if t.is_told
+    ]
+    signs, side = np.array([t for t, _ in told]), np.array([s for _, s in told])
+    mean, spread = signs.mean(axis=0), signs.std(axis=0) + 1e-9
+    z = np.column_stack([np.ones(len(side)), (signs - mean) / spread])
+    found = minimize(
+        lambda w: np.logaddexp(0, -side * (z @ w)).sum() + WEIGHT_DECAY * (w[1:] ** 2).sum(), np.zeros(4)
+    ).x
+    return np.concatenate([[found[0] - (found[1:] / spread) @ mean], found[1:] / spread])
+
+
+def _sigma(left: LeftOut) -> Array:
+    """Standard deviation of Shore A, (2, bands): errors of the presses left out about each band."""
+    out = np.zeros((2, N_BANDS))
+    for kind in (0, 1):
+        rows = [(t.shore[kind], t.shore[kind] - p.shore_a) for p, t in zip(left.presses, left.told, strict=True)
+                if p.is_hertzian == bool(kind) and np.isfinite(t.shore[kind])]  # fmt: skip
+        said, error = np.array(rows).T
+        for band in range(N_BANDS):
+            near = np.argsort(np.abs(said - (band + 0.5) * BAND))[: max(8, len(said) // 4)]
+            out[kind, band] = max(LEAST_SIGMA, _rms(error[near]))
+    return out
+
+
+def _table_errors(tensors: Tensors, nets: dict[str, tuple[Perceptron, Array]], fit: ContactFit) -> dict[str, float]:
+    """Largest difference of the tables from the fit on the log, in steps of each output."""
+    seen = [seen_of(p, -fit.model.wrench(p.flow)[:, 2]) for p in fit.by_size.presses]
+    x = np.concatenate([s.x for s in seen])
+    raw = np.round(x / INPUT_STEP).astype(np.int64)
+    out = {}
+    for name, (net, step) in nets.items():
+        off = run_tables(tensors, f"contact_model.{name}", raw) - net(raw * INPUT_STEP) / step
+        out[name] = float(np.abs(off).max())
+    return out
+
+
+def _wrench_fit(fit: ContactFit) -> Fit:
+    left = fit.by_size
+    error = np.concatenate(left.wrench)
+    presses = left.presses
+    wrench = np.concatenate([fit.model.wrench(p.flow[p.is_good]) for p in presses])
+    full = np.abs(wrench).max(axis=0)
+    spread = np.maximum(wrench.std(axis=0), 1e-12)
+    size = np.sqrt(((wrench / full) ** 2).sum(axis=1))
+    covariance = (error / np.maximum(size, 0.1)[:, None]).T @ (error / np.maximum(size, 0.1)[:, None]) / len(error)
+    quiet = np.diag((0.002 * full) ** 2)
+    rows = np.stack([_vectors(quiet), _vectors(covariance + np.diag((LEAST_ERROR * full) ** 2))])
+    n = wrench.shape[1] and fit.model.wrench.gain.shape[1]
+    gain = fit.model.wrench.gain / 65536.0  # features are Q16
+    found = WrenchMap(gain, full, np.zeros((6, len(PAIRS[0]))), np.zeros((len(TIMES_S), 6)), np.zeros((n, 27)),
+                      np.ones(n), rows)  # fmt: skip
+    rmse = np.sqrt((error**2).mean(axis=0))
+    return Fit(found, 0.0, 0.0, {"crosstalk of the reference": ["Fx", "Fy", "Tx", "Ty", "Tz"]}, rmse,
+               1 - (rmse / spread) ** 2, rmse, float("nan"), len(error), len(presses), "size")  # fmt: skip
+
+
+def _vectors(covariance: Array) -> Array:
+    values, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray((axes * np.sqrt(values.clip(0))).T)

@@ -1,0 +1,38 @@
+"""ruffini cal touch."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ruffini.cli.common import JsonFlag, emit, progress_bar
+
+
+def touch(
+    log: Annotated[Path, typer.Argument(metavar="RECORDING", help="Untouched frames: video, or folder of frames.")],
+    calibration: Annotated[Path, typer.Option("--calibration", help="File with operator and colours of this unit.")],
+    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")],
+    board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
+    json_: JsonFlag = False,
+) -> None:
+    """Measure the noise of untouched frames: what counts as a touch on this unit."""
+    from ruffini.calibrate import container
+    from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
+    from ruffini.frames import read_frames
+
+    file = container.read(calibration)
+    found = container.board_of(file, board)
+    with progress_bar("noise") as progress:
+        pressure = linear_pressure(found, file, read_frames(log))
+        noise = fit_contact_noise(pressure, found.pipeline.n_rest_frames, progress=progress)
+    report = noise.report()
+    metadata = {**container.base_metadata(found), "residuals": json.dumps(report)}
+    container.write(out, container.pack(noise.tensors(), metadata))
+    threshold_mn = found.contact.threshold_un * 1e-3
+    emit({"file": str(out), **report}, json_,
+         f"{out}: noise of a node {report['node_sigma_mn']:.3f} mN in {report['frames']} untouched frames; touched "
+         f"from {report['square_mn']:.3f} mN on 2 x 2 nodes or {report['alone_mn']:.3f} mN on one, set for a false "
+         f"contact in {1 / report['set_false_rate']:,.0f} frames (board: {threshold_mn:g} mN)")  # fmt: skip

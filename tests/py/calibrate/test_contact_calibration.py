@@ -1,0 +1,148 @@
+"""What `cal contact` fits: made-up flows whose wrench, depth and hardness are known."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from ruffini.boards import Board, find_board
+from ruffini.calibrate.contact_log import Press, read_presses
+from ruffini.calibrate.contact_model import fit_model, inputs_of, tell, true_sizes
+from ruffini.calibrate.contact_profile import radial_um
+from ruffini.calibrate.contact_tables import fit_contact, tables
+from ruffini.calibrate.contact_wrench import fit_contact_wrench, symmetric
+from ruffini.calibrate.feature_log import features_of
+from ruffini.calibrate.perceptron import Perceptron, run_tables, tanh_table
+from ruffini.errors import InputError
+
+Array = npt.NDArray[np.float64]
+CROSSTALK = np.array([0.02, 0.03, 0.0, 1e-3, -2e-3, 1.5e-3])  # of the bench: N/N and N m/N
+PX_PER_MM = 8.0
+
+
+@pytest.fixture(scope="module")
+def board() -> Board:
+    return find_board("contact-glitter")
+
+
+def lattice(board: Board) -> Array:
+    m = board.markers
+    assert m is not None
+    x = (np.arange(m.n_x) - (m.n_x - 1) / 2) * m.pitch_x_um * 1e-3
+    y = (np.arange(m.n_y) - (m.n_y - 1) / 2) * m.pitch_y_um * 1e-3
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def flow_of(
+    board: Board, middle: tuple[float, float], radius_mm: float, push: Array, soft: float, side: Array
+) -> Array:
+    """Outwards as `push` (t,) says, widest where the object ends; softer objects push more at their face; a shift."""
+    away = lattice(board) - np.array(middle)
+    r = np.linalg.norm(away, axis=-1) + 1e-9
+    shape = np.exp(-(((r - radius_mm - 1) / 3) ** 2)) + soft * np.exp(-(((r - 0.7 * radius_mm) / 2) ** 2))
+    out = (away / r[..., None] * shape[..., None])[None] * push[:, None, None, None]
+    sunk = np.exp(-((r / 6) ** 2))[None, ..., None] * side[:, None, None, :]
+    return np.asarray((out + sunk).reshape(len(push), -1) * PX_PER_MM)
+
+
+def press(board: Board, rng: np.random.Generator, shape: str, radius_mm: float, shore_a: float) -> Press:
+    """Twenty frames; a ball's flow grows wider as it sinks in."""
+    n = 20
+    depth = np.linspace(0.1, 1.9, n)
+    middle = tuple(rng.uniform(-1, 1, 2).tolist())
+    is_ball = shape == "sphere"
+    wide = radius_mm * (np.sqrt(depth / 2) if is_ball else np.ones(n))
+    side = np.outer(np.linspace(0, 0.1, n), rng.uniform(-1, 1, 2))
+    soft = 0.8 * (1 - shore_a / 100)
+    parts = [
+        flow_of(board, middle, float(w), 0.25 * depth[i : i + 1], soft, side[i : i + 1]) for i, w in enumerate(wide)
+    ]
+    flow = np.concatenate(parts) + rng.normal(size=(n, parts[0].shape[1])) * 0.01
+    fn = 5 * depth * wide
+    true = np.column_stack([20 * side[:, 0], 20 * side[:, 1], -fn, 0 * fn, 0 * fn, 0 * fn])
+    force = true + np.outer(-fn, CROSSTALK) * [1, 1, 0, 1, 1, 1]
+    center = np.tile(np.array(middle) * 1e3, (n, 1))
+    radial = np.round(radial_um(board, flow, center) * 16).astype(np.int64)
+    size = np.sqrt((radial**2).sum(axis=1)).astype(np.int64)
+    area = np.pi * wide**2
+    return Press(f"fit/{shape}{radius_mm}{shore_a}", "fit", shape, radius_mm, shore_a, flow, radial, size, size, center,
+                 np.ones(n, np.bool_), force, depth * 1.1, depth, area)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def presses(board: Board) -> list[Press]:
+    rng = np.random.default_rng(1)
+    return [press(board, rng, shape, radius, shore) for shape in ("flat", "square", "sphere")
+            for radius in (5.0, 7.0, 9.0) for shore in (20.0, 50.0, 80.0)]  # fmt: skip
+
+
+def test_symmetry_tells_the_references_crosstalk_from_shear(board: Board, presses: list[Press]) -> None:
+    found = fit_contact_wrench(board, presses)
+    assert found.crosstalk[:2] == pytest.approx(CROSSTALK[:2], abs=2e-3)
+    assert found.crosstalk[5] == pytest.approx(1e3 * CROSSTALK[5], abs=0.1)
+    new = press(board, np.random.default_rng(77), "flat", 6.0, 35.0)
+    true = new.force - np.outer(new.force[:, 2], CROSSTALK) * [1, 1, 0, 1, 1, 1]
+    said = found(new.flow)
+    assert np.abs(said[:, :2] - true[:, :2]).max() < 0.1
+    assert np.abs(said[:, 2] - true[:, 2]).max() < 0.06 * np.abs(true[:, 2]).max()
+
+
+def test_each_axis_takes_the_part_of_a_flow_that_reflections_change_like_it(board: Board) -> None:
+    shift = np.tile([1.0, 0.0], 34 * 26)[None]
+    turn = (lattice(board) @ np.array([[0.0, 1.0], [-1.0, 0.0]])).reshape(1, -1)
+    out = lattice(board).reshape(1, -1)
+    for flow, axis in ((shift, 0), (out, 2), (turn, 5)):
+        parts = [np.abs(symmetric(flow, (26, 34), k)).max() for k in (0, 1, 2, 5)]
+        assert parts[(0, 1, 2, 5).index(axis)] == pytest.approx(np.abs(flow).max())
+        assert sum(parts) == pytest.approx(np.abs(flow).max())
+
+
+def test_depth_kind_and_hardness_of_objects_that_were_not_fitted(board: Board, presses: list[Press]) -> None:
+    model = fit_model(board, presses, n_seeds=1)
+    for shape, shore in (("flat", 35.0), ("flat", 65.0), ("sphere", 35.0), ("sphere", 65.0)):
+        new = press(board, np.random.default_rng(5), shape, 6.0, shore)
+        told = tell(new, model)
+        assert (told.signs[2] < 0.05) == (shape == "flat")  # only a ball's contact grows
+        assert told.shore[0 if shape == "flat" else 1] == pytest.approx(shore, abs=12)
+        force = model.wrench(new.flow)
+        x = inputs_of(new.radial.astype(float), new.size.astype(float), -force[:, 2])
+        depth = model.size(x)[:, 0] * new.size * 1e-3 / 16
+        assert depth[5:] == pytest.approx(true_sizes(new)[5:, 0], abs=0.15)
+
+
+def test_tables_say_what_the_fit_says(board: Board, presses: list[Press]) -> None:
+    fit = fit_contact(board, presses, lambda _: None)
+    tensors, metadata = tables(fit, features_of(board))
+    report = json.loads(metadata["residuals"])
+    assert max(report["tables_err"].values()) < 6  # steps: of 1/4096 of a depth, um, 1/16 Shore A
+    assert report["left_out_sizes"]["all"]["kind_right"] > 0.9
+    assert set(tensors) >= {"contact_model.tanh", "contact_model.size_hidden", "wrench.gain"}
+    assert "wrench.forward" not in tensors
+    assert int(metadata["contact_model.depth_sigma_um"]) > 1
+
+
+def test_a_perceptron_and_its_integers() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1, 1, (800, 3))
+    y = np.column_stack([np.sin(2 * x[:, 0]) * x[:, 1], x[:, 2] ** 2])
+    net = Perceptron.mean_of([Perceptron.fit(x, y, decay=1e-6, seed=s) for s in range(2)])
+    assert net.hidden.shape == (20, 4)
+    assert np.abs(net(x) - y).std() < 0.05
+    steps = np.full(3, 2.0**-14), np.array([1e-3, 2e-3])
+    raw = np.round(x / steps[0]).astype(np.int64)
+    said = run_tables({**net.tables("n", *steps), "t": tanh_table()}, "n", raw)
+    assert np.abs(said * steps[1] - net(raw * steps[0])).max() < 3e-3
+
+
+def test_a_log_without_a_bench_or_without_balls_is_refused(board: Board, presses: list[Press], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='part "fit"'):
+        read_presses([tmp_path], board)
+    (tmp_path / "run.json").write_text('{"part": "fit"}')
+    with pytest.raises(InputError, match="no run of a bench"):
+        read_presses([tmp_path], board)
+    with pytest.raises(InputError, match="balls"):
+        fit_model(board, [p for p in presses if not p.is_hertzian])
