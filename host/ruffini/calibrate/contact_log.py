@@ -25,6 +25,7 @@ Integers = npt.NDArray[np.int64]
 Progress = Callable[[float], None]
 
 PX = 65536.0
+LEAST_STEP_MM = 0.02
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
 FACES = {"triangle": 3**0.5, "square": 4.0, "flat": float(np.pi)}  # of planar indenters, over the radius squared
 HERTZIAN = ("sphere",)
@@ -63,6 +64,11 @@ class Press:
     def has_model(self) -> bool:
         """Whether a contact model holds for its shape."""
         return self.is_hertzian or self.shape in FACES
+
+    @property
+    def goes_down(self) -> bool:
+        """Whether the stage only went down, not sideways or up again: then kind and hardness are judged by it."""
+        return bool(np.diff(self.travel_mm).min(initial=np.inf) > LEAST_STEP_MM)
 
     @property
     def effective_area_mm2(self) -> Array:

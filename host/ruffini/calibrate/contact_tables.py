@@ -62,14 +62,14 @@ class LeftOut:
         for shape in [*dict.fromkeys(p.shape for p in self.presses), "all"]:
             at = [i for i, p in enumerate(self.presses) if shape in (p.shape, "all")]
             wrench, sizes = (np.concatenate([part[i] for i in at]) for part in (self.wrench, self.sizes))
+            down = [i for i in at if self.presses[i].goes_down and self.told[i].is_told]
             rows[shape] = {
                 "normal_n": _rms(wrench[:, 2]), "tangential_n": _rms(np.hypot(wrench[:, 0], wrench[:, 1])),
                 "moment_nm": 1e-3 * _rms(wrench[:, 5]), "gel_depth_mm": _rms(sizes[:, 0]),
                 "press_depth_mm": _rms(sizes[:, 1]),
                 "shore_a": _rms(np.array([self.told[i].shore[0 if is_flat[i] else 1] - self.presses[i].shore_a
-                                          for i in at if LOW <= self.presses[i].shore_a <= HIGH])),
-                "kind_right": float(np.mean([is_flat[i] != self.presses[i].is_hertzian
-                                             for i in at if self.told[i].is_told])),
+                                          for i in down if LOW <= self.presses[i].shore_a <= HIGH])),
+                "kind_right": float(np.mean([is_flat[i] != self.presses[i].is_hertzian for i in down])),
             }  # fmt: skip
         return rows
 
@@ -168,7 +168,9 @@ def kind_weights(left: LeftOut) -> Array:
     from scipy.optimize import minimize
 
     told = [
-        (t.signs, -1.0 if p.is_hertzian else 1.0) for p, t in zip(left.presses, left.told, strict=True) if t.is_told
+        (t.signs, -1.0 if p.is_hertzian else 1.0)
+        for p, t in zip(left.presses, left.told, strict=True)
+        if t.is_told and p.goes_down
     ]
     signs, side = np.array([t for t, _ in told]), np.array([s for _, s in told])
     mean, spread = signs.mean(axis=0), signs.std(axis=0) + 1e-9
@@ -184,7 +186,7 @@ def _sigma(left: LeftOut) -> Array:
     out = np.zeros((2, N_BANDS))
     for kind in (0, 1):
         rows = [(t.shore[kind], t.shore[kind] - p.shore_a) for p, t in zip(left.presses, left.told, strict=True)
-                if p.is_hertzian == bool(kind) and np.isfinite(t.shore[kind])]  # fmt: skip
+                if p.is_hertzian == bool(kind) and t.is_told and p.goes_down]  # fmt: skip
         said, error = np.array(rows).T
         for band in range(N_BANDS):
             near = np.argsort(np.abs(said - (band + 0.5) * BAND))[: max(8, len(said) // 4)]

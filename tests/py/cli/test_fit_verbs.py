@@ -78,7 +78,7 @@ def test_a_file_that_fails_is_not_flashed_and_the_way_out_is_named(files: Files,
 def test_auto_and_check_refuse_before_anything_moves(files: Files, run: Run, tmp_path):
     code, _, error = run("cal", "auto", "--rig", "sim", "--board", "contact-glitter", "--out", tmp_path / "auto")
     assert code == 2
-    assert "no estimator yet that `cal auto` could fit" in error
+    assert "use `ruffini cal contact`" in error
     assert not (tmp_path / "auto").exists()
     assert run("cal", "check")[0] == 2
     assert run("cal", "check", "--grams", 100, "--ball-mm", 6)[0] == 2

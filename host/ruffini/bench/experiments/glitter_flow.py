@@ -319,11 +319,12 @@ def text_of(r: dict[str, Any]) -> str:
         for part in ("bands", "planar bands", "Hertzian bands", "shapes", "sizes"):
             each = ", ".join(f"{k} {v['rmse']:.1f} ({v['n']:.0f})" for k, v in h[part].items())
             lines.append(f"  {part}: {each}")
-    lines.append(f"Paper's method here, told the kind and the bench's force and travel: "
-                 f"{r['method_hardness_told']:.2f}; from the sensor alone {r['method_hardness_alone']:.1f}")  # fmt: skip
-    lines.append("Cramer-Rao bound of one frame, Shore A: " + ", ".join(f"{k} {v:.1f}" for k, v in r["bounds"].items()))
+    told, alone = r["method_hardness_told"], r["method_hardness_alone"]
+    lines.append(f"Hardness by the paper's method, told the kind, force and travel: {told:.2f}; by itself: {alone:.1f}")
+    each = ", ".join(f"{k} {v:.1f}" for k, v in r["bounds"].items())
+    lines.append(f"Cramer-Rao bound of one frame, Shore A: {each}")
     for name in ("objects", "failing", "too_soft"):
-        lines += [f"{name}: {_object(told)}" for told in r[name]]
+        lines += [f"{name}: {_object(each)}" for each in r[name]]
     for name in ("wear", "resolution", "factors"):
         lines.append(f"{name}: " + ", ".join(f"{k} {v:.3g}" for k, v in r[name].items()))
     return "\n".join(lines)
