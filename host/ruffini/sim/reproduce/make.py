@@ -47,11 +47,7 @@ from ruffini.sim.units import build_unit
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
-ONLY_READ = (
-    "targets",
-    "feature_wrench",
-    "contact_model",
-)  # stages that change no picture, younger than the first frozen boards
+ONLY_READ = ("targets", "feature_wrench", "contact_model")  # change no picture, younger than the first frozen boards
 RING_LEFT = 0.6  # of the ringing of a bench that has touched, from frame to frame
 
 
@@ -217,7 +213,7 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
         seen["pipeline"]["stages"] = ["difference"]
     elif board.markers is not None and board.markers.polarity == "texture":
         seen["markers"] = None
-        seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ("markers", "displacement")]
+        seen["pipeline"]["stages"] = [s for s in seen["pipeline"]["stages"] if s not in ("markers", "displacement")]
     elif board.markers is not None and board.markers.layout == "lattice":  # the only one when they were frozen
         del seen["markers"]["layout"], seen["markers"]["places_um"]
     if seen.pop("skin") is not None:  # reads pictures, changes none: as it was when the first boards were frozen
