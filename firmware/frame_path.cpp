@@ -239,8 +239,8 @@ void FramePath::run_feature_wrench(uint64_t capture_us) {
 void FramePath::run_contact_model() {
   FrameState& s = state_;
   s.profile = contact_profile_->run(markers());
-  s.contacts = {};
   if (!contact_model_) return;
+  s.contacts = {};
   s.modelled = contact_model_->run(s.profile, s.wrench, !is_wrong(), s.saturations);
   const ModelledContact& c = s.modelled;
   if (c.is_covered) s.flags |= kFlagMarkersLost;
