@@ -1,9 +1,10 @@
-"""Cramer-Rao bound of Shore A from one frame's flow profile, with size, depth and shape unknown, by kind and band.
+"""Cramer-Rao bound of Shore A from one frame's flow profile, size and depth unknown, by kind and band: an estimate.
 
-The profile's inputs of a log (`calibrate.contact_model`) are fitted by a quadratic in log radius, log gel depth and the
-object's compliance, with an offset for each shape; its slopes are the Jacobian, the spread of what is left the noise.
-Size and depth are nuisances: (J^T S^-1 J)^-1 over all three. Frames of one press err alike (correlation 0.6 to 0.9
-between frames 0.6 mm apart), so a press knows little more than its best frame.
+The profile's inputs of a log (`calibrate.contact_model`) are fitted, shape by shape, by a quadratic in log radius, log
+gel depth and the object's compliance; its slopes are the Jacobian J, the covariance S of what is left the noise. Size
+and depth are nuisances: the bound is of (J^T S^-1 J)^-1 over all three. What the quadratic misses counts as noise, so
+the true bound is lower. Frames of one press err alike (correlation 0.6 to 0.9 between frames 0.6 mm apart), so that a
+press knows a little more than one frame.
 """
 
 from __future__ import annotations
@@ -20,16 +21,19 @@ Array = npt.NDArray[np.float64]
 MIDDLES = {"20-40": 30.0, "40-60": 50.0, "60-80": 70.0}
 RADIUS_MM, DEPTH_MM = 7.5, 1.1
 STEP = 1e-3
-FLOOR = 1e-3  # of the largest variance: what a quadratic leaves of the rest
+LEAST_PRESSES = 8
+FLOOR = 1e-4  # of the largest variance: what a quadratic leaves of the rest
 
 
 def bounds(presses: list[Press], model: Model) -> dict[str, float]:
-    """Shore A at RADIUS_MM and DEPTH_MM, by "planar 20-40" and so on; NaN where the log has too few frames."""
+    """Shore A at RADIUS_MM and DEPTH_MM, by "planar 20-40" and so on; root mean square over the shapes."""
     out: dict[str, float] = {}
     for kind, is_ball in (("planar", False), ("Hertzian", True)):
-        part = [p for p in presses if p.is_hertzian == is_ball]
-        found = _bounds(part, model) if len(part) >= 8 else dict.fromkeys(MIDDLES, float("nan"))
-        out |= {f"{kind} {band}": bound for band, bound in found.items()}
+        shapes = dict.fromkeys(p.shape for p in presses if p.is_hertzian == is_ball)
+        parts = [[p for p in presses if p.shape == shape] for shape in shapes]
+        found = [_bounds(part, model) for part in parts if len(part) >= LEAST_PRESSES]
+        for band in MIDDLES:
+            out[f"{kind} {band}"] = float(np.sqrt(np.mean([f[band] ** 2 for f in found]))) if found else float("nan")
     return out
 
 
@@ -46,8 +50,7 @@ def _columns(state: Array) -> Array:
 
 
 def _bounds(presses: list[Press], model: Model) -> dict[str, float]:
-    shapes = list(dict.fromkeys(p.shape for p in presses))
-    x, state, shape = [], [], []
+    x, state = [], []
     for p in presses:
         seen = seen_of(p, -model.wrench(p.flow)[:, 2])
         used = is_measured(p, seen.frame)
@@ -55,9 +58,7 @@ def _bounds(presses: list[Press], model: Model) -> dict[str, float]:
         depth = np.log(p.gel_mm[seen.frame][used])
         n = len(depth)
         state.append(np.column_stack([np.full(n, np.log(p.radius_mm)), depth, np.full(n, _compliance(p.shore_a))]))
-        shape.append(np.eye(len(shapes))[[shapes.index(p.shape)] * n][:, 1:])
-    inputs, states = np.concatenate(x), np.concatenate(state)
-    design = np.column_stack([_columns(states), np.concatenate(shape)])
+    inputs, design = np.concatenate(x), _columns(np.concatenate(state))
     found, *_ = np.linalg.lstsq(design, inputs, rcond=None)
     left = inputs - design @ found
     values, axes = np.linalg.eigh(left.T @ left / (len(left) - design.shape[1]))
@@ -67,7 +68,7 @@ def _bounds(presses: list[Press], model: Model) -> dict[str, float]:
         here = np.array([np.log(RADIUS_MM), np.log(DEPTH_MM), _compliance(shore)])
         steps = np.eye(3) * STEP
         slope = np.array([(_columns((here + s)[None]) - _columns((here - s)[None]))[0] / (2 * STEP) for s in steps])
-        jacobian = (slope @ found[:10]).T
+        jacobian = (slope @ found).T
         a_shore = (_compliance(shore + 1) - _compliance(shore - 1)) / 2
         variance = np.linalg.inv(jacobian.T @ precision @ jacobian)[2, 2]
         out[band] = float(np.sqrt(variance) / abs(a_shore))
