@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.contact_log import Press
+from ruffini.calibrate.contact_log import PX, Press
 from ruffini.calibrate.contact_model import (
     INPUT_STEP,
     Model,
@@ -22,17 +22,18 @@ from ruffini.calibrate.contact_model import (
     seen_of,
     tell,
 )
-from ruffini.calibrate.contact_wrench import fit_contact_wrench
+from ruffini.calibrate.contact_wrench import RIDGE_PX2, fit_contact_wrench
 from ruffini.calibrate.container import Tensors
 from ruffini.calibrate.feature_log import Features
 from ruffini.calibrate.perceptron import Perceptron, run_tables, tanh_table
 from ruffini.calibrate.wrench_map import Fit
-from ruffini.calibrate.wrench_model import PAIRS, TIMES_S, WrenchMap
+from ruffini.calibrate.wrench_model import AXES, PAIRS, TIMES_S, WrenchMap
 from ruffini.calibrate.wrench_tables import tables as wrench_tables
 
 Array = npt.NDArray[np.float64]
 Progress = Any
 
+QUANTITIES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")  # of a board's not_measured
 MOST_FOLDS = 7  # of sizes
 LOW, HIGH = 20.0, 80.0  # of Shore A, where hardness is judged
 N_BANDS, BAND = 10, 10.0
@@ -138,7 +139,7 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.nanmean(values**2))) if np.isfinite(values).any() else float("nan")
 
 
-def tables(fit: ContactFit, features: Features) -> tuple[Tensors, dict[str, str]]:
+def tables(board: Board, fit: ContactFit, features: Features) -> tuple[Tensors, dict[str, str]]:
     """Tensors and metadata of both kinds; the report says by how much the tables differ from the fit."""
     model, left = fit.model, fit.by_size
     nets = {"size": (model.size, SIZE_STEP), "kind": (model.kind, KIND_STEP),
@@ -150,7 +151,7 @@ def tables(fit: ContactFit, features: Features) -> tuple[Tensors, dict[str, str]
     tensors["contact_model.whitening"] = np.round(model.whitening * 2.0 ** (SHIFT_WHITE + Z_ONE - 14)).astype(np.int32)
     tensors["contact_model.odds"] = np.round(fit.weights * 2**12).astype(np.int32)
     tensors["contact_model.sigma"] = np.round(_sigma(left) * 16).astype(np.int32)
-    found, said = wrench_tables(_wrench_fit(fit), features)
+    found, said = wrench_tables(_wrench_fit(board, fit), features)
     del found["wrench.forward"], found["wrench.tolerance"]
     depth = np.concatenate([s[:, 0] for s in left.sizes])
     report = fit.report() | {"wrench": json.loads(said["residuals"]), "tables_err": _table_errors(tensors, nets, fit)}
@@ -206,7 +207,8 @@ def _table_errors(tensors: Tensors, nets: dict[str, tuple[Perceptron, Array]], f
     return out
 
 
-def _wrench_fit(fit: ContactFit) -> Fit:
+def _wrench_fit(board: Board, fit: ContactFit) -> Fit:
+    """K with its covariance; axes that the board does not measure are not told."""
     left = fit.by_size
     error = np.concatenate(left.wrench)
     presses = left.presses
@@ -217,13 +219,16 @@ def _wrench_fit(fit: ContactFit) -> Fit:
     covariance = (error / np.maximum(size, 0.1)[:, None]).T @ (error / np.maximum(size, 0.1)[:, None]) / len(error)
     quiet = np.diag((0.002 * full) ** 2)
     rows = np.stack([_vectors(quiet), _vectors(covariance + np.diag((LEAST_ERROR * full) ** 2))])
-    n = wrench.shape[1] and fit.model.wrench.gain.shape[1]
-    gain = fit.model.wrench.gain / 65536.0  # features are Q16
-    found = WrenchMap(gain, full, np.zeros((6, len(PAIRS[0]))), np.zeros((len(TIMES_S), 6)), np.zeros((n, 27)),
+    gain = fit.model.wrench.gain / PX
+    n = gain.shape[1]
+    told = np.array([name not in board.board.not_measured for name in QUANTITIES])
+    condition = float(np.linalg.cond((gain / full[:, None])[told]))
+    rows *= told
+    found = WrenchMap(gain, full * told, np.zeros((6, len(PAIRS[0]))), np.zeros((len(TIMES_S), 6)), np.zeros((n, 27)),
                       np.ones(n), rows)  # fmt: skip
     rmse = np.sqrt((error**2).mean(axis=0))
-    return Fit(found, 0.0, 0.0, {"crosstalk of the reference": ["Fx", "Fy", "Tx", "Ty", "Tz"]}, rmse,
-               1 - (rmse / spread) ** 2, rmse, float("nan"), len(error), len(presses), "size")  # fmt: skip
+    return Fit(found, 0.0, dict.fromkeys(AXES, RIDGE_PX2), {}, rmse, 1 - (rmse / spread) ** 2, rmse, condition,
+               len(error), len(presses), "size")  # fmt: skip
 
 
 def _vectors(covariance: Array) -> Array:

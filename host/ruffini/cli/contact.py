@@ -42,7 +42,7 @@ def contact(
         presses = read_presses(log, found, progress=progress)
     with progress_bar("fits") as progress:
         fit = fit_contact(found, presses, progress)
-    tensors, metadata = tables(fit, features_of(found))
+    tensors, metadata = tables(found, fit, features_of(found))
     container.write(out, container.pack(tensors, {**container.base_metadata(found), **metadata}))
     said = {"file": str(out), **json.loads(metadata["residuals"])}
     if report is not None:

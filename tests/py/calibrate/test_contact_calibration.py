@@ -114,9 +114,10 @@ def test_depth_kind_and_hardness_of_objects_that_were_not_fitted(board: Board, p
         assert depth[5:] == pytest.approx(true_sizes(new)[5:, 0], abs=0.15)
 
 
-def test_tables_say_what_the_fit_says(board: Board, presses: list[Press]) -> None:
+def test_tables_say_what_the_fit_says(board: Board, presses: list[Press], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ruffini.calibrate.contact_tables.MOST_FOLDS", 2)
     fit = fit_contact(board, presses, lambda _: None)
-    tensors, metadata = tables(fit, features_of(board))
+    tensors, metadata = tables(board, fit, features_of(board))
     report = json.loads(metadata["residuals"])
     assert max(report["tables_err"].values()) < 6  # steps: of 1/4096 of a depth, um, 1/16 Shore A
     assert report["left_out_sizes"]["all"]["kind_right"] > 0.9

@@ -101,7 +101,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     record(board, paper, quick=quick, n_workers=n, progress=within(0.3, 0.5))
     presses = read_presses([own], board, progress=within(0.5, 0.6))
     fit = fit_contact(board, presses, within(0.6, 0.8))
-    tensors, metadata = tables(fit, features_of(board))
+    tensors, metadata = tables(board, fit, features_of(board))
     file = container.pack(tensors, {**container.base_metadata(board), **metadata})
     container.write(out / "contact.safetensors", file)
     runs = recorded_runs(board, paper, quick=quick)
