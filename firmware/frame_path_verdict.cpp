@@ -82,11 +82,9 @@ void FramePath::judge() {
   if (s.force_z == Validity::kValid && s.contacts.reaches_border) s.flags |= kFlagWindowBorder;
 }
 
-// Forces of the contact are those of the wrench.
+// Forces of the contact are those of the wrench: there is no field of them.
 void FramePath::judge_contact_model() {
   FrameState& s = state_;
-  s.force_xy = s.wrench_validity[0];
-  s.force_z = s.wrench_validity[2];
   const ModelledContact& c = s.modelled;
   const auto verdict = [&](bool is_told) {
     if (!is_told) return Validity::kNotMeasured;

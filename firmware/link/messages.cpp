@@ -182,6 +182,7 @@ void MessageEncoder::tell_model(const FramePath& path, ruffini_Contacts& m) {
   const FrameState& s = path.state();
   const ModelledContact& c = s.modelled;
   ruffini_Contact& out = m.contacts[0];
+  out.validity = to_proto(s.wrench_validity[2]);
   out.kind = static_cast<ruffini_ContactKind>(c.kind);
   out.kind_sure_1e3 = static_cast<uint32_t>(c.sure_1e3);
   out.gel_depth_um = static_cast<uint32_t>(c.gel_depth_um);
