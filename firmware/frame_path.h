@@ -10,6 +10,7 @@
 #include "base/result.h"
 #include "estimators/depth_gauge.h"
 #include "estimators/feature_wrench.h"
+#include "estimators/fingertip.h"
 #include "estimators/force_field.h"
 #include "estimators/marker_depth.h"
 #include "frame_state.h"
@@ -80,6 +81,7 @@ class FramePath {
   [[nodiscard]] const NodeGrid& nodes() const { return nodes_; }
   [[nodiscard]] GridSize depth_grid() const { return depth_grid_; }
   [[nodiscard]] const Skin* skin() const { return skin_ ? &*skin_ : nullptr; }
+  [[nodiscard]] bool has_fingertip() const { return fingertip_.has_value(); }
   [[nodiscard]] int n_markers_at_rest() const { return n_markers_at_rest_; }
 
  private:
@@ -114,12 +116,15 @@ class FramePath {
   void run_uncertainty();
   void run_skin(const FrameView& frame, uint64_t capture_us);
   void run_feature_wrench(uint64_t capture_us);
+  void run_fingertip();
+  [[nodiscard]] bool is_blind(size_t view) const { return printed_.n_lost(view) > board_.markers.max_lost; }
   [[nodiscard]] int n_features() const;
   // frame_path_verdict.cpp
   void judge_input();
   bool are_markers_lost();
   void judge();
   void judge_skin();
+  void judge_fingertip();
   // Nothing that this frame says may be used.
   [[nodiscard]] bool is_wrong() const;
   template <typename Work>
@@ -157,6 +162,7 @@ class FramePath {
   ContactFinder contacts_;
   SlipTracker slip_;
   std::optional<Skin> skin_;
+  std::optional<Fingertip> fingertip_;
   SaturationCounter untrusted_saturations_;  // of a depth that no force is made of
   FrameState state_;
 };

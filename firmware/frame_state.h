@@ -11,6 +11,7 @@
 #include "base/fixed.h"
 #include "board/settings.h"
 #include "estimators/contacts.h"
+#include "estimators/fingertip.h"
 #include "estimators/force_field.h"
 #include "estimators/skin.h"
 #include "estimators/slip.h"
@@ -58,6 +59,7 @@ enum class Stage : uint8_t {
   kFeatureWrench,
   kContacts,
   kSkin,
+  kFingertip,
   kCount
 };
 inline constexpr size_t kStageCount = static_cast<size_t>(Stage::kCount);
@@ -104,6 +106,7 @@ struct FrameState {
   Wrench wrench;
   ContactList contacts;
   SkinFrame skin;
+  TipTouch tip;
   struct {
     std::span<const NodeSlip> node;                      // observed nodes
     std::array<ContactSlip, ContactList::kMax> contact;  // in the order of `contacts`

@@ -26,6 +26,7 @@ KINDS = {
     "camera",
     "contact",
     "dark",
+    "fingertip",
     "finite_strain",
     "gauge",
     "marker_depth",
