@@ -85,12 +85,12 @@ def labels_of(told: Array, turn: Array) -> Array:
     for i, row in enumerate(told):
         tool = turn[i] @ axes(*np.deg2rad(row[[ROLL, PITCH]]))
         out[i] = [row[FORCE], row[WAY], *(tool[:, :2] @ row[[X, Y]])[:2], *tool[:2, 2], np.sqrt(row[AREA])]
-    return (out - ZERO) / SCALE
+    return np.asarray((out - ZERO) / SCALE)
 
 
 def told_by(labels: Array, turn: Array) -> Array:
     """The other way: force_n, way_mm, x_mm, y_mm, roll_deg, pitch_deg, side_mm, (t, 7)."""
-    value = labels * SCALE + ZERO
+    value: Array = labels * SCALE + ZERO
     out = value.copy()
     for i, row in enumerate(value):
         tilt = np.clip(row[4:6], -0.9, 0.9)

@@ -1,6 +1,7 @@
 """A dome is a body of revolution: a press on it, turned about its axis or mirrored, is another press that could be.
 
-Displacements are read between the pins by thin plates over the nearest of them; the pins' own places stay. What is not round of a unit (its rim, its mould) is not in presses made so: they are added to the real ones.
+Displacements are read between the pins by thin plates over the nearest of them; the pins' own places stay. What is not
+round of a unit (its rim, its mould) is not in presses made so: they are added to the real ones.
 """
 
 from __future__ import annotations
