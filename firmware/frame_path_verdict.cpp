@@ -86,7 +86,9 @@ void FramePath::judge() {
 void FramePath::judge_fingertip() {
   FrameState& s = state_;
   s.flags &= ~(kFlagUncalibratedXy | kFlagUncalibratedZ);
-  s.force_z = is_wrong() ? Validity::kInvalid : Validity::kValid;
+  // What one eye does not feel may be there.
+  const bool is_unseen = !s.tip.is_touched && (s.flags & kFlagViewLost) != 0;
+  s.force_z = is_wrong() || is_unseen ? Validity::kInvalid : Validity::kValid;
   s.wrench_validity.fill(Validity::kNotMeasured);
   s.wrench_validity[2] = s.force_z;
   s.uncertainty.is_of_wrench = s.tip.is_touched;

@@ -124,8 +124,10 @@ def used(told: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(whole & (told[:, FORCE] > LEAST_N) & (told[:, FORCE] < MOST_N))
 
 
-def folds(eyes: Eyes, pins: Pins, presses: list[Press], mode: int, angles: Array, mirrors: tuple[bool, ...]) -> Fold:
-    """All frames of presses, turned by each angle, seen by the eyes of `mode`."""
+def folds(
+    eyes: Eyes, pins: Pins, presses: list[Press], mode: int, touch_mm: float, angles: Array, mirrors: tuple[bool, ...]
+) -> Fold:
+    """All frames of presses that are felt, turned by each angle, seen by the eyes of `mode`."""
     gain, parts = eyes.gains(pins.place)[mode], []
     for number, press in enumerate(presses):
         keep = used(press.told)
@@ -137,22 +139,34 @@ def folds(eyes: Eyes, pins: Pins, presses: list[Press], mode: int, angles: Array
                 some = own if not angle and not mirror else turned(own, pins.normal, float(angle), is_mirrored=mirror)
                 shift = eyes.project(pins.place + some.moved) - eyes.project(pins.place)
                 seen = np.einsum("ncd,tnd->tnc", gain, shift.transpose(0, 2, 1, 3).reshape(len(shift), -1, 4))
-                field = field_of(seen, pins.normal, eyes.radius_mm)
-                labels = labels_of(some.told, field.turn)
-                parts.append((field.features, labels, field.turn, some.told, np.full(len(labels), number)))
+                felt = pressed(seen, pins.normal).max(axis=1) >= touch_mm
+                field, told = field_of(seen[felt], pins.normal, eyes.radius_mm), some.told[felt]
+                labels = labels_of(told, field.turn)
+                parts.append((field.features, labels, field.turn, told, np.full(len(labels), number)))
     return Fold(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True)
+class ModeFit:
+    """One way of seeing. trust (7,): true over stated deviations of presses left out; near (k,): weights of the
+    components' squares in how far features are from those of the fit; limits (2,): of that, and of what the components
+    leave of a feature, mm; left_out : mean errors of presses left out.
+    """
+
+    network: TipNetwork
+    trust: Array
+    near: Array
+    limits: Array
+    left_out: dict[str, float]
+
+
+@dataclass(frozen=True)
 class TipFit:
-    """Tables of a unit's fingertip. trust (3, 7): true over stated deviations of presses left out."""
+    """Tables of a unit's fingertip: one of `modes` for each of MODES."""
 
     eyes: Eyes
     pins: Pins
-    networks: list[TipNetwork]
-    trust: Array
-    near: Array  # (3, k): weights of the components' squares in how far features are from those of the fit
-    limits: Array  # (3, 2): of that, and of what components leave of a feature, mm
+    modes: list[ModeFit]
     touch_mm: float
     report: dict[str, Any]
 
@@ -173,24 +187,32 @@ def fit_fingertip(board: Board, presses_at: Path, baseline_mm: float, progress: 
         )
     eyes = Eyes.of(board, baseline_mm)
     pins = Pins.of(eyes, presses)
+    touch_mm = TOUCH_FACTOR * max(_motion_at_rest(eyes, pins, press) for press in presses)
+    modes: list[ModeFit] = []
+    for mode in range(len(MODES)):
+        modes.append(_fit_mode(eyes, pins, presses, mode, touch_mm))
+        progress(0.3 + 0.7 * len(modes) / len(MODES))
+    report = {
+        "n_presses": len(presses),
+        "n_pins": len(pins.place),
+        "mean_error_of_presses_left_out": {name: mode.left_out for name, mode in zip(MODES, modes, strict=True)},
+    }
+    return TipFit(eyes, pins, modes, touch_mm, report)
+
+
+def _fit_mode(eyes: Eyes, pins: Pins, presses: list[Press], mode: int, touch_mm: float) -> ModeFit:
     angles = np.arange(N_TURNS) * 2 * np.pi / N_TURNS
-    networks, near, report = [], [], {}
-    trust, limits = np.ones((3, 7)), np.zeros((3, 2))
-    for mode, name in enumerate(MODES):
-        every = folds(eyes, pins, presses, mode, angles, (False, True))
-        straight = folds(eyes, pins, presses, mode, angles[:1], (False,))
-        off, sigma = _left_out(every, straight, len(presses), lambda d, m=mode: progress(0.3 + 0.2 * m + 0.15 * d))
-        trust[mode] = np.sqrt(np.mean((off / sigma) ** 2, axis=0))
-        report[name] = {q: round(float(e), 4) for q, e in zip(QUANTITIES, np.abs(off).mean(axis=0), strict=True)}
-        networks.append(train(every.features, every.labels, rounds=N_ROUNDS, noise=NOISE_MM))
-        near.append(1 / networks[-1].components(every.features).var(axis=0))
-        limits[mode] = KNOWN_FACTOR * _furthest(networks[-1], near[-1], every.features)
-    still = max(_motion_at_rest(eyes, pins, press) for press in presses)
-    whole = {"n_presses": len(presses), "n_pins": len(pins.place), "mean_error_of_presses_left_out": report}
-    return TipFit(eyes, pins, networks, trust, np.array(near), limits, TOUCH_FACTOR * still, whole)
+    every = folds(eyes, pins, presses, mode, touch_mm, angles, (False, True))
+    straight = folds(eyes, pins, presses, mode, touch_mm, angles[:1], (False,))
+    off, sigma = _left_out(every, straight, len(presses))
+    network = train(every.features, every.labels, rounds=N_ROUNDS, noise=NOISE_MM)
+    near = 1 / network.components(every.features).var(axis=0)
+    left_out = {q: round(float(e), 4) for q, e in zip(QUANTITIES, np.abs(off).mean(axis=0), strict=True)}
+    trust = np.sqrt(np.mean((off / sigma) ** 2, axis=0))
+    return ModeFit(network, trust, near, KNOWN_FACTOR * _furthest(network, near, every.features), left_out)
 
 
-def _left_out(every: Fold, straight: Fold, n: int, progress: Progress) -> tuple[Array, Array]:
+def _left_out(every: Fold, straight: Fold, n: int) -> tuple[Array, Array]:
     """Errors and stated deviations (t, 7) of presses that their network has not seen, in the units of QUANTITIES."""
     part = np.random.default_rng(0).permutation(n) % N_FOLDS
     off, sigma = [], []
@@ -200,7 +222,6 @@ def _left_out(every: Fold, straight: Fold, n: int, progress: Progress) -> tuple[
         mean, deviation = network(left.features)
         off.append(told_by(mean, left.turn) - told_by(left.labels, left.turn))
         sigma.append(deviation * SCALE * [1, 1, 1, 1, *2 * [np.rad2deg(1.0)], 1])
-        progress((fold + 1) / N_FOLDS)
     return np.concatenate(off), np.concatenate(sigma)
 
 

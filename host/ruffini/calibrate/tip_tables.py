@@ -24,18 +24,19 @@ def tables(fit: TipFit) -> dict[str, npt.NDArray[Any]]:
     """Tensors by name."""
     from ruffini.calibrate.fingertip import GATE_PX, SCALE, TO_BOARD, ZERO
 
-    nets, radius = fit.networks, fit.eyes.radius_mm
+    modes, radius = fit.modes, fit.eyes.radius_mm
+    nets = [mode.network for mode in modes]
     out = {
         "rest": fit.pins.rest * 256, "normal": fit.pins.normal * Q14,
         "gain": fit.eyes.gains(fit.pins.place) * 1e3 * 256,
         "place": places(radius) * Q14, "kernel": kernel(radius) * 2**15,
         "gate": [GATE_PX * 256, max(fit.touch_mm * PER_MM, 1)],
-        "zero": ZERO * TO_BOARD, "scale": SCALE * TO_BOARD, "trust": np.clip(fit.trust * 256, 1, 2**20),
+        "zero": ZERO * TO_BOARD, "scale": SCALE * TO_BOARD, "trust": [np.clip(mode.trust * 256, 1, 2**20) for mode in modes],
         "mean": [net.mean * PER_MM for net in nets],
         "weight0": [net.projection / PER_MM * 2**28 for net in nets],
         "length": [PER_MM / np.linalg.norm(net.projection, axis=1) for net in nets],
-        "near": fit.near * Q16,
-        "limit": np.minimum(fit.limits * [1, PER_MM], 32_000),
+        "near": [mode.near * Q16 for mode in modes],
+        "limit": [np.minimum(mode.limits * [1, PER_MM], 32_000) for mode in modes],
     }  # fmt: skip
     for layer in range(3):
         out[f"weight{layer + 1}"] = [net.weights[layer] * Q16 for net in nets]

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 N_COMPONENTS = 64
 HIDDEN = (96, 96)
-BATCH = 256
+BATCH = 512
 RATE, DECAY = 3e-3, 1e-4
 SQUARE_PART = 0.2  # of the rounds, at first, by plain squares
 LEAST_LOG2, MOST_LOG2 = -7.0, 2.0

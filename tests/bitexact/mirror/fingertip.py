@@ -112,10 +112,9 @@ class Fingertip:
         out, is_known = self.network(features, eyes)
         value = [int(a) for a in self.t["zero"] + round_shift(out[:7] * self.t["scale"], 16)]
         sigma = []
-        for q, scale, trust in zip(
-            out[7:].tolist(), self.t["scale"].tolist(), self.t["trust"][eyes].tolist(), strict=True
-        ):
-            q = min(max(q, -12 * 65536), 8 * 65536)
+        rows = zip(out[7:].tolist(), self.t["scale"].tolist(), self.t["trust"][eyes].tolist(), strict=True)
+        for log2, scale, trust in rows:
+            q = min(max(log2, -12 * 65536), 8 * 65536)
             whole, mantissa = q >> 16, 65536 + (q & 65535)
             power = mantissa << whole if whole >= 0 else mantissa >> -whole
             sigma.append(max(round_shift(round_shift(scale * power, 16) * trust, 8), 1))
