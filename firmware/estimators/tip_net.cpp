@@ -80,7 +80,7 @@ void TipNet::judge(int64_t square) {
   int64_t left = square;
   for (size_t i = 0; i < z_.size(); ++i) {
     const int64_t z_q8 = z_[i] >> 8;
-    far += round_shift(z_q8 * z_q8 * (near_[i] >> 4), 12);
+    far += round_shift(z_q8 * z_q8 * near_[i], 12);
     const int64_t along = round_shift(z_[i] * length_[i], 16);
     left -= along * along;
   }

@@ -44,7 +44,7 @@ class TipNet {
   std::vector<int32_t> mean_;
   Layer first_;
   std::array<Layer, kLayers> layer_;
-  std::vector<int32_t> near_;    // Q16
+  std::vector<int32_t> near_;    // Q12
   std::vector<int32_t> length_;  // of f per unit of z, 1/16 um
   int64_t limit_ = 0;
   int64_t rest_ = 0;  // 1/16 um

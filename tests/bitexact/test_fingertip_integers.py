@@ -67,7 +67,7 @@ def tensors(rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
     out: dict[str, npt.NDArray[Any]] = {
         "rest": pins * 256, "normal": normal * 2**14, "gain": rng.normal(0, 60_000, (3, 280, 3, 4)),
         "place": place * 2**14, "kernel": 2**15 * np.exp(-np.arange(2048) / 500), "gate": np.array([768, 1600]),
-        "mean": rng.normal(0, 2000, (3, n_features)), "near": rng.uniform(0, 2**16, (3, WIDTHS[1])),
+        "mean": rng.normal(0, 2000, (3, n_features)), "near": rng.uniform(0, 2**12, (3, WIDTHS[1])),
         "length": rng.uniform(0, 2**12, (3, WIDTHS[1])), "limit": np.full((3, 2), 30_000),
         "zero": np.array([500_000, 1000, 0, 0, 0, 0, 9000]), "trust": rng.uniform(100, 900, (3, 7)),
         "scale": np.array([250_000, 600, 3000, 3000, 140_000, 140_000, 1500]),

@@ -36,7 +36,7 @@ def tables(fit: TipFit) -> dict[str, npt.NDArray[Any]]:
         "mean": [net.mean * PER_MM for net in nets],
         "weight0": [net.projection / PER_MM * 2**28 for net in nets],
         "length": [PER_MM / np.linalg.norm(net.projection, axis=1) for net in nets],
-        "near": [mode.near * Q16 for mode in modes],
+        "near": [np.minimum(mode.near * 2**12, 2**26) for mode in modes],
         "limit": [np.minimum(mode.limits * [1, PER_MM], 32_000) for mode in modes],
     }  # fmt: skip
     for layer in range(3):

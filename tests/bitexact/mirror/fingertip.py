@@ -95,7 +95,7 @@ class Fingertip:
              "leng", "limi")}  # fmt: skip
         x = self._held(features - t["mean"], 1 << 20)
         z = self._held(round_shift(t["weight0"] @ x, 12), 1 << 22)
-        far = int(round_shift((z >> 8) ** 2 * (t["near"] >> 4), 12).sum())
+        far = int(round_shift((z >> 8) ** 2 * t["near"], 12).sum())
         left = int((x**2).sum() - (round_shift(z * t["length"], 16) ** 2).sum())
         level = z
         for i in range(1, 4):
