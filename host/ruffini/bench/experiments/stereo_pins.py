@@ -23,8 +23,8 @@ from ruffini.bench.papers import default_folder
 from ruffini.bench.papers.recorded import Recorded, shape_of
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.fingertip import calibration, fit_fingertip
-from ruffini.calibrate.tip_presses import axes, face_area
+from ruffini.calibrate.fingertip import calibration, fit_fingertip, taken
+from ruffini.calibrate.tip_presses import axes, face_area, read_press
 from ruffini.core import Pipeline
 from ruffini.papers.stereo_pins import Regression, inputs
 from ruffini.sim.indenters.outline import OUTLINES
@@ -96,7 +96,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
         "one_eye": {eye: figures(_of(runs, {"any"})) for eye, runs in one_eyed.items()},
         "paper_tests": _paper_tests(played), "area": _areas(played),
         "stand_in": {str(mode): _stand_in([r for r in ours if r.part == "fit"], judged, mode) for mode in range(4)},
-        "frame_ms": _times(played),
+        "told_apart": told_apart(board, tests), "frame_ms": _times(played),
     }  # fmt: skip
     options.progress(1.0)
     return Experiment(result, text(result), pictures.draw(out, played))
@@ -208,7 +208,7 @@ def _mean(values: Array) -> float:
 def _paper_tests(played: list[Played]) -> dict[str, Any]:
     """The paper's own tests: Table 5, full-scale error, Tables A2 and A3, Fig. 18, the angle."""
     force, along_x, along_y, turned = (_of(played, {f"test_{name}"}) for name in ("force", "x", "y", "angle"))
-    if not (force and along_x and along_y and turned):
+    if not force:
         return {}
     full = [100 * np.abs(p.off[:, FORCE]).max() / p.truth[:, FORCE].max() for p in force]
     return {
@@ -217,8 +217,25 @@ def _paper_tests(played: list[Played]) -> dict[str, Any]:
         "full_scale_percent": float(np.mean(full)),
         "x_mm": _mean(np.abs(_rows(along_x, "off")[:, X])), "y_mm": _mean(np.abs(_rows(along_y, "off")[:, Y])),
         "z_mm": _mean(np.abs(_rows(force, "off")[:, Z])), "angle_deg": _mean(np.abs(_rows(turned, "off")[:, ROLL])),
-        "x_by_force": figures(along_x)["by_force"], "y_by_force": figures(along_y)["by_force"],
+        "x_by_force": figures(along_x).get("by_force", {}), "y_by_force": figures(along_y).get("by_force", {}),
     }  # fmt: skip
+
+
+def told_apart(board: Board, tests: list[Recorded]) -> dict[str, Any]:
+    """How far pins are from where they are under the same tool at X = 0, root mean square px, frame by frame; and the
+    same of two recordings at X = 0: where these are alike, the pictures hold nothing of X.
+    """
+    middle = [r for r in tests if r.set_name == "test_force"][:2]
+    if len(middle) < 2:
+        return {}
+    first, again = (read_press(board, r.folder) for r in middle)
+    out: dict[str, Any] = {"force_n": truth_of(middle[0])[middle[0].touched, FORCE].tolist(), "rms_px": {}}
+    aside = [(f"X = {r.run.chosen['at_um'][0] / 1e3:g} mm", r) for r in tests if r.set_name == "test_x"]  # type: ignore[index]
+    for name, press in [("the same again", again), *((name, read_press(board, r.folder)) for name, r in aside)]:
+        moved = taken(press, first.rest)[1] - first.moved
+        touched = np.isfinite(first.told[:, 0])
+        out["rms_px"][name] = np.sqrt((moved[touched] ** 2).mean(axis=(1, 2, 3))).tolist()
+    return out
 
 
 def _areas(played: list[Played]) -> dict[str, Any]:
@@ -281,6 +298,11 @@ def text(result: dict[str, Any]) -> str:
     lines += ["", f"area of the face, %{'':15}{'whole':>9}{'partial':>9}{'paper':>9}"]
     for tool, row in result["area"].items():
         lines.append(f"  {tool:32}{row['whole']:9.1f}{row['partial']:9.1f}{row['paper']:9.3f}")
+    apart = result["told_apart"]
+    if apart:
+        lines += ["", "how far pins are from where they are under the tool at X = 0, px"]
+        lines.append(f"  {'true force, N':16}" + "".join(f"{v:8.2f}" for v in apart["force_n"]))
+        lines += [f"  {name:16}" + "".join(f"{v:8.4f}" for v in row) for name, row in apart["rms_px"].items()]
     ms = result["frame_ms"]
     lines += ["", f"a frame: {ms['median']:.2f} ms, 99 of 100 below {ms['p99']:.1f} ms, longest {ms['most']:.1f} ms"]
     return "\n".join(lines)
