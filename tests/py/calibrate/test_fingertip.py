@@ -13,13 +13,15 @@ from ruffini.boards import find_board
 from ruffini.calibrate import fingertip
 from ruffini.calibrate.fingertip import Eyes, Pins, fit_fingertip, labels_of, told_by
 from ruffini.calibrate.tip_field import field_of
-from ruffini.calibrate.tip_presses import Press, face_area, read_press, told_of
+from ruffini.calibrate.tip_presses import FACES, Press, face_area, read_press, told_of
 from ruffini.calibrate.tip_turns import Samples, turned
 from ruffini.core import Pipeline
 from ruffini.core.pipeline import TipRow
 from ruffini.errors import InputError
+from ruffini.sim.indenters.outline import OUTLINES
 from ruffini.sim.optics.patterns.discs import pin_feet, pin_tips
 from ruffini.sim.optics.renderer import Renderer
+from ruffini.sim.pose import Pose
 from ruffini.sim.settings import load_twin
 
 Array = npt.NDArray[np.float64]
@@ -131,11 +133,17 @@ def test_labels_and_what_the_bench_told_are_one_another(tips: Array) -> None:
     np.testing.assert_allclose(back[:, 6] ** 2, told[:, 6])
 
 
-def test_areas_of_faces() -> None:
-    assert face_area("flat", 5.0) == pytest.approx(np.pi * 25, rel=1e-4)
-    assert face_area("square", 5.0) == pytest.approx(100, rel=1e-3)
-    assert face_area("hexagon", 4.33) == pytest.approx(64.95, rel=1e-3)
+@pytest.mark.parametrize("shape", FACES)
+def test_areas_of_faces_are_those_of_the_twins_tools(shape: str) -> None:
+    step = 1 / 200
+    x, y = np.meshgrid(*2 * [np.arange(-400, 400) * step + step / 2])
+    inside = np.clip(0.5 - OUTLINES[shape](x, y) / step, 0, 1).sum() * step**2
+    assert face_area(shape, 5.0) == pytest.approx(25 * inside, rel=1e-3)
     assert np.isnan(face_area("sphere", 5.0))
+
+
+def test_axes_are_those_of_the_twins_poses() -> None:
+    np.testing.assert_allclose(fingertip.axes(0.3, -0.6), Pose(0, 0, 0, 0, 0.3, -0.6).rotation(), atol=1e-12)
 
 
 def test_tables_of_a_press_are_checked(tmp_path: Path) -> None:
