@@ -13,6 +13,8 @@ namespace {
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
 constexpr int kDriftFrames = 8;
 
+constexpr size_t kForceZAlone = 11;  // of the covariance's upper triangle by rows: (2, 2)
+
 }  // namespace
 
 // The life of a frame. Stage by stage: firmware/README.md.
@@ -39,6 +41,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
     timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
     run_feature_wrench(capture_us);
     timed(Stage::kContactModel, [&] { run_contact_model(); });
+    run_fingertip();
   }
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
@@ -81,6 +84,9 @@ void FramePath::learn_features() {
                     printed_.n_dots_at_rest() > 2 * board_.markers.lattice.count();
   }
   if (!board_.markers.has_views) displacement_.learn(markers());
+  if (!fingertip_) return;
+  fingertip_->learn(markers());
+  is_other_pad_ = is_other_pad_ || fingertip_->is_other_pad();
 }
 
 void FramePath::run_difference(const FrameView& frame) {
@@ -270,6 +276,34 @@ void FramePath::run_skin(const FrameView& frame, uint64_t capture_us) {
         .area_um2 = t.area_um2, .center_x_um = t.x_um, .center_y_um = t.y_um, .force_z_un = -t.press_un};
     state_.wrench.force_z_un -= t.press_un;
   }
+}
+
+// By the eyes that see. Its touch is a contact on the undeformed dome, seen from above.
+void FramePath::run_fingertip() {
+  if (!fingertip_) return;
+  timed(Stage::kFingertip, [&] {
+    FrameState& s = state_;
+    s.tip = {};
+    s.contacts = {};
+    s.wrench = {};
+    s.uncertainty.wrench = {};
+    if (is_blind(0) && is_blind(1)) return;
+    const Eyes eyes = is_blind(1) ? Eyes::kLeft : is_blind(0) ? Eyes::kRight : Eyes::kBoth;
+    s.tip = fingertip_->run(markers(), eyes, s.saturations);
+    if (!s.tip.is_touched) return;
+    if (!s.tip.is_known) s.flags |= kFlagFeatures;
+    if (!s.tip.is_in_range) s.flags |= kFlagOverRange;
+    const int64_t radius_um = board_.pad.size_x_um / 2;
+    s.wrench.force_z_un = -(s.tip.force_un * s.tip.axis_1e6[2] / 1'000'000);
+    const int64_t sigma_un = s.tip.sigma[0] * s.tip.axis_1e6[2] / 1'000'000;
+    s.uncertainty.wrench.upper[kForceZAlone] = sigma_un * sigma_un;
+    s.contacts = {.n_listed = 1, .n_found = 1};
+    s.contacts.contacts[0] = {.area_um2 = s.tip.area_um2,
+                              .center_x_um = round_shift(radius_um * s.tip.place_q14[0], 14),
+                              .center_y_um = round_shift(radius_um * s.tip.place_q14[1], 14),
+                              .force_z_un = s.wrench.force_z_un,
+                              .peak_depth_nm = -1'000 * s.tip.way_um};
+  });
 }
 
 void FramePath::solve(std::span<const NodeDisplacement> displacement) {

@@ -12,6 +12,7 @@
 #include "estimators/contact_profile.h"
 #include "estimators/depth_gauge.h"
 #include "estimators/feature_wrench.h"
+#include "estimators/fingertip.h"
 #include "estimators/force_field.h"
 #include "estimators/marker_depth.h"
 #include "frame_state.h"
@@ -84,6 +85,7 @@ class FramePath {
   [[nodiscard]] const Skin* skin() const { return skin_ ? &*skin_ : nullptr; }
   [[nodiscard]] bool has_contact_model() const { return contact_model_.has_value(); }
   [[nodiscard]] bool has_contact_profile() const { return contact_profile_.has_value(); }
+  [[nodiscard]] bool has_fingertip() const { return fingertip_.has_value(); }
   [[nodiscard]] int n_markers_at_rest() const { return n_markers_at_rest_; }
 
  private:
@@ -119,6 +121,8 @@ class FramePath {
   void run_uncertainty();
   void run_skin(const FrameView& frame, uint64_t capture_us);
   void run_feature_wrench(uint64_t capture_us);
+  void run_fingertip();
+  [[nodiscard]] bool is_blind(size_t view) const { return printed_.n_lost(view) > board_.markers.max_lost; }
   [[nodiscard]] int n_features() const;
   void run_contact_model();
   // frame_path_verdict.cpp
@@ -127,6 +131,7 @@ class FramePath {
   void judge();
   void judge_skin();
   void judge_contact_model();
+  void judge_fingertip();
   // Nothing that this frame says may be used.
   [[nodiscard]] bool is_wrong() const;
   template <typename Work>
@@ -166,6 +171,7 @@ class FramePath {
   ContactFinder contacts_;
   SlipTracker slip_;
   std::optional<Skin> skin_;
+  std::optional<Fingertip> fingertip_;
   SaturationCounter untrusted_saturations_;  // of a depth that no force is made of
   FrameState state_;
 };

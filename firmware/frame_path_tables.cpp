@@ -74,6 +74,9 @@ Status FramePath::load_tables() {
   if (Status forces = forces_.load(c, has(Stage::kOperator), has(Stage::kSupport)); !forces) return forces;
   if (Status wrench = load_feature_wrench(c); !wrench) return wrench;
   if (Status model = load_contact_model(c); !model) return model;
+  if (has(Stage::kFingertip) && c.has_kind("fingertip")) {
+    if (Status tip = keep(Fingertip::load(c), fingertip_); !tip) return tip;
+  }
   if (c.has_kind("rest")) {
     const auto rest = picture("rest.image");
     if (!rest) return rest.error();

@@ -19,7 +19,7 @@ bool FramePath::are_markers_lost() {
   if (!board_.markers.has_views) return state_.markers.n_lost > board_.markers.max_lost;
   size_t n_blind = 0;
   for (size_t view = 0; view < printed_.n_views(); ++view) {
-    if (printed_.n_lost(view) > board_.markers.max_lost) ++n_blind;
+    if (is_blind(view)) ++n_blind;
   }
   if (n_blind > 0) state_.flags |= kFlagViewLost;
   return n_blind == printed_.n_views();
@@ -79,6 +79,7 @@ void FramePath::judge() {
   s.uncertainty.wrench_validity = verdict(s.uncertainty.is_of_wrench, true);
   if (skin_) judge_skin();
   if (contact_model_) judge_contact_model();
+  if (fingertip_) judge_fingertip();
   if (s.force_z == Validity::kValid && s.contacts.reaches_border) s.flags |= kFlagWindowBorder;
 }
 
@@ -92,6 +93,19 @@ void FramePath::judge_contact_model() {
   };
   s.contact_depth = verdict(c.is_touched);
   s.hardness = verdict(c.is_touched && c.has_hardness);
+}
+
+// The force along z is all of the wrench that a fingertip measures.
+void FramePath::judge_fingertip() {
+  FrameState& s = state_;
+  s.flags &= ~(kFlagUncalibratedXy | kFlagUncalibratedZ);
+  // What one eye does not feel may be there.
+  const bool is_unseen = !s.tip.is_touched && (s.flags & kFlagViewLost) != 0;
+  s.force_z = is_wrong() || is_unseen ? Validity::kInvalid : Validity::kValid;
+  s.wrench_validity.fill(Validity::kNotMeasured);
+  s.wrench_validity[2] = s.force_z;
+  s.uncertainty.is_of_wrench = s.tip.is_touched;
+  s.uncertainty.wrench_validity = s.tip.is_touched ? s.force_z : Validity::kNotMeasured;
 }
 
 // Pressing is all that a skin measures.

@@ -12,6 +12,7 @@
 #include "board/settings.h"
 #include "estimators/contact_model.h"
 #include "estimators/contacts.h"
+#include "estimators/fingertip.h"
 #include "estimators/force_field.h"
 #include "estimators/skin.h"
 #include "estimators/slip.h"
@@ -60,6 +61,7 @@ enum class Stage : uint8_t {
   kContacts,
   kSkin,
   kContactModel,
+  kFingertip,
   kCount
 };
 inline constexpr size_t kStageCount = static_cast<size_t>(Stage::kCount);
@@ -110,6 +112,7 @@ struct FrameState {
   SkinFrame skin;
   Profile profile;  // of the flow, where there is the stage contact_model
   ModelledContact modelled;
+  TipTouch tip;
   struct {
     std::span<const NodeSlip> node;                      // observed nodes
     std::array<ContactSlip, ContactList::kMax> contact;  // in the order of `contacts`

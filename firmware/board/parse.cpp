@@ -276,6 +276,11 @@ void cross_check(BoardReader& in, const BoardSettings& board) {
   check_gauge(in, board);
   check_depth(in, board);
   check_skin(in, board);
+  const MarkerSettings& markers = board.markers;
+  const bool has_two_eyes = markers.has_views && markers.lattice.n_y == 2 && has_stage(board, "markers");
+  if (has_stage(board, "fingertip") && !has_two_eyes) {
+    in.fail("stage fingertip needs the stage markers and markers.layout views with n_y 2");
+  }
   check_targets(in, board);
   if (board.depth.step_px == 3 || board.camera.width_px % board.depth.step_px != 0 ||
       board.camera.height_px % board.depth.step_px != 0) {

@@ -265,6 +265,16 @@ int ruffini_get_touches(const ruffini_pipeline* pipeline, int64_t* out, int32_t*
   return 0;
 }
 
+int ruffini_get_tip(const ruffini_pipeline* pipeline, int64_t* row) {
+  if (!pipeline->path->has_fingertip()) return fail("no fingertip is calibrated: see ruffini cal fingertip");
+  const ruffini::TipTouch& t = pipeline->path->state().tip;
+  for (const bool each : {t.is_touched, t.is_known, t.is_in_range}) *row++ = each ? 1 : 0;
+  for (const int64_t each : {t.force_un, t.way_um, t.x_um, t.y_um, t.roll_urad, t.pitch_urad, t.area_um2})
+    *row++ = each;
+  std::copy(t.sigma.begin(), t.sigma.end(), row);
+  return 0;
+}
+
 int ruffini_skin_state(const ruffini_pipeline* pipeline, int32_t* n_taxels, int64_t* light_age) {
   const FramePath& path = *pipeline->path;
   if (path.skin() == nullptr) return fail("this board has no glowing skin: see [skin] in boards/README.md");

@@ -82,7 +82,7 @@ Status Calibrator::commit() {
     abort();
     return prepared.error();
   }
-  const Status installed = store_.install(upload_);
+  Status installed = store_.install(upload_);
   if (!installed) return installed;
   abort();
   put_in_force(std::move(prepared).value());
@@ -97,7 +97,7 @@ Status Calibrator::undo() {
   }
   auto prepared = prepare(before.value());
   if (!prepared) return prepared.error();
-  const Status undone = store_.undo();
+  Status undone = store_.undo();
   if (undone) put_in_force(std::move(prepared).value());
   return undone;
 }

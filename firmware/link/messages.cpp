@@ -196,6 +196,25 @@ void MessageEncoder::tell_model(const FramePath& path, ruffini_Contacts& m) {
   out.hardness_validity = to_proto(s.hardness);
 }
 
+// What a fingertip's contact says beyond that of a pad.
+void MessageEncoder::tell_tip(const TipTouch& tip, ruffini_Contact& out) {
+  const auto as_32 = [](int64_t v) { return static_cast<int32_t>(std::clamp<int64_t>(v, INT32_MIN, INT32_MAX)); };
+  out.force_sigma_un = static_cast<uint64_t>(tip.sigma[0]);
+  out.normal_force_un_count = out.tool_um_count = 3;
+  for (size_t i = 0; i < 3; ++i) out.normal_force_un[i] = -(tip.force_un * tip.axis_1e6[i] / 1'000'000);
+  out.tool_um[0] = as_32(tip.x_um);
+  out.tool_um[1] = as_32(tip.y_um);
+  out.tool_um[2] = as_32(tip.way_um);
+  out.turn_urad_count = 2;
+  out.turn_urad[0] = as_32(tip.roll_urad);
+  out.turn_urad[1] = as_32(tip.pitch_urad);
+  out.tool_sigma_count = 7;
+  const std::array<int64_t, 7> sigma{tip.sigma[0], tip.sigma[2], tip.sigma[3],        tip.sigma[1],
+                                     tip.sigma[4], tip.sigma[5], tip.sigma[6] / 1'000};
+  std::transform(sigma.begin(), sigma.end(), out.tool_sigma,
+                 [&](int64_t v) { return static_cast<uint32_t>(as_32(v)); });
+}
+
 size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) {
   const FrameState& s = path.state();
   ruffini_Contacts m = ruffini_Contacts_init_zero;
@@ -226,6 +245,7 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
   }
   if (path.skin() != nullptr) tell_touches(path, m);
   if (path.has_contact_model()) tell_model(path, m);
+  if (s.tip.is_touched) tell_tip(s.tip, m.contacts[0]);
   return serialise(ruffini_Contacts_fields, &m);
 }
 

@@ -41,6 +41,7 @@ class MessageEncoder {
   size_t contacts(const FramePath& path, const FrameStamp& stamp);
   static void tell_model(const FramePath& path, ruffini_Contacts& m);
   static void tell_touches(const FramePath& path, ruffini_Contacts& m);
+  static void tell_tip(const TipTouch& tip, ruffini_Contact& out);
   size_t markers(const FramePath& path, const FrameStamp& stamp);
   size_t targets(const FramePath& path, const FrameStamp& stamp);
   size_t image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp);

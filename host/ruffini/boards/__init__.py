@@ -14,7 +14,7 @@ from ruffini.errors import InputError
 
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model",
+    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model", "fingertip",
 )  # fmt: skip
 MAX_LENGTH_UM = 500_000
 MAX_CELLS = 640  # of the depth grid along one axis: the Poisson solver's accumulator bound
@@ -343,6 +343,13 @@ class Board(Section):
                 f"{MIN_TARGET_PX} to {MAX_TARGET_PX} can be measured"
             )
 
+    def _check_fingertip(self) -> None:
+        if "fingertip" not in self.pipeline.stages:
+            return
+        markers = self.markers
+        if markers is None or markers.layout != "views" or markers.n_y != 2 or "markers" not in self.pipeline.stages:
+            raise ValueError("stage fingertip needs the stage markers and markers.layout views with n_y 2")
+
     def _check_views(self, markers: Markers) -> None:
         if markers.polarity == "texture":
             raise ValueError("markers.polarity texture needs markers.layout lattice")
@@ -377,6 +384,7 @@ class Board(Section):
         if rows.stop - rows.start < 2 or columns.stop - columns.start < 2:
             raise ValueError("[window] holds fewer than 2 node lines: widen it or refine [grid]")
         self._check_markers()
+        self._check_fingertip()
         self._check_gauge()
         self._check_depth()
         if self.skin is None and "skin" in self.pipeline.stages:

@@ -27,6 +27,7 @@ KINDS = {
     "contact",
     "contact_model",
     "dark",
+    "fingertip",
     "finite_strain",
     "gauge",
     "marker_depth",

@@ -18,6 +18,7 @@ from ruffini.cli import (
     device,
     evaluate,
     experiment,
+    fingertip,
     fit,
     flash,
     fleet,
@@ -52,6 +53,7 @@ cal.app.command("touch")(touch.touch)
 cal.app.command("wrench")(wrench.wrench)
 cal.app.command("collect")(collect.collect)
 cal.app.command("skin")(skin.skin)
+cal.app.command("fingertip")(fingertip.fingertip)
 cal.app.command("convert")(collect.convert)
 cal.app.command("fit")(fit.fit)
 cal.app.command("flash")(flash.flash)

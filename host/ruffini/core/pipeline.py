@@ -20,7 +20,7 @@ NO_REFERENCE = 1
 NO_TEMPERATURE = -(2**31)
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model",
+    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model", "fingertip",
 )  # fmt: skip
 
 
@@ -125,6 +125,32 @@ class TouchRow(NamedTuple):
     force_x_un: int
     force_y_un: int
     force_z_un: int
+
+
+class TipRow(NamedTuple):
+    """What presses on a fingertip in the last frame: a tool that came down along its own axis; micro-units.
+
+    x, y : its axis' place in its own axes; roll, pitch : of the fingertip under it; area : of its face.
+    sigma_* : standard deviations, one for both places and one for both angles.
+    """
+
+    is_touched: int
+    is_known: int
+    is_in_range: int
+    force_un: int
+    way_um: int
+    x_um: int
+    y_um: int
+    roll_urad: int
+    pitch_urad: int
+    area_um2: int
+    sigma_force_un: int
+    sigma_way_um: int
+    sigma_x_um: int
+    sigma_y_um: int
+    sigma_roll_urad: int
+    sigma_pitch_urad: int
+    sigma_area_um2: int
 
 
 class SkinState(NamedTuple):
@@ -406,6 +432,12 @@ class Pipeline:
         row = np.zeros(len(ModelledRow._fields), np.int64)
         self._check(self._lib.ruffini_get_contact_model(self._pointer, row.ctypes.data_as(ctypes.c_void_p)))
         return ModelledRow(*row.tolist())
+
+    def tip(self) -> TipRow:
+        """What presses on a fingertip in the last frame. Raises InputError where it is not calibrated."""
+        row = np.zeros(len(TipRow._fields), np.int64)
+        self._check(self._lib.ruffini_get_tip(self._pointer, row.ctypes.data_as(ctypes.c_void_p)))
+        return TipRow(*row.tolist())
 
     def skin(self) -> SkinState:
         """State of a glowing skin in the last frame. Raises InputError where the board has none."""

@@ -120,6 +120,10 @@ GOOD: dict[str, Change] = {
         add("markers", 'layout = "views"'), put("markers.n_x", "1024"), put("markers.n_y", "2"),
         put("pipeline.stages", '["difference", "markers"]'),
     ),
+    "fingertip": all_of(
+        add("markers", 'layout = "views"'), put("markers.n_x", "292"), put("markers.n_y", "2"),
+        put("pipeline.stages", '["difference", "markers", "fingertip"]'),
+    ),
     "light-markers-of-high-contrast": all_of(
         put("markers.polarity", '"light"'), put("markers.threshold_1e3", "1900")
     ),
@@ -270,6 +274,14 @@ BAD: dict[str, tuple[Change, str]] = {
             put("pipeline.stages", '["difference", "markers"]'),
         ),
         "width_px",
+    ),
+    "fingertip-without-eyes": (put("pipeline.stages", '["difference", "markers", "fingertip"]'), "views"),
+    "fingertip-of-three-eyes": (
+        all_of(
+            add("markers", 'layout = "views"'), put("markers.n_x", "292"), put("markers.n_y", "4"),
+            put("pipeline.stages", '["difference", "markers", "fingertip"]'),
+        ),
+        "n_y 2",
     ),
     "views-of-too-many": (
         all_of(

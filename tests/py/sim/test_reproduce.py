@@ -96,6 +96,43 @@ def test_the_quick_subset_is_a_subset():
     assert len({r.seed for r in every}) == 4
 
 
+DRAWN = """
+schema = 1
+paper = "none"
+[[set]]
+name = "any"
+part = "fit"
+what = "drawn"
+indenter = ["flat", "square"]
+radius_um = [3000, 6000]
+at_um = [[-5000, -1000], [5000, 1000]]
+tilt_mrad = [[-700, 0], [700, 0]]
+depth_um = 400
+step_um = 200
+drawn = 40
+quick = {}
+"""
+
+
+def test_drawn_runs_fill_their_ranges_and_stay_when_more_are_drawn():
+    settings = parse_reproduce(tomllib.loads(DRAWN), "reproduce.toml")
+    runs = runs_of(settings)
+    assert len(runs) == 40
+    chosen = [run.chosen for run in runs]
+    radii, places = np.array([c["radius_um"] for c in chosen]), np.array([c["at_um"] for c in chosen])
+    assert {c["indenter"] for c in chosen} == {"flat", "square"}
+    assert radii.min() >= 3000
+    assert radii.max() <= 6000
+    assert len(set(radii.tolist())) > 35
+    assert (np.abs(places) <= [5000, 1000]).all()
+    assert np.ptp(places, axis=0) == pytest.approx([10000, 2000], rel=0.25)
+    assert {c["tilt_mrad"][1] for c in chosen} == {0}
+    assert [run.poses(30.0)[0].x_m for run in runs] == pytest.approx(places[:, 0] * 1e-6)
+    more = runs_of(parse_reproduce(tomllib.loads(DRAWN.replace("= 40", "= 50")), "reproduce.toml"))
+    assert [(r.key, r.seed, r.chosen) for r in more[:40]] == [(r.key, r.seed, r.chosen) for r in runs]
+    assert [r.key for r in runs_of(settings, quick=True)] == [f"any/{i:04d}" for i in range(0, 40, 8)]
+
+
 def test_runs_go_on_where_they_were_with_the_same_bytes(board, cache, tmp_path):
     out = tmp_path / "out"
     first = reproduce(board, out, quick=True)

@@ -1,0 +1,65 @@
+// What presses on a round fingertip whose pins two eyes follow: a tool that came down along its own axis.
+//
+//   features about the touched place (tip_field.h) -> small network (tip_net.h) -> force, way, the tool's axis t' and
+//   place o' in the turned frame, side of the square of its face's area, and how sure of each. Turned back:
+//   t = R^T t', roll = atan2(-t_y, |(t_x, t_z)|), pitch = atan2(t_x, t_z), (x, y, .) = T^T R^T o', T = pitch after roll
+//
+// Deviations: 2^q in a straight line between whole q, times `trust`. Frame thread; no allocation after load().
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "base/fixed.h"
+#include "base/result.h"
+#include "estimators/tip_field.h"
+#include "estimators/tip_net.h"
+#include "store/calibration.h"
+
+namespace ruffini {
+
+struct TipTouch {
+  bool is_touched = false;
+  bool is_known = true;     // like what it was fitted on
+  bool is_in_range = true;  // no harder than what it was fitted on
+  int64_t force_un = 0;     // along the tool's axis, into the fingertip
+  int64_t way_um = 0;       // of the tool since it touched
+  int64_t x_um = 0;         // of the tool's axis from the fingertip's, in the tool's axes
+  int64_t y_um = 0;
+  int64_t roll_urad = 0;  // of the fingertip under the tool, about x, then pitch about y
+  int64_t pitch_urad = 0;
+  int64_t area_um2 = 0;                // of the tool's face
+  std::array<int64_t, 7> sigma{};      // of the above; of the area um^2
+  std::array<int64_t, 3> axis_1e6{};   // t, out of the fingertip
+  std::array<int64_t, 3> place_q14{};  // the middle of what is pressed, as a direction from the sphere's
+};
+
+class Fingertip {
+ public:
+  // Kind "fingertip" of the calibration. Errors: kBadInput.
+  [[nodiscard]] static Result<Fingertip> load(const Calibration& calibration);
+
+  void learn(std::span<const Marker> markers) { field_.learn(markers); }
+  // Fewer than half of the calibrated pins are there: another fingertip.
+  [[nodiscard]] bool is_other_pad() const { return 2 * field_.n_pins_there() < field_.n_pins(); }
+  [[nodiscard]] size_t n_pins() const { return static_cast<size_t>(field_.n_pins()); }
+  TipTouch run(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations);
+
+ private:
+  static constexpr size_t kQuantities = 7;
+  using Numbers = std::array<int64_t, kQuantities>;
+  explicit Fingertip(TipField field) : field_(std::move(field)) {}
+  void turn_back(const Numbers& value, TipTouch& touch) const;
+
+  TipField field_;
+  std::vector<TipNet> nets_;  // one for each of Eyes
+  Numbers zero_{};            // uN, um, um, um, 1e-6, 1e-6, um
+  Numbers scale_{};
+  std::vector<Numbers> trust_q8_;
+  int64_t most_un_ = 0;
+};
+
+}  // namespace ruffini

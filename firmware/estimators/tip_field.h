@@ -1,0 +1,75 @@
+// What the pins on the inside of a round fingertip do, seen by two eyes: where something presses, and the field of
+// displacement about that place, turned to the top, where every place of a sphere is like any other. Not in the paper.
+//
+//   u_p = M_p d_p                          d: shifts of a pin in both eyes, px; M of the eyes that see, and of one alone
+//   w_p = max(-n_p . u_p - 77/256 of the largest, 0)       n: outward normal at the pin
+//   c   = sum w n / |sum w n|              the middle of what presses; R turns it to (0, 0, 1) the short way
+//   f_g = sum_p K(|R n_p - g|^2) R u_p / (sum_p K + 1/20)  at places g about the top; and c_x, c_y times 500 um
+//
+// Pins are known by where they rest. u, f in 1/16 um, directions Q14. Frame thread; no allocation after load().
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/result.h"
+#include "image/markers.h"
+#include "store/calibration.h"
+
+namespace ruffini {
+
+enum class Eyes : uint8_t { kBoth, kLeft, kRight, kCount };
+
+class TipField {
+ public:
+  static constexpr int64_t kMaxPins = 2'048;
+  static constexpr int64_t kMaxPlaces = 512;
+  static constexpr int64_t kEyes = 2;
+  static constexpr int64_t kKernelSteps = 2'048;  // of |R n - g|^2, each 2^-15
+  using Vector = std::array<int64_t, 3>;
+  using Matrix = std::array<int64_t, 9>;  // by rows, Q14
+
+  // Errors: kBadInput.
+  [[nodiscard]] static Result<TipField> load(const Calibration& calibration);
+
+  // Which marker at rest is which pin; markers of the left eye come first.
+  void learn(std::span<const Marker> markers);
+  // Pins that the rest picture shows in both eyes.
+  [[nodiscard]] int n_pins_there() const { return n_there_; }
+  [[nodiscard]] int n_pins() const { return static_cast<int>(pin_.size()); }
+
+  // Whether something presses. Only then the rest is of this frame.
+  bool run(std::span<const Marker> markers, Eyes eyes);
+  [[nodiscard]] std::span<const int32_t> features() const { return features_; }
+  [[nodiscard]] size_t n_features() const { return features_.size(); }
+  [[nodiscard]] const Matrix& turn() const { return turn_; }      // R
+  [[nodiscard]] const Vector& middle() const { return middle_; }  // c
+
+ private:
+  struct Pin {
+    std::array<std::array<int64_t, 2>, kEyes> rest_q8{};  // px
+    Vector normal{};
+    std::array<int, kEyes> marker{-1, -1};
+    std::array<std::array<int64_t, 12>, static_cast<size_t>(Eyes::kCount)> gain{};  // M, um per px Q8
+    Vector moved{};                                                                 // u
+    Vector turned{};                                                                // R n
+  };
+  [[nodiscard]] static int nearest(std::span<const Marker> markers, const std::array<int64_t, 2>& place_q8,
+                                   int64_t gate_q8);
+  bool find_middle();
+  void sample();
+
+  std::vector<Pin> pin_;
+  std::vector<Vector> place_;  // g
+  std::vector<int32_t> kernel_;
+  std::vector<int32_t> features_;
+  int64_t gate_q8_ = 0;      // a pin at rest from where it was calibrated
+  int64_t least_press_ = 0;  // -n . u of a touch
+  int n_there_ = 0;
+  Vector middle_{};
+  Matrix turn_{};
+};
+
+}  // namespace ruffini

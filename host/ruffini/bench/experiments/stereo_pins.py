@@ -1,0 +1,323 @@
+"""The stereo fingertip's experiments: Table 5, the full-scale error, Tables A1 to A3, the angle, Table 6, by us.
+
+Ours is fitted on presses.toml (part "fit") and says what the core says of each frame. It is judged on presses.toml
+(part "judge": other tools, sizes, places, angles and seeds) and on the tests of the paper's bench (reproduce.toml).
+Beside it stands a stand-in for the paper's network (`ruffini.papers.stereo_pins`), fitted on the same presses, in its
+four input modes. Errors are means of absolute errors over frames, as in the paper, against what the twin truly did.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.papers import default_folder
+from ruffini.bench.papers.recorded import Recorded, shape_of
+from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.fingertip import calibration, fit_fingertip, taken
+from ruffini.calibrate.tip_presses import axes, face_area, read_press
+from ruffini.core import Pipeline
+from ruffini.papers.stereo_pins import Regression, inputs
+from ruffini.sim.indenters.outline import OUTLINES
+from ruffini.sim.reproduce.make import digest
+from ruffini.sim.reproduce.make import reproduce as record
+from ruffini.sim.reproduce.runs import runs_of
+from ruffini.sim.reproduce.settings import load_reproduce
+from ruffini.sim.settings import load_twin
+
+Array = npt.NDArray[np.float64]
+
+BENCH = "presses.toml"
+EYES_MM = 10.0  # apart, section 3.3 of the paper
+LEAST_N, MOST_N = 0.05, 1.05  # the paper's range of 0.1 to 1 N, and half a step
+LEVELS_N = (0.05, 0.2, 0.4, 0.6, 0.8, 1.05)
+SURE_MM = 1.0  # stated deviation of a place that is called known
+QUANTITIES = ("force_n", "z_mm", "x_mm", "y_mm", "roll_deg", "pitch_deg", "area_percent")
+FORCE, Z, X, Y, ROLL, PITCH, AREA = range(7)
+PAPER = {"force_n": 0.022, "x_mm": 1.396, "y_mm": 0.973, "z_mm": 0.109, "angle_deg": 2.235, "area_percent": 1.429,
+         "full_scale_percent": 8.936}  # fmt: skip
+PAPER_AREA = {"flat": 0.597, "square": 0.926, "hexagon": 2.857}
+N_AROUND = 72  # points of a face's outline
+
+
+@dataclass(frozen=True)
+class Played:
+    """One run, frames of 0.05 to 1.05 N. truth, ours (t, 7) QUANTITIES, area in mm^2; sigma (t, 7); is_known, is_whole
+    (t,) whether the features were known and the whole face is below the undeformed dome; frame_ms (t,) of the core.
+    """
+
+    name: str
+    tool: str
+    truth: Array
+    ours: Array
+    sigma: Array
+    is_known: npt.NDArray[np.bool_]
+    is_whole: npt.NDArray[np.bool_]
+    frame_ms: Array
+
+    @property
+    def off(self) -> Array:
+        """Errors (t, 7); of the area in percent."""
+        off = self.ours - self.truth
+        off[:, AREA] *= 100 / self.truth[:, AREA]
+        return np.asarray(off)
+
+
+def reproduce(board: Board, out: Path, options: Options) -> Experiment:
+    """Record what is missing, fit, judge, draw."""
+    from ruffini.bench.experiments import stereo_pins_pictures as pictures
+
+    def within(begin: float, end: float) -> Any:
+        return lambda done: options.progress(begin + (end - begin) * done)
+
+    kept = options.folder or default_folder(board).parent
+    own, paper = (kept / f"{board.name}-{digest(board, bench)[:12]}" for bench in (BENCH, "reproduce.toml"))
+    record(board, own, bench=BENCH, quick=options.quick, n_workers=options.n_workers, progress=within(0.0, 0.3))
+    record(board, paper, quick=options.quick, n_workers=options.n_workers, progress=within(0.3, 0.5))
+    fit = fit_fingertip(board, own, EYES_MM, within(0.5, 0.8), only="fit*")
+    file = calibration(board, fit)
+    ours = _recorded(board, BENCH, own, options.quick)
+    tests = [r for r in _recorded(board, "reproduce.toml", paper, options.quick) if r.part == "judge"]
+    judged = [r for r in ours if r.part == "judge"]
+    played = [play(board, file, run) for run in [*judged, *tests]]
+    one_eyed = {eye: [play(board, file, run, blind=1 - i) for run in judged] for i, eye in enumerate(("left", "right"))}
+    result = {
+        "simulated": True, "board": board.name, "calibration": fit.report, "quick": options.quick,
+        "unseen": {name: figures(_of(played, {name})) for name in ("any", "upright", "centred", "shapes")},
+        "one_eye": {eye: figures(_of(runs, {"any"})) for eye, runs in one_eyed.items()},
+        "paper_tests": _paper_tests(played), "area": _areas(played),
+        "stand_in": {str(mode): _stand_in([r for r in ours if r.part == "fit"], judged, mode) for mode in range(4)},
+        "told_apart": told_apart(board, tests), "frame_ms": _times(played),
+    }  # fmt: skip
+    options.progress(1.0)
+    return Experiment(result, text(result), pictures.draw(out, played))
+
+
+def _recorded(board: Board, bench: str, folder: Path, quick: bool) -> list[Recorded]:
+    runs = runs_of(load_reproduce(board, bench), quick=quick)
+    return [Recorded(run, folder / run.key) for run in runs if (folder / run.key / "run.json").is_file()]
+
+
+def truth_of(recorded: Recorded) -> Array:
+    """QUANTITIES of each frame of a recording, (t, 7), NaN where nothing touches; area in mm^2."""
+    pose, wrench = recorded.truth["pose"], recorded.truth["wrench"]
+    out = np.full((len(pose), 7), np.nan)
+    area = face_area(shape_of(recorded), float(str(recorded.run.chosen["radius_um"])) * 1e-3)
+    for i in np.flatnonzero(np.isfinite(pose[:, 0])):
+        x, y, depth, _, roll, pitch = pose[i]
+        force = -float(wrench[i, :3] @ axes(roll, pitch)[:, 2])
+        out[i] = [force, depth * 1e3, x * 1e3, y * 1e3, np.rad2deg(roll), np.rad2deg(pitch), area]
+    return out
+
+
+def is_whole(tool: str, radius_mm: float, truth: Array, dome_mm: float) -> bool:
+    """Whether all of a flat face's outline is below the undeformed dome; truth (7,) of one frame."""
+    if tool not in OUTLINES:
+        return False
+    angle = np.linspace(0, 2 * np.pi, N_AROUND, endpoint=False)
+    way = np.linspace(0, 2.2, 2001)
+    inside = OUTLINES[tool](way[None] * np.cos(angle)[:, None], way[None] * np.sin(angle)[:, None]) <= 0
+    edge = radius_mm * (way[None] * inside).max(axis=1)
+    at = truth[[X, Y]] + edge[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    nearest = np.linalg.norm(np.linspace(0, 1, 101)[:, None, None] * (at - truth[[X, Y]]) + truth[[X, Y]], axis=2).min()
+    first = np.sqrt(dome_mm**2 - nearest**2)  # height of the face when it touches
+    height = np.sqrt(np.maximum(dome_mm**2 - (at**2).sum(axis=1), 0))
+    return bool((height > first - truth[Z]).all())
+
+
+def play(board: Board, file: CalibrationFile, recorded: Recorded, blind: int | None = None) -> Played:
+    """What the core says of a recording; with `blind`, while that eye sees nothing."""
+    truth, tool = truth_of(recorded), shape_of(recorded)
+    radius_mm = float(str(recorded.run.chosen["radius_um"])) * 1e-3
+    dome_mm = load_twin(board).shape.radius_um * 1e-3
+    rows, sigma, known, at, spent = [], [], [], [], []
+    with Pipeline(board, file.data) as core:
+        for i in range(len(truth)):
+            picture = recorded.picture(i)
+            if blind is not None and i >= board.pipeline.n_rest_frames:
+                half = picture.shape[1] // 2
+                picture[:, blind * half : (blind + 1) * half] = 0
+            start = time.perf_counter()
+            frame = core.process(picture)
+            if not LEAST_N <= truth[i, FORCE] <= MOST_N:
+                continue
+            spent.append(1e3 * (time.perf_counter() - start))
+            tip = core.tip()
+            at.append(i)
+            known.append(bool(tip.is_touched) and frame.force_z_validity == 1)
+            number = np.array(tip[3:], dtype=float)
+            number *= [1e-6, 1e-3, 1e-3, 1e-3, *2 * [np.rad2deg(1e-6)], 1e-6] * 2
+            rows.append(number[:7])
+            sigma.append(number[7:])
+    whole = [is_whole(tool, radius_mm, truth[i], dome_mm) for i in at]
+    shape = (-1, 7)
+    return Played(
+        recorded.set_name, tool, truth[at], np.array(rows).reshape(shape), np.array(sigma).reshape(shape),
+        np.array(known, dtype=bool), np.array(whole, dtype=bool), np.array(spent),
+    )  # fmt: skip
+
+
+def _of(played: Iterable[Played], names: set[str]) -> list[Played]:
+    return [p for p in played if p.name in names and len(p.truth)]
+
+
+def _rows(played: list[Played], name: str) -> Array:
+    return np.concatenate([getattr(p, name) for p in played]) if played else np.zeros((0, 7))
+
+
+def figures(played: list[Played]) -> dict[str, Any]:
+    """Mean absolute errors over all frames, by force level, and where ours calls the place known."""
+    if not played:
+        return {"n_frames": 0}
+    off, truth, sigma = np.abs(_rows(played, "off")), _rows(played, "truth"), _rows(played, "sigma")
+    known = np.concatenate([p.is_known for p in played])
+    mean = {q: float(e) for q, e in zip(QUANTITIES, np.nanmean(off[known], axis=0), strict=True)}
+    levels = {}
+    for low, high in pairwise(LEVELS_N):
+        some = known & (truth[:, FORCE] >= low) & (truth[:, FORCE] < high)
+        if some.any():
+            levels[f"{low:g}-{high:g}"] = {
+                q: float(e) for q, e in zip(QUANTITIES, np.nanmean(off[some], axis=0), strict=True)
+            }
+    sure = known & (sigma[:, X] <= SURE_MM)
+    places = {"x_mm": _mean(off[sure, X]), "y_mm": _mean(off[sure, Y])}
+    true = np.isfinite(truth[known]).all(axis=1)  # a ball's face has no area
+    unit = np.where(np.arange(7) == AREA, truth[known, AREA, None] / 100, 1.0)
+    inside = (off[known] * unit)[true] <= 2 * sigma[known][true]
+    return {
+        "n_runs": len(played), "n_frames": len(off), "told_percent": 100 * float(known.mean()), "mean": mean,
+        "by_force": levels,
+        "within_two_sigma_percent": dict(zip(QUANTITIES, (100 * inside.mean(axis=0)).tolist(), strict=True)),
+        "sure_of_place": {"percent": 100 * float(sure.mean()), **places},
+    }  # fmt: skip
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if len(values) else float("nan")
+
+
+def _paper_tests(played: list[Played]) -> dict[str, Any]:
+    """The paper's own tests: Table 5, full-scale error, Tables A2 and A3, Fig. 18, the angle."""
+    force, along_x, along_y, turned = (_of(played, {f"test_{name}"}) for name in ("force", "x", "y", "angle"))
+    if not force:
+        return {}
+    full = [100 * np.abs(p.off[:, FORCE]).max() / p.truth[:, FORCE].max() for p in force]
+    return {
+        "force_n": _mean(np.abs(_rows(force, "off")[:, FORCE])),
+        "force_of_each_test_n": [_mean(np.abs(p.off[:, FORCE])) for p in force],
+        "full_scale_percent": float(np.mean(full)),
+        "x_mm": _mean(np.abs(_rows(along_x, "off")[:, X])), "y_mm": _mean(np.abs(_rows(along_y, "off")[:, Y])),
+        "z_mm": _mean(np.abs(_rows(force, "off")[:, Z])), "angle_deg": _mean(np.abs(_rows(turned, "off")[:, ROLL])),
+        "x_by_force": figures(along_x).get("by_force", {}), "y_by_force": figures(along_y).get("by_force", {}),
+    }  # fmt: skip
+
+
+def told_apart(board: Board, tests: list[Recorded]) -> dict[str, Any]:
+    """How far pins are from where they are under the same tool at X = 0, root mean square px, frame by frame; and the
+    same of two recordings at X = 0: where these are alike, the pictures hold nothing of X.
+    """
+    middle = [r for r in tests if r.set_name == "test_force"][:2]
+    if len(middle) < 2:
+        return {}
+    first, again = (read_press(board, r.folder) for r in middle)
+    out: dict[str, Any] = {"force_n": truth_of(middle[0])[middle[0].touched, FORCE].tolist(), "rms_px": {}}
+    aside = [(f"X = {r.run.chosen['at_um'][0] / 1e3:g} mm", r) for r in tests if r.set_name == "test_x"]  # type: ignore[index]
+    for name, press in [("the same again", again), *((name, read_press(board, r.folder)) for name, r in aside)]:
+        moved = taken(press, first.rest)[1] - first.moved
+        touched = np.isfinite(first.told[:, 0])
+        out["rms_px"][name] = np.sqrt((moved[touched] ** 2).mean(axis=(1, 2, 3))).tolist()
+    return out
+
+
+def _areas(played: list[Played]) -> dict[str, Any]:
+    """Table 6: error of the area, percent, by tool; whole contacts and partial ones."""
+    out: dict[str, Any] = {}
+    judged = _of(played, {"any", "upright", "centred"})
+    for tool, paper in PAPER_AREA.items():
+        own = [p for p in judged if p.tool == tool]
+        if not own:
+            continue
+        off, whole = np.abs(_rows(own, "off")[:, AREA]), np.concatenate([p.is_whole for p in own])
+        out[tool] = {"whole": _mean(off[whole]), "n_whole": int(whole.sum()), "partial": _mean(off[~whole]),
+                     "n_partial": int((~whole).sum()), "paper": paper}  # fmt: skip
+    return out
+
+
+def _samples(runs: list[Recorded], mode: int) -> tuple[Array, Array]:
+    rows, labels = [], []
+    for recorded in runs:
+        truth = truth_of(recorded)
+        for i in np.flatnonzero((truth[:, FORCE] >= LEAST_N) & (truth[:, FORCE] <= MOST_N)):
+            rows.append(inputs(recorded.picture(int(i)), mode))
+            labels.append(truth[i, :6])
+    return np.array(rows), np.array(labels)
+
+
+def _stand_in(fit: list[Recorded], judged: list[Recorded], mode: int) -> dict[str, float]:
+    """Errors of the stand-in network, fitted on our presses in one of the paper's input modes, on the set `any`."""
+    some = [r for r in judged if r.set_name == "any"]
+    model = Regression.fit(*_samples(fit, mode))
+    rows, labels = _samples(some, mode)
+    return {q: float(e) for q, e in zip(QUANTITIES, np.abs(model(rows) - labels).mean(axis=0), strict=False)}
+
+
+def _times(played: list[Played]) -> dict[str, float]:
+    spent = np.concatenate([p.frame_ms for p in played])
+    return {"median": float(np.median(spent)), "p99": float(np.percentile(spent, 99)), "most": float(spent.max())}
+
+
+def text(result: dict[str, Any]) -> str:
+    """Every table, for a person."""
+    lines = [f"{result['board']}: fingertip, mean absolute errors, SIMULATED", ""]
+    head = f"  {'':26}{'frames':>7}{'told %':>8}" + "".join(f"{q:>11}" for q in QUANTITIES)
+    lines += ["unseen tools, sizes, places, angles and seeds", head]
+    for name, row in result["unseen"].items():
+        lines += _lines(name, row)
+    lines += ["", "the same set `any` with one eye", head]
+    for name, row in result["one_eye"].items():
+        lines += _lines(f"{name} eye alone", row)[:1]
+    lines += ["", "stand-in for the paper's network, fitted on the same presses, set `any`"]
+    for mode, row in result["stand_in"].items():
+        lines.append(f"  {'input mode ' + mode:41}" + "".join(f"{v:11.3f}" for v in row.values()))
+    tests = result["paper_tests"]
+    if tests:
+        lines += ["", f"the paper's tests {'':16}{'ours':>9}{'paper':>9}"]
+        lines += [f"  {name:32}{tests[name]:9.3f}{PAPER[name]:9.3f}" for name in PAPER if name in tests]
+        for axis in "xy":
+            by = ", ".join(f"{level} N {row[axis + '_mm']:.2f}" for level, row in tests[f"{axis}_by_force"].items())
+            lines.append(f"  {axis.upper()} by force, mm: {by}")
+    lines += ["", f"area of the face, %{'':15}{'whole':>9}{'partial':>9}{'paper':>9}"]
+    for tool, row in result["area"].items():
+        lines.append(f"  {tool:32}{row['whole']:9.1f}{row['partial']:9.1f}{row['paper']:9.3f}")
+    apart = result["told_apart"]
+    if apart:
+        lines += ["", "how far pins are from where they are under the tool at X = 0, px"]
+        lines.append(f"  {'true force, N':16}" + "".join(f"{v:8.2f}" for v in apart["force_n"]))
+        lines += [f"  {name:16}" + "".join(f"{v:8.4f}" for v in row) for name, row in apart["rms_px"].items()]
+    ms = result["frame_ms"]
+    lines += ["", f"a frame: {ms['median']:.2f} ms, 99 of 100 below {ms['p99']:.1f} ms, longest {ms['most']:.1f} ms"]
+    return "\n".join(lines)
+
+
+def _lines(name: str, row: dict[str, Any]) -> list[str]:
+    if not row["n_frames"]:
+        return [f"  {name:26}{0:7d}"]
+    out = [f"  {name:26}{row['n_frames']:7d}{row['told_percent']:8.1f}"
+           + "".join(f"{row['mean'][q]:11.3f}" for q in QUANTITIES)]  # fmt: skip
+    for level, means in row["by_force"].items():
+        out.append(f"    {level + ' N':39}" + "".join(f"{means[q]:11.3f}" for q in QUANTITIES))
+    inside = "".join(f"{row['within_two_sigma_percent'][q]:11.1f}" for q in QUANTITIES)
+    sure = row["sure_of_place"]
+    where = f"x {sure['x_mm']:.2f}, y {sure['y_mm']:.2f} mm"
+    out.append(f"    {'within two stated deviations, %':39}{inside}")
+    out.append(f"    place stated to {SURE_MM:g} mm in {sure['percent']:.0f} %: {where}")
+    return out

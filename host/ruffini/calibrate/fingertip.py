@@ -1,0 +1,252 @@
+"""Kind `fingertip`: force, way, place, angles and area from the pins of a round fingertip, followed by two eyes.
+
+Features are the field of displacement about the touched place (`tip_field`), labels what the bench knew, turned into
+the same frame. Presses are turned and mirrored (`tip_turns`), a network is fitted for both eyes and for each alone, and
+what it says of presses left out of the fit gives the report and the trust in its deviations.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
+from ruffini.calibrate.tip_eyes import Eyes
+from ruffini.calibrate.tip_field import field_of, pressed
+from ruffini.calibrate.tip_presses import AREA, FORCE, PITCH, ROLL, WAY, Press, X, Y, axes, read_presses
+from ruffini.calibrate.tip_turns import Samples, turned
+from ruffini.errors import InputError
+from ruffini.train.tip_net import TipNetwork, train
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+
+MODES = ("both", "left", "right")
+QUANTITIES = ("force_n", "way_mm", "x_mm", "y_mm", "roll_deg", "pitch_deg", "side_mm")
+ZERO = np.array([0.5, 1.0, 0, 0, 0, 0, 9.0])  # N, mm, mm, mm, -, -, mm
+SCALE = np.array([0.25, 0.6, 3.0, 3.0, 0.14, 0.14, 1.5])
+TO_BOARD = np.array([1e6, 1e3, 1e3, 1e3, 1e6, 1e6, 1e3])  # uN, um, 1e-6
+LEAST_N, MOST_N = 0.04, 1.3  # of the presses that are used
+N_TURNS, N_FOLDS, N_ROUNDS = 12, 4, 20
+NOISE_MM = 0.004  # of a feature
+TOUCH_FACTOR = 1.3  # over the largest motion of a pin at rest
+KNOWN_FACTOR = 1.5  # over the furthest features of the fit
+GATE_PX = 3.0
+
+
+@dataclass(frozen=True)
+class Pins:
+    """A unit's pins at rest: rest (2, n, 2) px, place (n, 3) mm of their tips, normal (n, 3)."""
+
+    rest: Array
+    place: Array
+    normal: Array
+
+    @classmethod
+    def of(cls, eyes: Eyes, presses: list[Press]) -> Pins:
+        """From the rest pictures of all presses. Raises InputError where the eyes disagree."""
+        first = presses[0].rest
+        pair = eyes.pairs(*first)
+        nominal = np.stack([first[eye][pair[:, eye]] for eye in range(2)])
+        rest = np.mean([taken(press, nominal)[0] for press in presses], axis=0)
+        place = eyes.place(rest)
+        return cls(rest, place, eyes.normals(place))
+
+
+def taken(press: Press, rest: Array) -> tuple[Array, Array]:
+    """Rest (2, n, 2) and shifts (t, 2, n, 2) of the pins that rest near `rest`.
+
+    Raises
+    ------
+    InputError
+        One of them is not there.
+    """
+    kept, shifts = [], []
+    for eye in range(2):
+        apart = np.linalg.norm(rest[eye][:, None] - press.rest[eye][None], axis=2)
+        own = apart.argmin(axis=1)
+        if apart.min(axis=1).max() > GATE_PX or len(set(own.tolist())) < len(own):
+            raise InputError(f"{press.name}: its pins at rest are not those of the other presses: leave it out")
+        kept.append(press.rest[eye][own])
+        shifts.append(press.moved[:, eye][:, own])
+    return np.stack(kept), np.stack(shifts, axis=1)
+
+
+def labels_of(told: Array, turn: Array) -> Array:
+    """What the network says, in units of about one, (t, 7), from told (t, 7) in the frames `turn` (t, 3, 3)."""
+    out = np.zeros((len(told), 7))
+    for i, row in enumerate(told):
+        tool = turn[i] @ axes(*np.deg2rad(row[[ROLL, PITCH]]))
+        out[i] = [row[FORCE], row[WAY], *(tool[:, :2] @ row[[X, Y]])[:2], *tool[:2, 2], np.sqrt(row[AREA])]
+    return np.asarray((out - ZERO) / SCALE)
+
+
+def told_by(labels: Array, turn: Array) -> Array:
+    """The other way: force_n, way_mm, x_mm, y_mm, roll_deg, pitch_deg, side_mm, (t, 7)."""
+    value: Array = labels * SCALE + ZERO
+    out = value.copy()
+    for i, row in enumerate(value):
+        tilt = np.clip(row[4:6], -0.9, 0.9)
+        upright = np.sqrt(max(1 - float(tilt @ tilt), 1e-12))
+        axis = turn[i].T @ [*tilt, upright]
+        roll, pitch = np.arcsin(np.clip(-axis[1], -1, 1)), np.arctan2(axis[0], axis[2])
+        at = turn[i].T @ [row[2], row[3], -(row[2:4] @ tilt) / upright]
+        out[i, 2:4] = (axes(roll, pitch).T @ at)[:2]
+        out[i, 4:6] = np.rad2deg([roll, pitch])
+    return out
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Features and labels of presses, in one way of seeing; turn (t, 3, 3); told (t, 7); press (t,) their numbers."""
+
+    features: Array
+    labels: Array
+    turn: Array
+    told: Array
+    press: npt.NDArray[np.intp]
+
+    def of(self, numbers: npt.NDArray[np.intp]) -> Fold:
+        keep = np.isin(self.press, numbers)
+        return Fold(*(getattr(self, name)[keep] for name in ("features", "labels", "turn", "told", "press")))
+
+
+def used(told: Array) -> npt.NDArray[np.bool_]:
+    """Frames that are touched, told all of, and neither too faint nor too hard."""
+    whole = np.isfinite(told).all(axis=1)
+    return np.asarray(whole & (told[:, FORCE] > LEAST_N) & (told[:, FORCE] < MOST_N))
+
+
+def folds(
+    eyes: Eyes, pins: Pins, presses: list[Press], mode: int, touch_mm: float, angles: Array, mirrors: tuple[bool, ...]
+) -> Fold:
+    """All frames of presses that are felt, turned by each angle, seen by the eyes of `mode`."""
+    gain, parts = eyes.gains(pins.place)[mode], []
+    for number, press in enumerate(presses):
+        keep = used(press.told)
+        rest, shifts = taken(press, pins.rest)
+        moved = eyes.place(rest[None] + shifts[keep]) - eyes.place(rest)[None]
+        own = Samples(moved, press.told[keep])
+        for angle in angles:
+            for mirror in mirrors:
+                some = own if not angle and not mirror else turned(own, pins.normal, float(angle), is_mirrored=mirror)
+                shift = eyes.project(pins.place + some.moved) - eyes.project(pins.place)
+                seen = np.einsum("ncd,tnd->tnc", gain, shift.transpose(0, 2, 1, 3).reshape(len(shift), -1, 4))
+                felt = pressed(seen, pins.normal).max(axis=1) >= touch_mm
+                field, told = field_of(seen[felt], pins.normal, eyes.radius_mm), some.told[felt]
+                labels = labels_of(told, field.turn)
+                parts.append((field.features, labels, field.turn, told, np.full(len(labels), number)))
+    return Fold(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
+@dataclass(frozen=True)
+class ModeFit:
+    """One way of seeing. trust (7,): true over stated deviations of presses left out; near (k,): weights of the
+    components' squares in how far features are from those of the fit; limits (2,): of that, and of what the components
+    leave of a feature, mm; left_out : mean errors of presses left out.
+    """
+
+    network: TipNetwork
+    trust: Array
+    near: Array
+    limits: Array
+    left_out: dict[str, float]
+
+
+@dataclass(frozen=True)
+class TipFit:
+    """Tables of a unit's fingertip: one of `modes` for each of MODES."""
+
+    eyes: Eyes
+    pins: Pins
+    modes: list[ModeFit]
+    touch_mm: float
+    report: dict[str, Any]
+
+
+def fit_fingertip(board: Board, presses_at: Path, baseline_mm: float, progress: Progress, *, only: str = "*") -> TipFit:
+    """Fit a unit's fingertip from its presses.
+
+    Raises
+    ------
+    InputError
+        There are too few presses, a file is not as it should be, or PyTorch is not installed.
+    """
+    presses = read_presses(board, presses_at, only, lambda done: progress(0.3 * done))
+    presses = [press for press in presses if used(press.told).any()]
+    if len(presses) < 2 * N_FOLDS:
+        raise InputError(
+            f"{presses_at} has {len(presses)} presses of {LEAST_N} to {MOST_N} N: {2 * N_FOLDS} are needed"
+        )
+    eyes = Eyes.of(board, baseline_mm)
+    pins = Pins.of(eyes, presses)
+    touch_mm = TOUCH_FACTOR * max(_motion_at_rest(eyes, pins, press) for press in presses)
+    modes: list[ModeFit] = []
+    for mode in range(len(MODES)):
+        modes.append(_fit_mode(eyes, pins, presses, mode, touch_mm))
+        progress(0.3 + 0.7 * len(modes) / len(MODES))
+    report = {
+        "n_presses": len(presses),
+        "n_pins": len(pins.place),
+        "mean_error_of_presses_left_out": {name: mode.left_out for name, mode in zip(MODES, modes, strict=True)},
+    }
+    return TipFit(eyes, pins, modes, touch_mm, report)
+
+
+def _fit_mode(eyes: Eyes, pins: Pins, presses: list[Press], mode: int, touch_mm: float) -> ModeFit:
+    angles = np.arange(N_TURNS) * 2 * np.pi / N_TURNS
+    every = folds(eyes, pins, presses, mode, touch_mm, angles, (False, True))
+    straight = folds(eyes, pins, presses, mode, touch_mm, angles[:1], (False,))
+    off, sigma = _left_out(every, straight, len(presses))
+    network = train(every.features, every.labels, rounds=N_ROUNDS, noise=NOISE_MM)
+    near = 1 / network.components(every.features).var(axis=0)
+    left_out = {q: round(float(e), 4) for q, e in zip(QUANTITIES, np.abs(off).mean(axis=0), strict=True)}
+    trust = np.sqrt(np.mean((off / sigma) ** 2, axis=0))
+    return ModeFit(network, trust, near, KNOWN_FACTOR * _furthest(network, near, every.features), left_out)
+
+
+def _left_out(every: Fold, straight: Fold, n: int) -> tuple[Array, Array]:
+    """Errors and stated deviations (t, 7) of presses that their network has not seen, in the units of QUANTITIES."""
+    part = np.random.default_rng(0).permutation(n) % N_FOLDS
+    off, sigma = [], []
+    for fold in range(N_FOLDS):
+        kept, left = every.of(np.flatnonzero(part != fold)), straight.of(np.flatnonzero(part == fold))
+        network = train(kept.features, kept.labels, rounds=N_ROUNDS, noise=NOISE_MM)
+        mean, deviation = network(left.features)
+        off.append(told_by(mean, left.turn) - told_by(left.labels, left.turn))
+        sigma.append(deviation * SCALE * [1, 1, 1, 1, *2 * [np.rad2deg(1.0)], 1])
+    return np.concatenate(off), np.concatenate(sigma)
+
+
+def _furthest(network: TipNetwork, near: Array, features: Array) -> Array:
+    """Largest whitened square and largest root mean square that the components leave, of features of the fit."""
+    z = network.components(features)
+    length = 1 / np.linalg.norm(network.projection, axis=1)
+    left = ((features - network.mean) ** 2).sum(axis=1) - ((z * length) ** 2).sum(axis=1)
+    return np.array([(z**2 @ near).max(), np.sqrt(max(left.max(), 0) / features.shape[1])])
+
+
+def _motion_at_rest(eyes: Eyes, pins: Pins, press: Press) -> float:
+    shifts = taken(press, pins.rest)[1]
+    shifts = shifts[~np.isfinite(press.told[:, FORCE])]
+    if not len(shifts):
+        return 0.0
+    gain = eyes.gains(pins.place)[0]
+    seen = np.einsum("ncd,tnd->tnc", gain, shifts.transpose(0, 2, 1, 3).reshape(len(shifts), -1, 4))
+    return float(pressed(seen, pins.normal).max())
+
+
+def calibration(board: Board, fit: TipFit) -> CalibrationFile:
+    """The file of a fit."""
+    from ruffini.calibrate.tip_tables import tables
+
+    meta = {**base_metadata(board), "kinds": "fingertip", "residuals": json.dumps(fit.report)}
+    meta["fingertip.most_un"] = str(round(MOST_N * 1e6))
+    return pack(tables(fit), meta)

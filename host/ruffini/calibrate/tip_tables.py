@@ -1,0 +1,45 @@
+"""The integers of kind `fingertip` (proto/CALIBRATION.md)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.calibrate.tip_field import kernel, places
+
+if TYPE_CHECKING:
+    from ruffini.calibrate.fingertip import TipFit
+
+Q14, Q16 = 2**14, 2**16
+PER_MM = 16_000  # steps of 1/16 um
+
+
+def _whole(values: npt.ArrayLike) -> npt.NDArray[np.int32]:
+    return np.round(np.asarray(values, dtype=float)).astype(np.int32)
+
+
+def tables(fit: TipFit) -> dict[str, npt.NDArray[Any]]:
+    """Tensors by name."""
+    from ruffini.calibrate.fingertip import GATE_PX, SCALE, TO_BOARD, ZERO
+
+    modes, radius = fit.modes, fit.eyes.radius_mm
+    nets = [mode.network for mode in modes]
+    out = {
+        "rest": fit.pins.rest * 256, "normal": fit.pins.normal * Q14,
+        "gain": fit.eyes.gains(fit.pins.place) * 1e3 * 256,
+        "place": places(radius) * Q14, "kernel": kernel(radius) * 2**15,
+        "gate": [GATE_PX * 256, max(fit.touch_mm * PER_MM, 1)],
+        "zero": ZERO * TO_BOARD, "scale": SCALE * TO_BOARD,
+        "trust": [np.clip(mode.trust * 256, 1, 2**20) for mode in modes],
+        "mean": [net.mean * PER_MM for net in nets],
+        "weight0": [net.projection / PER_MM * 2**28 for net in nets],
+        "length": [PER_MM / np.linalg.norm(net.projection, axis=1) for net in nets],
+        "near": [np.minimum(mode.near * 2**12, 2**26) for mode in modes],
+        "limit": [np.minimum(mode.limits * [1, PER_MM], 32_000) for mode in modes],
+    }  # fmt: skip
+    for layer in range(3):
+        out[f"weight{layer + 1}"] = [net.weights[layer] * Q16 for net in nets]
+        out[f"bias{layer + 1}"] = [net.biases[layer] * Q16 for net in nets]
+    return {f"fingertip.{name}": _whole(values) for name, values in out.items()}

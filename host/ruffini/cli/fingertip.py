@@ -1,0 +1,37 @@
+"""The verb that calibrates a fingertip with pins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+
+
+def fingertip(
+    board: BoardOption,
+    presses: Annotated[
+        Path,
+        typer.Option("--presses", help="Folder of presses: each frames/ and press.csv (calibrate/README.md says how)."),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Calibration file to write.")],
+    baseline_mm: Annotated[float, typer.Option("--baseline-mm", min=0.1, help="Distance between the eyes.")],
+    only: Annotated[str, typer.Option(help="Pattern of the folders below --presses that are used.")] = "*",
+    json_: JsonFlag = False,
+) -> None:
+    """Force, way, place, angles and area of a tool on a fingertip, from the pins that its two eyes see."""
+    from ruffini.boards import find_board
+    from ruffini.calibrate import container
+    from ruffini.calibrate.fingertip import calibration, fit_fingertip
+
+    found = find_board(board)
+    with progress_bar("presses and fits") as progress:
+        fit = fit_fingertip(found, presses, baseline_mm, progress, only=only)
+    container.write(out, calibration(found, fit))
+    off = fit.report["mean_error_of_presses_left_out"]["both"]
+    emit({"file": str(out), **fit.report}, json_,
+         f"{out}: {fit.report['n_pins']} pins, {fit.report['n_presses']} presses; left out of the fit they err by "
+         f"{off['force_n']:.3f} N, {off['way_mm']:.3f} mm deep, {off['x_mm']:.2f} and {off['y_mm']:.2f} mm aside, "
+         f"{off['roll_deg']:.2f} and {off['pitch_deg']:.2f} degrees")  # fmt: skip

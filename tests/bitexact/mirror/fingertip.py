@@ -1,0 +1,144 @@
+"""The estimator of a fingertip with pins, in whole numbers: field about the touched place, network, turned back."""
+
+from __future__ import annotations
+
+from math import isqrt
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Ints = npt.NDArray[np.int64]
+ONE, MILLION = 1 << 14, 1_000_000
+
+
+def round_shift(x: Any, n: int) -> Any:
+    return (x + (1 << (n - 1))) >> n
+
+
+def rounded_div(top: Any, bottom: Any) -> Any:
+    return (2 * top + bottom) // (2 * bottom)
+
+
+def atan2_urad(y: int, x: int) -> int:
+    """CORDIC with angles to 1e-9 rad."""
+    if x == 0 and y == 0:
+        return 0
+    angle = 0
+    if x < 0:
+        angle, x, y = (-3141592654 if y < 0 else 3141592654), -x, -y
+    x, y = x * 1024, y * 1024
+    for i in range(22):
+        step = round(float(np.arctan(2.0**-i)) * 1e9)
+        sign = 1 if y > 0 else -1
+        x, y, angle = x + sign * (y >> i), y - sign * (x >> i), angle + sign * step
+    return (angle + 500) // 1000
+
+
+class Fingertip:
+    """Tensors of kind `fingertip` by their names without it; `most_un` of the manifest."""
+
+    def __init__(self, tensors: dict[str, npt.NDArray[Any]], most_un: int) -> None:
+        self.t = {name.removeprefix("fingertip."): np.asarray(v, np.int64) for name, v in tensors.items()}
+        self.most_un = most_un
+        self.marker = np.full((2, len(self.t["normal"])), -1)
+        self.n_saturated = 0
+
+    def learn(self, rest_q16: Ints, is_absent: Ints) -> None:
+        """Markers (2, m, 2) at rest."""
+        gate2 = int(self.t["gate"][0]) ** 2
+        for eye in range(2):
+            for p, place in enumerate(self.t["rest"][eye]):
+                away = ((rest_q16[eye] >> 8) - place) ** 2
+                away2 = np.where(is_absent[eye] != 0, gate2, away.sum(axis=1))
+                best = int(away2.argmin())
+                self.marker[eye, p] = best if away2[best] < gate2 else -1
+        self.marker[:, (self.marker < 0).any(axis=0)] = -1
+
+    def _held(self, values: Ints, limit: int) -> Ints:
+        self.n_saturated += int((np.abs(values) > limit).sum())
+        return np.clip(values, -limit, limit)
+
+    def field(self, moved_q16: Ints, eyes: int) -> tuple[Ints, Ints, Ints] | None:
+        """Features (3 g + 2,), R (3, 3), c (3,); None where nothing presses."""
+        there = self.marker[0] >= 0
+        normal = self.t["normal"][there]
+        shift = np.concatenate([moved_q16[eye][self.marker[eye][there]] for eye in range(2)], axis=1)
+        gain = self.t["gain"][eyes][there]
+        limit = 1 << 18
+        u = np.clip(round_shift((gain * np.clip(shift, -(1 << 24), 1 << 24)[:, None]).sum(axis=2), 20), -limit, limit)
+        press = -round_shift((u * normal).sum(axis=1), 14)
+        most = int(press.max(initial=0))
+        if most < self.t["gate"][1]:
+            return None
+        weight = np.maximum(press - (most * 77 >> 8), 0)
+        total = (weight[:, None] * normal).sum(axis=0)
+        while np.abs(total).max() >= 1 << 30:
+            total = round_shift(total, 1)
+        length = max(isqrt(int((total**2).sum())), 1)
+        c = (total * ONE * 2 + length) // (2 * length)
+        part = (c[:, None] * c[None, :] + (ONE + c[2]) // 2) // (ONE + c[2])
+        r = np.array([[ONE - part[0, 0], -part[0, 1], -c[0]], [-part[0, 1], ONE - part[1, 1], -c[1]], c])
+        v, n = round_shift(u @ r.T, 14), round_shift(normal @ r.T, 14)
+        out = []
+        for g in self.t["place"]:
+            step = ((n - g) ** 2).sum(axis=1) >> 13
+            k = np.where(step < 2048, self.t["kernel"][np.minimum(step, 2047)], 0)
+            weight_sum = int(k.sum()) + (1 << 15) // 20
+            out += rounded_div((k[:, None] * v).sum(axis=0), weight_sum).tolist()
+        out += round_shift(c[:2] * 8000, 14).tolist()
+        return np.array(out), r, c
+
+    def network(self, features: Ints, eyes: int) -> tuple[Ints, bool]:
+        """Outputs (14,) Q16, and whether the features are known."""
+        t = {name: values[eyes] for name, values in self.t.items() if name[:4] in ("mean", "weig", "bias", "near",
+             "leng", "limi")}  # fmt: skip
+        x = self._held(features - t["mean"], 1 << 20)
+        z = self._held(round_shift(t["weight0"] @ x, 12), 1 << 22)
+        far = int(round_shift((z >> 8) ** 2 * t["near"], 12).sum())
+        left = int((x**2).sum() - (round_shift(z * t["length"], 16) ** 2).sum())
+        level = z
+        for i in range(1, 4):
+            level = self._held(round_shift((t[f"bias{i}"] << 16) + t[f"weight{i}"] @ level, 16), 1 << 24)
+            level = np.maximum(level, 0) if i < 3 else level
+        return level, far <= t["limit"][0] << 16 and left <= int(t["limit"][1]) ** 2 * len(x)
+
+    def run(self, moved_q16: Ints, eyes: int) -> list[int]:
+        """A row as of ruffini_get_tip."""
+        found = self.field(moved_q16, eyes)
+        if found is None:
+            return [0, 1, 1] + [0] * 14
+        features, r, _ = found
+        out, is_known = self.network(features, eyes)
+        value = [int(a) for a in self.t["zero"] + round_shift(out[:7] * self.t["scale"], 16)]
+        sigma = []
+        rows = zip(out[7:].tolist(), self.t["scale"].tolist(), self.t["trust"][eyes].tolist(), strict=True)
+        for log2, scale, trust in rows:
+            q = min(max(log2, -12 * 65536), 8 * 65536)
+            whole, mantissa = q >> 16, 65536 + (q & 65535)
+            power = mantissa << whole if whole >= 0 else mantissa >> -whole
+            sigma.append(max(round_shift(round_shift(scale * power, 16) * trust, 8), 1))
+        force = max(value[0], 0)
+        place, tilt = (isqrt((sigma[a] ** 2 + sigma[a + 1] ** 2) // 2) for a in (2, 4))
+        row = [1, int(is_known), int(force <= self.most_un), force, value[1], *self._turned_back(value, r)]
+        area_sigma = 2 * abs(value[6]) * sigma[6]
+        return [*row, value[6] ** 2, sigma[0], sigma[1], place, place, tilt, tilt, area_sigma]
+
+    @staticmethod
+    def _turned_back(value: list[int], r: Ints) -> list[int]:
+        def root(a: int, b: int) -> int:
+            return max(isqrt(max(MILLION**2 - a * a - b * b, 0)), 1)
+
+        def back(v: list[int]) -> list[int]:
+            return [int(a) for a in round_shift(np.array(v) @ r, 14)]
+
+        tx, ty = (min(max(v, -900_000), 900_000) for v in value[4:6])
+        tz = root(tx, ty)
+        t = back([tx, ty, tz])
+        cos_roll = root(t[1], 0)
+        at = back([value[2], value[3], rounded_div(-(value[2] * tx + value[3] * ty), tz)])
+        sin_pitch, cos_pitch = rounded_div(t[0] * MILLION, cos_roll), rounded_div(t[2] * MILLION, cos_roll)
+        level = rounded_div(sin_pitch * at[0] + cos_pitch * at[2], MILLION)
+        x = rounded_div(cos_pitch * at[0] - sin_pitch * at[2], MILLION)
+        y = rounded_div(cos_roll * at[1] - t[1] * level, MILLION)
+        return [x, y, atan2_urad(-t[1], cos_roll), atan2_urad(t[0], t[2])]

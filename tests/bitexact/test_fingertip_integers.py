@@ -1,0 +1,154 @@
+"""The estimator of a fingertip against the mirror, bit for bit, on rendered dents; refusals and flags."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from mirror.fingertip import Fingertip
+
+from ruffini.boards import find_board
+from ruffini.calibrate.container import base_metadata, pack
+from ruffini.core import Pipeline
+from ruffini.errors import InputError
+from ruffini.sim.optics.renderer import Renderer
+from ruffini.sim.settings import load_twin
+
+BOARD = find_board(Path(__file__).parents[2] / "boards" / "stereo-fingertip")
+MOST_UN, WIDTH_PX = 1_300_000, 320
+OVER_RANGE, FEATURES, OTHER_PAD, VIEW_LOST = 32, 2048, 4096, 16384
+WIDTHS = (11, 16, 13, 12, 14)  # of the smallest network: places, components, hidden, outputs
+
+
+@cache
+def dome() -> Renderer:
+    return Renderer.over_chart(BOARD, load_twin(BOARD))
+
+
+@cache
+def frame(depth_um: int, a_mm: float, b_mm: float) -> npt.NDArray[np.uint8]:
+    renderer = dome()
+    a, b = np.meshgrid(renderer.node_a_mm, renderer.node_b_mm)
+    down = -depth_um * 1e-6 * np.exp(-((a - a_mm) ** 2 + (b - b_mm) ** 2) / 40)
+    moved = np.stack([0.2 * down, 0.1 * down, down], axis=-1).reshape(-1, 3)
+    return renderer.image(moved, np.random.default_rng(depth_um))
+
+
+@cache
+def rest_markers() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.uint8]]:
+    with Pipeline(BOARD) as path:
+        learn(path)
+        path.process(frame(0, 0, 0))
+        rest, _, lost = path.markers()
+    return rest, lost
+
+
+def learn(path: Pipeline) -> None:
+    for _ in range(BOARD.pipeline.n_rest_frames):
+        path.process(frame(0, 0, 0))
+
+
+def tensors(rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
+    """Tables of a plausible size; the pins are the unit's own, in any order."""
+    rest = rest_markers()[0]
+    order = rng.permutation(rest.shape[1])[:280]
+    right = np.array([np.abs(rest[1] - rest[0, i] - [WIDTH_PX - 46, 0]).sum(axis=1).argmin() for i in order])
+    pins = np.stack([rest[0, order], rest[1, right]])
+    flat = (pins[0] - [159.5, 119.5]) / 140
+    normal = np.column_stack([flat, np.sqrt(1 - (flat**2).sum(axis=1))])
+    spread = rng.uniform(-0.3, 0.3, (WIDTHS[0], 2))
+    place = np.column_stack([spread, np.sqrt(1 - (spread**2).sum(axis=1))])
+    n_features = 3 * WIDTHS[0] + 2
+    widths = (n_features, *WIDTHS[1:])
+    out: dict[str, npt.NDArray[Any]] = {
+        "rest": pins * 256, "normal": normal * 2**14, "gain": rng.normal(0, 60_000, (3, 280, 3, 4)),
+        "place": place * 2**14, "kernel": 2**15 * np.exp(-np.arange(2048) / 500), "gate": np.array([768, 1600]),
+        "mean": rng.normal(0, 2000, (3, n_features)), "near": rng.uniform(0, 2**12, (3, WIDTHS[1])),
+        "length": rng.uniform(0, 2**12, (3, WIDTHS[1])), "limit": np.full((3, 2), 30_000),
+        "zero": np.array([500_000, 1000, 0, 0, 0, 0, 9000]), "trust": rng.uniform(100, 900, (3, 7)),
+        "scale": np.array([250_000, 600, 3000, 3000, 140_000, 140_000, 1500]),
+    }  # fmt: skip
+    for i in range(4):
+        size = 2**12 * 0.8 if i == 0 else 2**16 / np.sqrt(widths[i])
+        out[f"weight{i}"] = rng.normal(0, size, (3, widths[i + 1], widths[i]))
+        if i:
+            out[f"bias{i}"] = rng.normal(0, 2**15, (3, widths[i + 1]))
+    return {f"fingertip.{name}": np.round(v).astype(np.int32) for name, v in out.items()}
+
+
+def opened(tables: dict[str, npt.NDArray[Any]]) -> Pipeline:
+    meta = {**base_metadata(BOARD), "kinds": "fingertip", "fingertip.most_un": str(MOST_UN)}
+    return Pipeline(BOARD, pack(tables, meta).data)
+
+
+def mirror(tables: dict[str, npt.NDArray[Any]]) -> Fingertip:
+    own = Fingertip(tables, MOST_UN)
+    rest, lost = rest_markers()
+    own.learn((rest * 65536).astype(np.int64), (lost == 2).astype(np.int64))
+    return own
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_every_number_is_the_mirrors(seed: int) -> None:
+    tables = tensors(np.random.default_rng(seed))
+    own, touched = mirror(tables), 0
+    with opened(tables) as path:
+        learn(path)
+        for depth, a, b in ((0, 0, 0), (150, 4, 1), (600, -9, 3), (1400, 2, -12), (2000, 14, 8)):
+            for blind, eyes in ((None, 0), (1, 1), (0, 2)):
+                picture = frame(depth, a, b).copy()
+                if blind is not None:
+                    picture[:, blind * WIDTH_PX : (blind + 1) * WIDTH_PX] = 0
+                said = path.process(picture)
+                moved = path.features().reshape(2, -1, 2)
+                row = own.run(moved, eyes)
+                assert list(path.tip()) == row
+                assert bool(said.flags & VIEW_LOST) == (blind is not None)
+                assert bool(said.flags & FEATURES) == (not row[1])
+                assert bool(said.flags & OVER_RANGE) == (not row[2])
+                assert said.n_contacts == row[0]
+                touched += row[0]
+        assert own.n_saturated == said.saturations
+    assert touched >= 9
+
+
+def test_pins_of_another_fingertip_are_another_pad() -> None:
+    tables = tensors(np.random.default_rng(4))
+    tables["fingertip.rest"] = tables["fingertip.rest"] + np.int32(1400)
+    with opened(tables) as path:
+        learn(path)
+        said = path.process(frame(1400, 2, -12))
+    assert said.flags & OTHER_PAD
+    assert said.force_z_validity == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("fingertip.normal", 1 << 15, "range"),
+        ("fingertip.gain", 1 << 25, "range"),
+        ("fingertip.kernel", -1, "range"),
+        ("fingertip.weight2", 1 << 27, "weight2"),
+        ("fingertip.scale", 0, "scale"),
+    ],
+)
+def test_tables_out_of_range_are_refused(name: str, value: int, says: str) -> None:
+    tables = tensors(np.random.default_rng(5))
+    tables[name].flat[0] = value
+    with pytest.raises(InputError, match=says):
+        opened(tables)
+
+
+@pytest.mark.parametrize("name", ["rest", "gain", "weight3", "bias1", "near", "trust", "limit"])
+def test_a_table_that_is_missing_or_misshapen_is_refused(name: str) -> None:
+    for spoil in (lambda v: None, lambda v: v[..., :-1]):
+        tables = tensors(np.random.default_rng(6))
+        spoilt = spoil(tables.pop(f"fingertip.{name}"))
+        if spoilt is not None:
+            tables[f"fingertip.{name}"] = np.ascontiguousarray(spoilt)
+        with pytest.raises(InputError):
+            opened(tables)

@@ -1,0 +1,78 @@
+"""How the fingertip's experiment judges: made-up presses whose errors are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ruffini.bench.experiments import stereo_pins
+from ruffini.bench.experiments.stereo_pins import AREA, FORCE, Played, X, figures, is_whole
+
+
+def played(name: str = "any", tool: str = "flat", off: float = 0.1, sigma: float = 0.06, n: int = 20) -> Played:
+    """Every quantity off by as much to both sides, the area in percent; the last frame is not told."""
+    truth = np.column_stack([np.linspace(0.1, 1.0, n), *5 * [np.zeros(n)], np.full(n, 50.0)])
+    sign = np.where(np.arange(n) % 2, 1.0, -1.0)[:, None]
+    unit = np.where(np.arange(7) == AREA, 0.5, 1.0)
+    known, whole = np.arange(n) < n - 1, np.arange(n) % 2 == 0
+    ours = truth + off * sign * unit
+    ours[-1] = 99.0
+    return Played(name, tool, truth, ours, np.full((n, 7), sigma) * unit, known, whole, np.full(n, 2.0))
+
+
+def test_errors_are_of_what_is_told_and_by_force() -> None:
+    said = figures([played(), played(off=0.3)])
+    assert said["n_frames"] == 40
+    assert said["told_percent"] == pytest.approx(95)
+    assert list(said["mean"].values()) == pytest.approx([0.2] * 7)
+    assert said["within_two_sigma_percent"]["force_n"] == pytest.approx(50)
+    assert said["within_two_sigma_percent"]["area_percent"] == pytest.approx(50)
+    assert set(said["by_force"]) == {"0.05-0.2", "0.2-0.4", "0.4-0.6", "0.6-0.8", "0.8-1.05"}
+    assert said["sure_of_place"]["percent"] == pytest.approx(95)
+    assert said["sure_of_place"]["x_mm"] == pytest.approx(0.2)
+    one = played(sigma=2.0)
+    one.ours[one.truth[:, FORCE] > 0.8, X] += 1.0
+    levels = figures([one])["by_force"]
+    assert levels["0.8-1.05"]["x_mm"] > 0.9
+    assert levels["0.2-0.4"]["x_mm"] == pytest.approx(0.1)
+    assert figures([one])["sure_of_place"]["percent"] == 0
+
+
+def test_areas_are_apart_by_tool_and_by_how_whole_a_contact_is() -> None:
+    one, other = played(tool="flat", off=1.0), played(tool="square", off=3.0)
+    one.ours[0, AREA] = 60.0  # 20 % off, whole
+    found = stereo_pins._areas([one, other, played(name="shapes", tool="flat", off=50.0)])
+    assert set(found) == {"flat", "square"}
+    assert found["flat"]["n_whole"] == 10
+    assert found["flat"]["whole"] == pytest.approx((20 + 9 * 1.0) / 10)
+    assert found["square"]["whole"] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("tool", "x_mm", "depth_mm", "whole"),
+    [
+        ("flat", 0.0, 0.56, False),  # 22 - sqrt(22^2 - 5^2) = 0.576
+        ("flat", 0.0, 0.59, True),
+        ("flat", 2.0, 1.13, False),  # the far side is 7 mm from the axis: 1.144
+        ("flat", 2.0, 1.16, True),
+        ("square", 0.0, 1.13, False),  # its corners are 7.07 mm away
+        ("square", 0.0, 1.2, True),
+        ("sphere", 0.0, 9.0, False),
+    ],
+)
+def test_a_whole_face_is_below_the_undeformed_dome(tool: str, x_mm: float, depth_mm: float, *, whole: bool) -> None:
+    assert is_whole(tool, 5.0, np.array([0.5, depth_mm, x_mm, 0, 0, 0, 0]), 22.0) == whole
+
+
+def test_the_text_holds_every_table() -> None:
+    runs = [played("any"), played("upright"), *(played(f"test_{k}") for k in ("force", "x", "y", "angle"))]
+    result = {
+        "board": "a board", "unseen": {"any": figures(runs[:1]), "shapes": figures([])},
+        "one_eye": {"left": figures(runs[:1])}, "stand_in": {"1": {"force_n": 0.0123}},
+        "paper_tests": stereo_pins._paper_tests(runs), "area": stereo_pins._areas(runs),
+        "told_apart": {"force_n": [0.5], "rms_px": {"X = 1 mm": [0.0133]}}, "frame_ms": stereo_pins._times(runs),
+    }  # fmt: skip
+    text = stereo_pins.text(result)
+    for part in ("SIMULATED", "0.012", "0.0133", "full_scale_percent", "left eye alone", "hexagon"):
+        assert (part in text) == (part != "hexagon"), part
+    assert stereo_pins._paper_tests(runs)["force_n"] == pytest.approx((19 * 0.1 + 98.0) / 20)
