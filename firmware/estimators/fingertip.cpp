@@ -10,6 +10,7 @@ namespace ruffini {
 namespace {
 
 enum Quantity : size_t { kForce, kWay, kX, kY, kTiltX, kTiltY, kSide };
+constexpr int64_t kSureArea = 5;  // an area is told where it is so many times its deviation
 constexpr int64_t kMillion = 1'000'000;
 constexpr int64_t kMaxTilt = 900'000;  // of the tool's axis beside the place that it presses, 1e-6
 constexpr int kUnit = 14;
@@ -107,11 +108,12 @@ TipTouch Fingertip::run(std::span<const Marker> markers, Eyes eyes, SaturationCo
   touch.force_un = std::max<int64_t>(value[kForce], 0);
   touch.is_in_range = touch.force_un <= most_un_;
   touch.way_um = value[kWay];
-  touch.area_um2 = value[kSide] * value[kSide];
   // Places and angles are turned together, so each pair has one deviation.
   const auto both = [&](size_t a, size_t b) { return floor_sqrt((sigma[a] * sigma[a] + sigma[b] * sigma[b]) / 2); };
   const int64_t place = both(kX, kY), tilt = both(kTiltX, kTiltY);
   touch.sigma = {sigma[kForce], sigma[kWay], place, place, tilt, tilt, 2 * std::abs(value[kSide]) * sigma[kSide]};
+  const int64_t area_um2 = value[kSide] * value[kSide];
+  if (kSureArea * touch.sigma[6] <= area_um2) touch.area_um2 = area_um2;
   touch.place_q14 = field_.middle();
   turn_back(value, touch);
   return touch;

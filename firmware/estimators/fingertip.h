@@ -31,7 +31,7 @@ struct TipTouch {
   int64_t y_um = 0;
   int64_t roll_urad = 0;  // of the fingertip under the tool, about x, then pitch about y
   int64_t pitch_urad = 0;
-  int64_t area_um2 = 0;                // of the tool's face
+  int64_t area_um2 = 0;                // of the tool's face; 0: not known, its deviation is above a fifth
   std::array<int64_t, 7> sigma{};      // of the above; of the area um^2
   std::array<int64_t, 3> axis_1e6{};   // t, out of the fingertip
   std::array<int64_t, 3> place_q14{};  // the middle of what is pressed, as a direction from the sphere's

@@ -122,7 +122,8 @@ class Fingertip:
         place, tilt = (isqrt((sigma[a] ** 2 + sigma[a + 1] ** 2) // 2) for a in (2, 4))
         row = [1, int(is_known), int(force <= self.most_un), force, value[1], *self._turned_back(value, r)]
         area_sigma = 2 * abs(value[6]) * sigma[6]
-        return [*row, value[6] ** 2, sigma[0], sigma[1], place, place, tilt, tilt, area_sigma]
+        area = value[6] ** 2 if 5 * area_sigma <= value[6] ** 2 else 0
+        return [*row, area, sigma[0], sigma[1], place, place, tilt, tilt, area_sigma]
 
     @staticmethod
     def _turned_back(value: list[int], r: Ints) -> list[int]:

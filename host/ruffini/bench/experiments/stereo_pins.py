@@ -66,8 +66,9 @@ class Played:
 
     @property
     def off(self) -> Array:
-        """Errors (t, 7); of the area in percent."""
+        """Errors (t, 7); of the area in percent, NaN where it is not told."""
         off = self.ours - self.truth
+        off[self.ours[:, AREA] == 0, AREA] = np.nan
         off[:, AREA] *= 100 / self.truth[:, AREA]
         return np.asarray(off)
 
@@ -180,29 +181,34 @@ def figures(played: list[Played]) -> dict[str, Any]:
         return {"n_frames": 0}
     off, truth, sigma = np.abs(_rows(played, "off")), _rows(played, "truth"), _rows(played, "sigma")
     known = np.concatenate([p.is_known for p in played])
-    mean = {q: float(e) for q, e in zip(QUANTITIES, np.nanmean(off[known], axis=0), strict=True)}
+    mean = dict(zip(QUANTITIES, _means(off[known]), strict=True))
     levels = {}
     for low, high in pairwise(LEVELS_N):
         some = known & (truth[:, FORCE] >= low) & (truth[:, FORCE] < high)
         if some.any():
-            levels[f"{low:g}-{high:g}"] = {
-                q: float(e) for q, e in zip(QUANTITIES, np.nanmean(off[some], axis=0), strict=True)
-            }
+            levels[f"{low:g}-{high:g}"] = {q: float(e) for q, e in zip(QUANTITIES, _means(off[some]), strict=True)}
     sure = known & (sigma[:, X] <= SURE_MM)
     places = {"x_mm": _mean(off[sure, X]), "y_mm": _mean(off[sure, Y])}
-    true = np.isfinite(truth[known]).all(axis=1)  # a ball's face has no area
     unit = np.where(np.arange(7) == AREA, truth[known, AREA, None] / 100, 1.0)
-    inside = (off[known] * unit)[true] <= 2 * sigma[known][true]
+    is_told = np.isfinite(off[known])  # not of a ball's face, nor where the area is not told
+    inside = ((off[known] * unit <= 2 * sigma[known]) & is_told).sum(axis=0) / np.maximum(is_told.sum(axis=0), 1)
     return {
+        "area_told_percent": 100 * float(is_told[:, AREA].mean()),
         "n_runs": len(played), "n_frames": len(off), "told_percent": 100 * float(known.mean()), "mean": mean,
         "by_force": levels,
-        "within_two_sigma_percent": dict(zip(QUANTITIES, (100 * inside.mean(axis=0)).tolist(), strict=True)),
+        "within_two_sigma_percent": dict(zip(QUANTITIES, (100 * inside).tolist(), strict=True)),
         "sure_of_place": {"percent": 100 * float(sure.mean()), **places},
     }  # fmt: skip
 
 
 def _mean(values: Array) -> float:
-    return float(values.mean()) if len(values) else float("nan")
+    """Of those that are told."""
+    told = values[np.isfinite(values)]
+    return float(told.mean()) if len(told) else float("nan")
+
+
+def _means(rows: Array) -> list[float]:
+    return [_mean(column) for column in rows.T]
 
 
 def _paper_tests(played: list[Played]) -> dict[str, Any]:
@@ -247,8 +253,12 @@ def _areas(played: list[Played]) -> dict[str, Any]:
         if not own:
             continue
         off, whole = np.abs(_rows(own, "off")[:, AREA]), np.concatenate([p.is_whole for p in own])
-        out[tool] = {"whole": _mean(off[whole]), "n_whole": int(whole.sum()), "partial": _mean(off[~whole]),
-                     "n_partial": int((~whole).sum()), "paper": paper}  # fmt: skip
+        told = np.isfinite(off)
+        out[tool] = {
+            "whole": _mean(off[whole]), "n_whole": int((whole & told).sum()), "of_whole": int(whole.sum()),
+            "partial": _mean(off[~whole]), "n_partial": int((~whole & told).sum()), "of_partial": int((~whole).sum()),
+            "paper": paper,
+        }  # fmt: skip
     return out
 
 
@@ -297,7 +307,8 @@ def text(result: dict[str, Any]) -> str:
             lines.append(f"  {axis.upper()} by force, mm: {by}")
     lines += ["", f"area of the face, %{'':15}{'whole':>9}{'partial':>9}{'paper':>9}"]
     for tool, row in result["area"].items():
-        lines.append(f"  {tool:32}{row['whole']:9.1f}{row['partial']:9.1f}{row['paper']:9.3f}")
+        told = f"told in {row['n_whole']} of {row['of_whole']} and {row['n_partial']} of {row['of_partial']} frames"
+        lines.append(f"  {tool:32}{row['whole']:9.1f}{row['partial']:9.1f}{row['paper']:9.3f}  {told}")
     apart = result["told_apart"]
     if apart:
         lines += ["", "how far pins are from where they are under the tool at X = 0, px"]
