@@ -85,4 +85,4 @@ def test_the_table_has_both_and_the_papers_columns(board: Board) -> None:
 
 def test_a_board_without_an_experiment_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not written"):
-        reproduce(find_board("stereo-fingertip"), tmp_path, Options())
+        reproduce(find_board("gelslim"), tmp_path, Options())
