@@ -2,8 +2,8 @@
 
 In each touch the reference's strongest axis is explained by the stream's signals at every shift (least squares; their
 gains may differ from place to place). Rubber forgets, so that its motion lags a load, and a wrench made of that motion
-lags, too: the signals' memory of MEMORY_S is let in. The shift that explains most is the touch's; the median over
-touches is the log's.
+lags, too: the signals' memory of MEMORY_S is let in, where frames are close enough to tell it from a shift. The shift
+that explains most is the touch's; the median over touches is the log's.
 """
 
 from __future__ import annotations
@@ -85,7 +85,9 @@ def _unexplained(touch: Pressed, shifts: Array, largest_n: float) -> Array | Non
     if inner.sum() < MIN_FRAMES or axis is None:
         return None
     signals = touch.signals / max(float(np.abs(touch.signals).max()), 1e-12)
-    columns = np.column_stack([signals, _memory(signals, time_s), np.ones(len(time_s))])[inner]
+    is_fast = float(np.median(np.diff(time_s))) <= MEMORY_S / 3
+    memory = [_memory(signals, time_s)] if is_fast else []
+    columns = np.column_stack([signals, *memory, np.ones(len(time_s))])[inner]
     normal = columns.T @ columns + RIDGE * len(columns) * np.eye(columns.shape[1])
     project = columns @ np.linalg.solve(normal, columns.T)
     felt = np.stack([np.interp(time_s[inner] + s, touch.reference_s, touch.wrench[:, axis]) for s in shifts], axis=1)
