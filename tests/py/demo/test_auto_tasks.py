@@ -40,7 +40,7 @@ def test_each_board_has_the_task_of_its_estimator():
     text = (Path(__file__).parents[2] / "data" / "boards" / "good" / "depth-from-markers.toml").read_text()
     by_markers = parse_board(text, "sample")
     assert task_of(by_markers).name == "forces"
-    with pytest.raises(InputError, match="'stereo-fingertip' has no estimator yet that `cal auto` could fit"):
+    with pytest.raises(InputError, match="use `ruffini cal fingertip`"):
         task_of(find_board("stereo-fingertip"))
 
 
