@@ -1,6 +1,7 @@
 #include "frame_path.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <utility>
 
 #include "image/pitch_check.h"

@@ -1,6 +1,7 @@
 #include "estimators/fingertip.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <string>
 
 #include "base/angle.h"

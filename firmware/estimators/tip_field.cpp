@@ -1,6 +1,7 @@
 #include "estimators/tip_field.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <string>
 
 #include "base/fixed.h"

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstdlib>
 
 #include "image/lanes_scalar.h"
 #include "image/poisson.h"

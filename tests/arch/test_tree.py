@@ -32,6 +32,7 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
     (tree_gates.firmware_layers, {"firmware/vision/a.cpp": ""}, "no place in the order"),
     (tree_gates.core_headers, {"firmware/image/a.cpp": "#include <fstream>\n"}, "<fstream>"),
     (tree_gates.core_headers, {"firmware/store/calibration.cpp": "#include <unistd.h>\n"}, "<unistd.h>"),
+    (tree_gates.missing_includes, {"tests/cpp/a.cpp": "int a = std::clamp(1, 2, 3);\n"}, "<algorithm>"),
     (tree_gates.host_layers, {"host/ruffini/sim/a.py": "from ruffini.fem import slab\n"}, "sim must not know fem"),
     (tree_gates.host_layers, {"host/ruffini/fem/a.py": "def f():\n    import ruffini.sim.pad\n"}, "must not know sim"),
     (tree_gates.board_names, {"boards/toy/board.toml": "", "firmware/a.cpp": 'if (board == "toy") {}\n'}, "'toy'"),

@@ -48,6 +48,24 @@ HOST_MUST_NOT_IMPORT: dict[str, set[str]] = {
     "papers": {"boards", "sim", "fem", "core", "device", "record", "calibrate", "cli", "demo", "wire", "bench"},
 }
 
+# Names that one release of the standard library happens to bring with another header and the next does not.
+STD_HEADERS = {
+    "algorithm": "clamp|min|max|minmax|sort|stable_sort|copy|copy_n|fill|fill_n|find|find_if|any_of|all_of|none_of|count"
+    "|count_if|nth_element|max_element|min_element|equal|reverse|rotate|lower_bound|upper_bound|transform|unique|shuffle"
+    "|is_sorted|for_each|generate",
+    "bit": "bit_width|bit_cast|countl_zero|countr_zero|popcount",
+    "cmath": "sqrt|lround|llround|round|floor|ceil|hypot|sin|cos|tan|atan2|exp|log|pow|isnan|isfinite|fabs",
+    "cstdio": "printf|fprintf|snprintf|fopen|FILE",
+    "cstdlib": "abs|getenv",
+    "cstring": "memcpy|memset|memcmp|memmove|strlen|strerror",
+    "limits": "numeric_limits",
+    "memory": "unique_ptr|shared_ptr|make_unique|make_shared",
+    "numeric": "accumulate|iota|inner_product|gcd|lcm|partial_sum|midpoint",
+    "optional": "optional|nullopt",
+    "random": "mt19937|mt19937_64|normal_distribution|uniform_int_distribution|uniform_real_distribution",
+    "tuple": "tuple|tie",
+}
+
 MAX_HEADER_LINES, MAX_SOURCE_LINES = 200, 500
 GENERATED = re.compile(r"(\.pb\.(c|h|cc)|_pb2\.pyi?|\.desc|\.(so|a|o|whl)|CMakeCache\.txt)$")
 # Written in two halves so that this file passes its own gate.
@@ -119,6 +137,36 @@ def core_headers(root: Path) -> list[str]:
         for header in re.findall(r"^#include <([^>]+)>", _text(path), re.M):
             if header not in CORE_SYSTEM_HEADERS:
                 found.append(f"firmware/{name} includes <{header}>: the core makes no system call")
+    return found
+
+
+def _reached(root: Path, path: Path, seen: set[Path]) -> set[str]:
+    """System headers that a file includes itself or through headers of the project."""
+    reached = set()
+    for included in re.findall(r'^#include [<"]([^>"]+)[>"]', _text(path), re.M):
+        own = next((at for room in ("firmware", "tests/cpp") if (at := root / room / included).is_file()), None)
+        if own is None:
+            reached.add(included)
+        elif own not in seen:
+            seen.add(own)
+            reached |= _reached(root, own, seen)
+    return reached
+
+
+def missing_includes(root: Path) -> list[str]:
+    """A file includes the header of each standard name it uses: what works by luck breaks on the next Debian."""
+    found = []
+    for path in _sources(root, "firmware/", "tests/cpp/"):
+        if path.suffix not in (".h", ".cpp"):
+            continue
+        reached = _reached(root, path, {path})
+        if "cmath" in reached:
+            reached.add("cstdlib")  # for std::abs, which both declare
+        code = re.sub(r"//.*", "", _text(path))
+        for header, names in STD_HEADERS.items():
+            used = re.search(rf"\bstd::(?:ranges::)?({names})\b", code)
+            if used and header not in reached:
+                found.append(f"{path.relative_to(root).as_posix()} uses {used[0]} without <{header}>")
     return found
 
 

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "support/dot_picture.h"
 #include "support/test_board.h"
 

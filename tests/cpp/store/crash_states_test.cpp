@@ -5,6 +5,7 @@
 // may be cut, too. RUFFINI_CRASH_STEP = 1 visits each byte (`make soak`), else each third.
 #include <gtest/gtest.h>
 
+#include <cstdio>
 #include <cstdlib>
 #include <set>
 

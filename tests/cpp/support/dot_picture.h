@@ -1,6 +1,7 @@
 // Pictures of printed dots with known centres: area coverage by 8 x 8 sub-samples, seeded noise.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <vector>
