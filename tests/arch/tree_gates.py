@@ -50,9 +50,9 @@ HOST_MUST_NOT_IMPORT: dict[str, set[str]] = {
 
 # Names that one release of the standard library happens to bring with another header and the next does not.
 STD_HEADERS = {
-    "algorithm": "clamp|min|max|minmax|sort|stable_sort|copy|copy_n|fill|fill_n|find|find_if|any_of|all_of|none_of|count"
-    "|count_if|nth_element|max_element|min_element|equal|reverse|rotate|lower_bound|upper_bound|transform|unique|shuffle"
-    "|is_sorted|for_each|generate",
+    "algorithm": "clamp|min|max|minmax|sort|stable_sort|copy|copy_n|fill|fill_n|find|find_if|any_of|all_of|none_of"
+    "|count|count_if|nth_element|max_element|min_element|equal|reverse|rotate|lower_bound|upper_bound|transform|unique"
+    "|shuffle|is_sorted|for_each|generate",
     "bit": "bit_width|bit_cast|countl_zero|countr_zero|popcount",
     "cmath": "sqrt|lround|llround|round|floor|ceil|hypot|sin|cos|tan|atan2|exp|log|pow|isnan|isfinite|fabs",
     "cstdio": "printf|fprintf|snprintf|fopen|FILE",
