@@ -107,6 +107,8 @@ void Daemon::swap_path() {
     if (path_->has_rest()) next->take_rest(*path_);
     FramePath* old = path_.release();
     path_.reset(next);
+    exchange_.tally = PathTally{path_->calibration_id(), 0, 0};
+    exchange_.wrong_flags = 0;
     delete exchange_.retired_path.exchange(old, std::memory_order_acq_rel);
   }
   const int zero = exchange_.zero_frames.exchange(-1);
@@ -132,9 +134,20 @@ void Daemon::process(const FrameLease& lease) {
     if (ns > exchange_.stage_max_ns[i].load(std::memory_order_relaxed)) exchange_.stage_max_ns[i] = ns;
   }
   exchange_.flags = state.flags;
+  count(state.flags);
   exchange_.skin_light_1e3 = static_cast<uint32_t>(state.skin.age_q12 * 1'000 / Taxels::kOne);
   exchange_.saturations = state.saturations.count;
   exchange_.frames_processed = n + 1;
+}
+
+// For the trial of a new calibration.
+void Daemon::count(uint32_t flags) {
+  PathTally tally = exchange_.tally;
+  const bool is_good = (flags & kWrongFlags) == 0;
+  if (tally.n_frames < UINT16_MAX) ++tally.n_frames;
+  if (is_good && tally.n_good < UINT16_MAX) ++tally.n_good;
+  exchange_.wrong_flags = exchange_.wrong_flags | (flags & kWrongFlags);
+  exchange_.tally = tally;
 }
 
 // Frame thread: one message into the ring; lockstep waits for room, live drops.

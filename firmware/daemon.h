@@ -38,6 +38,7 @@ class Daemon {
   void frame_loop();
   void link_loop();
   void process(const FrameLease& lease);
+  void count(uint32_t flags);
   void swap_path();
   void read_temperature();
   void publish(ruffini_MessageType type, std::span<const uint8_t> frames);

@@ -6,8 +6,6 @@
 namespace ruffini {
 namespace {
 
-constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagDark |
-                                 kFlagOverexposed | kFlagLight | kFlagFeatures | kFlagOtherPad;
 constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board's pad
 
 }  // namespace

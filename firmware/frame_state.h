@@ -43,6 +43,9 @@ enum Flag : uint32_t {
   kFlagTemperature = 8192,
   kFlagViewLost = 16384,
 };
+// What makes the forces of a frame invalid.
+inline constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange |
+                                        kFlagDark | kFlagOverexposed | kFlagLight | kFlagFeatures | kFlagOtherPad;
 
 // Numbers are those of Validity in ruffini.proto.
 enum class Validity : uint8_t { kNotMeasured = 0, kValid = 1, kUncalibrated = 2, kInvalid = 3 };

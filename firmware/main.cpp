@@ -90,11 +90,15 @@ int run(const Arguments& arguments) {
   if (!port) return fail(port.error());
 
   ruffini::Exchange exchange;
-  ruffini::Calibrator calibrator(board.value(), arguments.serial, std::move(store).value(), exchange);
+  // A recording shows each of its frames once: a trial would eat those that the host wants.
+  const bool is_once = camera.value()->is_replay() && !arguments.is_loop;
+  const bool has_trial = !is_once && !arguments.daemon.waits_for_host && !is_lockstep;
+  ruffini::Calibrator calibrator(board.value(), arguments.serial, std::move(store).value(), exchange,
+                                 has_trial ? ruffini::TrialRule() : ruffini::TrialRule{0, 0});
   std::string problem;
   auto path = calibrator.start(now_ns, problem);
   if (!path) return fail(path.error());
-  if (!problem.empty()) fmt::print(stderr, "ruffinid: stored calibration not used: {}\n", problem);
+  if (!problem.empty()) fmt::print(stderr, "ruffinid: {}\n", problem);
   fmt::print("link: {}\n", port.value().host_path());
   std::fflush(stdout);
 

@@ -1,6 +1,7 @@
 #include "link/calibrator.h"
 
 #include <algorithm>
+#include <array>
 
 namespace ruffini {
 namespace {
@@ -11,10 +12,35 @@ uint32_t first_four_bytes(const std::string& hash) {
   return id;
 }
 
+struct FlagWord {
+  uint32_t flag;
+  const char* word;
+};
+constexpr std::array<FlagWord, 9> kFlagWords = {{{kFlagNoReference, "no rest image"},
+                                                 {kFlagMarkersLost, "markers lost"},
+                                                 {kFlagSaturated, "saturated numbers"},
+                                                 {kFlagOverRange, "over range"},
+                                                 {kFlagDark, "dark"},
+                                                 {kFlagOverexposed, "overexposed"},
+                                                 {kFlagLight, "other light"},
+                                                 {kFlagFeatures, "features of no wrench"},
+                                                 {kFlagOtherPad, "another pad"}}};
+
+std::string words_of(uint32_t flags) {
+  std::string words;
+  for (const FlagWord& f : kFlagWords) {
+    if ((flags & f.flag) == 0) continue;
+    if (!words.empty()) words += ", ";
+    words += f.word;
+  }
+  return words;
+}
+
 }  // namespace
 
-Calibrator::Calibrator(const BoardSettings& board, std::string serial, SlotStore store, Exchange& exchange)
-    : board_(board), serial_(std::move(serial)), store_(std::move(store)), exchange_(exchange) {}
+Calibrator::Calibrator(const BoardSettings& board, std::string serial, SlotStore store, Exchange& exchange,
+                       TrialRule rule)
+    : board_(board), serial_(std::move(serial)), store_(std::move(store)), exchange_(exchange), rule_(rule) {}
 
 Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes) const {
   auto file = CalibrationFile::load(bytes);
@@ -35,17 +61,32 @@ Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes)
 
 Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::string& problem) {
   clock_ = clock;
+  auto prepared = prepare_stored();
+  if (!prepared) return prepared.error();
+  if (store_.has_lost_trial()) {
+    if (!problem_.empty()) problem_ += "; ";
+    problem_ += "the last flash was on trial when the power went: flash it again; what was before is in force";
+  }
+  problem = problem_;
+  active_ = prepared.value().calibration;
+  return std::move(prepared.value().path);
+}
+
+Result<Calibrator::Prepared> Calibrator::prepare_stored() {
+  problem_.clear();
   for (const auto& bytes : {store_.load(), store_.load_previous()}) {
     if (bytes && bytes.value().empty()) break;
     auto prepared = bytes ? prepare(bytes.value()) : Result<Prepared>(bytes.error());
     if (prepared) {
-      if (!problem.empty()) problem += "; the calibration before it is in force";
-      active_ = prepared.value().calibration;
-      return std::move(prepared.value().path);
+      if (!problem_.empty()) problem_ += "; the calibration before it is in force";
+      return prepared;
     }
-    problem += (problem.empty() ? "" : "; the one before it: ") + prepared.error().message;
+    problem_ +=
+        (problem_.empty() ? "stored calibration not used: " : "; the one before it: ") + prepared.error().message;
   }
-  return FramePath::configure(board_, nullptr, clock);
+  auto path = FramePath::configure(board_, nullptr, clock_);
+  if (!path) return path.error();
+  return Prepared{std::move(path).value(), {}};
 }
 
 Status Calibrator::begin(uint64_t size_bytes, const std::string& sha256) {
@@ -72,6 +113,9 @@ Status Calibrator::chunk(uint64_t offset, std::span<const uint8_t> data) {
 }
 
 Status Calibrator::commit() {
+  if (is_on_trial_) {
+    return Error{ErrorKind::kUnavailable, "another calibration is on trial: wait for its end, or undo it"};
+  }
   if (!is_complete()) return Error{ErrorKind::kBadInput, "the upload is not complete: send the missing chunks"};
   if (sha256(upload_) != expected_sha256_) {
     abort();
@@ -82,14 +126,62 @@ Status Calibrator::commit() {
     abort();
     return prepared.error();
   }
-  Status installed = store_.install(upload_);
-  if (!installed) return installed;
+  Status stored = store_.stage(upload_);
+  if (stored && rule_.n_good == 0) stored = store_.confirm();
+  if (!stored) return stored;
   abort();
+  problem_.clear();
   put_in_force(std::move(prepared).value());
+  is_on_trial_ = rule_.n_good != 0;
+  return Unit{};
+}
+
+PathTally Calibrator::tally() const {
+  const PathTally tally = exchange_.tally;
+  const bool is_active = active_.is_present && tally.calibration_id == first_four_bytes(active_.sha256);
+  return is_active ? tally : PathTally{};  // else the frame thread has not taken it over yet
+}
+
+std::optional<TrialEnd> Calibrator::poll() {
+  if (!is_on_trial_) return std::nullopt;
+  const PathTally now = tally();
+  if (now.n_good >= rule_.n_good) return confirm();
+  if (now.n_frames < rule_.n_frames) return std::nullopt;
+  const std::string why = "the new calibration was on trial, and " + std::to_string(now.n_good) + " of " +
+                          std::to_string(now.n_frames) + " frames were good (" + words_of(exchange_.wrong_flags) +
+                          "): what was before is in force again; see that its light is on and nothing is before the lens, and flash again";
+  const Status reverted = revert();
+  if (!reverted) problem_ = reverted.error().message;
+  problem_ = why + (problem_.empty() ? "" : "; " + problem_);
+  return TrialEnd{false, problem_};
+}
+
+TrialEnd Calibrator::confirm() {
+  const Status confirmed = store_.confirm();
+  is_on_trial_ = false;
+  if (confirmed) return {true, "the new calibration is in force"};
+  problem_ = confirmed.error().message;
+  if (store_.reject()) {  // the medium still has it on trial
+    const std::string why = problem_;
+    const Status reverted = revert();
+    problem_ = reverted ? why + "; what was before is in force again" : why + "; " + reverted.error().message;
+  } else {
+    problem_ += "; the new calibration is in force, and may not be so after a power cut";
+  }
+  return {false, problem_};
+}
+
+Status Calibrator::revert() {
+  is_on_trial_ = false;
+  (void)store_.reject();  // what stays is removed at the next start
+  auto before = prepare_stored();
+  if (!before) return before.error();
+  put_in_force(std::move(before).value());
   return Unit{};
 }
 
 Status Calibrator::undo() {
+  if (is_on_trial_) return revert();
   const auto before = store_.load_previous();
   if (!before) return before.error();
   if (before.value().empty()) {
@@ -104,6 +196,7 @@ Status Calibrator::undo() {
 
 void Calibrator::put_in_force(Prepared prepared) {
   active_ = std::move(prepared.calibration);
+  exchange_.tally = PathTally{};
   delete exchange_.next_path.exchange(prepared.path.release(), std::memory_order_acq_rel);
 }
 

@@ -1,9 +1,11 @@
-// From uploaded bytes to a calibration in force: hash, layout, signature, target, bounds proof, then the
-// medium, then the frame thread. Link thread only.
+// From uploaded bytes to a calibration in force: hash, layout, signature, target, bounds proof, then the medium, then
+// the frame thread on trial, and in force for good once it has shown good frames. Until then a restart, an undo and
+// the trial's failure go back to what was in force before. Link thread only.
 #pragma once
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,12 +24,25 @@ struct ActiveCalibration {
   Signer signer;
 };
 
+// So many good frames (none of kWrongFlags) confirm a calibration, so many frames without them end it. 0: no trial.
+struct TrialRule {
+  uint16_t n_good = 32;
+  uint16_t n_frames = 256;
+};
+
+// How a trial ended.
+struct TrialEnd {
+  bool is_confirmed = false;
+  std::string text;  // for a person
+};
+
 class Calibrator {
  public:
   static constexpr uint64_t kMaxUploadBytes = uint64_t{128} << 20;
   static constexpr size_t kMaxChunkBytes = 3'072;
 
-  Calibrator(const BoardSettings& board, std::string serial, SlotStore store, Exchange& exchange);
+  Calibrator(const BoardSettings& board, std::string serial, SlotStore store, Exchange& exchange,
+             TrialRule rule = TrialRule());
 
   // The path for the calibration in force, where that is spoilt for the one before it, else without one; `problem` says
   // why a stored file was not used.
@@ -35,16 +50,25 @@ class Calibrator {
 
   [[nodiscard]] Status begin(uint64_t size_bytes, const std::string& sha256);
   [[nodiscard]] Status chunk(uint64_t offset, std::span<const uint8_t> data);
-  // On success the file is durable and handed to the frame thread.
+  // On success the file is durable and handed to the frame thread, on trial where the rule wants one.
   [[nodiscard]] Status commit();
   void abort();
-  // Puts in force what was so before the last commit; once more takes that back.
+  // Puts in force what was so before the last commit, which ends its trial; once more takes that back.
   [[nodiscard]] Status undo();
+  // The trial's end, once. To be called now and then.
+  [[nodiscard]] std::optional<TrialEnd> poll();
 
   [[nodiscard]] uint64_t next_offset() const { return upload_.size(); }
   [[nodiscard]] bool is_receiving() const { return is_receiving_; }
   [[nodiscard]] bool is_complete() const { return is_receiving_ && upload_.size() == size_bytes_; }
+  // What the frames are computed with.
   [[nodiscard]] const ActiveCalibration& active() const { return active_; }
+  [[nodiscard]] bool is_on_trial() const { return is_on_trial_; }
+  // Good frames of the trial so far, and how many are wanted.
+  [[nodiscard]] PathTally tally() const;
+  [[nodiscard]] const TrialRule& rule() const { return rule_; }
+  // Why the last trial ended without success, or stored files are not used; empty: nothing to say.
+  [[nodiscard]] const std::string& problem() const { return problem_; }
 
  private:
   struct Prepared {
@@ -52,12 +76,20 @@ class Calibrator {
     ActiveCalibration calibration;
   };
   [[nodiscard]] Result<Prepared> prepare(std::span<const uint8_t> bytes) const;
+  // For the newest stored file that is sound, or for none; what is wrong with others goes to `problem_`.
+  [[nodiscard]] Result<Prepared> prepare_stored();
   void put_in_force(Prepared prepared);
+  [[nodiscard]] TrialEnd confirm();
+  // Goes back to what is in force on the medium.
+  [[nodiscard]] Status revert();
 
   BoardSettings board_;
   std::string serial_;
   SlotStore store_;
   Exchange& exchange_;
+  TrialRule rule_;
+  bool is_on_trial_ = false;
+  std::string problem_;
   ClockFunction clock_ = nullptr;
   ActiveCalibration active_;
   bool is_receiving_ = false;

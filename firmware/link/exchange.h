@@ -15,6 +15,14 @@ inline constexpr size_t kMessageTypes = 16;
 inline constexpr size_t kTelemetryRingBytes = size_t{4} << 20;
 inline constexpr int32_t kNoTemperature = INT32_MIN;
 
+// Of the path in use: its frames so far, and how many of them had no flag that makes forces invalid.
+struct PathTally {
+  uint32_t calibration_id = 0;
+  uint16_t n_frames = 0;  // stays at its largest
+  uint16_t n_good = 0;
+};
+static_assert(std::atomic<PathTally>::is_always_lock_free);
+
 struct Exchange {
   // Written by the link thread, read by the frame thread.
   std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send each n-th frame; 0 = never
@@ -28,6 +36,8 @@ struct Exchange {
   std::atomic<uint64_t> saturations{0};
   std::atomic<uint64_t> telemetry_dropped{0};
   std::atomic<uint32_t> flags{0};
+  std::atomic<PathTally> tally{};
+  std::atomic<uint32_t> wrong_flags{0};                           // all that the path in use has had of kWrongFlags
   std::atomic<uint32_t> skin_light_1e3{0};                        // at rest, over the calibration's; 0: not known
   std::array<std::atomic<uint64_t>, kStageCount> stage_sum_ns{};  // since the last status
   std::array<std::atomic<uint64_t>, kStageCount> stage_max_ns{};

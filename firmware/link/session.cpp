@@ -133,6 +133,7 @@ void Session::act(const ruffini_Command& request, ruffini_Reply& reply) {
     case ruffini_Command_flash_commit_tag:
     case ruffini_Command_flash_abort_tag:
     case ruffini_Command_flash_undo_tag:
+    case ruffini_Command_flash_query_tag:
       flash(request, reply);
       break;
     case ruffini_Command_get_tag:
@@ -173,9 +174,20 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
       const Status done = is_undo ? calibrator_.undo() : calibrator_.commit();
       answer(reply, done);
       if (done) {
-        reply.flash_state = ruffini_FlashState_FLASH_STATE_ACTIVE;
+        say_trial(reply);
         return;
       }
+      break;
+    }
+    case ruffini_Command_flash_query_tag: {
+      const auto& wanted = request.action.flash_query.sha256;
+      const std::string& active = calibrator_.active().sha256;
+      if (active.size() == wanted.size && std::memcmp(active.data(), wanted.bytes, wanted.size) == 0) {
+        say_trial(reply);
+        return;
+      }
+      reply.code = ruffini_ReplyCode_REPLY_REFUSED;
+      copy_text(reply.text, calibrator_.problem().empty() ? "this calibration is not in force" : calibrator_.problem());
       break;
     }
     default:
@@ -185,6 +197,21 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
   reply.flash_state = calibrator_.is_complete()    ? ruffini_FlashState_FLASH_STATE_RECEIVED
                       : calibrator_.is_receiving() ? ruffini_FlashState_FLASH_STATE_RECEIVING
                                                    : ruffini_FlashState_FLASH_STATE_IDLE;
+}
+
+// How far the calibration is that frames are computed with.
+void Session::say_trial(ruffini_Reply& reply) const {
+  if (!calibrator_.is_on_trial()) {
+    reply.flash_state = ruffini_FlashState_FLASH_STATE_ACTIVE;
+    copy_text(reply.text, calibrator_.problem());
+    return;
+  }
+  const PathTally tally = calibrator_.tally();
+  reply.flash_state = ruffini_FlashState_FLASH_STATE_DURABLE;
+  reply.value = tally.n_frames;
+  copy_text(reply.text, "on trial: " + std::to_string(tally.n_good) + " of " +
+                            std::to_string(calibrator_.rule().n_good) + " good frames, of " +
+                            std::to_string(tally.n_frames));
 }
 
 void Session::subscribe(const ruffini_Subscribe& request) {
@@ -233,6 +260,7 @@ void Session::poll(uint64_t now_us) {
   const bool is_due = status_us_ == 0 || now_us - status_us_ >= kStatusPeriodUs;
   if (is_status_asked_ || (is_subscribed && is_due)) send_status(now_us);
   is_status_asked_ = false;
+  if (const std::optional<TrialEnd> end = calibrator_.poll()) send_event(now_us, *end);
   take_telemetry();
 }
 

@@ -56,10 +56,12 @@ class Session {
   void command(const ruffini_Command& command, uint8_t sensor);
   void act(const ruffini_Command& command, ruffini_Reply& reply);
   void flash(const ruffini_Command& command, ruffini_Reply& reply);
+  void say_trial(ruffini_Reply& reply) const;
   void subscribe(const ruffini_Subscribe& request);
   void send_hello();
   void send_schema();
   void send_status(uint64_t now_us);
+  void send_event(uint64_t now_us, const TrialEnd& end);
   void send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message);
   void take_telemetry();
 

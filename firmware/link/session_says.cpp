@@ -67,6 +67,7 @@ void Session::send_hello() {
     copy_text(s.calibration.created_utc, active.created_utc);
     copy_text(s.calibration.key_id, active.signer.key_id);
     s.calibration.development_key = active.signer.is_development_key;
+    s.calibration.on_trial = calibrator_.is_on_trial();
     std::stringstream kinds(active.kinds);
     for (std::string kind;
          s.calibration.kinds_count < std::size(s.calibration.kinds) && std::getline(kinds, kind, ',');)
@@ -80,6 +81,15 @@ void Session::send_schema() {
   m.file_descriptor_set.funcs.encode = write_schema;
   copy_bytes(m.sha256, std::string(reinterpret_cast<const char*>(kSchemaSha256), sizeof kSchemaSha256));
   send(ruffini_MessageType_MESSAGE_TYPE_SCHEMA, ruffini_Schema_fields, &m);
+}
+
+void Session::send_event(uint64_t now_us, const TrialEnd& end) {
+  ruffini_Event m = ruffini_Event_init_zero;
+  m.time_us = now_us;
+  m.severity = end.is_confirmed ? ruffini_Event_Severity_SEVERITY_INFO : ruffini_Event_Severity_SEVERITY_ERROR;
+  copy_text(m.what, end.is_confirmed ? "calibration_active" : "calibration_reverted");
+  copy_text(m.text, end.text);
+  send(ruffini_MessageType_MESSAGE_TYPE_EVENT, ruffini_Event_fields, &m);
 }
 
 void Session::send_status(uint64_t now_us) {
@@ -118,6 +128,8 @@ void Session::send_status(uint64_t now_us) {
   if (!active.is_present) m.health |= ruffini_HealthBit_HEALTH_UNCALIBRATED;
   if (active.is_present && active.signer.is_development_key) m.health |= ruffini_HealthBit_HEALTH_DEVELOPMENT_KEY;
   if ((exchange_.flags.load() & kFlagNoReference) != 0) m.health |= ruffini_HealthBit_HEALTH_NO_REFERENCE;
+  if (calibrator_.is_on_trial()) m.health |= ruffini_HealthBit_HEALTH_TRIAL;
+  if (!calibrator_.problem().empty()) m.health |= ruffini_HealthBit_HEALTH_STORE_ERROR;
   m.skin_light_1e3 = exchange_.skin_light_1e3.load();
   const bool has_aged = m.skin_light_1e3 < 1'000 - kAgedSkin1e3 || m.skin_light_1e3 > 1'000 + kAgedSkin1e3;
   if (m.skin_light_1e3 != 0 && has_aged) m.health |= ruffini_HealthBit_HEALTH_SKIN_AGED;

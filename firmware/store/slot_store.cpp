@@ -14,6 +14,7 @@ namespace {
 constexpr std::string_view kPrefix = "calibration-";
 constexpr std::string_view kSuffix = ".safetensors";
 constexpr char kIncoming[] = "incoming.tmp";
+constexpr char kTrial[] = "trial.safetensors";
 constexpr size_t kKept = 2;
 
 std::string name_of(uint64_t generation) {
@@ -33,8 +34,11 @@ std::optional<uint64_t> generation_of(const std::string& name) {
 
 Result<SlotStore> SlotStore::open(std::unique_ptr<Storage> medium) {
   SlotStore store(std::move(medium));
-  const Status cleared = store.remove_incoming();
+  const Result<bool> cleared = store.remove_if_there(kIncoming);
   if (!cleared) return cleared.error();
+  const Result<bool> on_trial = store.remove_if_there(kTrial);
+  if (!on_trial) return on_trial.error();
+  store.has_lost_trial_ = on_trial.value();
   return store;
 }
 
@@ -63,23 +67,32 @@ Result<std::vector<uint8_t>> SlotStore::load_nth(size_t n) const {
   return medium_->read(name_of(found.value()[n]), ReadFrom::kAnywhere);
 }
 
-Status SlotStore::install(std::span<const uint8_t> bytes) {
+Status SlotStore::stage(std::span<const uint8_t> bytes) {
+  Status done = write_checked(bytes);
+  if (done) done = medium_->rename(kIncoming, kTrial);
+  if (done) done = medium_->sync_folder();
+  if (!done) {  // the first error is the one to tell
+    (void)remove_if_there(kIncoming);
+    (void)remove_if_there(kTrial);
+  }
+  return done;
+}
+
+Status SlotStore::confirm() {
   const auto found = generations();
   if (!found) return found.error();
   const uint64_t next = found.value().empty() ? 1 : found.value().front() + 1;
-  Status done = write_checked(bytes);
-  if (done) done = medium_->rename(kIncoming, name_of(next));
-  if (!done) {
-    (void)remove_incoming();  // the first error is the one to tell
-    return done;
-  }
-  done = medium_->sync_folder();
+  Status done = medium_->rename(kTrial, name_of(next));
+  if (done) done = medium_->sync_folder();
   // Only now: until then a power cut may leave the file before this one in force.
   for (size_t i = kKept - 1; done && i < found.value().size(); ++i) {
     (void)medium_->remove(name_of(found.value()[i]));  // what stays takes room, and goes the next time
   }
   return done;
 }
+
+// Not synced: a trial that comes back after a power cut is removed at start.
+Status SlotStore::reject() { return medium_->remove(kTrial); }
 
 Status SlotStore::undo() {
   const auto found = generations();
@@ -90,12 +103,12 @@ Status SlotStore::undo() {
 
 // Writes the temporary file, and reads back from the medium what that kept.
 Status SlotStore::write_checked(std::span<const uint8_t> bytes) {
-  Status done = remove_incoming();
-  if (!done) return done;
+  const Result<bool> cleared = remove_if_there(kIncoming);
+  if (!cleared) return cleared.error();
   {
     auto file = medium_->create(kIncoming, bytes.size());
     if (!file) return file.error();
-    done = file.value()->write(bytes);
+    Status done = file.value()->write(bytes);
     if (done) done = file.value()->sync();
     if (!done) return done;
   }
@@ -109,11 +122,13 @@ Status SlotStore::write_checked(std::span<const uint8_t> bytes) {
   return Unit{};
 }
 
-Status SlotStore::remove_incoming() {
+Result<bool> SlotStore::remove_if_there(const std::string& name) {
   const auto names = medium_->list();
   if (!names) return names.error();
-  const bool is_there = std::find(names.value().begin(), names.value().end(), kIncoming) != names.value().end();
-  return is_there ? medium_->remove(kIncoming) : Status(Unit{});
+  if (std::find(names.value().begin(), names.value().end(), name) == names.value().end()) return false;
+  const Status removed = medium_->remove(name);
+  if (!removed) return removed.error();
+  return true;
 }
 
 }  // namespace ruffini

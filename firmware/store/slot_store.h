@@ -2,12 +2,13 @@
 //
 //   calibration-7.safetensors   in force: the highest number
 //   calibration-6.safetensors   what was in force before; lower ones go
+//   trial.safetensors           a new one that has yet to show that it measures; removed at start, so a restart goes back
 //   incoming.tmp                an upload that is not finished; removed at start
 //
-// One rename decides. An install gives the next number to a temporary file that is synced and read back from the medium;
-// an undo gives it to the file before. So there is no record beside the names that could contradict them, and after
-// any power cut the old or the new file is in force, whole: tests/cpp/store/crash_states_test.cpp visits every state
-// that store/storage.h allows. Link thread only.
+// One rename decides. stage() makes the trial of a temporary file that is synced and read back from the medium,
+// confirm() gives it the next number; an undo gives that to the file before. So there is no record beside the names that
+// could contradict them, and after any power cut the old or the new file is in force, whole:
+// tests/cpp/store/crash_states_test.cpp visits every state that store/storage.h allows. Link thread only.
 #pragma once
 
 #include <cstdint>
@@ -32,8 +33,14 @@ class SlotStore {
   [[nodiscard]] Result<std::vector<uint8_t>> load() const { return load_nth(0); }
   // What was in force before it; an empty vector where there was nothing.
   [[nodiscard]] Result<std::vector<uint8_t>> load_previous() const { return load_nth(1); }
-  // Makes `bytes` the file in force, durably.
-  [[nodiscard]] Status install(std::span<const uint8_t> bytes);
+  // Puts `bytes` on trial, durably; what is in force stays so. In the place of another one on trial.
+  [[nodiscard]] Status stage(std::span<const uint8_t> bytes);
+  // What is on trial is in force from now on, durably. Precondition: there is one.
+  [[nodiscard]] Status confirm();
+  // Ends the trial; what is in force stays so. Precondition: there is one.
+  [[nodiscard]] Status reject();
+  // When the store was opened it found a trial that had not ended, and removed it.
+  [[nodiscard]] bool has_lost_trial() const { return has_lost_trial_; }
   // Puts in force what was so before, durably; once more takes that back. Precondition: there is one.
   [[nodiscard]] Status undo();
 
@@ -42,9 +49,11 @@ class SlotStore {
   [[nodiscard]] Result<std::vector<uint64_t>> generations() const;
   [[nodiscard]] Result<std::vector<uint8_t>> load_nth(size_t n) const;
   [[nodiscard]] Status write_checked(std::span<const uint8_t> bytes);
-  [[nodiscard]] Status remove_incoming();
+  // Whether it was there.
+  [[nodiscard]] Result<bool> remove_if_there(const std::string& name);
 
   std::unique_ptr<Storage> medium_;
+  bool has_lost_trial_ = false;
 };
 
 }  // namespace ruffini

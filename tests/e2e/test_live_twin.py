@@ -19,7 +19,7 @@ from tiny_sensor import Twin
 from ruffini.boards import find_board
 from ruffini.demo.daemon import find_daemon, running_daemon
 from ruffini.device import Connection
-from ruffini.errors import RuffiniError
+from ruffini.errors import RefusedError, RuffiniError
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.scenario import Scenario
@@ -107,11 +107,7 @@ def test_a_stalled_twin_does_not_hold_up_the_end(twin: Twin, tmp_path: Path) -> 
          "fault": [{"kind": "stall", "first_frame": 3, "n_frames": 99_000}]}
     )  # fmt: skip
 
-    class Endless:
-        def states(self, frame: int) -> tuple[np.ndarray, None]:
-            return twin.unit.at_rest(), None
-
-    with TwinServer(twin.unit.renderer(), Endless(), scenario, tmp_path / "twin"):
+    with TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"):
         process = subprocess.Popen(
             [str(find_daemon()), "--board", str(twin.board.folder), "--camera", f"twin:{tmp_path / 'twin'}",
              "--link", "pty", "--store", str(tmp_path / "store")], stdout=subprocess.PIPE,
@@ -140,6 +136,74 @@ def test_a_twin_that_is_missing_or_another_is_named(twin: Twin, tmp_path: Path, 
     camera = "twin:" if board == "" else f"twin:{tmp_path / 'twin'}"
     with serving, pytest.raises(RuffiniError, match=words), running_daemon(folder, camera, tmp_path / "store"):
         pass
+
+
+class Still:
+    """A pad that nothing touches, for ever."""
+
+    def __init__(self, twin: Twin) -> None:
+        self._rest = twin.unit.at_rest()
+
+    def states(self, frame: int) -> tuple[np.ndarray, None]:
+        return self._rest, None
+
+
+def test_a_calibration_that_shows_no_good_frame_is_not_kept(twin: Twin, tmp_path: Path) -> None:
+    """Flashed under the lens cap: what was before is in force again, and the host is told why."""
+    cap = {"kind": "lens_cap", "first_frame": 0, "n_frames": 1_000_000}
+    scenario = Scenario.model_validate({"schema": 1, "program": "rest", "n": 1_000_000, "fault": [cap]})
+    assert twin.board.folder is not None
+    with (
+        TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"),
+        running_daemon(twin.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store") as port,
+    ):
+        with (
+            Connection(port) as sensor,
+            pytest.raises(RefusedError, match=r"0 of \d+ frames were good \(.*dark.*flash again"),
+        ):
+            sensor.flash(twin.calibration)
+        with Connection(port) as sensor:
+            assert not sensor.hello.sensors[0].calibration.present
+    assert list((tmp_path / "store").iterdir()) == []
+
+
+def test_a_daemon_that_dies_during_the_trial_comes_back_with_what_was_before(twin: Twin, tmp_path: Path) -> None:
+    scenario = Scenario.model_validate(
+        {"schema": 1, "program": "rest", "n": 1_000_000,
+         "fault": [{"kind": "stall", "first_frame": 3, "n_frames": 999_000}]}
+    )  # fmt: skip
+    command = [str(find_daemon()), "--board", str(twin.board.folder), "--camera", f"twin:{tmp_path / 'twin'}",
+               "--link", "pty", "--store", str(tmp_path / "store")]  # fmt: skip
+
+    def flash(port: str) -> None:
+        with contextlib.suppress(RuffiniError), Connection(port) as sensor:
+            sensor.flash(twin.calibration)
+
+    with (
+        TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"),
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
+    ):
+        assert process.stdout is not None
+        port = process.stdout.readline().removeprefix("link: ").strip()
+        flashing = threading.Thread(target=flash, args=(port,))
+        flashing.start()
+        give_up = time.monotonic() + 20
+        while not (tmp_path / "store" / "trial.safetensors").exists() and time.monotonic() < give_up:
+            time.sleep(0.01)
+        process.kill()
+        flashing.join(20)
+        assert not flashing.is_alive()
+    with TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin2"):
+        command[command.index(f"twin:{tmp_path / 'twin'}")] = f"twin:{tmp_path / 'twin2'}"
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            port = process.stdout.readline().removeprefix("link: ").strip()
+            with Connection(port) as sensor:
+                assert not sensor.hello.sensors[0].calibration.present
+            process.terminate()
+            assert "on trial when the power went" in process.stderr.read()
+    assert list((tmp_path / "store").iterdir()) == []
 
 
 class Impostor:

@@ -21,7 +21,7 @@ def flash(
     force: Annotated[bool, typer.Option("--force", help="Also where its report fails its gates.")] = False,
     json_: JsonFlag = False,
 ) -> None:
-    """Put a calibration in force on the sensor; success means ACTIVE and read back. `cal undo` takes it back."""
+    """Put a calibration in force on the sensor; success means ACTIVE: read back, and tried on frames. `cal undo` takes it back."""
     from ruffini.boards import parse_board
     from ruffini.calibrate import container
 
@@ -40,7 +40,7 @@ def flash(
              + (f"{','.join(active.kinds)} of {active.created_utc}" if active.present else "nothing"))  # fmt: skip
         if state == "active":
             with progress_bar("flash") as progress:
-                sensor.flash(file.data, progress)
+                sensor.flash(file.data, progress, note)
     words = {"same": "already in force", "dry-run": "dry run, nothing written",
              "active": "in force; what was before is kept there: `ruffini cal undo` puts it back"}  # fmt: skip
     emit(

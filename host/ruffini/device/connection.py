@@ -18,9 +18,12 @@ REPLY_TIMEOUT_S = 2.0
 COMMIT_TIMEOUT_S = 30.0  # proof, fsync and read-back of a large table on a slow medium
 RETRIES = 3
 CHUNK_BYTES = 3072
+TRIAL_POLL_S = 0.1
+TRIAL_STALL_S = 10.0  # on trial without a frame: the camera stands still
 SILENCE_S = 5.0  # without a frame: the camera stands still
 MAX_BACKLOG = 4096  # messages kept while a command waits for its reply
 DEVICE = 255
+FLASH_DURABLE, FLASH_ACTIVE = 3, 4  # FlashState of the schema
 
 
 class Connection:
@@ -192,16 +195,25 @@ class Connection:
             subscribe={"subscriptions": [{"type": numbers[name.upper()], "every": n} for name, n in every.items()]}
         )
 
-    def flash(self, data: bytes, progress: Callable[[float], None] = lambda _: None) -> Any:
-        """Upload a calibration file; returns when the device says that it is in force.
+    def flash(
+        self,
+        data: bytes,
+        progress: Callable[[float], None] = lambda _: None,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> Any:
+        """Upload a calibration file; returns when the device says that it is in force for good.
 
         The device names the next byte that it wants, so a lost chunk is sent again and an interrupted
-        upload goes on where it was.
+        upload goes on where it was. A new calibration is on trial until it has shown good frames; `say` is told how far
+        that is.
 
         Raises
         ------
         RefusedError
-            Wrong board, wrong key, or a table that the device cannot prove.
+            Wrong board, wrong key, a table that the device cannot prove, or a trial without good frames: the device goes
+            on with what it had before.
+        NoDeviceError
+            The line was lost, or the camera gives no frames for the trial.
         VerifyError
             What arrived or was stored is not what was sent.
         """
@@ -215,6 +227,8 @@ class Connection:
             offset = reply.next_offset
             progress(offset / len(data))
         reply = self._in_force(flash_commit={})
+        if reply.flash_state == FLASH_DURABLE:
+            reply = self._end_of_trial(hashlib.sha256(data).digest(), say)
         if self.hello.sensors[0].calibration.sha256 != hashlib.sha256(data).digest():
             raise VerifyError(f"{self.port}: the calibration in force is not the one that was sent")
         return reply
@@ -235,12 +249,33 @@ class Connection:
             raise VerifyError(f"{self.port}: the calibration in force is still the one that was to be undone")
         return reply
 
+    def _end_of_trial(self, sha256: bytes, say: Callable[[str], None]) -> Any:
+        """The reply that ends the trial of a calibration, and HELLO as it is then."""
+        n_frames, since, said = 0, time.monotonic(), ""
+        while (reply := self.command(flash_query={"sha256": sha256})).flash_state == FLASH_DURABLE:
+            if reply.value != n_frames:
+                n_frames, since = reply.value, time.monotonic()
+            elif time.monotonic() - since > TRIAL_STALL_S:
+                raise NoDeviceError(
+                    f"{self.port}: the calibration is stored, but the camera gives no frames to try it on: "
+                    f"see why, and flash again; until then a restart goes back to what was before"
+                )
+            if reply.text != said:
+                say(said := reply.text)
+            time.sleep(TRIAL_POLL_S)
+        if reply.code:
+            raise RefusedError(f"{self.port}: {reply.text}")
+        if reply.text:  # in force, but not as it should be
+            raise VerifyError(f"{self.port}: {reply.text}")
+        self.hello = self._say_hello(HELLO_TIMEOUT_S)
+        return reply
+
     def _in_force(self, **action: Any) -> Any:
-        """A command that ends with a calibration in force, and HELLO as it is then."""
+        """A command that ends with a calibration in force, on trial or for good, and HELLO as it is then."""
         reply = self.command(**action, timeout_s=COMMIT_TIMEOUT_S)
         if reply.code == self._reply_code("REPLY_STORAGE"):
             raise VerifyError(f"{self.port}: {reply.text}")
-        if reply.code or reply.flash_state != 4:
+        if reply.code or reply.flash_state not in (FLASH_DURABLE, FLASH_ACTIVE):
             raise RefusedError(f"{self.port}: {reply.text}")
         self.hello = self._say_hello(HELLO_TIMEOUT_S)
         return reply

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "support/crash_medium.h"
+#include "support/install.h"
 #include "support/signed_calibration.h"
 #include "support/test_board.h"
 #include "support/test_calibration.h"
@@ -45,6 +47,38 @@ class CalibratorTest : public testing::Test {
     }
     return Unit{};
   }
+  // The frame thread takes the new path over and computes frames with it.
+  void show(uint16_t n_frames, uint16_t n_good, uint32_t wrong_flags = 0) {
+    const FramePath* next = exchange_.next_path.load();
+    ASSERT_NE(next, nullptr);
+    exchange_.wrong_flags = wrong_flags;
+    exchange_.tally = PathTally{next->calibration_id(), n_frames, n_good};
+  }
+  void flash(const Bytes& file) {
+    ASSERT_TRUE(upload(file));
+    const Status committed = calibrator_.commit();
+    ASSERT_TRUE(committed) << committed.error().message;
+    show(32, 32);
+    const auto end = calibrator_.poll();
+    ASSERT_TRUE(end.has_value());
+    ASSERT_TRUE(end->is_confirmed) << end->text;
+  }
+  // The same, made a year later.
+  [[nodiscard]] Bytes newer() const {
+    Bytes out = file_;
+    const std::string year = "2026-11-21";
+    const auto at = std::search(out.begin(), out.end(), year.begin(), year.end());
+    EXPECT_NE(at, out.end());
+    at[3] = '7';
+    return test::sign(std::move(out));
+  }
+  // What a start now makes of the store.
+  [[nodiscard]] std::string in_force_after_a_restart() {
+    Calibrator later = open();
+    std::string problem;
+    EXPECT_TRUE(later.start(still_clock, problem));
+    return later.active().sha256;
+  }
   // What commit() says against the file; nothing of it may be in force.
   Error refusal_of(const Bytes& file) {
     EXPECT_TRUE(upload(file));
@@ -65,10 +99,7 @@ class CalibratorTest : public testing::Test {
 };
 
 TEST_F(CalibratorTest, WhatWasUploadedIsInForceNowAndAfterARestart) {
-  ASSERT_TRUE(upload(file_));
-  EXPECT_TRUE(calibrator_.is_complete());
-  const Status committed = calibrator_.commit();
-  ASSERT_TRUE(committed) << committed.error().message;
+  flash(file_);
   const std::string hash = sha256(file_);
   EXPECT_EQ(calibrator_.active().sha256, hash);
   EXPECT_EQ(calibrator_.active().kinds, "operator,support,photometric");
@@ -92,32 +123,140 @@ TEST_F(CalibratorTest, UndoPutsBackWhatWasInForceAndUndoesItself) {
   const Status nothing = calibrator_.undo();
   ASSERT_FALSE(nothing);
   EXPECT_NE(nothing.error().message.find("no calibration was in force before"), std::string::npos);
-  Bytes newer = file_;
-  const std::string year = "2026-11-21";
-  const auto at = std::search(newer.begin(), newer.end(), year.begin(), year.end());
-  ASSERT_NE(at, newer.end());
-  at[3] = '7';
-  newer = test::sign(std::move(newer));
+  const Bytes newer = this->newer();
   ASSERT_NE(sha256(newer), sha256(file_));
-  ASSERT_TRUE(upload(file_));
-  ASSERT_TRUE(calibrator_.commit());
+  flash(file_);
   EXPECT_FALSE(calibrator_.undo());
-  ASSERT_TRUE(upload(newer));
-  ASSERT_TRUE(calibrator_.commit());
-  for (const Bytes* wanted : {&file_, &newer, &file_}) {
+  flash(newer);
+  for (const Bytes& wanted : {file_, newer, file_}) {
     const Status undone = calibrator_.undo();
     ASSERT_TRUE(undone) << undone.error().message;
-    EXPECT_EQ(calibrator_.active().sha256, sha256(*wanted));
-    EXPECT_EQ(exchange_.next_path.load()->calibration_id() & 0xFF, static_cast<uint8_t>(sha256(*wanted)[3]));
-    Calibrator later = open();
-    std::string problem;
-    ASSERT_TRUE(later.start(still_clock, problem));
-    EXPECT_EQ(later.active().sha256, sha256(*wanted));
+    EXPECT_EQ(calibrator_.active().sha256, sha256(wanted));
+    EXPECT_EQ(exchange_.next_path.load()->calibration_id() & 0xFF, static_cast<uint8_t>(sha256(wanted)[3]));
+    EXPECT_EQ(in_force_after_a_restart(), sha256(wanted));
   }
 }
 
+// Until good frames were seen, the frames are computed with the new file, and a restart goes back.
+TEST_F(CalibratorTest, ANewCalibrationIsOnTrialUntilItHasShownGoodFrames) {
+  flash(file_);
+  const Bytes newer = this->newer();
+  ASSERT_TRUE(upload(newer));
+  ASSERT_TRUE(calibrator_.commit());
+  EXPECT_TRUE(calibrator_.is_on_trial());
+  EXPECT_EQ(calibrator_.active().sha256, sha256(newer));
+  EXPECT_FALSE(calibrator_.poll()) << "no frame yet";
+  show(255, 31);
+  EXPECT_FALSE(calibrator_.poll());
+  EXPECT_EQ(calibrator_.tally().n_good, 31);
+  exchange_.tally = PathTally{0x12345678, 255, 255};
+  EXPECT_FALSE(calibrator_.poll()) << "these were frames of another path";
+  show(255, 32);
+  const auto end = calibrator_.poll();
+  ASSERT_TRUE(end.has_value());
+  EXPECT_TRUE(end->is_confirmed);
+  EXPECT_FALSE(calibrator_.is_on_trial());
+  EXPECT_FALSE(calibrator_.poll()) << "said once";
+  EXPECT_EQ(calibrator_.problem(), "");
+  EXPECT_EQ(in_force_after_a_restart(), sha256(newer));
+}
+
+TEST_F(CalibratorTest, ARestartDuringTheTrialGoesBackAndSaysSo) {
+  flash(file_);
+  ASSERT_TRUE(upload(newer()));
+  ASSERT_TRUE(calibrator_.commit());
+  Calibrator later = open();
+  std::string problem;
+  ASSERT_TRUE(later.start(still_clock, problem));
+  EXPECT_EQ(later.active().sha256, sha256(file_));
+  EXPECT_NE(problem.find("on trial when the power went"), std::string::npos) << problem;
+}
+
+TEST_F(CalibratorTest, ATrialWithoutGoodFramesGoesBackAndSaysWhy) {
+  const Bytes newer = this->newer();
+  for (const bool has_before : {false, true}) {
+    if (has_before) flash(file_);
+    ASSERT_TRUE(upload(newer));
+    ASSERT_TRUE(calibrator_.commit());
+    show(256, 3, kFlagDark | kFlagMarkersLost);
+    const auto end = calibrator_.poll();
+    ASSERT_TRUE(end.has_value());
+    EXPECT_FALSE(end->is_confirmed);
+    EXPECT_NE(end->text.find("3 of 256 frames were good (markers lost, dark)"), std::string::npos) << end->text;
+    EXPECT_EQ(calibrator_.problem(), end->text);
+    EXPECT_EQ(calibrator_.active().sha256, has_before ? sha256(file_) : "");
+    EXPECT_EQ(exchange_.next_path.load()->calibration_id() != 0, has_before);
+    EXPECT_EQ(in_force_after_a_restart(), has_before ? sha256(file_) : "");
+  }
+  flash(newer);
+  EXPECT_EQ(calibrator_.problem(), "") << "the next flash went well";
+}
+
+TEST_F(CalibratorTest, UndoEndsATrialAndASecondFlashWaitsForItsEnd) {
+  flash(file_);
+  ASSERT_TRUE(upload(newer()));
+  ASSERT_TRUE(calibrator_.commit());
+  ASSERT_TRUE(upload(newer()));
+  const Status second = calibrator_.commit();
+  ASSERT_FALSE(second);
+  EXPECT_EQ(second.error().kind, ErrorKind::kUnavailable);
+  ASSERT_TRUE(calibrator_.undo());
+  EXPECT_FALSE(calibrator_.is_on_trial());
+  EXPECT_EQ(calibrator_.active().sha256, sha256(file_));
+  EXPECT_EQ(in_force_after_a_restart(), sha256(file_));
+}
+
+// The medium fails just when the trial has gone well.
+TEST_F(CalibratorTest, ATrialThatCannotBeConfirmedGoesBackAndSaysWhy) {
+  struct Failing final : test::CrashMedium {
+    Status rename(const std::string& from, const std::string& to) override {
+      if (fails_rename && from == "trial.safetensors") return Error{ErrorKind::kStorage, "read-only now"};
+      return CrashMedium::rename(from, to);
+    }
+    Status sync_folder() override {
+      if (fails_sync) return Error{ErrorKind::kStorage, "an I/O error"};
+      return CrashMedium::sync_folder();
+    }
+    bool fails_rename = false;
+    bool fails_sync = false;
+  };
+  for (const bool is_renamed : {false, true}) {
+    auto made = std::make_unique<Failing>();
+    Failing& medium = *made;
+    Calibrator calibrator(board_, "0042", SlotStore::open(std::move(made)).value(), exchange_);
+    std::string problem;
+    ASSERT_TRUE(calibrator.start(still_clock, problem));
+    ASSERT_TRUE(calibrator.begin(file_.size(), sha256(file_)));
+    ASSERT_TRUE(calibrator.chunk(0, file_));
+    ASSERT_TRUE(calibrator.commit());
+    show(32, 32);
+    (is_renamed ? medium.fails_sync : medium.fails_rename) = true;
+    const auto end = calibrator.poll();
+    ASSERT_TRUE(end.has_value());
+    EXPECT_FALSE(end->is_confirmed);
+    EXPECT_FALSE(calibrator.is_on_trial());
+    EXPECT_EQ(calibrator.active().is_present, is_renamed);
+    EXPECT_EQ(exchange_.next_path.load()->calibration_id() != 0, is_renamed);
+    const char* said = is_renamed ? "may not be so after a power cut" : "read-only now; what was before";
+    EXPECT_NE(end->text.find(said), std::string::npos) << end->text;
+    EXPECT_EQ(calibrator.problem(), end->text);
+  }
+}
+
+TEST_F(CalibratorTest, ARecordingHasNoTrial) {
+  Calibrator once(board_, "0042", SlotStore::open(folder_).value(), exchange_, TrialRule{0, 0});
+  std::string problem;
+  ASSERT_TRUE(once.start(still_clock, problem));
+  ASSERT_TRUE(once.begin(file_.size(), sha256(file_)));
+  ASSERT_TRUE(once.chunk(0, file_));
+  ASSERT_TRUE(once.commit());
+  EXPECT_FALSE(once.is_on_trial());
+  EXPECT_EQ(in_force_after_a_restart(), sha256(file_));
+}
+
 TEST_F(CalibratorTest, AStoredFileThatDoesNotFitIsNamedAndNotUsed) {
-  ASSERT_TRUE(SlotStore::open(folder_).value().install(Bytes(100, 7)));
+  SlotStore store = SlotStore::open(folder_).value();
+  ASSERT_TRUE(test::install(store, Bytes(100, 7)));
   Calibrator later = open();
   std::string problem;
   auto path = later.start(still_clock, problem);
@@ -130,8 +269,8 @@ TEST_F(CalibratorTest, AStoredFileThatDoesNotFitIsNamedAndNotUsed) {
 // The medium lost the file in force (or somebody put another one there): what was calibrated before still measures.
 TEST_F(CalibratorTest, WhereTheFileInForceIsSpoiltTheOneBeforeItIs) {
   SlotStore store = SlotStore::open(folder_).value();
-  ASSERT_TRUE(store.install(file_));
-  ASSERT_TRUE(store.install(Bytes(100, 7)));
+  ASSERT_TRUE(test::install(store, file_));
+  ASSERT_TRUE(test::install(store, Bytes(100, 7)));
   Calibrator later = open();
   std::string problem;
   auto path = later.start(still_clock, problem);

@@ -9,6 +9,7 @@
 
 #include "board/parse.h"
 #include "link/messages.h"
+#include "support/install.h"
 #include "support/signed_calibration.h"
 #include "support/test_board.h"
 #include "support/test_calibration.h"
@@ -89,12 +90,29 @@ class SessionTest : public testing::Test {
     EXPECT_TRUE(pb_decode(&in, ruffini_Status_fields, &status));
     return status;
   }
-  ruffini_Reply command(const ruffini_Command& request, uint8_t sensor = kDeviceSensor) {
+  static Bytes encoded(const ruffini_Command& request) {
     Bytes payload(ruffini_Command_size);
     pb_ostream_t stream = pb_ostream_from_buffer(payload.data(), payload.size());
     EXPECT_TRUE(pb_encode(&stream, ruffini_Command_fields, &request));
     payload.resize(stream.bytes_written);
-    const auto answers = ask(ruffini_MessageType_MESSAGE_TYPE_COMMAND, payload, sensor);
+    return payload;
+  }
+  // The one message that a session wants to write; false: none, or another kind.
+  bool take(Session& session, const pb_msgdesc_t* fields, void* message) {
+    Bytes payload;
+    for (auto bytes = session.pending(); !bytes.empty(); bytes = session.pending()) {
+      for (const uint8_t byte : bytes) {
+        if (const auto frame = decoder_.push(byte)) {
+          payload.insert(payload.end(), frame->payload.begin(), frame->payload.end());
+        }
+      }
+      session.consumed(bytes.size());
+    }
+    pb_istream_t in = pb_istream_from_buffer(payload.data(), payload.size());
+    return !payload.empty() && pb_decode(&in, fields, message);
+  }
+  ruffini_Reply command(const ruffini_Command& request, uint8_t sensor = kDeviceSensor) {
+    const auto answers = ask(ruffini_MessageType_MESSAGE_TYPE_COMMAND, encoded(request), sensor);
     ruffini_Reply reply = ruffini_Reply_init_zero;
     EXPECT_EQ(answers.size(), 1U);
     if (answers.empty()) return reply;
@@ -210,7 +228,8 @@ TEST_F(SessionTest, AReplyIsTextWhateverTheKeyWas) {
 TEST_F(SessionTest, HelloNamesEveryKindOfTheCalibrationInForce) {
   board_ = test::round_board();
   Calibrator calibrator(board_, "0042", SlotStore::open(folder_).value(), exchange_);
-  ASSERT_TRUE(SlotStore::open(folder_).value().install(test::sign(test::diagonal_calibration(board_))));
+  SlotStore store = SlotStore::open(folder_).value();
+  ASSERT_TRUE(test::install(store, test::sign(test::diagonal_calibration(board_))));
   std::string problem;
   path_ = calibrator.start([] { return uint64_t{0}; }, problem).value();
   EXPECT_EQ(problem, "");
@@ -230,6 +249,68 @@ TEST_F(SessionTest, HelloNamesEveryKindOfTheCalibrationInForce) {
   ASSERT_EQ(info.kinds_count, 3);
   EXPECT_STREQ(info.kinds[0], "operator");
   EXPECT_STREQ(info.kinds[2], "photometric");
+}
+
+// DURABLE is on trial, ACTIVE is for good, and what is neither is refused with its reason.
+TEST_F(SessionTest, AFlashedFileIsDurableThenActiveOrGone) {
+  const BoardSettings board = test::round_board();
+  Calibrator calibrator(board, "0042", SlotStore::open(folder_).value(), exchange_);
+  std::string problem;
+  const auto path = calibrator.start([] { return uint64_t{0}; }, problem).value();
+  Session session(board, *path, {.serial = "0042", .version = "test"}, calibrator, exchange_);
+  const Bytes file = test::sign(test::diagonal_calibration(board));
+  const std::string hash = sha256(file);
+  uint32_t id = 0;
+  const auto say = [&](ruffini_MessageType type, const pb_msgdesc_t* fields, void* message, const Bytes& payload) {
+    if (type != ruffini_MessageType_MESSAGE_TYPE_EVENT) session.receive(host_frame(type, payload));
+    session.poll(5);
+    return take(session, fields, message);
+  };
+  const auto query = [&] {
+    ruffini_Command m = request(++id, ruffini_Command_flash_query_tag);
+    m.action.flash_query.sha256.size = 32;
+    std::memcpy(m.action.flash_query.sha256.bytes, hash.data(), 32);
+    ruffini_Reply reply = ruffini_Reply_init_zero;
+    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_COMMAND, ruffini_Reply_fields, &reply, encoded(m)));
+    return reply;
+  };
+  const auto health = [&] {
+    ruffini_Status m = ruffini_Status_init_zero;
+    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_STATUS, ruffini_Status_fields, &m, {}));
+    return m.health;
+  };
+  EXPECT_EQ(query().code, ruffini_ReplyCode_REPLY_REFUSED);
+  for (const bool is_good : {false, true}) {
+    ASSERT_TRUE(calibrator.begin(file.size(), hash));
+    ASSERT_TRUE(calibrator.chunk(0, file));
+    ASSERT_TRUE(calibrator.commit());
+    const uint32_t calibration_id = exchange_.next_path.load()->calibration_id();
+    exchange_.tally = PathTally{calibration_id, 20, 12};
+    const ruffini_Reply durable = query();
+    EXPECT_EQ(durable.flash_state, ruffini_FlashState_FLASH_STATE_DURABLE);
+    EXPECT_EQ(durable.value, 20);
+    EXPECT_STREQ(durable.text, "on trial: 12 of 32 good frames, of 20");
+    EXPECT_EQ(health() & (ruffini_HealthBit_HEALTH_TRIAL | ruffini_HealthBit_HEALTH_STORE_ERROR),
+              uint32_t{ruffini_HealthBit_HEALTH_TRIAL});
+    ruffini_Hello hello = ruffini_Hello_init_zero;
+    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_Hello_fields, &hello, {}));
+    EXPECT_TRUE(hello.sensors[0].calibration.on_trial);
+
+    exchange_.tally = PathTally{calibration_id, 256, static_cast<uint16_t>(is_good ? 256 : 0)};
+    ruffini_Event event = ruffini_Event_init_zero;
+    ASSERT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_EVENT, ruffini_Event_fields, &event, {}));
+    EXPECT_STREQ(event.what, is_good ? "calibration_active" : "calibration_reverted");
+    const ruffini_Reply end = query();
+    EXPECT_EQ(end.code, is_good ? ruffini_ReplyCode_REPLY_OK : ruffini_ReplyCode_REPLY_REFUSED);
+    EXPECT_EQ(end.flash_state == ruffini_FlashState_FLASH_STATE_ACTIVE, is_good);
+    EXPECT_STREQ(end.text, is_good ? "" : event.text);
+    EXPECT_EQ(health() & (ruffini_HealthBit_HEALTH_TRIAL | ruffini_HealthBit_HEALTH_STORE_ERROR),
+              is_good ? 0U : uint32_t{ruffini_HealthBit_HEALTH_STORE_ERROR});
+    hello = ruffini_Hello_init_zero;
+    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_Hello_fields, &hello, {}));
+    EXPECT_FALSE(hello.sensors[0].calibration.on_trial);
+  }
+  delete exchange_.next_path.exchange(nullptr);
 }
 
 TEST_F(SessionTest, StatusSaysHowFarASkinHasAged) {

@@ -88,31 +88,42 @@ struct InPlace final : Medium {
     return below.create(placed(name), n_bytes);
   }
   [[nodiscard]] Status rename(const std::string& from, const std::string& to) override {
-    return from == "incoming.tmp" ? Status(Unit{}) : below.rename(from, to);
+    return from == "trial.safetensors" || from == "incoming.tmp" ? Status(Unit{}) : below.rename(from, to);
+  }
+  [[nodiscard]] Status remove(const std::string& name) override {
+    return below.remove(name == "trial.safetensors" && below.names().count(name) == 0 ? kFinal : name);
   }
 };
 
-enum class Work { kInstall, kUndo };
+enum class Work { kConfirm, kReject, kUndo };
 
 struct Scenario {
   const char* name;
   Names before;
   Work work;
   Bytes old_one;  // in force before; empty: nothing
-  Bytes new_one;  // wanted
+  Bytes new_one;  // flashed, or put back
+};
+
+// What has been asked for, and said to be done.
+struct Progress {
+  bool may_be_new = false;
+  bool must_be_new = false;
 };
 
 std::vector<Scenario> scenarios() {
   const Names two = {{"calibration-3.safetensors", kept(table(3))}, {"calibration-4.safetensors", kept(table(4))}};
-  Names crowded = two;  // a cut kept an older one, and half an upload
+  Names crowded = two;  // a cut kept an older one, a trial, and half an upload
   crowded["calibration-2.safetensors"] = kept(table(2));
   crowded["incoming.tmp"] = kept(Bytes(100, 7));
+  crowded["trial.safetensors"] = kept(table(6));
   return {
-      {"first flash", {}, Work::kInstall, {}, table(5)},
-      {"second flash", {{"calibration-1.safetensors", kept(table(4))}}, Work::kInstall, table(4), table(5)},
-      {"upgrade", two, Work::kInstall, table(4), table(5)},
-      {"upgrade after a cut", crowded, Work::kInstall, table(4), table(5)},
-      {"the same file again", two, Work::kInstall, table(4), table(4)},
+      {"first flash", {}, Work::kConfirm, {}, table(5)},
+      {"second flash", {{"calibration-1.safetensors", kept(table(4))}}, Work::kConfirm, table(4), table(5)},
+      {"upgrade", two, Work::kConfirm, table(4), table(5)},
+      {"upgrade after a cut", crowded, Work::kConfirm, table(4), table(5)},
+      {"the same file again", two, Work::kConfirm, table(4), table(4)},
+      {"a trial that fails", two, Work::kReject, table(4), table(5)},
       {"undo", two, Work::kUndo, table(4), table(3)},
   };
 }
@@ -127,27 +138,27 @@ class Visitor {
  public:
   Visitor(const Scenario& scenario, Tally& tally) : scenario_(scenario), tally_(tally) {}
 
-  // All that a cut at this moment may leave. `is_done`: the store has said so.
-  void cut(const CrashMedium& medium, bool is_done) {
+  // All that a cut at this moment may leave.
+  void cut(const CrashMedium& medium, Progress progress) {
     for (size_t n = 0; n <= medium.n_pending(); ++n) {
       const Names names = medium.names_after(n);
       const auto unsynced =
           std::find_if(names.begin(), names.end(), [](const auto& e) { return !e.second->is_synced; });
       if (unsynced == names.end()) {
-        recover(names, is_done, true);
+        recover(names, progress, true);
         continue;
       }
       torn(*unsynced->second, step(), [&](const Bytes& left) {
         Names here = names;
         here[unsynced->first] = kept(left);
-        recover(here, is_done, true);
+        recover(here, progress, true);
       });
     }
   }
 
  private:
   // The start after a cut, which may itself be cut.
-  void recover(const Names& names, bool is_done, bool may_be_cut) {
+  void recover(const Names& names, Progress progress, bool may_be_cut) {
     ++tally_.n_states;
     CrashMedium medium(names);
     std::set<Names> again;
@@ -158,15 +169,17 @@ class Visitor {
     }
     auto store = SlotStore::open(std::make_unique<Medium>(medium));
     if (!store) return wrong("cannot be opened: " + store.error().message);
-    judge(store.value(), is_done);
-    for (const Names& left : again) recover(left, is_done, false);
+    judge(store.value(), progress);
+    for (const Names& left : again) recover(left, progress, false);
   }
 
-  void judge(SlotStore& store, bool is_done) {
+  void judge(SlotStore& store, Progress progress) {
     const auto now = store.load();
     if (!now) return wrong("cannot be read: " + now.error().message);
-    const bool is_new = now.value() == scenario_.new_one;
-    if (!is_new && (is_done || now.value() != scenario_.old_one)) return wrong("another file is in force");
+    const bool is_new = progress.may_be_new && now.value() == scenario_.new_one;
+    if (!is_new && (progress.must_be_new || now.value() != scenario_.old_one)) {
+      return wrong("another file is in force");
+    }
     if (is_new && scenario_.old_one != scenario_.new_one && store.load_previous().value() != scenario_.old_one) {
       return wrong("the file before is lost");
     }
@@ -188,10 +201,17 @@ Tally visit() {
     Visitor visitor(scenario, tally);
     auto store = SlotStore::open(std::make_unique<Kind>(medium));
     EXPECT_TRUE(store);
-    medium.watch = [&](const CrashMedium& m) { visitor.cut(m, false); };
-    const Status done = scenario.work == Work::kUndo ? store.value().undo() : store.value().install(scenario.new_one);
-    EXPECT_TRUE(done) << scenario.name;
-    visitor.cut(medium, true);
+    Progress progress{.may_be_new = scenario.work == Work::kUndo};
+    medium.watch = [&](const CrashMedium& m) { visitor.cut(m, progress); };
+    if (scenario.work == Work::kUndo) {
+      EXPECT_TRUE(store.value().undo());
+    } else {
+      EXPECT_TRUE(store.value().stage(scenario.new_one)) << scenario.name;
+      progress.may_be_new = scenario.work == Work::kConfirm;
+      EXPECT_TRUE(progress.may_be_new ? store.value().confirm() : store.value().reject()) << scenario.name;
+    }
+    progress.must_be_new = progress.may_be_new;
+    visitor.cut(medium, progress);
   }
   return tally;
 }

@@ -12,6 +12,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "support/install.h"
+
 namespace {
 
 // A medium that fails at one point of install(), by taking the place of the C library's functions in this program.
@@ -60,6 +62,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using Bytes = std::vector<uint8_t>;
+using test::install;
 
 class SlotStoreTest : public testing::Test {
  protected:
@@ -76,8 +79,8 @@ TEST_F(SlotStoreTest, AnEmptyStoreHoldsNothing) { EXPECT_EQ(open().load().value(
 
 TEST_F(SlotStoreTest, TheNewestIsInForceAndTheOneBeforeIsKept) {
   SlotStore store = open();
-  ASSERT_TRUE(store.install(Bytes(100'000, 1)));
-  ASSERT_TRUE(store.install(Bytes(50, 2)));
+  ASSERT_TRUE(install(store, Bytes(100'000, 1)));
+  ASSERT_TRUE(install(store, Bytes(50, 2)));
   EXPECT_EQ(store.load().value(), Bytes(50, 2));
   EXPECT_EQ(open().load().value(), Bytes(50, 2));
   EXPECT_EQ(store.load_previous().value(), Bytes(100'000, 1));
@@ -85,7 +88,10 @@ TEST_F(SlotStoreTest, TheNewestIsInForceAndTheOneBeforeIsKept) {
 }
 
 TEST_F(SlotStoreTest, AnUploadThatWasCutOffIsForgotten) {
-  ASSERT_TRUE(open().install(Bytes(10, 1)));
+  {
+    SlotStore store = open();
+    ASSERT_TRUE(install(store, Bytes(10, 1)));
+  }
   std::ofstream(folder_ / "incoming.tmp") << "half";
   EXPECT_EQ(open().load().value(), Bytes(10, 1));
   EXPECT_FALSE(has("incoming.tmp"));
@@ -93,13 +99,13 @@ TEST_F(SlotStoreTest, AnUploadThatWasCutOffIsForgotten) {
 
 TEST_F(SlotStoreTest, AFullMediumLeavesWhatIsInForce) {
   SlotStore store = open();
-  ASSERT_TRUE(store.install(Bytes(10, 1)));
+  ASSERT_TRUE(install(store, Bytes(10, 1)));
   std::signal(SIGXFSZ, SIG_IGN);
   rlimit before{};
   getrlimit(RLIMIT_FSIZE, &before);
   const rlimit small{4'096, before.rlim_max};
   setrlimit(RLIMIT_FSIZE, &small);
-  const Status installed = store.install(Bytes(100'000, 2));
+  const Status installed = install(store, Bytes(100'000, 2));
   setrlimit(RLIMIT_FSIZE, &before);
   ASSERT_FALSE(installed);
   EXPECT_EQ(installed.error().kind, ErrorKind::kStorage);
@@ -110,10 +116,10 @@ TEST_F(SlotStoreTest, AFullMediumLeavesWhatIsInForce) {
 // Before the rename the old file stays in force, and nothing of the new one is left.
 TEST_F(SlotStoreTest, AMediumThatFailsLeavesWhatIsInForce) {
   SlotStore store = open();
-  ASSERT_TRUE(store.install(Bytes(10, 1)));
+  ASSERT_TRUE(install(store, Bytes(10, 1)));
   for (const Fault fault : {Fault::kFileSync, Fault::kReadBack, Fault::kRename}) {
     g_fault = fault;
-    const Status installed = store.install(Bytes(20, 2));
+    const Status installed = install(store, Bytes(20, 2));
     g_fault = Fault::kNone;
     ASSERT_FALSE(installed) << static_cast<int>(fault);
     EXPECT_EQ(installed.error().kind, ErrorKind::kStorage);
@@ -121,16 +127,82 @@ TEST_F(SlotStoreTest, AMediumThatFailsLeavesWhatIsInForce) {
     EXPECT_EQ(store.load().value(), Bytes(10, 1)) << static_cast<int>(fault);
     EXPECT_FALSE(has("incoming.tmp")) << static_cast<int>(fault);
   }
-  ASSERT_TRUE(store.install(Bytes(20, 2)));
+  ASSERT_TRUE(install(store, Bytes(20, 2)));
   EXPECT_EQ(store.load().value(), Bytes(20, 2));
 }
 
-// After it the new one has the name; that the folder may not be durable is said.
+TEST_F(SlotStoreTest, WhatIsOnTrialIsNotInForceUntilItIsConfirmed) {
+  SlotStore store = open();
+  ASSERT_TRUE(install(store, Bytes(10, 1)));
+  ASSERT_TRUE(store.stage(Bytes(20, 2)));
+  EXPECT_EQ(store.load().value(), Bytes(10, 1));
+  ASSERT_TRUE(store.stage(Bytes(30, 3)));  // in the place of the first
+  ASSERT_TRUE(store.confirm());
+  EXPECT_EQ(store.load().value(), Bytes(30, 3));
+  EXPECT_EQ(store.load_previous().value(), Bytes(10, 1));
+  ASSERT_TRUE(store.stage(Bytes(40, 4)));
+  ASSERT_TRUE(store.reject());
+  EXPECT_EQ(store.load().value(), Bytes(30, 3));
+  EXPECT_FALSE(has("trial.safetensors"));
+}
+
+TEST_F(SlotStoreTest, ATrialThatARestartCutShortIsRemovedAndSaid) {
+  {
+    SlotStore store = open();
+    ASSERT_TRUE(install(store, Bytes(10, 1)));
+    EXPECT_FALSE(store.has_lost_trial());
+    ASSERT_TRUE(store.stage(Bytes(20, 2)));
+  }
+  EXPECT_TRUE(open().has_lost_trial());
+  EXPECT_FALSE(has("trial.safetensors"));
+  EXPECT_FALSE(open().has_lost_trial());
+  EXPECT_EQ(open().load().value(), Bytes(10, 1));
+}
+
+// Only the names that the store itself gives are calibrations.
+TEST_F(SlotStoreTest, NamesThatItWouldNotGiveAreNotRead) {
+  SlotStore store = open();
+  ASSERT_TRUE(install(store, Bytes(10, 1)));
+  for (const char* odd :
+       {"calibration-007.safetensors", "calibration-x.safetensors", "calibration-9.safetensors.bak",
+        "calibration-.safetensors", "calibration--9.safetensors", "calibration-18446744073709551615.safetensors",
+        "calibration-99999999999999999999.safetensors"}) {
+    std::ofstream(folder_ / odd) << "odd";
+    EXPECT_EQ(store.load().value(), Bytes(10, 1)) << odd;
+  }
+  ASSERT_TRUE(install(store, Bytes(20, 2)));
+  EXPECT_TRUE(has("calibration-2.safetensors"));
+  EXPECT_TRUE(has("calibration-007.safetensors")) << "not ours to remove";
+}
+
+TEST_F(SlotStoreTest, ATrialWhoseFolderIsNotSyncedIsNone) {
+  SlotStore store = open();
+  g_fault = Fault::kFolderSync;
+  const Status staged = store.stage(Bytes(20, 2));
+  g_fault = Fault::kNone;
+  ASSERT_FALSE(staged);
+  EXPECT_FALSE(has("trial.safetensors"));
+}
+
+TEST_F(SlotStoreTest, AMediumThatFailsWhenATrialIsConfirmedLeavesWhatIsInForce) {
+  SlotStore store = open();
+  ASSERT_TRUE(install(store, Bytes(10, 1)));
+  ASSERT_TRUE(store.stage(Bytes(20, 2)));
+  g_fault = Fault::kRename;
+  const Status confirmed = store.confirm();
+  g_fault = Fault::kNone;
+  ASSERT_FALSE(confirmed);
+  EXPECT_EQ(store.load().value(), Bytes(10, 1));
+  EXPECT_TRUE(has("trial.safetensors"));
+}
+
+// After the rename the new one has the name; that the folder may not be durable is said.
 TEST_F(SlotStoreTest, AFolderThatIsNotSyncedIsSaid) {
   SlotStore store = open();
-  ASSERT_TRUE(store.install(Bytes(10, 1)));
+  ASSERT_TRUE(install(store, Bytes(10, 1)));
+  ASSERT_TRUE(store.stage(Bytes(20, 2)));
   g_fault = Fault::kFolderSync;
-  const Status installed = store.install(Bytes(20, 2));
+  const Status installed = store.confirm();
   g_fault = Fault::kNone;
   ASSERT_FALSE(installed);
   EXPECT_EQ(store.load().value(), Bytes(20, 2));
@@ -146,7 +218,7 @@ TEST_F(SlotStoreTest, WhatIsNoPlainFileIsNotRead) {
   EXPECT_EQ(store.load().error().kind, ErrorKind::kStorage);
   fs::remove(folder_ / "calibration-7.safetensors");
   fs::create_symlink(folder_ / "elsewhere", folder_ / "incoming.tmp");
-  ASSERT_TRUE(store.install(Bytes(10, 1)));
+  ASSERT_TRUE(install(store, Bytes(10, 1)));
   EXPECT_FALSE(has("elsewhere"));
 }
 
