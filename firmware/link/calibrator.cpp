@@ -147,9 +147,10 @@ std::optional<TrialEnd> Calibrator::poll() {
   const PathTally now = tally();
   if (now.n_good >= rule_.n_good) return confirm();
   if (now.n_frames < rule_.n_frames) return std::nullopt;
-  const std::string why = "the new calibration was on trial, and " + std::to_string(now.n_good) + " of " +
-                          std::to_string(now.n_frames) + " frames were good (" + words_of(exchange_.wrong_flags) +
-                          "): what was before is in force again; see that its light is on and nothing is before the lens, and flash again";
+  const std::string why =
+      "the new calibration was on trial, and " + std::to_string(now.n_good) + " of " + std::to_string(now.n_frames) +
+      " frames were good (" + words_of(exchange_.wrong_flags) +
+      "): what was before is in force again; see that its light is on and nothing is before the lens, and flash again";
   const Status reverted = revert();
   if (!reverted) problem_ = reverted.error().message;
   problem_ = why + (problem_.empty() ? "" : "; " + problem_);

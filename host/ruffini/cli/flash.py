@@ -21,7 +21,7 @@ def flash(
     force: Annotated[bool, typer.Option("--force", help="Also where its report fails its gates.")] = False,
     json_: JsonFlag = False,
 ) -> None:
-    """Put a calibration in force on the sensor; success means ACTIVE: read back, and tried on frames. `cal undo` takes it back."""
+    """Put a calibration in force; success means read back, tried on frames, ACTIVE. `cal undo` takes it back."""
     from ruffini.boards import parse_board
     from ruffini.calibrate import container
 

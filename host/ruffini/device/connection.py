@@ -210,7 +210,7 @@ class Connection:
         Raises
         ------
         RefusedError
-            Wrong board, wrong key, a table that the device cannot prove, or a trial without good frames: the device goes
+            Wrong board, wrong key, a table that the device cannot prove, or a trial without good frames: it goes
             on with what it had before.
         NoDeviceError
             The line was lost, or the camera gives no frames for the trial.
