@@ -14,6 +14,10 @@ enum Quantity : size_t { kForce, kWay, kX, kY, kTiltX, kTiltY, kSide };
 constexpr int64_t kSureArea = 5;  // an area is told where it is so many times its deviation
 constexpr int64_t kMillion = 1'000'000;
 constexpr int64_t kMaxTilt = 900'000;  // of the tool's axis beside the place that it presses, 1e-6
+// A hostile table's network says anything: squares and products of these stay inside 63 bits.
+constexpr int64_t kMaxValue = int64_t{1} << 30;
+constexpr int64_t kMaxSigma = int64_t{1} << 28;
+static_assert(kSureArea * 2 * kMaxValue * kMaxSigma < int64_t{1} << 62);
 constexpr int kUnit = 14;
 using Vector = TipField::Vector;
 
@@ -29,6 +33,12 @@ Vector turned_back(const TipField::Matrix& r, const Vector& v) {
   Vector out;
   for (size_t i = 0; i < 3; ++i) out[i] = round_shift(r[i] * v[0] + r[3 + i] * v[1] + r[6 + i] * v[2], kUnit);
   return out;
+}
+
+int64_t held(int64_t value, int64_t limit, SaturationCounter& saturations) {
+  if (value >= -limit && value <= limit) return value;
+  ++saturations.count;
+  return std::clamp(value, -limit, limit);
 }
 
 int64_t rounded_div(int64_t top, int64_t bottom) { return floor_div(2 * top + bottom, 2 * bottom); }
@@ -76,8 +86,12 @@ Result<Fingertip> Fingertip::load(const Calibration& c) {
 }
 
 void Fingertip::turn_back(const Numbers& value, TipTouch& touch) const {
-  const int64_t tx = std::clamp(value[kTiltX], -kMaxTilt, kMaxTilt);
-  const int64_t ty = std::clamp(value[kTiltY], -kMaxTilt, kMaxTilt);
+  int64_t tx = std::clamp(value[kTiltX], -kMaxTilt, kMaxTilt);
+  int64_t ty = std::clamp(value[kTiltY], -kMaxTilt, kMaxTilt);
+  if (const int64_t tilt = floor_sqrt(tx * tx + ty * ty); tilt > kMaxTilt) {
+    tx = rounded_div(tx * kMaxTilt, tilt);
+    ty = rounded_div(ty * kMaxTilt, tilt);
+  }
   const int64_t tz = root_left(tx, ty);
   const Vector t = turned_back(field_.turn(), {tx, ty, tz});
   touch.axis_1e6 = t;
@@ -87,7 +101,8 @@ void Fingertip::turn_back(const Numbers& value, TipTouch& touch) const {
   // The tool's place is square to its axis.
   const int64_t along = rounded_div(-(value[kX] * tx + value[kY] * ty), tz);
   const Vector at = turned_back(field_.turn(), {value[kX], value[kY], along});
-  const int64_t sin_pitch = rounded_div(t[0] * kMillion, cos_roll), cos_pitch = rounded_div(t[2] * kMillion, cos_roll);
+  const auto part = [&](int64_t of) { return std::clamp(rounded_div(of * kMillion, cos_roll), -kMillion, kMillion); };
+  const int64_t sin_pitch = part(t[0]), cos_pitch = part(t[2]);
   const int64_t level = rounded_div(sin_pitch * at[0] + cos_pitch * at[2], kMillion);
   touch.x_um = rounded_div(cos_pitch * at[0] - sin_pitch * at[2], kMillion);
   touch.y_um = rounded_div(cos_roll * at[1] - t[1] * level, kMillion);
@@ -100,9 +115,10 @@ TipTouch Fingertip::run(std::span<const Marker> markers, Eyes eyes, SaturationCo
   const std::span<const int64_t> out = net.run(field_.features(), saturations);
   Numbers value, sigma;
   for (size_t i = 0; i < kQuantities; ++i) {
-    value[i] = zero_[i] + round_shift(out[i] * scale_[i], 16);
+    value[i] = held(zero_[i] + round_shift(out[i] * scale_[i], 16), kMaxValue, saturations);
     const int64_t own = round_shift(scale_[i] * power_of_two_q16(out[kQuantities + i]), 16);
-    sigma[i] = std::max<int64_t>(round_shift(own * trust_q8_[static_cast<size_t>(eyes)][i], 8), 1);
+    const int64_t trusted = round_shift(own * trust_q8_[static_cast<size_t>(eyes)][i], 8);
+    sigma[i] = std::max<int64_t>(held(trusted, kMaxSigma, saturations), 1);
   }
   touch.is_touched = true;
   touch.is_known = net.is_known();

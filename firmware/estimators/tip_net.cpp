@@ -10,11 +10,15 @@ constexpr int64_t kMaxFeature = 1 << 20;     // 65 mm
 constexpr int64_t kMaxComponent = 1 << 22;   // 64
 constexpr int64_t kMaxActivation = 1 << 24;  // 256
 constexpr int32_t kMaxWeight = 1 << 26;
+constexpr int32_t kMaxLength = 1 << 20;  // 65 mm, of `length` and `limit`
 constexpr int kFirstShift = 12;  // Q28 to Q16
 constexpr int64_t kMaxInputs = 2'048;
 static_assert(TipNet::kMaxWidth * kMaxWeight * kMaxActivation < int64_t{1} << 61);
 static_assert(kMaxInputs * kMaxWeight * kMaxFeature < int64_t{1} << 62);
 static_assert(kMaxInputs * kMaxFeature * kMaxFeature < int64_t{1} << 62);
+static_assert(TipNet::kMaxWidth * (kMaxComponent * kMaxLength >> 16) * (kMaxComponent * kMaxLength >> 16) <
+              int64_t{1} << 62);
+static_assert(kMaxInputs * kMaxLength * kMaxLength < int64_t{1} << 62);
 
 int64_t held(int64_t value, int64_t limit, SaturationCounter& saturations) {
   if (value >= -limit && value <= limit) return value;
@@ -30,13 +34,14 @@ Result<TipNet> TipNet::load(const Calibration& c, size_t mode, size_t n_modes, s
   const auto bad = [](const std::string& what) {
     return Error{ErrorKind::kBadInput, "calibration file: " + what + ": make it again with cal fingertip"};
   };
-  const auto read = [&](const std::string& name, std::vector<int64_t> shape, std::vector<int32_t>& into) -> Status {
+  const auto read = [&](const std::string& name, std::vector<int64_t> shape, std::vector<int32_t>& into,
+                        int32_t limit = kMaxWeight) -> Status {
     shape.insert(shape.begin(), modes);
     const auto tensor = c.tensor("fingertip." + name, Tensor::Type::kI32, shape);
     if (!tensor) return tensor.error();
     const auto all = tensor.value()->as<int32_t>();
     const auto own = all.subspan(mode * all.size() / n_modes, all.size() / n_modes);
-    if (!std::all_of(own.begin(), own.end(), [](int32_t v) { return v >= -kMaxWeight && v <= kMaxWeight; })) {
+    if (!std::all_of(own.begin(), own.end(), [&](int32_t v) { return v >= -limit && v <= limit; })) {
       return bad("fingertip." + name + " has a number out of range");
     }
     into.assign(own.begin(), own.end());
@@ -62,7 +67,7 @@ Result<TipNet> TipNet::load(const Calibration& c, size_t mode, size_t n_modes, s
   }
   std::vector<int32_t> limits;
   for (const Status& done : {read("mean", {width[0]}, net.mean_), read("near", {width[1]}, net.near_),
-                             read("length", {width[1]}, net.length_), read("limit", {2}, limits)}) {
+                             read("length", {width[1]}, net.length_, kMaxLength), read("limit", {2}, limits, kMaxLength)}) {
     if (!done) return done.error();
   }
   net.limit_ = limits[0];

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from ruffini.sim.settings import load_twin
 BOARD = find_board(Path(__file__).parents[2] / "boards" / "stereo-fingertip")
 MOST_UN, WIDTH_PX = 1_300_000, 320
 OVER_RANGE, FEATURES, OTHER_PAD, VIEW_LOST = 32, 2048, 4096, 16384
+VALID, INVALID = 1, 3
 WIDTHS = (11, 16, 13, 12, 14)  # of the smallest network: places, components, hidden, outputs
 
 
@@ -92,9 +94,22 @@ def mirror(tables: dict[str, npt.NDArray[Any]]) -> Fingertip:
     return own
 
 
+def hostile(rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
+    """Tables that no fit gives, each number as large as load() lets it be: nothing may overflow."""
+    out = tensors(rng)
+    out["fingertip.zero"][:], out["fingertip.scale"][:], out["fingertip.trust"][:] = 1 << 24, 1 << 24, 1 << 20
+    out["fingertip.bias3"][:] = (1 << 26) * rng.choice([-1, 1], out["fingertip.bias3"].shape)
+    out["fingertip.weight0"] = np.clip(out["fingertip.weight0"].astype(np.int64) << 14, -(1 << 26), 1 << 26).astype(
+        np.int32
+    )
+    out["fingertip.length"][:], out["fingertip.limit"][:] = 1 << 20, 1 << 20
+    return out
+
+
+@pytest.mark.parametrize("make", [tensors, hostile])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_every_number_is_the_mirrors(seed: int) -> None:
-    tables = tensors(np.random.default_rng(seed))
+def test_every_number_is_the_mirrors(seed: int, make: Callable[..., dict[str, npt.NDArray[Any]]]) -> None:
+    tables = make(np.random.default_rng(seed))
     own, touched = mirror(tables), 0
     with opened(tables) as path:
         learn(path)
@@ -105,15 +120,34 @@ def test_every_number_is_the_mirrors(seed: int) -> None:
                     picture[:, blind * WIDTH_PX : (blind + 1) * WIDTH_PX] = 0
                 said = path.process(picture)
                 moved = path.features().reshape(2, -1, 2)
+                before = own.n_saturated
                 row = own.run(moved, eyes)
                 assert list(path.tip()) == row
                 assert bool(said.flags & VIEW_LOST) == (blind is not None)
                 assert bool(said.flags & FEATURES) == (not row[1])
                 assert bool(said.flags & OVER_RANGE) == (not row[2])
                 assert said.n_contacts == row[0]
+                is_unseen = blind is not None and not row[0]  # what one eye does not feel may be there
+                is_held = own.n_saturated > before
+                assert said.force_z_validity == (INVALID if is_unseen or is_held else VALID)
                 touched += row[0]
         assert own.n_saturated == said.saturations
+        assert (own.n_saturated > 0) == (make is hostile)
     assert touched >= 9
+
+
+@pytest.mark.parametrize(("limit", "is_known"), [((30_000, 30_000), True), ((1, 30_000), False), ((30_000, 1), False)])
+def test_features_unlike_those_of_the_fit_are_flagged(limit: tuple[int, int], *, is_known: bool) -> None:
+    tables = tensors(np.random.default_rng(7))
+    tables["fingertip.length"][:], tables["fingertip.mean"][:], tables["fingertip.near"][:] = 1, 0, 1 << 18
+    tables["fingertip.limit"][:] = limit
+    with opened(tables) as path:
+        learn(path)
+        said = path.process(frame(1400, 2, -12))
+        assert said.n_contacts == 1
+        assert bool(said.flags & FEATURES) == (not is_known)
+        assert path.tip().is_known == is_known
+        assert not path.process(frame(0, 0, 0)).flags & FEATURES
 
 
 def test_pins_of_another_fingertip_are_another_pad() -> None:
@@ -134,6 +168,8 @@ def test_pins_of_another_fingertip_are_another_pad() -> None:
         ("fingertip.kernel", -1, "range"),
         ("fingertip.weight2", 1 << 27, "weight2"),
         ("fingertip.scale", 0, "scale"),
+        ("fingertip.length", (1 << 20) + 1, "length"),
+        ("fingertip.limit", (1 << 20) + 1, "limit"),
     ],
 )
 def test_tables_out_of_range_are_refused(name: str, value: int, says: str) -> None:

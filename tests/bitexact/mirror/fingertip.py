@@ -110,14 +110,15 @@ class Fingertip:
             return [0, 1, 1] + [0] * 14
         features, r, _ = found
         out, is_known = self.network(features, eyes)
-        value = [int(a) for a in self.t["zero"] + round_shift(out[:7] * self.t["scale"], 16)]
+        value = self._held(self.t["zero"] + round_shift(out[:7] * self.t["scale"], 16), 1 << 30).tolist()
         sigma = []
         rows = zip(out[7:].tolist(), self.t["scale"].tolist(), self.t["trust"][eyes].tolist(), strict=True)
         for log2, scale, trust in rows:
             q = min(max(log2, -12 * 65536), 8 * 65536)
             whole, mantissa = q >> 16, 65536 + (q & 65535)
             power = mantissa << whole if whole >= 0 else mantissa >> -whole
-            sigma.append(max(round_shift(round_shift(scale * power, 16) * trust, 8), 1))
+            sigma.append(round_shift(round_shift(scale * power, 16) * trust, 8))
+        sigma = np.maximum(self._held(np.array(sigma), 1 << 28), 1).tolist()
         force = max(value[0], 0)
         place, tilt = (isqrt((sigma[a] ** 2 + sigma[a + 1] ** 2) // 2) for a in (2, 4))
         row = [1, int(is_known), int(force <= self.most_un), force, value[1], *self._turned_back(value, r)]
@@ -134,11 +135,15 @@ class Fingertip:
             return [int(a) for a in round_shift(np.array(v) @ r, 14)]
 
         tx, ty = (min(max(v, -900_000), 900_000) for v in value[4:6])
+        if (tilt := isqrt(tx * tx + ty * ty)) > 900_000:
+            tx, ty = (rounded_div(v * 900_000, tilt) for v in (tx, ty))
         tz = root(tx, ty)
         t = back([tx, ty, tz])
         cos_roll = root(t[1], 0)
         at = back([value[2], value[3], rounded_div(-(value[2] * tx + value[3] * ty), tz)])
-        sin_pitch, cos_pitch = rounded_div(t[0] * MILLION, cos_roll), rounded_div(t[2] * MILLION, cos_roll)
+        sin_pitch, cos_pitch = (
+            min(max(rounded_div(of * MILLION, cos_roll), -MILLION), MILLION) for of in (t[0], t[2])
+        )
         level = rounded_div(sin_pitch * at[0] + cos_pitch * at[2], MILLION)
         x = rounded_div(cos_pitch * at[0] - sin_pitch * at[2], MILLION)
         y = rounded_div(cos_roll * at[1] - t[1] * level, MILLION)
