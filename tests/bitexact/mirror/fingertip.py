@@ -141,9 +141,7 @@ class Fingertip:
         t = back([tx, ty, tz])
         cos_roll = root(t[1], 0)
         at = back([value[2], value[3], rounded_div(-(value[2] * tx + value[3] * ty), tz)])
-        sin_pitch, cos_pitch = (
-            min(max(rounded_div(of * MILLION, cos_roll), -MILLION), MILLION) for of in (t[0], t[2])
-        )
+        sin_pitch, cos_pitch = (min(max(rounded_div(of * MILLION, cos_roll), -MILLION), MILLION) for of in (t[0], t[2]))
         level = rounded_div(sin_pitch * at[0] + cos_pitch * at[2], MILLION)
         x = rounded_div(cos_pitch * at[0] - sin_pitch * at[2], MILLION)
         y = rounded_div(cos_roll * at[1] - t[1] * level, MILLION)

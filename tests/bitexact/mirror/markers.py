@@ -25,6 +25,8 @@ class Lattice:
         self.gate2, self.seed2, self.step2, self.tight2, self.search2 = (
             (pitch * p // 100) ** 2 for p in (45, 60, 35, 25, 200 if m.get("layout", "lattice") == "scattered" else 110)
         )
+        # Of a view, all counted in one row, the side of a square of as many.
+        self.many_left = min(self.n_x, self.n_y) if self.n_y > 1 else isqrt(self.n_x)
         self.pitch_q8 = pitch >> 8
         self.pitch2 = self.pitch_q8**2
         self.view = np.array([camera["width_px"], camera["height_px"]], np.int64) << 16
@@ -142,7 +144,7 @@ class Lattice:
         limit2 = self.pitch2 * 33**2 // 10_000
         step2 = (((moved - last) >> 8) ** 2).sum(axis=1)[known].max(initial=0)
         left = len(dots) - int(known.sum())
-        if missing or widest2 > limit2 or 2 * left >= min(self.n_x, self.n_y) or step2 > limit2:
+        if missing or widest2 > limit2 or 2 * left >= self.many_left or step2 > limit2:
             n_known = 0
 
             def attempt(shift: npt.NDArray[np.int64], seed: int | None) -> None:
