@@ -11,7 +11,7 @@ from mirror.board import Board
 from mirror.dot_templates import DotTemplates
 from mirror.dots import detect_dots
 from mirror.fixed import I64
-from mirror.markers import DX, DY, X, Dots, Lattice
+from mirror.markers import DX, DY, Dots, Lattice, X
 
 
 class ViewMarkers:
