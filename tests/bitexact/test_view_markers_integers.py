@@ -61,7 +61,7 @@ def test_two_views_are_followed_each_for_itself(open_stages: OpenStages, name: s
             blind = slice(0, WIDTH) if name == "left blind" else slice(WIDTH, None)
             frame[:, blind] = 120  # a cap of the ground's own grey
     elif name == "hidden":
-        frame = drawn(np.concatenate([at[0][4:], at[1][:-2]]) + [0.4, 0.9], polarity, rng)
+        frame = drawn(np.concatenate([at[0][4:], at[1][:-2]]) + np.array([0.4, 0.9]), polarity, rng)
     elif name == "noise":
         frame = rng.integers(0, 256, still.shape).astype(np.uint8)
 

@@ -240,6 +240,20 @@ def test_mounts_count_in_the_digest(tmp_path):
     assert digest(find_board(folder)) != before
 
 
+def test_more_runs_of_a_drawn_set_keep_those_that_are_there(tmp_path):
+    folder = tmp_path / "contact-glitter"
+    shutil.copytree(find_board("contact-glitter").folder, folder)
+
+    def with_bench(text: str) -> str:
+        (folder / "presses.toml").write_text(text)
+        return digest(find_board(folder), "presses.toml")
+
+    before = with_bench(DRAWN)
+    assert with_bench(DRAWN.replace("drawn = 40", "drawn = 50")) == before
+    assert with_bench(DRAWN.replace("6000]", "6001]")) != before
+    assert with_bench(DRAWN.replace("drawn = 40\n", "")) != before
+
+
 def test_the_seven_objects_are_seven():
     runs = [r for r in runs_of(load_reproduce(find_board("contact-glitter"))) if r.settings.name.startswith("object_")]
     assert len(runs) == 7

@@ -222,8 +222,9 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
     for pair in (one["second"] for one in told["set_"] if one["second"]):
         if not pair["turn_mrad"]:  # younger too
             del pair["turn_mrad"]
-    for one in (one for one in told["set_"] if one["drawn"] is None):  # and this
-        del one["drawn"]
+    for one in told["set_"]:  # and this; more runs of a drawn set leave those that are there as they are
+        if one.pop("drawn") is not None:
+            one["is_drawn"] = True
     if told["warmth"] is None:  # and these
         del told["warmth"]
     for hand in (one for one in told["hand"] if not one["warmer_mk"]):
