@@ -11,13 +11,13 @@ constexpr int64_t kMaxComponent = 1 << 22;   // 64
 constexpr int64_t kMaxActivation = 1 << 24;  // 256
 constexpr int32_t kMaxWeight = 1 << 26;
 constexpr int32_t kMaxLength = 1 << 20;  // 65 mm, of `length` and `limit`
-constexpr int kFirstShift = 12;  // Q28 to Q16
+constexpr int kFirstShift = 12;          // Q28 to Q16
 constexpr int64_t kMaxInputs = 2'048;
 static_assert(TipNet::kMaxWidth * kMaxWeight * kMaxActivation < int64_t{1} << 61);
 static_assert(kMaxInputs * kMaxWeight * kMaxFeature < int64_t{1} << 62);
 static_assert(kMaxInputs * kMaxFeature * kMaxFeature < int64_t{1} << 62);
-static_assert(TipNet::kMaxWidth * (kMaxComponent * kMaxLength >> 16) * (kMaxComponent * kMaxLength >> 16) <
-              int64_t{1} << 62);
+static_assert(TipNet::kMaxWidth * (kMaxComponent * kMaxLength >> 16) * (kMaxComponent * kMaxLength >> 16) < int64_t{1}
+                                                                                                                << 62);
 static_assert(kMaxInputs * kMaxLength * kMaxLength < int64_t{1} << 62);
 
 int64_t held(int64_t value, int64_t limit, SaturationCounter& saturations) {
@@ -66,8 +66,9 @@ Result<TipNet> TipNet::load(const Calibration& c, size_t mode, size_t n_modes, s
     return bad("fingertip.weight3 has another number of outputs");
   }
   std::vector<int32_t> limits;
-  for (const Status& done : {read("mean", {width[0]}, net.mean_), read("near", {width[1]}, net.near_),
-                             read("length", {width[1]}, net.length_, kMaxLength), read("limit", {2}, limits, kMaxLength)}) {
+  for (const Status& done :
+       {read("mean", {width[0]}, net.mean_), read("near", {width[1]}, net.near_),
+        read("length", {width[1]}, net.length_, kMaxLength), read("limit", {2}, limits, kMaxLength)}) {
     if (!done) return done.error();
   }
   net.limit_ = limits[0];
