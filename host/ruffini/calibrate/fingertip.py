@@ -30,15 +30,36 @@ Progress = Callable[[float], None]
 
 MODES = ("both", "left", "right")
 QUANTITIES = ("force_n", "way_mm", "x_mm", "y_mm", "roll_deg", "pitch_deg", "side_mm")
-ZERO = np.array([0.5, 1.0, 0, 0, 0, 0, 9.0])  # N, mm, mm, mm, -, -, mm
+ZERO = np.array([0.5, 1.0, 0, 0, 0, 0, 9.0])  # of full scale, mm, mm, mm, -, -, mm
 SCALE = np.array([0.25, 0.6, 3.0, 3.0, 0.14, 0.14, 1.5])
 TO_BOARD = np.array([1e6, 1e3, 1e3, 1e3, 1e6, 1e6, 1e3])  # uN, um, 1e-6
-LEAST_N, MOST_N = 0.04, 1.3  # of the presses that are used
-N_TURNS, N_FOLDS, N_ROUNDS = 12, 4, 20
+LEAST, MOST = 0.04, 1.3  # of full scale, of the presses that are used
+TOUCHES = 20  # of [contact] threshold_un, the least force that counts: what the fingertip is made for
+N_TURNS, N_FOLDS, N_ROUNDS = 12, 4, 30
 NOISE_MM = 0.004  # of a feature
 TOUCH_FACTOR = 1.3  # over the largest motion of a pin at rest
 KNOWN_FACTOR = 1.5  # over the furthest features of the fit
 GATE_PX = 3.0
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Labels are (told - zero) / one, (7,) each; full_n : the force that the fingertip is made for."""
+
+    full_n: float
+    zero: Array
+    one: Array
+
+    @classmethod
+    def of(cls, board: Board) -> Scale:
+        full_n = TOUCHES * board.contact.threshold_un * 1e-6
+        force = np.array([full_n, 1, 1, 1, 1, 1, 1])
+        return cls(full_n, ZERO * force, SCALE * force)
+
+    def used(self, told: Array) -> npt.NDArray[np.bool_]:
+        """Frames (t,) that are touched, told all of, and neither too faint nor too hard."""
+        part = told[:, FORCE] / self.full_n
+        return np.asarray(np.isfinite(told).all(axis=1) & (part > LEAST) & (part < MOST))
 
 
 @dataclass(frozen=True)
@@ -79,18 +100,18 @@ def taken(press: Press, rest: Array) -> tuple[Array, Array]:
     return np.stack(kept), np.stack(shifts, axis=1)
 
 
-def labels_of(told: Array, turn: Array) -> Array:
+def labels_of(told: Array, turn: Array, scale: Scale) -> Array:
     """What the network says, in units of about one, (t, 7), from told (t, 7) in the frames `turn` (t, 3, 3)."""
     out = np.zeros((len(told), 7))
     for i, row in enumerate(told):
         tool = turn[i] @ axes(*np.deg2rad(row[[ROLL, PITCH]]))
         out[i] = [row[FORCE], row[WAY], *(tool[:, :2] @ row[[X, Y]])[:2], *tool[:2, 2], np.sqrt(row[AREA])]
-    return np.asarray((out - ZERO) / SCALE)
+    return np.asarray((out - scale.zero) / scale.one)
 
 
-def told_by(labels: Array, turn: Array) -> Array:
+def told_by(labels: Array, turn: Array, scale: Scale) -> Array:
     """The other way: force_n, way_mm, x_mm, y_mm, roll_deg, pitch_deg, side_mm, (t, 7)."""
-    value: Array = labels * SCALE + ZERO
+    value: Array = labels * scale.one + scale.zero
     out = value.copy()
     for i, row in enumerate(value):
         tilt = np.clip(row[4:6], -0.9, 0.9)
@@ -118,19 +139,23 @@ class Fold:
         return Fold(*(getattr(self, name)[keep] for name in ("features", "labels", "turn", "told", "press")))
 
 
-def used(told: Array) -> npt.NDArray[np.bool_]:
-    """Frames that are touched, told all of, and neither too faint nor too hard."""
-    whole = np.isfinite(told).all(axis=1)
-    return np.asarray(whole & (told[:, FORCE] > LEAST_N) & (told[:, FORCE] < MOST_N))
+@dataclass(frozen=True)
+class Bench:
+    """What every way of seeing is fitted on. touch_mm : a press of a pin that is a touch."""
+
+    eyes: Eyes
+    pins: Pins
+    scale: Scale
+    presses: list[Press]
+    touch_mm: float
 
 
-def folds(
-    eyes: Eyes, pins: Pins, presses: list[Press], mode: int, touch_mm: float, angles: Array, mirrors: tuple[bool, ...]
-) -> Fold:
+def folds(bench: Bench, mode: int, angles: Array, mirrors: tuple[bool, ...]) -> Fold:
     """All frames of presses that are felt, turned by each angle, seen by the eyes of `mode`."""
+    eyes, pins = bench.eyes, bench.pins
     gain, parts = eyes.gains(pins.place)[mode], []
-    for number, press in enumerate(presses):
-        keep = used(press.told)
+    for number, press in enumerate(bench.presses):
+        keep = bench.scale.used(press.told)
         rest, shifts = taken(press, pins.rest)
         moved = eyes.place(rest[None] + shifts[keep]) - eyes.place(rest)[None]
         own = Samples(moved, press.told[keep])
@@ -139,9 +164,9 @@ def folds(
                 some = own if not angle and not mirror else turned(own, pins.normal, float(angle), is_mirrored=mirror)
                 shift = eyes.project(pins.place + some.moved) - eyes.project(pins.place)
                 seen = np.einsum("ncd,tnd->tnc", gain, shift.transpose(0, 2, 1, 3).reshape(len(shift), -1, 4))
-                felt = pressed(seen, pins.normal).max(axis=1) >= touch_mm
+                felt = pressed(seen, pins.normal).max(axis=1) >= bench.touch_mm
                 field, told = field_of(seen[felt], pins.normal, eyes.radius_mm), some.told[felt]
-                labels = labels_of(told, field.turn)
+                labels = labels_of(told, field.turn, bench.scale)
                 parts.append((field.features, labels, field.turn, told, np.full(len(labels), number)))
     return Fold(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
@@ -164,10 +189,8 @@ class ModeFit:
 class TipFit:
     """Tables of a unit's fingertip: one of `modes` for each of MODES."""
 
-    eyes: Eyes
-    pins: Pins
+    bench: Bench
     modes: list[ModeFit]
-    touch_mm: float
     report: dict[str, Any]
 
 
@@ -180,31 +203,33 @@ def fit_fingertip(board: Board, presses_at: Path, baseline_mm: float, progress: 
         There are too few presses, a file is not as it should be, or PyTorch is not installed.
     """
     presses = read_presses(board, presses_at, only, lambda done: progress(0.3 * done))
-    presses = [press for press in presses if used(press.told).any()]
+    scale = Scale.of(board)
+    presses = [press for press in presses if scale.used(press.told).any()]
     if len(presses) < 2 * N_FOLDS:
+        least, most = (part * scale.full_n for part in (LEAST, MOST))
         raise InputError(
-            f"{presses_at} has {len(presses)} presses of {LEAST_N} to {MOST_N} N: {2 * N_FOLDS} are needed"
+            f"{presses_at} has {len(presses)} presses of {least:g} to {most:g} N: {2 * N_FOLDS} are needed"
         )
     eyes = Eyes.of(board, baseline_mm)
     pins = Pins.of(eyes, presses)
     touch_mm = TOUCH_FACTOR * max(_motion_at_rest(eyes, pins, press) for press in presses)
-    modes: list[ModeFit] = []
+    bench, modes = Bench(eyes, pins, scale, presses, touch_mm), []
     for mode in range(len(MODES)):
-        modes.append(_fit_mode(eyes, pins, presses, mode, touch_mm))
+        modes.append(_fit_mode(bench, mode))
         progress(0.3 + 0.7 * len(modes) / len(MODES))
     report = {
         "n_presses": len(presses),
         "n_pins": len(pins.place),
         "mean_error_of_presses_left_out": {name: mode.left_out for name, mode in zip(MODES, modes, strict=True)},
     }
-    return TipFit(eyes, pins, modes, touch_mm, report)
+    return TipFit(bench, modes, report)
 
 
-def _fit_mode(eyes: Eyes, pins: Pins, presses: list[Press], mode: int, touch_mm: float) -> ModeFit:
+def _fit_mode(bench: Bench, mode: int) -> ModeFit:
     angles = np.arange(N_TURNS) * 2 * np.pi / N_TURNS
-    every = folds(eyes, pins, presses, mode, touch_mm, angles, (False, True))
-    straight = folds(eyes, pins, presses, mode, touch_mm, angles[:1], (False,))
-    off, sigma = _left_out(every, straight, len(presses))
+    every = folds(bench, mode, angles, (False, True))
+    straight = folds(bench, mode, angles[:1], (False,))
+    off, sigma = _left_out(every, straight, len(bench.presses), bench.scale)
     network = train(every.features, every.labels, rounds=N_ROUNDS, noise=NOISE_MM)
     near = 1 / network.components(every.features).var(axis=0)
     left_out = {q: round(float(e), 4) for q, e in zip(QUANTITIES, np.abs(off).mean(axis=0), strict=True)}
@@ -212,7 +237,7 @@ def _fit_mode(eyes: Eyes, pins: Pins, presses: list[Press], mode: int, touch_mm:
     return ModeFit(network, trust, near, KNOWN_FACTOR * _furthest(network, near, every.features), left_out)
 
 
-def _left_out(every: Fold, straight: Fold, n: int) -> tuple[Array, Array]:
+def _left_out(every: Fold, straight: Fold, n: int, scale: Scale) -> tuple[Array, Array]:
     """Errors and stated deviations (t, 7) of presses that their network has not seen, in the units of QUANTITIES."""
     part = np.random.default_rng(0).permutation(n) % N_FOLDS
     off, sigma = [], []
@@ -220,8 +245,8 @@ def _left_out(every: Fold, straight: Fold, n: int) -> tuple[Array, Array]:
         kept, left = every.of(np.flatnonzero(part != fold)), straight.of(np.flatnonzero(part == fold))
         network = train(kept.features, kept.labels, rounds=N_ROUNDS, noise=NOISE_MM)
         mean, deviation = network(left.features)
-        off.append(told_by(mean, left.turn) - told_by(left.labels, left.turn))
-        sigma.append(deviation * SCALE * [1, 1, 1, 1, *2 * [np.rad2deg(1.0)], 1])
+        off.append(told_by(mean, left.turn, scale) - told_by(left.labels, left.turn, scale))
+        sigma.append(deviation * scale.one * [1, 1, 1, 1, *2 * [np.rad2deg(1.0)], 1])
     return np.concatenate(off), np.concatenate(sigma)
 
 
@@ -248,5 +273,5 @@ def calibration(board: Board, fit: TipFit) -> CalibrationFile:
     from ruffini.calibrate.tip_tables import tables
 
     meta = {**base_metadata(board), "kinds": "fingertip", "residuals": json.dumps(fit.report)}
-    meta["fingertip.most_un"] = str(round(MOST_N * 1e6))
+    meta["fingertip.most_un"] = str(round(MOST * fit.bench.scale.full_n * 1e6))
     return pack(tables(fit), meta)

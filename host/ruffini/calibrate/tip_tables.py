@@ -22,16 +22,16 @@ def _whole(values: npt.ArrayLike) -> npt.NDArray[np.int32]:
 
 def tables(fit: TipFit) -> dict[str, npt.NDArray[Any]]:
     """Tensors by name."""
-    from ruffini.calibrate.fingertip import GATE_PX, SCALE, TO_BOARD, ZERO
+    from ruffini.calibrate.fingertip import GATE_PX, TO_BOARD
 
-    modes, radius = fit.modes, fit.eyes.radius_mm
+    bench, modes, radius = fit.bench, fit.modes, fit.bench.eyes.radius_mm
     nets = [mode.network for mode in modes]
     out = {
-        "rest": fit.pins.rest * 256, "normal": fit.pins.normal * Q14,
-        "gain": fit.eyes.gains(fit.pins.place) * 1e3 * 256,
+        "rest": bench.pins.rest * 256, "normal": bench.pins.normal * Q14,
+        "gain": bench.eyes.gains(bench.pins.place) * 1e3 * 256,
         "place": places(radius) * Q14, "kernel": kernel(radius) * 2**15,
-        "gate": [GATE_PX * 256, max(fit.touch_mm * PER_MM, 1)],
-        "zero": ZERO * TO_BOARD, "scale": SCALE * TO_BOARD,
+        "gate": [GATE_PX * 256, max(bench.touch_mm * PER_MM, 1)],
+        "zero": bench.scale.zero * TO_BOARD, "scale": bench.scale.one * TO_BOARD,
         "trust": [np.clip(mode.trust * 256, 1, 2**20) for mode in modes],
         "mean": [net.mean * PER_MM for net in nets],
         "weight0": [net.projection / PER_MM * 2**28 for net in nets],

@@ -16,7 +16,7 @@ from ruffini.errors import InputError
 Array = npt.NDArray[np.float64]
 
 N_COMPONENTS = 64
-HIDDEN = (96, 96)
+HIDDEN = (128, 128)
 BATCH = 512
 RATE, DECAY = 3e-3, 1e-4
 SQUARE_PART = 0.2  # of the rounds, at first, by plain squares

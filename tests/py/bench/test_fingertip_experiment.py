@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ruffini.bench.experiments import stereo_pins
-from ruffini.bench.experiments.stereo_pins import AREA, FORCE, Played, X, figures, is_whole
+from ruffini.bench.experiments.stereo_pins import AREA, FORCE, Played, X, figures, followed, is_whole
 
 
 def played(name: str = "any", tool: str = "flat", off: float = 0.1, sigma: float = 0.06, n: int = 20) -> Played:
@@ -36,6 +36,22 @@ def test_errors_are_of_what_is_told_and_by_force() -> None:
     assert levels["0.8-1.05"]["x_mm"] > 0.9
     assert levels["0.2-0.4"]["x_mm"] == pytest.approx(0.1)
     assert figures([one])["sure_of_place"]["percent"] == 0
+
+
+def test_levels_are_of_full_scale() -> None:
+    strong = played()
+    strong.truth[:, FORCE] *= 10
+    assert set(figures([strong], 10.0)["by_force"]) == {"0.5-2", "2-4", "4-6", "6-8", "8-10.5"}
+
+
+def test_a_tool_that_is_followed_is_where_the_surest_frames_say() -> None:
+    one = played(n=10)
+    one.is_known[:] = True
+    one.ours[:, X], one.sigma[:, X] = 3.0, 1.0
+    one.ours[4, X], one.sigma[4, X] = 1.0, 0.01
+    levels = followed([one])["x_mm"]
+    assert levels["0.05-0.2"] == pytest.approx(3.0)
+    assert levels["0.6-0.8"] == pytest.approx(1.0, abs=0.01)
 
 
 def test_areas_are_apart_by_tool_and_by_how_whole_a_contact_is() -> None:
@@ -69,10 +85,15 @@ def test_the_text_holds_every_table() -> None:
     result = {
         "board": "a board", "unseen": {"any": figures(runs[:1]), "shapes": figures([])},
         "one_eye": {"left": figures(runs[:1])}, "stand_in": {"1": {"force_n": 0.0123}},
-        "paper_tests": stereo_pins._paper_tests(runs), "area": stereo_pins._areas(runs),
-        "told_apart": {"force_n": [0.5], "rms_px": {"X = 1 mm": [0.0133]}}, "frame_ms": stereo_pins._times(runs),
+        "paper_tests": stereo_pins._paper_tests(runs), "area": stereo_pins._areas(runs), "published": {"force": 0.777},
+        "followed": {"any": followed(runs[:1]), "shapes": followed([])}, "frame_ms": stereo_pins._times(runs),
+        "told_apart": {"force_n": [0.5], "noise_px": 0.0133, "deviations": {"X = 1 mm": [77.0]}},
     }  # fmt: skip
     text = stereo_pins.text(result)
-    for part in ("SIMULATED", "0.012", "0.0133", "full_scale_percent", "left eye alone", "hexagon"):
-        assert (part in text) == (part != "hexagon"), part
-    assert stereo_pins._paper_tests(runs)["force_n"] == pytest.approx((19 * 0.1 + 98.0) / 20)
+    for part in ("SIMULATED", "0.012", "0.0133", "full-scale error", "left eye alone", "0.777", "Table A3", "Table 5"):
+        assert part in text, part
+    assert "hexagon" not in text
+    tests = stereo_pins._paper_tests(runs)
+    assert tests["table_a1"][0]["error"][0] == pytest.approx(0.1)
+    assert tests["table_a2"][0]["estimated"][1] == pytest.approx(tests["table_a2"][0]["true"] + 0.1)
+    assert tests["force"] == pytest.approx((19 * 0.1 + 98.0) / 20)

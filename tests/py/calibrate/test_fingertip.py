@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 from ruffini.boards import find_board
 from ruffini.calibrate import fingertip
-from ruffini.calibrate.fingertip import Eyes, Pins, fit_fingertip, labels_of, told_by
+from ruffini.calibrate.fingertip import Bench, Eyes, ModeFit, Pins, Scale, fit_fingertip, labels_of, told_by
 from ruffini.calibrate.tip_field import field_of
 from ruffini.calibrate.tip_presses import FACES, Press, face_area, read_press, told_of
 from ruffini.calibrate.tip_turns import Samples, turned
@@ -128,9 +127,20 @@ def test_labels_and_what_the_bench_told_are_one_another(tips: Array) -> None:
     one = press(tips, np.random.default_rng(5), "one")
     normal, told = EYES.normals(tips), one.told[2:]
     field = field_of(np.array([dent(normal, t) for t in told]), normal, EYES.radius_mm)
-    back = told_by(labels_of(told, field.turn), field.turn)
+    scale = Scale.of(BOARD)
+    back = told_by(labels_of(told, field.turn, scale), field.turn, scale)
     np.testing.assert_allclose(back[:, :6], told[:, :6], atol=1e-9)
     np.testing.assert_allclose(back[:, 6] ** 2, told[:, 6])
+
+
+def test_a_fingertip_for_ten_times_the_force_is_fitted_on_ten_times_the_force() -> None:
+    thin, thick = (Scale.of(find_board(BOARD.folder.parent / name)) for name in (BOARD.name, f"{BOARD.name}-thick"))
+    assert (thin.full_n, thick.full_n) == (1.0, 10.0)
+    told = np.array([[0.5, 1, 0, 0, 0, 0, 80], [5, 1, 0, 0, 0, 0, 80], [20, 1, 0, 0, 0, 0, 80]], dtype=float)
+    assert thin.used(told).tolist() == [True, False, False]
+    assert thick.used(told).tolist() == [True, True, False]
+    turn = np.eye(3)[None].repeat(3, axis=0)
+    assert labels_of(told, turn, thick)[1] == pytest.approx(labels_of(told, turn, thin)[0])
 
 
 @pytest.mark.parametrize("shape", FACES)
@@ -167,8 +177,15 @@ def test_the_core_says_what_was_fitted(
     rng = np.random.default_rng(6)
     presses = [press(tips, rng, str(i)) for i in range(8)]
     monkeypatch.setattr(fingertip, "read_presses", lambda *_: presses)
-    fit_mode = cache(lambda touch_mm: fingertip_mode(EYES, Pins.of(EYES, presses), presses, 0, touch_mm))
-    monkeypatch.setattr(fingertip, "_fit_mode", lambda *given: fit_mode(given[-1]))  # one eye alone as both: it is slow
+    fitted: list[ModeFit] = []
+
+    def fit_mode(bench: Bench, _: int) -> ModeFit:
+        """One eye alone as both: it is slow."""
+        if not fitted:
+            fitted.append(fingertip_mode(bench, 0))
+        return fitted[0]
+
+    monkeypatch.setattr(fingertip, "_fit_mode", fit_mode)
     fit = fit_fingertip(BOARD, tmp_path, 10.0, lambda _: None)
     off = fit.report["mean_error_of_presses_left_out"]["both"]
     assert off["way_mm"] < 0.4  # of 0.25 to 2 mm
@@ -195,17 +212,17 @@ def test_the_core_says_what_was_fitted(
 
 def _check_alike(fit: fingertip.TipFit, path: Pipeline, moved: Array, tip: TipRow) -> None:
     """The core's numbers against the network's, which the tables were made of."""
-    pins: Pins = fit.pins
+    pins: Pins = fit.bench.pins
     one = Press("now", "", path.markers()[0], moved[None], np.full((1, 7), np.nan))
     shift = fingertip.taken(one, pins.rest)[1].transpose(0, 2, 1, 3).reshape(1, -1, 4)
-    seen = np.einsum("ncd,tnd->tnc", fit.eyes.gains(pins.place)[0], shift)
-    field = field_of(seen, pins.normal, fit.eyes.radius_mm)
+    seen = np.einsum("ncd,tnd->tnc", fit.bench.eyes.gains(pins.place)[0], shift)
+    field = field_of(seen, pins.normal, fit.bench.eyes.radius_mm)
     mean, sigma = fit.modes[0].network(field.features)
-    said = told_by(mean, field.turn)[0]
+    said = told_by(mean, field.turn, fit.bench.scale)[0]
     core = np.array([getattr(tip, name) for name in NAMES], dtype=float)
     core *= [1e-6, 1e-3, 1e-3, 1e-3, np.rad2deg(1e-6), np.rad2deg(1e-6)]
     assert (np.abs(core - said[:6]) <= [0.002, 0.005, 0.03, 0.03, 0.05, 0.05]).all()
-    assert core_sigma(tip) == pytest.approx(sigma[0, 0] * fingertip.SCALE[0] * fit.modes[0].trust[0], rel=0.1)
+    assert core_sigma(tip) == pytest.approx(sigma[0, 0] * fit.bench.scale.one[0] * fit.modes[0].trust[0], rel=0.1)
 
 
 def core_sigma(tip: TipRow) -> float:

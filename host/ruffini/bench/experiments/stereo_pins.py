@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.experiments.stereo_pins_limits import told_apart
+from ruffini.bench.experiments.stereo_pins_text import QUANTITIES, SURE_MM, text
 from ruffini.bench.papers import default_folder
 from ruffini.bench.papers.recorded import Recorded, shape_of
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.fingertip import calibration, fit_fingertip, taken
-from ruffini.calibrate.tip_presses import axes, face_area, read_press
+from ruffini.calibrate.fingertip import Scale, calibration, fit_fingertip
+from ruffini.calibrate.tip_presses import axes, face_area
 from ruffini.core import Pipeline
 from ruffini.papers.stereo_pins import Regression, inputs
 from ruffini.sim.indenters.outline import OUTLINES
@@ -38,20 +40,16 @@ Array = npt.NDArray[np.float64]
 
 BENCH = "presses.toml"
 EYES_MM = 10.0  # apart, section 3.3 of the paper
-LEAST_N, MOST_N = 0.05, 1.05  # the paper's range of 0.1 to 1 N, and half a step
-LEVELS_N = (0.05, 0.2, 0.4, 0.6, 0.8, 1.05)
-SURE_MM = 1.0  # stated deviation of a place that is called known
-QUANTITIES = ("force_n", "z_mm", "x_mm", "y_mm", "roll_deg", "pitch_deg", "area_percent")
+LEVELS = (0.05, 0.2, 0.4, 0.6, 0.8, 1.05)  # of full scale: the paper's 0.1 to 1 N, and half a step
 FORCE, Z, X, Y, ROLL, PITCH, AREA = range(7)
-PAPER = {"force_n": 0.022, "x_mm": 1.396, "y_mm": 0.973, "z_mm": 0.109, "angle_deg": 2.235, "area_percent": 1.429,
-         "full_scale_percent": 8.936}  # fmt: skip
+UNSEEN = ("any", "upright", "centred", "middle", "shapes")  # sets of presses.toml that are judged
 PAPER_AREA = {"flat": 0.597, "square": 0.926, "hexagon": 2.857}
 N_AROUND = 72  # points of a face's outline
 
 
 @dataclass(frozen=True)
 class Played:
-    """One run, frames of 0.05 to 1.05 N. truth, ours (t, 7) QUANTITIES, area in mm^2; sigma (t, 7); is_known, is_whole
+    """One run, frames of 0.05 to 1.05 of full scale. truth, ours (t, 7) QUANTITIES, area in mm^2; sigma (t, 7); is_known, is_whole
     (t,) whether the features were known and the whole face is below the undeformed dome; frame_ms (t,) of the core.
     """
 
@@ -85,19 +83,23 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     record(board, own, bench=BENCH, quick=options.quick, n_workers=options.n_workers, progress=within(0.0, 0.3))
     record(board, paper, quick=options.quick, n_workers=options.n_workers, progress=within(0.3, 0.5))
     fit = fit_fingertip(board, own, EYES_MM, within(0.5, 0.8), only="fit*")
-    file = calibration(board, fit)
-    ours = _recorded(board, BENCH, own, options.quick)
-    tests = [r for r in _recorded(board, "reproduce.toml", paper, options.quick) if r.part == "judge"]
+    file, full_n = calibration(board, fit), fit.bench.scale.full_n
+    ours, tests = _recorded(board, BENCH, own, options.quick), _recorded(board, "reproduce.toml", paper, options.quick)
     judged = [r for r in ours if r.part == "judge"]
-    played = [play(board, file, run) for run in [*judged, *tests]]
+    played = [play(board, file, run) for run in [*judged, *(r for r in tests if r.part == "judge")]]
     one_eyed = {eye: [play(board, file, run, blind=1 - i) for run in judged] for i, eye in enumerate(("left", "right"))}
+    options.progress(0.9)
     result = {
         "simulated": True, "board": board.name, "calibration": fit.report, "quick": options.quick,
-        "unseen": {name: figures(_of(played, {name})) for name in ("any", "upright", "centred", "shapes")},
-        "one_eye": {eye: figures(_of(runs, {"any"})) for eye, runs in one_eyed.items()},
-        "paper_tests": _paper_tests(played), "area": _areas(played),
-        "stand_in": {str(mode): _stand_in([r for r in ours if r.part == "fit"], judged, mode) for mode in range(4)},
-        "told_apart": told_apart(board, tests), "frame_ms": _times(played),
+        "published": {p.name: p.value_1e6 * 1e-6 for p in load_reproduce(board).published},
+        "unseen": {name: figures(_of(played, {name}), full_n) for name in UNSEEN},
+        "followed": {name: followed(_of(played, {name}), full_n) for name in UNSEEN},
+        "one_eye": {eye: figures(_of(runs, {"any"}), full_n) for eye, runs in one_eyed.items()},
+        "paper_tests": _paper_tests(played, full_n), "area": _areas(played),
+        "stand_in": {
+            str(mode): _stand_in([r for r in ours if r.part == "fit"], judged, mode, full_n) for mode in range(4)
+        },
+        "told_apart": told_apart(board, tests, truth_of), "frame_ms": _times(played),
     }  # fmt: skip
     options.progress(1.0)
     return Experiment(result, text(result), pictures.draw(out, played))
@@ -135,12 +137,17 @@ def is_whole(tool: str, radius_mm: float, truth: Array, dome_mm: float) -> bool:
     return bool((height > first - truth[Z]).all())
 
 
+def _in_range(truth: Array, full_n: float) -> npt.NDArray[np.bool_]:
+    return np.asarray((truth[:, FORCE] >= LEVELS[0] * full_n) & (truth[:, FORCE] <= LEVELS[-1] * full_n))
+
+
 def play(board: Board, file: CalibrationFile, recorded: Recorded, blind: int | None = None) -> Played:
     """What the core says of a recording; with `blind`, while that eye sees nothing."""
     truth, tool = truth_of(recorded), shape_of(recorded)
     radius_mm = float(str(recorded.run.chosen["radius_um"])) * 1e-3
     dome_mm = load_twin(board).shape.radius_um * 1e-3
     rows, sigma, known, at, spent = [], [], [], [], []
+    is_judged = _in_range(truth, Scale.of(board).full_n)
     with Pipeline(board, file.data) as core:
         for i in range(len(truth)):
             picture = recorded.picture(i)
@@ -149,7 +156,7 @@ def play(board: Board, file: CalibrationFile, recorded: Recorded, blind: int | N
                 picture[:, blind * half : (blind + 1) * half] = 0
             start = time.perf_counter()
             frame = core.process(picture)
-            if not LEAST_N <= truth[i, FORCE] <= MOST_N:
+            if not is_judged[i]:
                 continue
             spent.append(1e3 * (time.perf_counter() - start))
             tip = core.tip()
@@ -175,7 +182,7 @@ def _rows(played: list[Played], name: str) -> Array:
     return np.concatenate([getattr(p, name) for p in played]) if played else np.zeros((0, 7))
 
 
-def figures(played: list[Played]) -> dict[str, Any]:
+def figures(played: list[Played], full_n: float = 1.0) -> dict[str, Any]:
     """Mean absolute errors over all frames, by force level, and where ours calls the place known."""
     if not played:
         return {"n_frames": 0}
@@ -183,10 +190,11 @@ def figures(played: list[Played]) -> dict[str, Any]:
     known = np.concatenate([p.is_known for p in played])
     mean = dict(zip(QUANTITIES, _means(off[known]), strict=True))
     levels = {}
-    for low, high in pairwise(LEVELS_N):
-        some = known & (truth[:, FORCE] >= low) & (truth[:, FORCE] < high)
+    for low, high in pairwise(LEVELS):
+        some = known & (truth[:, FORCE] >= low * full_n) & (truth[:, FORCE] < high * full_n)
         if some.any():
-            levels[f"{low:g}-{high:g}"] = {q: float(e) for q, e in zip(QUANTITIES, _means(off[some]), strict=True)}
+            name = f"{low * full_n:g}-{high * full_n:g}"
+            levels[name] = dict(zip(QUANTITIES, _means(off[some]), strict=True))
     sure = known & (sigma[:, X] <= SURE_MM)
     places = {"x_mm": _mean(off[sure, X]), "y_mm": _mean(off[sure, Y])}
     unit = np.where(np.arange(7) == AREA, truth[known, AREA, None] / 100, 1.0)
@@ -201,6 +209,24 @@ def figures(played: list[Played]) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def followed(played: list[Played], full_n: float = 1.0) -> dict[str, Any]:
+    """Errors of X and Y of a tool that is followed while it presses: the mean of what was said of it so far, each by
+    its precision. A tool that comes down straight keeps its X and Y.
+    """
+    runs = []
+    for p in played:
+        weight = np.where(p.is_known[:, None], 1 / np.maximum(p.sigma[:, [X, Y]], 1e-6) ** 2, 1e-9)
+        ours = p.ours.copy()
+        ours[:, [X, Y]] = (weight * ours[:, [X, Y]]).cumsum(axis=0) / weight.cumsum(axis=0)
+        runs.append(replace(p, ours=ours))
+    said = figures(runs, full_n)
+    by = said.get("by_force", {})
+    return {
+        axis: {"mean": said["mean"][axis], **{level: row[axis] for level, row in by.items()}} if runs else {}
+        for axis in ("x_mm", "y_mm")
+    }
+
+
 def _mean(values: Array) -> float:
     """Of those that are told."""
     told = values[np.isfinite(values)]
@@ -211,43 +237,39 @@ def _means(rows: Array) -> list[float]:
     return [_mean(column) for column in rows.T]
 
 
-def _paper_tests(played: list[Played]) -> dict[str, Any]:
-    """The paper's own tests: Table 5, full-scale error, Tables A2 and A3, Fig. 18, the angle."""
+def _paper_tests(played: list[Played], full_n: float = 1.0) -> dict[str, Any]:
+    """The paper's own tests: Table 5, full-scale error, Tables A1 to A3, Figs. 18 and 19; by names of [[published]]."""
     force, along_x, along_y, turned = (_of(played, {f"test_{name}"}) for name in ("force", "x", "y", "angle"))
     if not force:
         return {}
     full = [100 * np.abs(p.off[:, FORCE]).max() / p.truth[:, FORCE].max() for p in force]
     return {
-        "force_n": _mean(np.abs(_rows(force, "off")[:, FORCE])),
-        "force_of_each_test_n": [_mean(np.abs(p.off[:, FORCE])) for p in force],
-        "full_scale_percent": float(np.mean(full)),
-        "x_mm": _mean(np.abs(_rows(along_x, "off")[:, X])), "y_mm": _mean(np.abs(_rows(along_y, "off")[:, Y])),
-        "z_mm": _mean(np.abs(_rows(force, "off")[:, Z])), "angle_deg": _mean(np.abs(_rows(turned, "off")[:, ROLL])),
-        "x_by_force": figures(along_x).get("by_force", {}), "y_by_force": figures(along_y).get("by_force", {}),
+        "force": _mean(np.abs(_rows(force, "off")[:, FORCE])),
+        "force_of_each_test": [_mean(np.abs(p.off[:, FORCE])) for p in force],
+        "full-scale error": float(np.mean(full)), "full_scale_of_each_test": [float(f) for f in full],
+        "X": _mean(np.abs(_rows(along_x, "off")[:, X])), "Y": _mean(np.abs(_rows(along_y, "off")[:, Y])),
+        "Z": _mean(np.abs(_rows(force, "off")[:, Z])), "angle of 45": _mean(np.abs(_rows(turned, "off")[:, ROLL])),
+        "X_by_force": figures(along_x, full_n).get("by_force", {}),
+        "Y_by_force": figures(along_y, full_n).get("by_force", {}),
+        "Z_by_force": figures(force, full_n).get("by_force", {}),
+        "angle_by_force": figures(turned, full_n).get("by_force", {}),
+        "table_a1": [_table(p, FORCE) for p in force],
+        "table_a2": [_table(p, X) for p in along_x], "table_a3": [_table(p, Y) for p in along_y],
     }  # fmt: skip
 
 
-def told_apart(board: Board, tests: list[Recorded]) -> dict[str, Any]:
-    """How far pins are from where they are under the same tool at X = 0, root mean square px, frame by frame; and the
-    same of two recordings at X = 0: where these are alike, the pictures hold nothing of X.
-    """
-    middle = [r for r in tests if r.set_name == "test_force"][:2]
-    if len(middle) < 2:
-        return {}
-    first, again = (read_press(board, r.folder) for r in middle)
-    out: dict[str, Any] = {"force_n": truth_of(middle[0])[middle[0].touched, FORCE].tolist(), "rms_px": {}}
-    aside = [(f"X = {r.run.chosen['at_um'][0] / 1e3:g} mm", r) for r in tests if r.set_name == "test_x"]  # type: ignore[index]
-    for name, press in [("the same again", again), *((name, read_press(board, r.folder)) for name, r in aside)]:
-        moved = taken(press, first.rest)[1] - first.moved
-        touched = np.isfinite(first.told[:, 0])
-        out["rms_px"][name] = np.sqrt((moved[touched] ** 2).mean(axis=(1, 2, 3))).tolist()
-    return out
+def _table(p: Played, quantity: int) -> dict[str, Any]:
+    """One test frame by frame, as Tables A1 to A3 have it."""
+    return {
+        "true": float(p.truth[-1, quantity]), "force_n": p.truth[:, FORCE].tolist(),
+        "estimated": p.ours[:, quantity].tolist(), "error": np.abs(p.off[:, quantity]).tolist(),
+    }  # fmt: skip
 
 
 def _areas(played: list[Played]) -> dict[str, Any]:
     """Table 6: error of the area, percent, by tool; whole contacts and partial ones."""
     out: dict[str, Any] = {}
-    judged = _of(played, {"any", "upright", "centred"})
+    judged = _of(played, {"any", "upright", "centred", "middle"})
     for tool, paper in PAPER_AREA.items():
         own = [p for p in judged if p.tool == tool]
         if not own:
@@ -262,73 +284,24 @@ def _areas(played: list[Played]) -> dict[str, Any]:
     return out
 
 
-def _samples(runs: list[Recorded], mode: int) -> tuple[Array, Array]:
+def _samples(runs: list[Recorded], mode: int, full_n: float) -> tuple[Array, Array]:
     rows, labels = [], []
     for recorded in runs:
         truth = truth_of(recorded)
-        for i in np.flatnonzero((truth[:, FORCE] >= LEAST_N) & (truth[:, FORCE] <= MOST_N)):
+        for i in np.flatnonzero(_in_range(truth, full_n)):
             rows.append(inputs(recorded.picture(int(i)), mode))
             labels.append(truth[i, :6])
     return np.array(rows), np.array(labels)
 
 
-def _stand_in(fit: list[Recorded], judged: list[Recorded], mode: int) -> dict[str, float]:
+def _stand_in(fit: list[Recorded], judged: list[Recorded], mode: int, full_n: float) -> dict[str, float]:
     """Errors of the stand-in network, fitted on our presses in one of the paper's input modes, on the set `any`."""
     some = [r for r in judged if r.set_name == "any"]
-    model = Regression.fit(*_samples(fit, mode))
-    rows, labels = _samples(some, mode)
+    model = Regression.fit(*_samples(fit, mode, full_n))
+    rows, labels = _samples(some, mode, full_n)
     return {q: float(e) for q, e in zip(QUANTITIES, np.abs(model(rows) - labels).mean(axis=0), strict=False)}
 
 
 def _times(played: list[Played]) -> dict[str, float]:
     spent = np.concatenate([p.frame_ms for p in played])
     return {"median": float(np.median(spent)), "p99": float(np.percentile(spent, 99)), "most": float(spent.max())}
-
-
-def text(result: dict[str, Any]) -> str:
-    """Every table, for a person."""
-    lines = [f"{result['board']}: fingertip, mean absolute errors, SIMULATED", ""]
-    head = f"  {'':26}{'frames':>7}{'told %':>8}" + "".join(f"{q:>11}" for q in QUANTITIES)
-    lines += ["unseen tools, sizes, places, angles and seeds", head]
-    for name, row in result["unseen"].items():
-        lines += _lines(name, row)
-    lines += ["", "the same set `any` with one eye", head]
-    for name, row in result["one_eye"].items():
-        lines += _lines(f"{name} eye alone", row)[:1]
-    lines += ["", "stand-in for the paper's network, fitted on the same presses, set `any`"]
-    for mode, row in result["stand_in"].items():
-        lines.append(f"  {'input mode ' + mode:41}" + "".join(f"{v:11.3f}" for v in row.values()))
-    tests = result["paper_tests"]
-    if tests:
-        lines += ["", f"the paper's tests {'':16}{'ours':>9}{'paper':>9}"]
-        lines += [f"  {name:32}{tests[name]:9.3f}{PAPER[name]:9.3f}" for name in PAPER if name in tests]
-        for axis in "xy":
-            by = ", ".join(f"{level} N {row[axis + '_mm']:.2f}" for level, row in tests[f"{axis}_by_force"].items())
-            lines.append(f"  {axis.upper()} by force, mm: {by}")
-    lines += ["", f"area of the face, %{'':15}{'whole':>9}{'partial':>9}{'paper':>9}"]
-    for tool, row in result["area"].items():
-        told = f"told in {row['n_whole']} of {row['of_whole']} and {row['n_partial']} of {row['of_partial']} frames"
-        lines.append(f"  {tool:32}{row['whole']:9.1f}{row['partial']:9.1f}{row['paper']:9.3f}  {told}")
-    apart = result["told_apart"]
-    if apart:
-        lines += ["", "how far pins are from where they are under the tool at X = 0, px"]
-        lines.append(f"  {'true force, N':16}" + "".join(f"{v:8.2f}" for v in apart["force_n"]))
-        lines += [f"  {name:16}" + "".join(f"{v:8.4f}" for v in row) for name, row in apart["rms_px"].items()]
-    ms = result["frame_ms"]
-    lines += ["", f"a frame: {ms['median']:.2f} ms, 99 of 100 below {ms['p99']:.1f} ms, longest {ms['most']:.1f} ms"]
-    return "\n".join(lines)
-
-
-def _lines(name: str, row: dict[str, Any]) -> list[str]:
-    if not row["n_frames"]:
-        return [f"  {name:26}{0:7d}"]
-    out = [f"  {name:26}{row['n_frames']:7d}{row['told_percent']:8.1f}"
-           + "".join(f"{row['mean'][q]:11.3f}" for q in QUANTITIES)]  # fmt: skip
-    for level, means in row["by_force"].items():
-        out.append(f"    {level + ' N':39}" + "".join(f"{means[q]:11.3f}" for q in QUANTITIES))
-    inside = "".join(f"{row['within_two_sigma_percent'][q]:11.1f}" for q in QUANTITIES)
-    sure = row["sure_of_place"]
-    where = f"x {sure['x_mm']:.2f}, y {sure['y_mm']:.2f} mm"
-    out.append(f"    {'within two stated deviations, %':39}{inside}")
-    out.append(f"    place stated to {SURE_MM:g} mm in {sure['percent']:.0f} %: {where}")
-    return out
