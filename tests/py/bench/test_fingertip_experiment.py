@@ -87,6 +87,9 @@ def test_the_text_holds_every_table() -> None:
         "one_eye": {"left": figures(runs[:1])}, "stand_in": {"1": {"force_n": 0.0123}},
         "paper_tests": stereo_pins._paper_tests(runs), "area": stereo_pins._areas(runs), "published": {"force": 0.777},
         "followed": {"any": followed(runs[:1]), "shapes": followed([])}, "frame_ms": stereo_pins._times(runs),
+        "direct_area": [
+            {"from_n": 0.05, "to_n": 0.2, "n": 3, "ours_mm2": 1, "true_mm2": 2, "mean_error_mm2": 1, "face_mm2": 5}
+        ],
         "told_apart": {"force_n": [0.5], "noise_px": 0.0133, "deviations": {"X = 1 mm": [77.0]}},
     }  # fmt: skip
     text = stereo_pins.text(result)

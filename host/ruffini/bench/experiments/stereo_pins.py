@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.experiments.stereo_pins_area import direct
 from ruffini.bench.experiments.stereo_pins_limits import told_apart
 from ruffini.bench.experiments.stereo_pins_text import QUANTITIES, SURE_MM, text
 from ruffini.bench.papers import default_folder
@@ -49,8 +50,9 @@ N_AROUND = 72  # points of a face's outline
 
 @dataclass(frozen=True)
 class Played:
-    """One run, frames of 0.05 to 1.05 of full scale. truth, ours (t, 7) QUANTITIES, area in mm^2; sigma (t, 7); is_known, is_whole
-    (t,) whether the features were known and the whole face is below the undeformed dome; frame_ms (t,) of the core.
+    """One run, frames of 0.05 to 1.05 of full scale. truth, ours (t, 7) QUANTITIES, area in mm^2; sigma (t, 7);
+    is_known, is_whole (t,) whether the features were known and the whole face is below the undeformed dome; frame_ms
+    (t,) of the core.
     """
 
     name: str
@@ -99,6 +101,9 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
         "stand_in": {
             str(mode): _stand_in([r for r in ours if r.part == "fit"], judged, mode, full_n) for mode in range(4)
         },
+        "direct_area": direct(
+            board, fit.bench, [r for r in judged if r.set_name != "shapes"], truth_of, [full_n * p for p in LEVELS]
+        ),
         "told_apart": told_apart(board, tests, truth_of), "frame_ms": _times(played),
     }  # fmt: skip
     options.progress(1.0)

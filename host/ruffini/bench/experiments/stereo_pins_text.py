@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from ruffini.papers.stereo_area import FLAT_MM
+
 QUANTITIES = ("force_n", "z_mm", "x_mm", "y_mm", "roll_deg", "pitch_deg", "area_percent")
 TESTS = ("force", "full-scale error", "X", "Y", "Z", "angle of 45")
 SURE_MM = 1.0  # stated deviation of a place that is called known
@@ -31,6 +33,15 @@ def text(result: dict[str, Any]) -> str:
     for tool, row in result["area"].items():
         told = f"told in {row['n_whole']} of {row['of_whole']} and {row['n_partial']} of {row['of_partial']} frames"
         lines.append(f"  {tool:32}{row['whole']:9.1f}{row['partial']:9.1f}{row['paper']:9.3f}  {told}")
+    lines += [
+        "",
+        f"direct area, in the tool's plane to {FLAT_MM:g} mm, mm^2: from the pins, of the true wall, mean error",
+    ]
+    for row in result["direct_area"]:
+        areas = f"{row['ours_mm2']:9.1f}{row['true_mm2']:9.1f}{row['mean_error_mm2']:9.1f}"
+        lines.append(
+            f"  {row['from_n']:g}-{row['to_n']:g} N{'':20}{areas}  {row['n']} frames, faces of {row['face_mm2']:.0f}"
+        )
     apart = result["told_apart"]
     if apart:
         noise = f"noise {apart['noise_px']:.4f} px"
