@@ -2,7 +2,8 @@
 
 d^2 = sum |shift - shift'|^2 / sigma^2 - 2 n over all n coordinates that both eyes see; sigma from two recordings of the
 same press. Two tools that are d deviations apart are told apart with an error of about their difference over d, by an
-estimator that knew everything else. What is nearer than LEAST is counted as alike.
+estimator that knew everything else. What is nearer than LEAST is counted as alike. Where X, -X and 0 are alike, nobody
+errs by less than |X| on the mean of the two: `least_mm` is the mean of that over the tests along X, which are in pairs.
 """
 
 from __future__ import annotations
@@ -38,15 +39,20 @@ def told_apart(board: Board, runs: list[Recorded], truth_of: Callable[[Recorded]
     others |= {f"radius {_number(r, 'radius_um') / 1e3:g} mm": r for r in sizes if _number(r, "radius_um") != 5000}
     out: dict[str, Any] = {
         "force_n": truth_of(middle[0])[middle[0].touched, 0].tolist(),
-        "noise_px": float(np.sqrt(variance)), "deviations": {},
+        "noise_px": float(np.sqrt(variance)), "deviations": {}, "least_mm": [],
     }  # fmt: skip
+    least = []
     for name, press in [
         ("the same again", again),
         *((name, read_press(board, r.folder)) for name, r in others.items()),
     ]:
         squares = (_apart(first, press)[touched] ** 2).reshape(int(touched.sum()), -1)
         beyond = np.sqrt(np.maximum(squares.sum(axis=1) / variance - 2 * squares.shape[1], 0))
-        out["deviations"][name] = np.where(beyond < LEAST, 0.0, beyond).tolist()
+        is_alike = beyond < LEAST
+        out["deviations"][name] = np.where(is_alike, 0.0, beyond).tolist()
+        if name.startswith("X"):
+            least.append(is_alike * abs(_number(others[name], "at_um")) * 1e-3)
+    out["least_mm"] = np.mean(least, axis=0).tolist() if least else []
     return out
 
 

@@ -48,6 +48,10 @@ def text(result: dict[str, Any]) -> str:
         lines += ["", f"deviations between pictures and those of a disc of 5 mm at X = 0 ({noise}); 0: alike"]
         lines.append(f"  {'true force, N':16}" + "".join(f"{v:8.2f}" for v in apart["force_n"]))
         lines += [f"  {name:16}" + "".join(f"{v:8.0f}" for v in row) for name, row in apart["deviations"].items()]
+        least = apart["least_mm"]
+        if least:
+            values = "".join(f"{v:8.2f}" for v in least)
+            lines.append(f"  {'X at best, mm':16}{values}  together {sum(least) / len(least):.2f}")
     ms = result["frame_ms"]
     lines += ["", f"a frame: {ms['median']:.2f} ms, 99 of 100 below {ms['p99']:.1f} ms, longest {ms['most']:.1f} ms"]
     return "\n".join(lines)
