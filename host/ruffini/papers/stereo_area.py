@@ -53,11 +53,16 @@ def area_of_pins(moved: Array, place: Array, normal: Array, axis: Array, radius_
     return flat_area(between(normal, at) @ (place + moved), axis)
 
 
-def area_of_nodes(nodes: Array, size_mm: float, middle: Array, axis: Array, radius_mm: float) -> float:
-    """From displacements (n, n, 3) mm of the wall at nodes over its outline seen from above, `size_mm` wide."""
+def read_nodes(nodes: Array, size_mm: float, at: Array) -> Array:
+    """Displacements (n, n, 3) at nodes over the dome's outline seen from above, `size_mm` wide, read at (m, 2) mm."""
     from scipy.interpolate import RectBivariateSpline
 
-    at = radius_mm * lattice_at(middle, radius_mm)
     line = np.linspace(-size_mm / 2, size_mm / 2, len(nodes))
-    moved = [RectBivariateSpline(line, line, nodes[..., i])(at[:, 1], at[:, 0], grid=False) for i in range(3)]
-    return flat_area(at + np.stack(moved, axis=1), axis)
+    columns = [RectBivariateSpline(line, line, nodes[..., i])(at[:, 1], at[:, 0], grid=False) for i in range(3)]
+    return np.stack(columns, axis=1)
+
+
+def area_of_nodes(nodes: Array, size_mm: float, middle: Array, axis: Array, radius_mm: float) -> float:
+    """From displacements of the wall as `read_nodes` has them, about a direction `middle` (3,)."""
+    at = radius_mm * lattice_at(middle, radius_mm)
+    return flat_area(at + read_nodes(nodes, size_mm, at[:, :2]), axis)

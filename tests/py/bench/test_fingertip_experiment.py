@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from ruffini.bench.experiments import stereo_pins, stereo_pins_limits
 from ruffini.bench.experiments.stereo_pins import AREA, FORCE, Played, X, figures, followed, is_whole
-from ruffini.boards import find_board
-from ruffini.calibrate.tip_presses import Press
-
-BOARD = find_board("stereo-fingertip")
 
 
 def played(name: str = "any", tool: str = "flat", off: float = 0.1, sigma: float = 0.06, n: int = 20) -> Played:
@@ -60,30 +54,14 @@ def test_a_tool_that_is_followed_is_where_the_surest_frames_say() -> None:
     assert levels["0.6-0.8"] == pytest.approx(1.0, abs=0.01)
 
 
-def test_what_is_alike_bounds_the_error_of_x(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures of X = 2 mm are like those of X = 0 in the first frame and 50 deviations off in the second one."""
-    rng, n = np.random.default_rng(3), 292
-    told = np.full((2, 7), 1.0)
-    rest = rng.uniform(0, 300, (2, n, 2))
-
-    def press(name: str) -> Press:
-        moved = rng.normal(0, 0.01, (2, 2, n, 2))
-        if name == "aside":
-            moved[1] += 50 * 0.01 / np.sqrt(4 * n)
-        return Press(name, "flat", rest, moved, told)
-
-    def recorded(set_name: str, x_um: int, folder: str) -> SimpleNamespace:
-        chosen = {"at_um": [x_um, 0], "radius_um": 5000}
-        run = SimpleNamespace(chosen=chosen, settings=SimpleNamespace(name=set_name))
-        return SimpleNamespace(run=run, set_name=set_name, folder=folder, touched=np.arange(2))
-
-    runs = [recorded("test_force", 0, "one"), recorded("test_force", 0, "two"), recorded("test_x", 2000, "aside")]
-    monkeypatch.setattr(stereo_pins_limits, "read_press", lambda _, folder: press(folder))
-    found = stereo_pins_limits.told_apart(BOARD, runs, lambda _: told)  # type: ignore[arg-type]
-    assert found["noise_px"] == pytest.approx(0.01, rel=0.05)
-    assert found["deviations"]["X = 2 mm"] == [0.0, pytest.approx(50, rel=0.2)]
-    assert found["least_mm"] == [2.0, 0.0]
-    assert stereo_pins_limits.told_apart(BOARD, runs[1:], lambda _: told) == {}  # type: ignore[arg-type]
+def test_pictures_that_are_alike_bound_the_error_of_x() -> None:
+    """Frame by frame: alike, two deviations apart, far apart; 3 mm has no pair."""
+    one = np.zeros((3, 100))
+    other = one.copy()
+    other[1, :4], other[2, 0] = 0.01, 1.0
+    least = stereo_pins_limits.least_mm({2.0: one, -2.0: other, 3.0: one}, 0.01)
+    assert least == pytest.approx([2.0, 4 * 0.158655, 0.0], abs=1e-5)
+    assert stereo_pins_limits.least_mm({3.0: one}, 0.01) == []
 
 
 def test_areas_are_apart_by_tool_and_by_how_whole_a_contact_is() -> None:

@@ -104,7 +104,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
         "direct_area": direct(
             board, fit.bench, [r for r in judged if r.set_name != "shapes"], truth_of, [full_n * p for p in LEVELS]
         ),
-        "told_apart": told_apart(board, tests, truth_of), "frame_ms": _times(played),
+        "told_apart": told_apart(board, fit.bench, tests, truth_of), "frame_ms": _times(played),
     }  # fmt: skip
     options.progress(1.0)
     return Experiment(result, text(result), pictures.draw(out, played))

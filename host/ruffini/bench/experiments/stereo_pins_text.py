@@ -45,9 +45,9 @@ def text(result: dict[str, Any]) -> str:
     apart = result["told_apart"]
     if apart:
         noise = f"noise {apart['noise_px']:.4f} px"
-        lines += ["", f"deviations between pictures and those of a disc of 5 mm at X = 0 ({noise}); 0: alike"]
+        lines += ["", f"deviations between pictures and those of a disc of 5 mm at X = 0 ({noise})"]
         lines.append(f"  {'true force, N':16}" + "".join(f"{v:8.2f}" for v in apart["force_n"]))
-        lines += [f"  {name:16}" + "".join(f"{v:8.0f}" for v in row) for name, row in apart["deviations"].items()]
+        lines += [f"  {name:16}" + "".join(f"{v:8.1f}" for v in row) for name, row in apart["deviations"].items()]
         least = apart["least_mm"]
         if least:
             values = "".join(f"{v:8.2f}" for v in least)
