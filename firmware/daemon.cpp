@@ -37,7 +37,12 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, std:
       encoder_(*path_, identity_.sensor),
       sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
       outgoing_(kTelemetryRingBytes),
-      pool_(kBuffers, board.camera.width_px, board.camera.height_px) {}
+      pool_(kBuffers + (options.network ? Inference::kBuffers : 0), board.camera.width_px, board.camera.height_px) {
+  if (!options.network) return;
+  exchange_.network.is_asked = true;
+  network_ = std::make_unique<Inference>(options.network, pool_, kBuffers + Inference::kBuffers, exchange_.network,
+                                         options.is_lockstep);
+}
 
 void Daemon::run(const std::atomic<bool>& stop) {
   stop_ = &stop;
@@ -91,9 +96,10 @@ void Daemon::frame_loop() {
       if (mailbox_.is_closed()) break;
       continue;
     }
-    const FrameLease lease(pool_, *index);
+    FrameLease lease(pool_, *index);
     swap_path();
     process(lease);
+    if (network_ != nullptr) ask_network(std::move(lease));
     if (options_.max_frames != 0 && exchange_.frames_processed >= options_.max_frames) break;
   }
   is_frame_over_ = true;
@@ -148,6 +154,16 @@ void Daemon::count(uint32_t flags) {
   if (is_good && tally.n_good < UINT16_MAX) ++tally.n_good;
   exchange_.wrong_flags = exchange_.wrong_flags | (flags & kWrongFlags);
   exchange_.tally = tally;
+}
+
+// Frame thread: lends the network this frame, and sends what it said since; in lockstep of this very frame.
+void Daemon::ask_network(FrameLease lease) {
+  network_->post(std::move(lease), path_->state().flags, path_->calibration_id());
+  if (options_.is_lockstep) network_->wait_idle();
+  const LearnedResult* said = network_->take();
+  const uint32_t every = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_LEARNED].load(std::memory_order_relaxed);
+  if (said == nullptr || every == 0 || n_learned_++ % every != 0) return;
+  encoder_.encode(*said, network_->names(), identity_.stream_flags, sink_);
 }
 
 // Frame thread: one message into the ring; lockstep waits for room, live drops.

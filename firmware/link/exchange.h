@@ -8,6 +8,7 @@
 
 #include "base/spsc_ring.h"
 #include "frame_path.h"
+#include "infer/learned_result.h"
 
 namespace ruffini {
 
@@ -41,6 +42,8 @@ struct Exchange {
   std::atomic<uint32_t> skin_light_1e3{0};                        // at rest, over the calibration's; 0: not known
   std::array<std::atomic<uint64_t>, kStageCount> stage_sum_ns{};  // since the last status
   std::array<std::atomic<uint64_t>, kStageCount> stage_max_ns{};
+  // Written by the network's thread, where the board asks for one.
+  NetworkHealth network;
   // Written by the capture thread.
   std::atomic<uint64_t> frames_captured{0};
   std::atomic<uint64_t> frames_overrun{0};

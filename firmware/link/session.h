@@ -62,6 +62,7 @@ class Session {
   void send_schema();
   void send_status(uint64_t now_us);
   void send_event(uint64_t now_us, const TrialEnd& end);
+  void tell_network(ruffini_Status& m) const;
   void send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message);
   void take_telemetry();
 

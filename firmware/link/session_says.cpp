@@ -92,6 +92,22 @@ void Session::send_event(uint64_t now_us, const TrialEnd& end) {
   send(ruffini_MessageType_MESSAGE_TYPE_EVENT, ruffini_Event_fields, &m);
 }
 
+// Where the board asks for a network: how it fares.
+void Session::tell_network(ruffini_Status& m) const {
+  const NetworkHealth& network = exchange_.network;
+  if (!network.is_asked) return;
+  const NetworkState state = network.state.load(std::memory_order_acquire);
+  m.has_network = true;
+  m.network.state = static_cast<ruffini_NetworkState>(state);
+  m.network.results = network.results;
+  m.network.invalid = network.invalid;
+  m.network.skipped = network.skipped;
+  if (state == NetworkState::kRuns) copy_bytes(m.network.sha256, {network.sha256.begin(), network.sha256.end()});
+  if (state != NetworkState::kFailed) return;
+  copy_text(m.network.problem, network.problem.data());
+  m.health |= ruffini_HealthBit_HEALTH_NETWORK;
+}
+
 void Session::send_status(uint64_t now_us) {
   ruffini_Status m = ruffini_Status_init_zero;
   const uint64_t frames = exchange_.frames_processed.load();
@@ -134,6 +150,7 @@ void Session::send_status(uint64_t now_us) {
   const bool has_aged = m.skin_light_1e3 < 1'000 - kAgedSkin1e3 || m.skin_light_1e3 > 1'000 + kAgedSkin1e3;
   if (m.skin_light_1e3 != 0 && has_aged) m.health |= ruffini_HealthBit_HEALTH_SKIN_AGED;
   if (decoder_.counters().bad_crc > 0) m.health |= ruffini_HealthBit_HEALTH_LINK_DEGRADED;
+  tell_network(m);
   m.development_key = active.is_present && active.signer.is_development_key;
   copy_bytes(m.calibration_sha256, active.sha256);
   status_us_ = now_us;

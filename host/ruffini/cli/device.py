@@ -14,7 +14,7 @@ from ruffini.cli.common import JsonFlag, Settings, emit, note
 from ruffini.errors import InputError
 
 if TYPE_CHECKING:
-    from ruffini.device import Connection, Contacts
+    from ruffini.device import Connection, Contacts, Learned
 
 
 def common_options(
@@ -109,6 +109,20 @@ def _slip(contacts: Contacts | None) -> str:
     return f" {c.slip_state} {c.shear_ratio:.2f}/{known}{left}"
 
 
+def _learned(learned: Learned | None) -> str:
+    """What the network said of an earlier frame, and how late and how often it does."""
+    if learned is None:
+        return ""
+    said = " ".join(f"{name} {value}" for name, value in learned.quantities.items()) if learned.is_valid else "invalid"
+    return f" | network: {said} of frame {learned.frame}, {1e3 * learned.latency_s:.0f} ms, {learned.rate_hz:.1f} Hz"
+
+
+def _network_problem(status: Any) -> str:
+    """Why the network that the board asks for does not run; empty where it does, or none is asked for."""
+    network = getattr(status, "network", None)  # older devices know none
+    return str(network.problem) if network is not None else ""
+
+
 def _plus_minus(sigma: Any) -> tuple[str, str]:
     """Standard deviations behind force and moment, "+-?" where they are not measured."""
     if sigma is None:
@@ -121,17 +135,24 @@ def monitor(
     n: Annotated[int, typer.Option("--n", min=0, help="Stop after so many frames (0 = never).")] = 0,
     json_: Annotated[bool, typer.Option("--json", help="One JSON object per line and frame.")] = False,
 ) -> None:
-    """The wrench as it comes, and how near the largest contact is to sliding."""
-    from ruffini.device import Contacts, Wrench
+    """The wrench as it comes, how near the largest contact is to sliding, and what a learned network last said."""
+    from ruffini.device import Contacts, Learned, Wrench
     from ruffini.device.connection import SILENCE_S
     from ruffini.errors import NoDeviceError
 
     with open_sensor() as sensor:
-        sensor.subscribe(wrench=1, contacts=1)
+        sensor.subscribe(wrench=1, contacts=1, learned=1, status=1)
         count = 0
         numbers = sensor.schema.type_numbers
         contacts: Contacts | None = None  # a frame's come after its wrench: these are of the frame before
+        learned: Learned | None = None
+        is_warned = False
         for frame, message in sensor.stream(timeout_s=SILENCE_S):
+            if frame.type == numbers["STATUS"] and not is_warned and (problem := _network_problem(message)):
+                note(f"network not used: {problem}")
+                is_warned = True
+            if frame.type == numbers.get("LEARNED"):
+                learned = Learned.from_message(message)
             if frame.type == numbers["CONTACTS"]:
                 contacts = Contacts.from_message(message)
             if frame.type != numbers["WRENCH"]:
@@ -146,6 +167,7 @@ def monitor(
                                   "sigma_validity": wrench.covariance_validity,
                                   "validity": list(wrench.validity), "flags": flags,
                                   "contacts": None if contacts is None else asdict(contacts),
+                                  "learned": None if learned is None else asdict(learned),
                                   "simulated": frame.is_simulated, "replay": frame.is_replay}))  # fmt: skip
             else:
                 fx, fy, fz = wrench.values[:3]
@@ -154,7 +176,7 @@ def monitor(
                 force_sigma, torque_sigma = _plus_minus(wrench.sigma)
                 line = (f"{wrench.frame:6d}  F {fx:8.3f} {fy:8.3f} {fz:8.3f}{force_sigma} N   "
                         f"T {tx:8.3f} {ty:8.3f} {tz:8.3f}{torque_sigma} N mm"
-                        f"{_slip(contacts)}{tag} {' '.join(flags)}")  # fmt: skip
+                        f"{_slip(contacts)}{_learned(learned)}{tag} {' '.join(flags)}")  # fmt: skip
                 end = "\r" if sys.stdout.isatty() else "\n"
                 print(line.ljust(150), end=end, flush=True)
             count += 1

@@ -24,6 +24,7 @@ SILENCE_S = 5.0  # without a frame: the camera stands still
 MAX_BACKLOG = 4096  # messages kept while a command waits for its reply
 DEVICE = 255
 FLASH_DURABLE, FLASH_ACTIVE = 3, 4  # FlashState of the schema
+YOUNG_TYPES = ("learned",)  # that a device in use may not know yet
 
 
 class Connection:
@@ -189,8 +190,12 @@ class Connection:
         return reply
 
     def subscribe(self, **every: int) -> None:
-        """Ask for each n-th message of a type, e.g. subscribe(wrench=1, field=2); replaces what was asked before."""
+        """Ask for each n-th message of a type, e.g. subscribe(wrench=1, field=2); replaces what was asked before.
+
+        `learned` is passed over where the device is older than that message.
+        """
         numbers = self.schema.type_numbers
+        every = {name: n for name, n in every.items() if name.upper() in numbers or name not in YOUNG_TYPES}
         self.checked(
             subscribe={"subscriptions": [{"type": numbers[name.upper()], "every": n} for name, n in every.items()]}
         )

@@ -50,7 +50,7 @@ def record_stream(sensor: Connection, path: Path, *, n_frames: int = 0, image_ev
             writer.add_message(raw_channel, log_time=clock_us * 1000, data=data, publish_time=clock_us * 1000)
 
         sensor.raw_sink = keep_raw
-        sensor.subscribe(wrench=1, field=1, depth=1, contacts=1, markers=1, status=1, image=image_every)
+        sensor.subscribe(wrench=1, field=1, depth=1, contacts=1, markers=1, learned=1, status=1, image=image_every)
         frame_s = time.monotonic()
         try:
             for frame, message in sensor.stream(

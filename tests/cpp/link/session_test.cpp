@@ -209,7 +209,7 @@ TEST_F(SessionTest, WhatIsNoCommandGetsNoReplyAndIsCounted) {
 }
 
 TEST_F(SessionTest, ATypeOfTheFutureIsPassedOver) {
-  EXPECT_TRUE(ask(static_cast<ruffini_MessageType>(ruffini_MessageType_MESSAGE_TYPE_REPLY + 1)).empty());
+  EXPECT_TRUE(ask(static_cast<ruffini_MessageType>(_ruffini_MessageType_MAX + 1)).empty());
   EXPECT_EQ(status().drops.rx_malformed, 0U);
 }
 
@@ -419,6 +419,32 @@ TEST_F(SessionTest, TheDevicesOwnFramesComingBackAreAnEcho) {
   session_.poll(1);
   EXPECT_TRUE(session_.pending().empty());
   EXPECT_EQ(status().drops.rx_echo, 1U);
+}
+
+TEST_F(SessionTest, StatusSaysHowALearnedNetworkFares) {
+  EXPECT_FALSE(status().has_network);
+  NetworkHealth& network = exchange_.network;
+  network.is_asked = true;
+  network.sha256.fill(0xAB);
+  network.results = 5;
+  network.invalid = 2;
+  network.skipped = 7;
+  EXPECT_EQ(status().network.state, ruffini_NetworkState_NETWORK_STATE_LOADING);
+  network.state = NetworkState::kRuns;
+  ruffini_Status said = status();
+  EXPECT_EQ(said.network.state, ruffini_NetworkState_NETWORK_STATE_RUNS);
+  ASSERT_EQ(said.network.sha256.size, 32U);
+  EXPECT_EQ(said.network.sha256.bytes[31], 0xAB);
+  EXPECT_EQ(said.network.results, 5U);
+  EXPECT_EQ(said.network.invalid, 2U);
+  EXPECT_EQ(said.network.skipped, 7U);
+  EXPECT_EQ(said.health & ruffini_HealthBit_HEALTH_NETWORK, 0U);
+  std::copy_n("no such file", 12, network.problem.begin());
+  network.state = NetworkState::kFailed;
+  said = status();
+  EXPECT_EQ(said.network.state, ruffini_NetworkState_NETWORK_STATE_FAILED);
+  EXPECT_STREQ(said.network.problem, "no such file");
+  EXPECT_NE(said.health & ruffini_HealthBit_HEALTH_NETWORK, 0U);
 }
 
 TEST_F(SessionTest, StatusCarriesTheTemperatureWhereThereIsOne) {
