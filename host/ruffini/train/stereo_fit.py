@@ -23,7 +23,6 @@ from ruffini import __version__
 from ruffini.errors import InputError
 from ruffini.files import write_whole
 from ruffini.sim.cache import cache_folder
-from ruffini.train.fit import rate_at
 from ruffini.train.stereo_frames import UNITS, Samples
 from ruffini.train.stereo_network import PLANS, StereoNet, load_trunk
 
@@ -32,8 +31,9 @@ Index = npt.NDArray[np.int64]
 
 CHECKPOINT = "stereo-checkpoint.pt"
 BATCH = 16
-RATE = {"vgg16": 1e-4, "eighth": 4e-4}  # learning rate at its highest
-DECAY = 1e-3
+RATE = {"vgg16": 1e-4, "eighth": 1e-3}  # learning rate at its highest
+DECAY = 1e-2
+WARM = 0.3  # of the steps, until the rate is at its highest
 HELD_OUT = 10  # every tenth press is for validation
 
 
@@ -112,7 +112,7 @@ class StereoTrainer:
             for k in range(n_batches):
                 step = number * n_batches + k
                 for group in self._optimizer.param_groups:
-                    group["lr"] = RATE[self._choice.plan] * rate_at(step / n_steps)
+                    group["lr"] = RATE[self._choice.plan] * _rate_at(step / n_steps)
                 total += self._step(order[k * BATCH : (k + 1) * BATCH])
                 progress((step + 1) / n_steps)
             self._judge(number + 1, total / n_batches)
@@ -140,7 +140,6 @@ class StereoTrainer:
         self._optimizer.zero_grad()
         loss = torch.nn.functional.smooth_l1_loss(self._out(chosen)[is_told], wanted[is_told], beta=0.05)
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.net.parameters(), 1.0)
         self._optimizer.step()
         return float(loss.detach())
 
@@ -205,3 +204,9 @@ class StereoTrainer:
         self._best = state["best"]
         self._optimizer.load_state_dict(state["optimizer"])
         self.passes = [Pass(p["number"], p["loss"], tuple(p["error"]), p["score"]) for p in state["passes"]]
+
+
+def _rate_at(part: float) -> float:
+    """Learning rate over its highest, `part` of the way: up and down by cosines."""
+    way = part / WARM if part < WARM else 1 + (part - WARM) / (1 - WARM)
+    return 0.5 - 0.5 * float(np.cos(np.pi * way)) + 1e-3

@@ -2,8 +2,8 @@
 
     python3 tests/data/networks/make_networks.py [FOLDER]
 
-Needs the package onnx. `means` says blue x 1000, green - red; `nan` no number; `short` has one output, its metadata name
-two; `small` takes pictures of 80 x 60 only.
+Needs the package onnx. `means` says blue x 1000, green - red; `nan` no number; `short` has one output where its
+metadata name two; `small` takes pictures of 80 x 60 only.
 """
 
 from __future__ import annotations
