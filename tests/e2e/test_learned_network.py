@@ -1,0 +1,127 @@
+"""A learned network beside the frame path: the real ruffinid, a network of a few hundred bytes, a real pty.
+
+`means.onnx` (tests/data/networks/make_networks.py) says the mean of blue times 1000, and of green less red.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from tiny_sensor import ROOT, Sensor, start, write_board, write_recording
+
+from ruffini.boards import find_board
+from ruffini.device import Connection, Learned
+from ruffini.errors import NoDeviceError
+from ruffini.record import record_stream
+
+NETWORKS = ROOT / "tests" / "data" / "networks"
+N_FRAMES = 16
+RUNS, FAILED = 1, 2
+
+
+@pytest.fixture(scope="module")
+def asking(tmp_path_factory: pytest.TempPathFactory) -> Sensor:
+    """A board that asks for a network, and frames: a press that grows, at last the lens covered by something red."""
+    root = tmp_path_factory.mktemp("asking")
+    changes = {'name = "sample"': 'name = "round"', 'optics = "gelslim-twin-320x240"': 'optics = "test"'}
+    folder = write_board(root / "round", changes)
+    with (folder / "board.toml").open("a") as file:
+        file.write('\n[learned]\nnetwork = "net.onnx"\n')
+    board = find_board(folder)
+    recording = write_recording(board, root / "recording", N_FRAMES)
+    red = np.full((board.camera.height_px, board.camera.width_px, 3), (0, 0, 200), np.uint8)
+    cv2.imwrite(str(recording / "frames" / f"{N_FRAMES - 1:04d}.png"), red)
+    return Sensor(board, folder, recording, b"")
+
+
+def test_what_it_says_arrives_with_its_own_frames_stamp_and_is_recorded(asking: Sensor, tmp_path: Path) -> None:
+    store, out = tmp_path / "store", tmp_path / "run.mcap"
+    store.mkdir()
+    shutil.copy(NETWORKS / "means.onnx", store / "net.onnx")
+    with start(asking, store, "--lockstep", "--wait-for-host", "--linger") as daemon, Connection(daemon.port) as host:
+        with pytest.raises(NoDeviceError, match="no frame"):
+            record_stream(host, out)
+        host._send("STATUS")
+        status = next(m for f, m in host.stream(timeout_s=3) if host.schema.type_name(f.type) == "STATUS")
+        host.subscribe()
+    with out.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        said = [Learned.from_message(m) for *_, m in reader.iter_decoded_messages(topics=["/ruffini/learned"])]
+    assert [s.frame for s in said] == list(range(N_FRAMES))
+    for i, one in enumerate(said):
+        picture = cv2.imread(str(asking.recording / "frames" / f"{i:04d}.png"))
+        blue, green, red = picture.reshape(-1, 3).mean(axis=0)
+        assert one.quantities == {
+            "blue_un": pytest.approx(1000 * blue, abs=1),
+            "green_um": pytest.approx(green - red, abs=0.6),
+        }
+        taught = 0 <= 1000 * blue <= 100_000 and -50 <= green - red <= 50
+        assert one.is_valid == taught
+        assert 0 < one.took_s <= one.latency_s < 30
+        assert (one.rate_hz > 0) == (i > 0)
+    assert 0 < sum(s.is_valid for s in said) < N_FRAMES
+    network = status.network
+    assert (network.state, network.results, network.skipped) == (RUNS, N_FRAMES, 0)
+    assert network.invalid == sum(not s.is_valid for s in said)
+    assert network.sha256 == hashlib.sha256((store / "net.onnx").read_bytes()).digest()
+    assert "HEALTH_NETWORK" not in host.schema.enum_names("HealthBit", status.health)
+
+
+def nothing(path: Path) -> None:
+    """No file at all."""
+
+
+PROBLEMS: dict[str, tuple[Callable[[Path], object], str]] = {
+    "no file": (nothing, "net.onnx: no such network"),
+    "garbage": (lambda p: p.write_bytes(b"garbage" * 99), "no network of ruffini"),
+    "another board": (
+        lambda p: p.write_bytes((NETWORKS / "means.onnx").read_bytes().replace(b"round", b"other")), "train its own"
+    ),
+    "another size": (lambda p: shutil.copy(NETWORKS / "small.onnx", p), "does not run on this board's frames"),
+    "fewer outputs": (lambda p: shutil.copy(NETWORKS / "short.onnx", p), "2 outputs"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_frames_go_on_without_a_network_that_does_not_run(asking: Sensor, tmp_path: Path, name: str) -> None:
+    make, problem = PROBLEMS[name]
+    store = tmp_path / "store"
+    store.mkdir()
+    make(store / "net.onnx")
+    counts = {"WRENCH": 0, "LEARNED": 0}
+    with start(asking, store, "--lockstep", "--wait-for-host", "--linger") as daemon, Connection(daemon.port) as host:
+        host.subscribe(wrench=1, learned=1)
+        for frame, message in host.stream(timeout_s=3):
+            kind = host.schema.type_name(frame.type)
+            if kind == "STATUS":
+                status = message
+                break
+            counts[str(kind)] += 1
+            if counts["WRENCH"] == N_FRAMES:
+                host._send("STATUS")
+    assert counts == {"WRENCH": N_FRAMES, "LEARNED": 0}
+    assert status.network.state == FAILED
+    assert problem in status.network.problem
+    assert "HEALTH_NETWORK" in host.schema.enum_names("HealthBit", status.health)
+
+
+def test_no_number_is_invalid_and_frames_go_on(asking: Sensor, tmp_path: Path) -> None:
+    store = tmp_path / "store"
+    store.mkdir()
+    shutil.copy(NETWORKS / "nan.onnx", store / "net.onnx")
+    said = []
+    with start(asking, store, "--lockstep", "--wait-for-host", "--linger") as daemon, Connection(daemon.port) as host:
+        host.subscribe(learned=1)
+        for _, message in host.stream(timeout_s=3):
+            said.append(Learned.from_message(message))
+            if len(said) == N_FRAMES:
+                break
+    assert not any(s.is_valid or s.quantities for s in said)
