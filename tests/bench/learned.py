@@ -1,9 +1,9 @@
 """Does a learned network delay the frame path? The real ruffinid at the camera's pace, without and with a network.
 
-    python tests/bench/learned.py --board BOARD --frames RECORDING --network stereo.onnx [--calibration FILE] [--seconds 20]
+    python tests/bench/learned.py --board BOARD --frames RECORDING --network FILE [--calibration FILE]
 
-RECORDING is a folder with frames/, played in a loop. Prints milliseconds of all stages of a frame (mean of each second's
-means, largest of its maxima, from STATUS), frames that were lost, and the network's own rate, time and latency.
+RECORDING is a folder with frames/, played in a loop. Prints milliseconds of all stages of a frame (mean, and largest of
+each second's, from STATUS), frames that were lost, and the network's own rate, time and latency.
 """
 
 from __future__ import annotations

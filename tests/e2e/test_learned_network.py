@@ -19,7 +19,6 @@ from tiny_sensor import ROOT, Sensor, start, write_board, write_recording
 
 from ruffini.boards import find_board
 from ruffini.device import Connection, Learned
-from ruffini.errors import NoDeviceError
 from ruffini.record import record_stream
 
 NETWORKS = ROOT / "tests" / "data" / "networks"
@@ -29,7 +28,7 @@ RUNS, FAILED = 1, 2
 
 @pytest.fixture(scope="module")
 def asking(tmp_path_factory: pytest.TempPathFactory) -> Sensor:
-    """A board that asks for a network, and frames: a press that grows, at last the lens covered by something red."""
+    """A board that asks for a network, and frames: a press that grows, once the lens covered by something red."""
     root = tmp_path_factory.mktemp("asking")
     changes = {'name = "sample"': 'name = "round"', 'optics = "gelslim-twin-320x240"': 'optics = "test"'}
     folder = write_board(root / "round", changes)
@@ -38,7 +37,7 @@ def asking(tmp_path_factory: pytest.TempPathFactory) -> Sensor:
     board = find_board(folder)
     recording = write_recording(board, root / "recording", N_FRAMES)
     red = np.full((board.camera.height_px, board.camera.width_px, 3), (0, 0, 200), np.uint8)
-    cv2.imwrite(str(recording / "frames" / f"{N_FRAMES - 1:04d}.png"), red)
+    cv2.imwrite(str(recording / "frames" / f"{N_FRAMES - 2:04d}.png"), red)
     return Sensor(board, folder, recording, b"")
 
 
@@ -47,15 +46,14 @@ def test_what_it_says_arrives_with_its_own_frames_stamp_and_is_recorded(asking: 
     store.mkdir()
     shutil.copy(NETWORKS / "means.onnx", store / "net.onnx")
     with start(asking, store, "--lockstep", "--wait-for-host", "--linger") as daemon, Connection(daemon.port) as host:
-        with pytest.raises(NoDeviceError, match="no frame"):
-            record_stream(host, out)
+        record_stream(host, out, n_frames=N_FRAMES)  # to the last frame's markers: what the network says is later
         host._send("STATUS")
         status = next(m for f, m in host.stream(timeout_s=3) if host.schema.type_name(f.type) == "STATUS")
         host.subscribe()
     with out.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         said = [Learned.from_message(m) for *_, m in reader.iter_decoded_messages(topics=["/ruffini/learned"])]
-    assert [s.frame for s in said] == list(range(N_FRAMES))
+    assert [s.frame for s in said] == list(range(N_FRAMES - 1))
     for i, one in enumerate(said):
         picture = cv2.imread(str(asking.recording / "frames" / f"{i:04d}.png"))
         blue, green, red = picture.reshape(-1, 3).mean(axis=0)
@@ -63,14 +61,14 @@ def test_what_it_says_arrives_with_its_own_frames_stamp_and_is_recorded(asking: 
             "blue_un": pytest.approx(1000 * blue, abs=1),
             "green_um": pytest.approx(green - red, abs=0.6),
         }
-        taught = 0 <= 1000 * blue <= 100_000 and -50 <= green - red <= 50
+        taught = 0 <= 1000 * blue <= 140_000 and -50 <= green - red <= 50
         assert one.is_valid == taught
         assert 0 < one.took_s <= one.latency_s < 30
         assert (one.rate_hz > 0) == (i > 0)
-    assert 0 < sum(s.is_valid for s in said) < N_FRAMES
+    assert [s.frame for s in said if not s.is_valid] == [N_FRAMES - 2]
     network = status.network
     assert (network.state, network.results, network.skipped) == (RUNS, N_FRAMES, 0)
-    assert network.invalid == sum(not s.is_valid for s in said)
+    assert network.invalid == sum(not s.is_valid for s in said)  # the last frame is as all but the red one
     assert network.sha256 == hashlib.sha256((store / "net.onnx").read_bytes()).digest()
     assert "HEALTH_NETWORK" not in host.schema.enum_names("HealthBit", status.health)
 

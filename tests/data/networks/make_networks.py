@@ -19,7 +19,7 @@ HERE = Path(__file__).parent
 METADATA = {
     "ruffini.format": "ruffini-network", "ruffini.format_version": "1", "ruffini.board": "round",
     "ruffini.optics": "test", "ruffini.resolution": "160x120", "ruffini.outputs": "blue_un,green_um",
-    "ruffini.low": "0,-50", "ruffini.high": "100000,50",
+    "ruffini.low": "0,-50", "ruffini.high": "140000,50",
 }  # fmt: skip
 MEANS = [[1000.0, 0.0, 0.0], [0.0, 1.0, -1.0]]
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.experiments import Experiment, Options, stereo_teacher
 from ruffini.bench.papers import default_folder
 from ruffini.bench.papers.recorded import Recorded, shape_of
 from ruffini.boards import Board
@@ -99,6 +99,9 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
         "stand_in": {str(mode): _stand_in([r for r in ours if r.part == "fit"], judged, mode) for mode in range(4)},
         "told_apart": told_apart(board, tests), "frame_ms": _times(played),
     }  # fmt: skip
+    if options.network is not None:
+        runs = [(r, truth_of(r)) for r in [*judged, *tests]]
+        result["teacher"] = stereo_teacher.judge(board, options.network, runs, LEAST_N, MOST_N)
     options.progress(1.0)
     return Experiment(result, text(result), pictures.draw(out, played))
 
@@ -298,6 +301,8 @@ def text(result: dict[str, Any]) -> str:
     lines += ["", "stand-in for the paper's network, fitted on the same presses, set `any`"]
     for mode, row in result["stand_in"].items():
         lines.append(f"  {'input mode ' + mode:41}" + "".join(f"{v:11.3f}" for v in row.values()))
+    if "teacher" in result:
+        lines += stereo_teacher.text(result["teacher"])
     tests = result["paper_tests"]
     if tests:
         lines += ["", f"the paper's tests {'':16}{'ours':>9}{'paper':>9}"]
