@@ -117,12 +117,6 @@ def _learned(learned: Learned | None) -> str:
     return f" | network: {said} of frame {learned.frame}, {1e3 * learned.latency_s:.0f} ms, {learned.rate_hz:.1f} Hz"
 
 
-def _network_problem(status: Any) -> str:
-    """Why the network that the board asks for does not run; empty where it does, or none is asked for."""
-    network = getattr(status, "network", None)  # older devices know none
-    return str(network.problem) if network is not None else ""
-
-
 def _plus_minus(sigma: Any) -> tuple[str, str]:
     """Standard deviations behind force and moment, "+-?" where they are not measured."""
     if sigma is None:
@@ -141,16 +135,12 @@ def monitor(
     from ruffini.errors import NoDeviceError
 
     with open_sensor() as sensor:
-        sensor.subscribe(wrench=1, contacts=1, learned=1, status=1)
+        sensor.subscribe(wrench=1, contacts=1, learned=1)
         count = 0
         numbers = sensor.schema.type_numbers
         contacts: Contacts | None = None  # a frame's come after its wrench: these are of the frame before
         learned: Learned | None = None
-        is_warned = False
         for frame, message in sensor.stream(timeout_s=SILENCE_S):
-            if frame.type == numbers["STATUS"] and not is_warned and (problem := _network_problem(message)):
-                note(f"network not used: {problem}")
-                is_warned = True
             if frame.type == numbers.get("LEARNED"):
                 learned = Learned.from_message(message)
             if frame.type == numbers["CONTACTS"]:
