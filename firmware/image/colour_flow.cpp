@@ -145,7 +145,8 @@ bool ColourFlow::is_inside(int64_t x_q16, int64_t y_q16) const {
   return x_q16 >= 0 && x_q16 <= last_x && y_q16 >= 0 && y_q16 <= last_y;
 }
 
-void ColourFlow::step(const FrameView& frame, std::span<FlowVector> u, std::span<uint8_t> is_cut) {
+void ColourFlow::step(const FrameView& frame, std::span<FlowVector> u, std::span<uint8_t> is_cut,
+                      std::span<uint8_t> quality) {
   see(frame.data, frame.stride, 0);
   for (size_t number = 0; number < patch_.size(); ++number) {
     const Patch& patch = patch_[number];
@@ -170,6 +171,9 @@ void ColourFlow::step(const FrameView& frame, std::span<FlowVector> u, std::span
     };
     u[number].x_q16 -= static_cast<int32_t>(way(k[0], k[1]));
     u[number].y_q16 -= static_cast<int32_t>(way(k[2], k[3]));
+    // 255 / (1 + e^2) with two thirds of the error e.
+    const int q = quality[number];
+    quality[number] = static_cast<uint8_t>(255 * 9 * q / (5 * q + 4 * 255));
   }
 }
 

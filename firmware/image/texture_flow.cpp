@@ -190,7 +190,7 @@ int TextureFlow::track(std::span<const uint16_t> grey, const FrameView& frame) {
   for (FlowVector& u : u_) u = {2 * u.x_q16, 2 * u.y_q16};
   templates_[0].step(picture_[0].view(), u_, is_cut_);
   templates_[0].compare(picture_[0].view(), u_, threshold_1e3_, known_);
-  colours_.step(frame, u_, is_cut_);
+  colours_.step(frame, u_, is_cut_, known_);
   int n_lost = 0;
   for (size_t i = 0; i < markers_.size(); ++i) {
     Marker& marker = markers_[i];

@@ -106,8 +106,8 @@ class ColourFlow:
         lower = between(picture[yy + 1, xx], picture[yy + 1, xx + 1], fx)
         return between(upper, lower, fy).reshape(len(u), -1)
 
-    def step(self, frame: npt.NDArray[np.uint8], u: I64) -> tuple[I64, Bools]:
-        """u after one step, and where the step was cut to a pixel."""
+    def step(self, frame: npt.NDArray[np.uint8], u: I64, quality: I64) -> tuple[I64, Bools, I64]:
+        """u after one step, where the step was cut to a pixel, and the quality that then holds."""
         pictures = smoothed(frame.astype(np.int64) << 4)
         seen = np.stack([self._sample(pictures[..., c], u) for c in range(3)], axis=1)
         ds = (self.h * seen[:, :, None]).sum(axis=(1, 3)) - self.s0
@@ -119,4 +119,6 @@ class ColourFlow:
                 wide = int(self.k[i, 2 * axis]) * int(ds[i, 0]) + int(self.k[i, 2 * axis + 1]) * int(ds[i, 1])
                 shift = int(self.shift[i]) + 4
                 way[i, axis] = (wide + (1 << (shift - 1))) >> shift
-        return u - np.clip(way, -MAX_STEP, MAX_STEP), (np.abs(way) >= MAX_STEP).any(axis=1)
+        is_cut = (np.abs(way) >= MAX_STEP).any(axis=1)
+        better = 255 * 9 * quality // (5 * quality + 4 * 255)
+        return u - np.clip(way, -MAX_STEP, MAX_STEP), is_cut, np.where(self.is_sound & is_inside, better, quality)

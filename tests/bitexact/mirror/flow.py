@@ -185,7 +185,7 @@ class Flow:
         u = middle.step(pictures[1], 2 * u[self._parent])[0]
         u, is_cut = fine.step(pictures[0], 2 * u)
         graded = self._graded(fine, fine.sample(pictures[0], u))
-        u, is_cut_again = self.colours.step(frame, u)
+        u, is_cut_again, graded = self.colours.step(frame, u, graded)
         self.quality = np.where(fine.is_sound & ~is_cut & ~is_cut_again, graded, 0)
         known = self.quality > 0
         self.rows[:, [DX, DY]] = u
