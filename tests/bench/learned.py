@@ -3,7 +3,7 @@
     python tests/bench/learned.py --board BOARD --frames RECORDING --network FILE [--calibration FILE]
 
 RECORDING is a folder with frames/, played in a loop. Prints milliseconds of all stages of a frame (mean, and largest of
-each second's, from STATUS), frames that were lost, and the network's own rate, time and latency.
+each second's, from STATUS), frames that were lost, the most memory, and the network's own rate, time and latency.
 """
 
 from __future__ import annotations
@@ -36,18 +36,19 @@ class Figures:
     most_ms: float
     rate_hz: float
     lost: int
+    memory_mb: int
     learned: list[Learned]
 
 
 @contextlib.contextmanager
-def daemon(folder: Path, frames: Path, store: Path) -> Iterator[str]:
-    """A running ruffinid; gives its port."""
+def daemon(folder: Path, frames: Path, store: Path) -> Iterator[tuple[str, int]]:
+    """A running ruffinid; gives its port and process."""
     command = [str(find_daemon()), "--board", str(folder), "--camera", f"replay:{frames}", "--link", "pty",
                "--store", str(store), "--loop"]  # fmt: skip
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
-        yield process.stdout.readline().removeprefix("link: ").strip()
+        yield process.stdout.readline().removeprefix("link: ").strip(), process.pid
     finally:
         process.kill()
         process.wait(timeout=10)
@@ -71,7 +72,7 @@ def measure(board: Board, frames: Path, network: Path | None, calibration: Path 
         folder = board_folder(board, root, network is not None)
         if network is not None:
             shutil.copy(network, store / NAME)
-        with daemon(folder, frames, store) as port, Connection(port) as host:
+        with daemon(folder, frames, store) as (port, pid), Connection(port) as host:
             if calibration is not None:
                 host.flash(calibration.read_bytes())
             host.subscribe(contacts=1, markers=1, learned=1, status=1)
@@ -86,12 +87,19 @@ def measure(board: Board, frames: Path, network: Path | None, calibration: Path 
                     learned.append(Learned.from_message(message))
                 if time.monotonic() > end:
                     break
+            memory_mb = most_memory_mb(pid)
     means = [sum(t.mean_ns for t in s.stage_times) for s in status]
     worst = max(sum(t.max_ns for t in s.stage_times) for s in status)
     first, last = status[0], status[-1]
     rate = (last.frames_processed - first.frames_processed) / (last.uptime_us - first.uptime_us) * 1e6
     lost = last.drops.capture_overrun - first.drops.capture_overrun
-    return Figures(float(np.mean(means)) * 1e-6, worst * 1e-6, rate, lost, learned)
+    return Figures(float(np.mean(means)) * 1e-6, worst * 1e-6, rate, lost, memory_mb, learned)
+
+
+def most_memory_mb(pid: int) -> int:
+    """Most that a process ever had resident."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return int(next(line.split()[1] for line in lines if line.startswith("VmHWM:"))) // 1024
 
 
 def main() -> None:
@@ -103,10 +111,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     options = parser.parse_args()
     board = find_board(options.board)
-    print(f"{'':20}{'frame, ms':>10}{'longest':>9}{'Hz':>7}{'lost':>6}")
+    print(f"{'':20}{'frame, ms':>10}{'longest':>9}{'Hz':>7}{'lost':>6}{'MB':>6}")
     for name, network in (("without a network", None), ("with", options.network)):
         f = measure(board, options.frames, network, options.calibration, options.seconds)
-        print(f"{name:20}{f.frame_ms:10.2f}{f.most_ms:9.2f}{f.rate_hz:7.2f}{f.lost:6d}")
+        print(f"{name:20}{f.frame_ms:10.2f}{f.most_ms:9.2f}{f.rate_hz:7.2f}{f.lost:6d}{f.memory_mb:6d}")
     if f.learned:
         took, late = (np.median([getattr(one, key) for one in f.learned]) * 1e3 for key in ("took_s", "latency_s"))
         rate = np.median([one.rate_hz for one in f.learned])

@@ -41,8 +41,8 @@ TEST(Latest, TwoThreadsNeitherTearNorGoBack) {
   while (seen < kLast) {
     const auto* taken = latest.take();
     if (taken == nullptr) continue;
-    for (const uint64_t value : *taken) n_wrong += value == taken->front() ? 0 : 1;
-    n_wrong += taken->front() > seen ? 0 : 1;
+    for (const uint64_t value : *taken) n_wrong += value == taken->front() ? 0U : 1U;
+    n_wrong += taken->front() > seen ? 0U : 1U;
     seen = taken->front();
   }
   writer.join();
