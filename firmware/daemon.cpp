@@ -12,7 +12,7 @@ constexpr int kLinkPollMs = 2;
 constexpr uint64_t kWarmthUs = 1'000'000;  // between readings of the thermometer
 constexpr uint64_t kDrainUs = 2'000'000;   // how long an ended recording waits for a reader that takes nothing
 constexpr uint64_t kQuietUs = 100'000;     // a tty that looks empty may be about to be filled by the kernel
-constexpr auto kReopenPause = std::chrono::milliseconds(50);
+constexpr auto kReopenPause = std::chrono::milliseconds(10);  // a host that is back waits no longer
 
 uint64_t now_us() {
   return static_cast<uint64_t>(

@@ -57,9 +57,25 @@ Session::Session(const BoardSettings& board, const FramePath& path, DeviceIdenti
       first_y_(observed_nodes(board.grid.n_y, board.pad.size_y_um, board.window.min_y_um, board.window.max_y_um)) {}
 
 void Session::receive(std::span<const uint8_t> bytes) {
+  const uint64_t n_before = n_damaged();
   for (const uint8_t byte : bytes) {
     if (const std::optional<WireFrame> frame = decoder_.push(byte)) handle(*frame);
   }
+  if (n_damaged() != n_before && calibrator_.is_receiving()) ask_again();
+}
+
+uint64_t Session::n_damaged() const {
+  const DecoderCounters& counters = decoder_.counters();
+  return counters.bad_crc + counters.malformed + counters.oversize;
+}
+
+// A chunk came damaged: its host need not wait until no reply has come.
+void Session::ask_again() {
+  ruffini_Reply reply = ruffini_Reply_init_zero;
+  reply.code = ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
+  reply.next_offset = calibrator_.next_offset();
+  copy_text(reply.text, "a frame came damaged: send it again");
+  send(ruffini_MessageType_MESSAGE_TYPE_REPLY, ruffini_Reply_fields, &reply);
 }
 
 void Session::handle(const WireFrame& frame) {

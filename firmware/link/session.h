@@ -53,6 +53,8 @@ class Session {
   };
 
   void handle(const WireFrame& frame);
+  [[nodiscard]] uint64_t n_damaged() const;
+  void ask_again();
   void command(const ruffini_Command& command, uint8_t sensor);
   void act(const ruffini_Command& command, ruffini_Reply& reply);
   void flash(const ruffini_Command& command, ruffini_Reply& reply);

@@ -18,7 +18,7 @@ from tiny_sensor import Twin
 
 from ruffini.boards import find_board
 from ruffini.demo.daemon import find_daemon, running_daemon
-from ruffini.device import Connection
+from ruffini.device import Connection, flashing
 from ruffini.errors import RefusedError, RuffiniError
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.optics.renderer import Renderer
@@ -167,7 +167,10 @@ def test_a_calibration_that_shows_no_good_frame_is_not_kept(twin: Twin, tmp_path
     assert list((tmp_path / "store").iterdir()) == []
 
 
-def test_a_daemon_that_dies_during_the_trial_comes_back_with_what_was_before(twin: Twin, tmp_path: Path) -> None:
+def test_a_daemon_that_dies_during_the_trial_comes_back_with_what_was_before(
+    twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flashing, "RESUME_S", 0.2)  # it will not be back
     scenario = Scenario.model_validate(
         {"schema": 1, "program": "rest", "n": 1_000_000,
          "fault": [{"kind": "stall", "first_frame": 3, "n_frames": 999_000}]}
@@ -185,14 +188,14 @@ def test_a_daemon_that_dies_during_the_trial_comes_back_with_what_was_before(twi
     ):
         assert process.stdout is not None
         port = process.stdout.readline().removeprefix("link: ").strip()
-        flashing = threading.Thread(target=flash, args=(port,))
-        flashing.start()
+        upload = threading.Thread(target=flash, args=(port,))
+        upload.start()
         give_up = time.monotonic() + 20
         while not (tmp_path / "store" / "trial.safetensors").exists() and time.monotonic() < give_up:
             time.sleep(0.01)
         process.kill()
-        flashing.join(20)
-        assert not flashing.is_alive()
+        upload.join(20)
+        assert not upload.is_alive()
     with TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin2"):
         command[command.index(f"twin:{tmp_path / 'twin'}")] = f"twin:{tmp_path / 'twin2'}"
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

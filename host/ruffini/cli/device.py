@@ -13,6 +13,11 @@ import typer
 from ruffini.cli.common import JsonFlag, Settings, emit, note
 from ruffini.errors import InputError
 
+RESUME_S = 10.0
+ResumeOption = Annotated[
+    float, typer.Option(min=0, help="How long a line that was lost is waited for, seconds (0 = end with it).")
+]
+
 if TYPE_CHECKING:
     from ruffini.device import Connection, Contacts, Learned
 
@@ -127,6 +132,7 @@ def _plus_minus(sigma: Any) -> tuple[str, str]:
 
 def monitor(
     n: Annotated[int, typer.Option("--n", min=0, help="Stop after so many frames (0 = never).")] = 0,
+    resume: ResumeOption = RESUME_S,
     json_: Annotated[bool, typer.Option("--json", help="One JSON object per line and frame.")] = False,
 ) -> None:
     """The wrench as it comes, how near the largest contact is to sliding, and what a learned network last said."""
@@ -140,7 +146,8 @@ def monitor(
         numbers = sensor.schema.type_numbers
         contacts: Contacts | None = None  # a frame's come after its wrench: these are of the frame before
         learned: Learned | None = None
-        for frame, message in sensor.stream(timeout_s=SILENCE_S):
+        stream = sensor.stream(timeout_s=SILENCE_S, resume_s=resume, on_gap=lambda gap: note(f"{sensor.port}: {gap}"))
+        for frame, message in stream:
             if frame.type == numbers.get("LEARNED"):
                 learned = Learned.from_message(message)
             if frame.type == numbers["CONTACTS"]:
@@ -182,6 +189,7 @@ def record(
     image_every: Annotated[
         int, typer.Option(min=0, help="Every so many frames also the camera image (0 = never).")
     ] = 0,
+    resume: ResumeOption = RESUME_S,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     json_: JsonFlag = False,
 ) -> None:
@@ -192,7 +200,10 @@ def record(
         raise InputError(f"{out} exists: choose another name, or give --force")
     with open_sensor() as sensor:
         note(f"recording {sensor.port} to {out}, stop with Ctrl-C")
-        counts = record_stream(sensor, out, n_frames=n, image_every=image_every)
+        counts = record_stream(
+            sensor, out, n_frames=n, image_every=image_every, resume_s=resume,
+            on_gap=lambda gap: note(f"{sensor.port}: {gap}"),
+        )  # fmt: skip
     total = sum(counts.values())
     emit(
         {"file": str(out), "messages": counts},

@@ -313,6 +313,22 @@ TEST_F(SessionTest, AFlashedFileIsDurableThenActiveOrGone) {
   delete exchange_.next_path.exchange(nullptr);
 }
 
+// A host that uploads need not wait for its time; anybody else's garbage is not answered.
+TEST_F(SessionTest, ADamagedFrameIsAskedForAgainWhileAnUploadRuns) {
+  Bytes damaged = host_frame(ruffini_MessageType_MESSAGE_TYPE_COMMAND, encoded(request(9, ruffini_Command_zero_tag)));
+  damaged[damaged.size() / 2] ^= 1;
+  session_.receive(damaged);
+  EXPECT_TRUE(read_all().empty());
+  ASSERT_TRUE(calibrator_.begin(10, std::string(32, 'x')));
+  ASSERT_TRUE(calibrator_.chunk(0, Bytes{1, 2, 3}));
+  session_.receive(damaged);
+  ruffini_Reply reply = ruffini_Reply_init_zero;
+  ASSERT_TRUE(take(session_, ruffini_Reply_fields, &reply));
+  EXPECT_EQ(reply.request_id, 0U);
+  EXPECT_EQ(reply.code, ruffini_ReplyCode_REPLY_BAD_ARGUMENT);
+  EXPECT_EQ(reply.next_offset, 3U);
+}
+
 TEST_F(SessionTest, StatusSaysHowFarASkinHasAged) {
   EXPECT_EQ(status().skin_light_1e3, 0U) << "no skin, nothing to say";
   EXPECT_FALSE(status().health & ruffini_HealthBit_HEALTH_SKIN_AGED);
