@@ -77,8 +77,9 @@ fuzz: setup  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the sess
 	  ruffini_fuzz_frame ruffini_fuzz_dense ruffini_fuzz_calibration ruffini_fuzz_board)
 	@.ci/fuzz-parsers $(BUILD) $(FUZZ_S)
 
-soak: build  ## the long runs of what `make test` does in short: every crash state of the calibration store, broken lines
+soak: build  ## the long runs of what `make test` does in short: every crash state and every power cut of the calibration store, broken lines
 	@RUFFINI_CRASH_STEP=1 $(BUILD)/ruffini_device_tests --gtest_filter='CrashStates.*'
+	@RUFFINI_SOAK=1 $(BUILD)/ruffini_store_faults_test --gtest_brief=1
 	@RUFFINI_SOAK=1 $(PYTHON) -m pytest -c host/pyproject.toml -q -s tests/e2e/test_broken_line.py
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
