@@ -96,6 +96,8 @@ def onnx_of(net: StereoNet, board: Board, metadata: dict[str, str]) -> bytes:
         graph.add("Clip", graph.constant(0.0), graph.constant(1.0))
         mix = mix * 2 * HALF_RANGE
     graph.conv(mix[:, :, None, None], [-1.0] * 3)
+    if net.plan.is_halved:
+        graph.add("AveragePool", kernel_shape=[2, 2], strides=[2, 2])
     layers = list(net.trunk)
     for i, layer in enumerate(layers):
         if isinstance(layer, nn.Conv2d):

@@ -31,7 +31,7 @@ Index = npt.NDArray[np.int64]
 
 CHECKPOINT = "stereo-checkpoint.pt"
 BATCH = 16
-RATE = {"vgg16": 1e-4, "eighth": 3e-4}  # learning rate at its highest
+RATE = {"vgg16": 1e-4, "eighth": 1e-3}  # learning rate at its highest
 DECAY = 1e-2
 WARM = 0.3  # of the steps, until the rate is at its highest
 HELD_OUT = 10  # every tenth press is for validation

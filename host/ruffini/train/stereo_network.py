@@ -37,18 +37,21 @@ WEIGHTS_NAME = "vgg16_bn-*.pth"  # as torchvision keeps them
 
 @dataclass(frozen=True)
 class Plan:
-    """Layers of a network. widths : channels of the five blocks of 2, 2, 3, 3 and 3 convolutions."""
+    """Layers of a network. widths : channels of the five blocks of 2, 2, 3, 3 and 3 convolutions; is_halved : pictures
+    are halved before the first block instead of behind the last.
+    """
 
     name: str
     widths: tuple[int, int, int, int, int]
     units: int
     dropout: float
+    is_halved: bool
 
 
 PLANS = {
-    "vgg16": Plan("vgg16", (64, 128, 256, 512, 512), 4096, 0.9),
-    # VGG16's layers an eighth as wide: what a processor trains from nothing.
-    "eighth": Plan("eighth", (8, 16, 32, 64, 64), 512, 0.0),
+    "vgg16": Plan("vgg16", (64, 128, 256, 512, 512), 4096, 0.9, False),
+    # VGG16's layers an eighth as wide, on half the resolution: what a processor trains from nothing.
+    "eighth": Plan("eighth", (8, 16, 32, 64, 64), 512, 0.0, True),
 }
 DEPTHS = (2, 2, 3, 3, 3)
 
@@ -62,7 +65,7 @@ def trunk_of(plan: Plan) -> nn.Sequential:
             layers += [nn.Conv2d(width, n_out, 3, padding=1), nn.BatchNorm2d(n_out), nn.ReLU()]
             width = n_out
         layers.append(nn.MaxPool2d(2, 2))
-    return nn.Sequential(*layers)
+    return nn.Sequential(*(layers[:-1] if plan.is_halved else layers))
 
 
 class StereoNet(nn.Module):
@@ -91,7 +94,8 @@ class StereoNet(nn.Module):
         """Three channels in [-1, 1] of grey views (n, 2, 192, 224), 0 to 255."""
         if self.mode >= 2:
             views = 2 * HALF_RANGE * torch.clamp((views - BINARY_LEVEL - 0.5) * STEEP + 0.5, 0, 1)
-        return torch.einsum("ov,nvhw->nohw", self.mix, views) - 1
+        channels = torch.einsum("ov,nvhw->nohw", self.mix, views) - 1
+        return nn.functional.avg_pool2d(channels, 2) if self.plan.is_halved else channels
 
     def features(self, views: torch.Tensor) -> torch.Tensor:
         return self.trunk(self.channels(views).contiguous(memory_format=torch.channels_last)).flatten(1)

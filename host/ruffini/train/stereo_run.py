@@ -90,8 +90,8 @@ def _plan_of(wish: Wish, note: Callable[[str], None]) -> tuple[Path | None, str]
         return None, "eighth"
     weights = find_weights(wish.weights)
     if weights is None and wish.plan is None:
-        note(f"no {WEIGHTS_NAME} in torchvision's cache and no --weights: a network of VGG16's layers and an eighth of "
-             "their width is trained from nothing; it is not the paper's")  # fmt: skip
+        note(f"no {WEIGHTS_NAME} in torchvision's cache and no --weights: VGG16's layers, an eighth as wide, "
+             "on half the resolution, are trained from nothing; it is not the paper's network")  # fmt: skip
         return None, "eighth"
     if weights is None:
         note("no weights of VGG16 are there: all of it is trained from nothing, which takes days without a GPU")

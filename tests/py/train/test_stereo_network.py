@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -62,7 +63,7 @@ def torch(monkeypatch, tmp_path):
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
-    small = {name: stereo_network.Plan(name, (2, 2, 3, 3, 4), 16, 0.1) for name in stereo_network.PLANS}
+    small = {p.name: replace(p, widths=(2, 2, 3, 3, 4), units=16, dropout=0.1) for p in stereo_network.PLANS.values()}
     monkeypatch.setattr(stereo_network, "PLANS", small)
     monkeypatch.setattr(stereo_fit, "PLANS", small)
     monkeypatch.setattr(stereo_fit, "RATE", dict.fromkeys(small, 3e-3))
@@ -183,7 +184,7 @@ def test_a_frozen_trunk_keeps_its_weights_and_its_features_are_kept(samples, tmp
 def test_the_verb_says_which_network_it_trains(presses, tmp_path, torch):
     argv = ["train", "stereo", "--board", "stereo-fingertip", "--presses", str(presses), "--passes", "1", "--json"]
     told = CliRunner().invoke(app, [*argv, "--out", str(tmp_path / "thin")])
-    assert "it is not the paper's" in told.stderr
+    assert "it is not the paper's network" in told.stderr
     result = json.loads(told.stdout)
     assert (result["plan"], result["trunk"], result["simulated"]) == ("eighth", "trained from nothing", True)
     assert (result["presses"], result["frames"]) == (N_PRESSES, 7 * N_PRESSES)
