@@ -23,6 +23,7 @@
 #include <string>
 #include <vector>
 
+#include "base/unique_fd.h"
 #include "store/slot_store.h"
 #include "support/faulty_calls.h"
 #include "support/install.h"
@@ -217,38 +218,36 @@ TEST_F(StoreFaults, AProcessThatDiesAtAnyCallLeavesTheOldFileOrTheNewOne) {
   EXPECT_GE(n_kills, 160) << "fewer calls than there were";
 }
 
-// A file system of 4 MiB in a file.
+// A file system of 4 MiB in a file. The loop device is a new one at each mount: what the old one had in its cache is gone.
 class Ext4 {
  public:
   explicit Ext4(const std::string& folder) : image_(folder + "/ext4.img"), mounted_(folder + "/ext4") {
     fs::create_directories(mounted_);
     std::ofstream(image_).close();
     fs::resize_file(image_, 4 << 20);
-    if (std::system(("mkfs.ext4 -q -F -b 1024 " + image_ + " 2>/dev/null").c_str()) != 0) return;
-    const int control = ::open("/dev/loop-control", O_RDWR | O_CLOEXEC);
-    const int number = control < 0 ? -1 : ::ioctl(control, LOOP_CTL_GET_FREE);
-    if (control >= 0) ::close(control);
-    if (number < 0) return;
-    device_ = "/dev/loop" + std::to_string(number);
-    loop_ = ::open(device_.c_str(), O_RDWR | O_CLOEXEC);
-    const int backing = ::open(image_.c_str(), O_RDWR | O_CLOEXEC);
-    is_there_ = loop_ >= 0 && ::ioctl(loop_, LOOP_SET_FD, backing) == 0 && mount();
-    ::close(backing);
+    is_there_ = std::system(("mkfs.ext4 -q -F -b 1024 " + image_ + " 2>/dev/null").c_str()) == 0 && mount();
   }
-  ~Ext4() {
-    unmount();
-    if (loop_ >= 0) {
-      ::ioctl(loop_, LOOP_CLR_FD, 0);
-      ::close(loop_);
-    }
-  }
+  ~Ext4() { unmount(); }
   Ext4(const Ext4&) = delete;
   Ext4& operator=(const Ext4&) = delete;
 
   [[nodiscard]] bool is_there() const { return is_there_; }
   [[nodiscard]] std::string store() const { return mounted_ + "/store"; }
-  [[nodiscard]] bool mount() const { return ::mount(device_.c_str(), mounted_.c_str(), "ext4", MS_NOATIME, "") == 0; }
-  void unmount() const { ::umount2(mounted_.c_str(), 0); }
+  [[nodiscard]] bool mount() {
+    const UniqueFd control(::open("/dev/loop-control", O_RDWR | O_CLOEXEC));
+    const int number = control ? ::ioctl(control.get(), LOOP_CTL_GET_FREE) : -1;
+    if (number < 0) return false;
+    const std::string device = "/dev/loop" + std::to_string(number);
+    const UniqueFd backing(::open(image_.c_str(), O_RDWR | O_CLOEXEC));
+    loop_.reset(::open(device.c_str(), O_RDWR | O_CLOEXEC));
+    return loop_ && ::ioctl(loop_.get(), LOOP_SET_FD, backing.get()) == 0 &&
+           ::mount(device.c_str(), mounted_.c_str(), "ext4", MS_NOATIME, "") == 0;
+  }
+  void unmount() {
+    ::umount2(mounted_.c_str(), 0);
+    if (loop_) ::ioctl(loop_.get(), LOOP_CLR_FD, 0);
+    loop_.reset(-1);
+  }
   // What was written so far is on the medium.
   void sync() const {
     const int fd = ::open(mounted_.c_str(), O_RDONLY | O_CLOEXEC);
@@ -266,8 +265,7 @@ class Ext4 {
  private:
   std::string image_;
   std::string mounted_;
-  std::string device_;
-  int loop_ = -1;
+  UniqueFd loop_;
   bool is_there_ = false;
 };
 
@@ -292,7 +290,7 @@ TEST_F(StoreFaults, APowerCutOfARealFileSystemLeavesTheOldFileOrTheNewOne) {
                             medium.shut_down(with_log);
                             ::_exit(137);
                           }};
-      ASSERT_TRUE(dies(medium.store(), scenario, strike, progress)) << scenario.name << ", call " << at;
+      ASSERT_TRUE(dies(medium.store(), scenario, strike, progress)) << scenario.name << ", cut " << at;
       medium.unmount();
       ASSERT_TRUE(medium.mount()) << "the file system does not come back";
       ASSERT_EQ(wrong(medium.store(), scenario, progress), "")
