@@ -123,3 +123,58 @@ def test_no_number_is_invalid_and_frames_go_on(asking: Sensor, tmp_path: Path) -
             if len(said) == N_FRAMES:
                 break
     assert not any(s.is_valid or s.quantities for s in said)
+
+
+@pytest.mark.parametrize("mode", [1, 3])
+def test_an_exported_network_says_on_the_board_what_pytorch_says(tmp_path: Path, mode: int) -> None:
+    torch = pytest.importorskip("torch", reason="needs the extra [train]: pip install 'ruffini[train]'")
+    pytest.importorskip("onnx", reason="needs the extra [train]: pip install 'ruffini[train]'")
+    from dataclasses import replace
+
+    from ruffini.train.stereo_export import onnx_of
+    from ruffini.train.stereo_network import PLANS, StereoNet
+
+    own = find_board("stereo-fingertip")
+    assert own.folder is not None
+    folder, recording, store = tmp_path / own.name, tmp_path / "recording", tmp_path / "store"
+    shutil.copytree(own.folder, folder)
+    with (folder / "board.toml").open("a") as file:
+        file.write('\n[learned]\nnetwork = "net.onnx"\n')
+    (recording / "frames").mkdir(parents=True)
+    store.mkdir()
+    rng = np.random.default_rng(4)
+    pictures = rng.integers(0, 80, (4, own.camera.height_px, own.camera.width_px, 3)).astype(np.uint8)
+    for i, picture in enumerate(pictures):
+        picture[:, 40 * i :: 160] += 120  # lines that stand elsewhere in each view
+        picture[: 40 * i] += 40
+    for i, picture in enumerate(pictures):
+        cv2.imwrite(str(recording / "frames" / f"{i:04d}.png"), picture)
+    torch.manual_seed(2)
+    low, high = np.array([0.0, 0, -6e3, -6e3, -1e6, -1e6]), np.array([1e6, 2e3, 6e3, 6e3, 1e6, 1e6])
+    net = StereoNet(replace(PLANS["eighth"], widths=(4, 4, 4, 4, 4), units=16), mode, low, high)
+    given = torch.from_numpy(np.moveaxis(pictures, -1, 1).astype(np.float32))
+    with torch.no_grad():
+        for _ in range(30):
+            net(given)  # batch norm learns what is usual
+        expected = net.eval()(given).numpy()
+    metadata = {
+        "ruffini.format": "ruffini-network", "ruffini.format_version": "1", "ruffini.board": own.name,
+        "ruffini.optics": own.camera.optics, "ruffini.resolution": "640x240",
+        "ruffini.outputs": "force_un,way_um,x_um,y_um,roll_urad,pitch_urad",
+        "ruffini.low": "-9000000," * 5 + "-9000000", "ruffini.high": "9000000," * 5 + "9000000",
+    }  # fmt: skip
+    (store / "net.onnx").write_bytes(onnx_of(net, own, metadata))
+    said = []
+    sensor = Sensor(own, folder, recording, b"")
+    with start(sensor, store, "--lockstep", "--wait-for-host", "--linger") as daemon, Connection(daemon.port) as host:
+        host.subscribe(learned=1)
+        for _, message in host.stream(timeout_s=10):
+            said.append(Learned.from_message(message))
+            if len(said) == len(pictures):
+                break
+    assert len(said) == len(pictures)
+    assert all(s.is_valid for s in said)
+    for one, row in zip(said, expected, strict=True):
+        assert list(one.quantities) == metadata["ruffini.outputs"].split(",")
+        assert np.array(list(one.quantities.values())) == pytest.approx(row, abs=1)  # it sends integers
+    assert np.ptp(expected, axis=0).min() > 1

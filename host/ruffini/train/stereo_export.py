@@ -24,7 +24,7 @@ from ruffini.papers.stereo_pins import BINARY_LEVEL
 from ruffini.papers.stereo_pins import COLUMNS as ROI_COLUMNS
 from ruffini.papers.stereo_pins import ROWS as ROI_ROWS
 from ruffini.train.stereo_frames import GREY, OUTPUTS, Samples
-from ruffini.train.stereo_network import HALF_RANGE, STEEP, StereoNet
+from ruffini.train.stereo_network import HALF_RANGE, StereoNet
 from ruffini.train.stereo_predict import StereoNetwork
 
 Array = npt.NDArray[np.float64]
@@ -91,10 +91,11 @@ def onnx_of(net: StereoNet, board: Board, metadata: dict[str, str]) -> bytes:
         right = graph.part([rows.start, columns.start + width // 2], [rows.stop, columns.stop + width // 2], grey)
         graph.add("Concat", given=[left, right], axis=1)
     if net.mode >= 2:
-        n = mix.shape[1]
-        graph.conv(STEEP * np.eye(n).reshape(n, n, 1, 1), [0.5 - STEEP * (BINARY_LEVEL + 0.5)] * n)
-        graph.add("Clip", graph.constant(0.0), graph.constant(1.0))
-        mix = mix * 2 * HALF_RANGE
+        n = mix.shape[1]  # OpenCV 4.6 reads no Clip: clip(x, 0, 1) = relu(x) - relu(x - 1)
+        twice = np.concatenate([np.eye(n), np.eye(n)])[:, :, None, None]
+        graph.conv(twice, [-BINARY_LEVEL] * n + [-BINARY_LEVEL - 1] * n)
+        graph.add("Relu")
+        mix = 2 * HALF_RANGE * np.concatenate([mix, -mix], axis=1)
     graph.conv(mix[:, :, None, None], [-1.0] * 3)
     if net.plan.is_halved:
         graph.add("AveragePool", kernel_shape=[2, 2], strides=[2, 2])

@@ -30,7 +30,6 @@ from ruffini.train.stereo_frames import GREY
 Array = npt.NDArray[np.float64]
 
 HALF_RANGE = 127.5
-STEEP = 256.0  # of the step that binarises: between two grey levels
 POOLS = 5
 WEIGHTS_NAME = "vgg16_bn-*.pth"  # as torchvision keeps them
 
@@ -93,7 +92,7 @@ class StereoNet(nn.Module):
     def channels(self, views: torch.Tensor) -> torch.Tensor:
         """Three channels in [-1, 1] of grey views (n, 2, 192, 224), 0 to 255."""
         if self.mode >= 2:
-            views = 2 * HALF_RANGE * torch.clamp((views - BINARY_LEVEL - 0.5) * STEEP + 0.5, 0, 1)
+            views = 2 * HALF_RANGE * torch.clamp(views - BINARY_LEVEL, 0, 1)  # of whole grey levels 0 or 1
         channels = torch.einsum("ov,nvhw->nohw", self.mix, views) - 1
         return nn.functional.avg_pool2d(channels, 2) if self.plan.is_halved else channels
 
