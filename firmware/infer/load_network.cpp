@@ -1,7 +1,5 @@
 #include <dlfcn.h>
 
-#include <array>
-
 #include "infer/network.h"
 #include "infer/network_library.h"
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -16,8 +17,10 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from tiny_sensor import ROOT, Sensor, start, write_board, write_recording
+from typer.testing import CliRunner
 
 from ruffini.boards import find_board
+from ruffini.cli.app import app
 from ruffini.device import Connection, Learned
 from ruffini.record import record_stream
 
@@ -71,6 +74,24 @@ def test_what_it_says_arrives_with_its_own_frames_stamp_and_is_recorded(asking: 
     assert network.invalid == sum(not s.is_valid for s in said)  # the last frame is as all but the red one
     assert network.sha256 == hashlib.sha256((store / "net.onnx").read_bytes()).digest()
     assert "HEALTH_NETWORK" not in host.schema.enum_names("HealthBit", status.health)
+
+
+def test_monitor_shows_what_it_last_said(asking: Sensor, tmp_path: Path) -> None:
+    store = tmp_path / "store"
+    store.mkdir()
+    shutil.copy(NETWORKS / "means.onnx", store / "net.onnx")
+    for words in (["--json"], []):
+        with start(asking, store, "--lockstep", "--wait-for-host", "--linger") as daemon:
+            done = CliRunner().invoke(app, ["--port", daemon.port, "monitor", "--n", "4", *words])
+        assert done.exit_code == 0, done.output
+        last = done.stdout.strip().splitlines()[-1]
+        if words:
+            row = json.loads(last)
+            assert row["learned"]["frame"] == row["frame"] - 1  # it comes behind a frame's other messages
+            assert set(row["learned"]["quantities"]) == {"blue_un", "green_um"}
+        else:
+            assert "| network: blue_un 1" in last
+            assert " of frame 2, " in last
 
 
 def nothing(path: Path) -> None:

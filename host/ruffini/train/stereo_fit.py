@@ -80,7 +80,8 @@ class StereoTrainer:
         if is_held.all() or not is_held.any():
             raise InputError(f"{samples.press.max() + 1} presses leave none to validate on: at least 10 are needed")
         self._train, self._held = np.flatnonzero(~is_held), np.flatnonzero(is_held)
-        low, high = np.nanmin(samples.labels, axis=0), np.nanmax(samples.labels, axis=0)
+        low = np.nanmin(samples.labels, axis=0)
+        high = np.maximum(np.nanmax(samples.labels, axis=0), low + 1)  # a label that is always the same has no range
         self.net = StereoNet(PLANS[choice.plan], choice.mode, low, high)
         if weights is not None:
             load_trunk(self.net, weights)

@@ -95,5 +95,7 @@ def read_samples(board: Board, root: Path, only: str, progress: Progress = lambd
             labels.append(label * UNITS)
             press.append(number)
         progress((number + 1) / len(folders))
+    if not any(label[FORCE] > 0 for label in labels):
+        raise InputError(f"{root}: no frame of these presses touches with at most {MOST_N:g} N: nothing to learn from")
     assert COLUMNS[: len(OUTPUTS)] == ("force_n", "way_mm", "x_mm", "y_mm", "roll_deg", "pitch_deg")
     return Samples(np.array(views), np.array(labels), np.array(press, dtype=np.int64))

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 
 import cv2
@@ -113,6 +114,25 @@ def test_the_region_is_the_papers_in_both_views():
 def test_a_board_without_two_views_is_refused(presses):
     with pytest.raises(InputError, match="two views"):
         stereo_frames.read_samples(find_board("gelslim"), presses, "*")
+
+
+def test_presses_that_never_touch_are_refused(presses, tmp_path):
+    shutil.copytree(presses / "00", tmp_path / "00")
+    text = (tmp_path / "00" / "press.csv").read_text().splitlines()
+    (tmp_path / "00" / "press.csv").write_text("\n".join([text[0], *[",,,,,,"] * (len(text) - 1)]))
+    with pytest.raises(InputError, match="nothing to learn from"):
+        stereo_frames.read_samples(BOARD, tmp_path, "*")
+
+
+def test_a_label_that_never_changes_is_learned_as_it_is(samples, tmp_path, torch):
+    labels = np.where(np.arange(6) == 4, np.where(np.isnan(samples.labels), np.nan, 1234.0), samples.labels)
+    trainer = trainer_of(replace(samples, labels=labels), tmp_path, n_passes=1)
+    [done] = trainer.run()
+    assert np.isfinite(done.loss)
+    assert np.isfinite(done.error).all()
+    with torch.no_grad():
+        said = trainer.best()[0](torch.zeros(1, 3, 240, 640))[0]
+    assert said[4] == pytest.approx(1234, abs=3)
 
 
 def test_a_run_that_was_cut_ends_with_the_same_weights(samples, tmp_path, torch):
