@@ -63,6 +63,7 @@ void Daemon::capture_loop() {
          std::none_of(exchange_.every.begin(), exchange_.every.end(), [](const auto& n) { return n.load() != 0; })) {
     std::this_thread::sleep_for(1ms);
   }
+  exchange_.is_camera_live = !options_.is_lockstep;
   while (!is_stopping() && !mailbox_.is_closed()) {
     const std::optional<int> index = pool_.lend();
     if (!index) {
@@ -84,6 +85,7 @@ void Daemon::capture_loop() {
       ++exchange_.frames_overrun;
     }
   }
+  exchange_.is_camera_live = false;
   mailbox_.wait_empty();  // the last frame is taken, too
   mailbox_.close();
 }
@@ -140,6 +142,14 @@ void Daemon::process(const FrameLease& lease) {
     if (ns > exchange_.stage_max_ns[i].load(std::memory_order_relaxed)) exchange_.stage_max_ns[i] = ns;
   }
   exchange_.flags = state.flags;
+  uint32_t validity = 0;
+  for (size_t i = 0; i < state.wrench_validity.size(); ++i) {
+    validity |= static_cast<uint32_t>(state.wrench_validity[i]) << (4 * i);
+  }
+  exchange_.last_frame.capture_us = lease.capture_us();
+  exchange_.last_frame.number = lease.number();
+  exchange_.last_frame.calibration_id = path_->calibration_id();
+  exchange_.last_frame.wrench_validity = validity;
   count(state.flags);
   exchange_.skin_light_1e3 = static_cast<uint32_t>(state.skin.age_q12 * 1'000 / Taxels::kOne);
   exchange_.saturations = state.saturations.count;

@@ -307,10 +307,6 @@ class Connection:
         """
         return flashing.undo(self)
 
-    def reply_code(self, name: str) -> int:
-        """The number of a ReplyCode."""
-        return int(self.schema._pool.FindEnumTypeByName("ruffini.ReplyCode").values_by_name[name].number)
-
 
 def _open(port: str) -> Any:
     import serial

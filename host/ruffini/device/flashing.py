@@ -87,7 +87,7 @@ def _upload(sensor: Connection, data: bytes, sha256: bytes, progress: Callable[[
 def _in_force(sensor: Connection, **action: Any) -> Any:
     """A command that ends with a calibration in force, on trial or for good, and HELLO as it is then."""
     reply = sensor.command(**action, timeout_s=COMMIT_WAIT_S, tries=COMMIT_TRIES)
-    if reply.code == sensor.reply_code("REPLY_STORAGE"):
+    if reply.code == sensor.schema.enum_number("ReplyCode", "REPLY_STORAGE"):
         raise VerifyError(f"{sensor.port}: {reply.text}")
     if reply.code or reply.flash_state not in (FLASH_DURABLE, FLASH_ACTIVE):
         raise RefusedError(f"{sensor.port}: {reply.text}")

@@ -80,9 +80,9 @@ class SessionTest : public testing::Test {
     session_.receive(host_frame(type, payload, sensor));
     return read_all();
   }
-  ruffini_Status status() {
+  ruffini_Status status(uint64_t now_us = 5) {
     session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_STATUS));
-    session_.poll(5);
+    session_.poll(now_us);
     const auto answers = read_all();
     EXPECT_EQ(answers.size(), 1U);
     ruffini_Status status = ruffini_Status_init_zero;
@@ -327,6 +327,55 @@ TEST_F(SessionTest, ADamagedFrameIsAskedForAgainWhileAnUploadRuns) {
   EXPECT_EQ(reply.request_id, 0U);
   EXPECT_EQ(reply.code, ruffini_ReplyCode_REPLY_BAD_ARGUMENT);
   EXPECT_EQ(reply.next_offset, 3U);
+}
+
+// No frame for a while: the last wrench comes again, marked and without a valid number; and that it is over is said.
+TEST_F(SessionTest, ACameraThatStandsStillIsSaidAndItsLastWrenchIsMarked) {
+  exchange_.is_camera_live = true;
+  exchange_.frames_processed = 10;
+  exchange_.frames_captured = 10;
+  exchange_.flags = kFlagWindowBorder;
+  exchange_.last_frame.capture_us = 77;
+  exchange_.last_frame.number = 9;
+  exchange_.last_frame.calibration_id = 0xABCD;
+  exchange_.last_frame.wrench_validity = 0x012011;  // x, y valid, z not measured, ...
+  ruffini_Command subscribe = request(1, ruffini_Command_subscribe_tag);
+  subscribe.action.subscribe.subscriptions_count = 1;
+  subscribe.action.subscribe.subscriptions[0] = {ruffini_MessageType_MESSAGE_TYPE_WRENCH, 1};
+  command(subscribe);
+  session_.poll(1'000'000);
+  session_.poll(1'040'000);
+  EXPECT_TRUE(read_all().empty()) << "the board's camera gives a frame each 16.7 ms";
+  session_.poll(1'060'000);
+  session_.poll(1'062'000);
+  session_.poll(1'160'000);
+  const auto said = read_all();
+  ASSERT_EQ(said.size(), 3U) << "an event, and ten wrenches a second";
+  EXPECT_EQ(said[0].header.type, ruffini_MessageType_MESSAGE_TYPE_EVENT);
+  ruffini_Wrench wrench = ruffini_Wrench_init_zero;
+  for (const size_t i : {1U, 2U}) {
+    ASSERT_EQ(said[i].header.type, ruffini_MessageType_MESSAGE_TYPE_WRENCH);
+    pb_istream_t in = pb_istream_from_buffer(said[i].payload.data(), said[i].payload.size());
+    ASSERT_TRUE(pb_decode(&in, ruffini_Wrench_fields, &wrench));
+    EXPECT_EQ(wrench.stamp.flags, kFlagWindowBorder | uint32_t{ruffini_FlagBit_FLAG_STALE});
+    EXPECT_EQ(wrench.stamp.capture_us, 77U);
+    EXPECT_EQ(wrench.stamp.frame, 9U);
+    EXPECT_EQ(wrench.stamp.calibration_id, 0xABCDU);
+    for (size_t k = 0; k < 6; ++k) {
+      const bool is_measured = (exchange_.last_frame.wrench_validity >> (4 * k) & 15) != 0;
+      EXPECT_EQ(wrench.validity[k],
+                is_measured ? ruffini_Validity_VALIDITY_INVALID : ruffini_Validity_VALIDITY_NOT_MEASURED);
+    }
+  }
+  EXPECT_TRUE(status(1'162'000).health & ruffini_HealthBit_HEALTH_CAMERA_STALLED);
+  exchange_.frames_captured = 11;
+  session_.poll(1'170'000);
+  ruffini_Event event = ruffini_Event_init_zero;
+  ASSERT_TRUE(take(session_, ruffini_Event_fields, &event));
+  EXPECT_STREQ(event.what, "camera_back");
+  exchange_.is_camera_live = false;  // a recording that has ended is no fault
+  session_.poll(9'000'000);
+  EXPECT_TRUE(read_all().empty());
 }
 
 TEST_F(SessionTest, StatusSaysHowFarASkinHasAged) {
