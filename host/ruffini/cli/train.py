@@ -83,6 +83,7 @@ def stereo(
         Path | None, typer.Option(help="torchvision's weights of VGG16 with batch norm; else those in its cache.")
     ] = None,
     passes: Annotated[int, typer.Option(min=1, help="Passes over all frames.")] = 40,
+    most_n: Annotated[float, typer.Option(help="Frames of more force are left out: the paper's 1 N, or 10 N.")] = 1.05,
     seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 1,
     threads: Annotated[int, typer.Option(min=1, help="Threads of PyTorch; 1 gives the same weights every time.")] = 1,
     json_: JsonFlag = False,
@@ -96,7 +97,7 @@ def stereo(
     from ruffini.train.stereo_run import Wish, train
 
     torch.set_num_threads(threads)
-    wish = Wish(presses, only, out, mode, None if plan is None else plan.value, weights, passes, seed)
+    wish = Wish(presses, only, out, mode, None if plan is None else plan.value, weights, passes, seed, most_n)
     run = train(find_board(board), wish, note, progress_bar)
     r, tag = run.result, ", SIMULATED" if run.result["simulated"] else ""
     emit(r, json_, f"{run.file}: {r['plan']} ({r['trunk']}), {r['weights'] / 1e6:.2f} million weights, "

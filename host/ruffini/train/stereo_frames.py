@@ -29,7 +29,7 @@ Progress = Callable[[float], None]
 OUTPUTS = ("force_un", "way_um", "x_um", "y_um", "roll_urad", "pitch_urad")
 UNITS = np.array([1e6, 1e3, 1e3, 1e3, *2 * [np.deg2rad(1) * 1e6]])  # of tip_presses.COLUMNS in those of OUTPUTS
 GREY = (0.114, 0.587, 0.299)  # of B, G, R
-MOST_N = 1.05  # the paper's 1 N and half a step: presses go on beyond it
+MOST_N = 1.05  # the paper's 1 N of the thin tip and half a step: presses go on beyond it
 N_UNTOUCHED = 2
 
 
@@ -68,8 +68,10 @@ def views_of(picture: Picture) -> Picture:
     return np.stack([np.rint(part @ np.array(GREY)).astype(np.uint8) for part in parts])
 
 
-def read_samples(board: Board, root: Path, only: str, progress: Progress = lambda _: None) -> Samples:
-    """Frames of all presses below a folder, or below those in it that `only` names.
+def read_samples(
+    board: Board, root: Path, only: str, *, most_n: float = MOST_N, progress: Progress = lambda _: None
+) -> Samples:
+    """Frames of at most `most_n` of all presses below a folder, or below those in it that `only` names.
 
     Raises
     ------
@@ -85,7 +87,7 @@ def read_samples(board: Board, root: Path, only: str, progress: Progress = lambd
         first = len(frames) - len(told)
         force = told[:, FORCE]
         rest = np.flatnonzero(np.isnan(force))[-N_UNTOUCHED:]
-        wanted = {int(i) for i in (*rest, *np.flatnonzero(force <= MOST_N))}
+        wanted = {int(i) for i in (*rest, *np.flatnonzero(force <= most_n))}
         for i, picture in enumerate(frames):
             if i - first not in wanted:
                 continue
@@ -96,6 +98,6 @@ def read_samples(board: Board, root: Path, only: str, progress: Progress = lambd
             press.append(number)
         progress((number + 1) / len(folders))
     if not any(label[FORCE] > 0 for label in labels):
-        raise InputError(f"{root}: no frame of these presses touches with at most {MOST_N:g} N: nothing to learn from")
+        raise InputError(f"{root}: no frame of these presses touches with at most {most_n:g} N: nothing to learn from")
     assert COLUMNS[: len(OUTPUTS)] == ("force_n", "way_mm", "x_mm", "y_mm", "roll_deg", "pitch_deg")
     return Samples(np.array(views), np.array(labels), np.array(press, dtype=np.int64))

@@ -41,6 +41,7 @@ class Wish:
     weights: Path | None
     n_passes: int
     seed: int
+    most_n: float
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def train(board: Board, wish: Wish, note: Callable[[str], None], bar: Callable[[
     start = time.monotonic()
     weights, plan = _plan_of(wish, note)
     with bar("presses") as progress:
-        samples = read_samples(board, wish.presses, wish.only, progress)
+        samples = read_samples(board, wish.presses, wish.only, most_n=wish.most_n, progress=progress)
     digest = hashlib.sha256(weights.read_bytes()).hexdigest() if weights else None
     choice = Choice(plan, wish.mode, wish.n_passes, wish.seed, digest)
     with bar("features") as progress:

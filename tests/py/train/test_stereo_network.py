@@ -91,7 +91,7 @@ def weights_file(torch, path):
     return state
 
 
-def test_samples_are_touched_frames_up_to_one_newton_and_some_untouched_ones(samples):
+def test_samples_are_touched_frames_up_to_one_newton_and_some_untouched_ones(samples, presses):
     assert samples.views.shape == (N_PRESSES * 7, 2, 192, 224)  # 5 of 0.2 to 1.0 N, 2 of the untouched
     assert samples.press.tolist() == sorted(list(range(N_PRESSES)) * 7)
     first = samples.labels[:7]
@@ -100,6 +100,7 @@ def test_samples_are_touched_frames_up_to_one_newton_and_some_untouched_ones(sam
     x_um = first[2, 2]
     assert first[4, 1:].tolist() == pytest.approx([300, x_um, -x_um, np.deg2rad(3e3 * x_um), np.deg2rad(5e6)])
     assert samples.range_of(5e4)[0].tolist() == pytest.approx([5e4, 1e6])
+    assert stereo_frames.read_samples(BOARD, presses, "00", most_n=10.0).labels[:, 0].max() == pytest.approx(1.2e6)
 
 
 def test_the_region_is_the_papers_in_both_views():
