@@ -18,7 +18,7 @@ SUITE ?= bookworm
 # Seconds for each fuzzer.
 FUZZ_S ?= 60
 
-.PHONY: help setup build run test lint lint-python lint-cpp werror sanitize fuzz soak bench aarch64 fresh clean
+.PHONY: help setup build run test lint lint-python lint-cpp werror sanitize fuzz soak mutants bench aarch64 fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -77,8 +77,13 @@ fuzz: setup  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the sess
 	  ruffini_fuzz_frame ruffini_fuzz_dense ruffini_fuzz_calibration ruffini_fuzz_board)
 	@.ci/fuzz-parsers $(BUILD) $(FUZZ_S)
 
-soak: build  ## the long runs of what `make test` does in short: every crash state of the calibration store
+soak: build  ## the long runs of what `make test` does in short: every crash state and every power cut of the calibration store, broken lines
 	@RUFFINI_CRASH_STEP=1 $(BUILD)/ruffini_device_tests --gtest_filter='CrashStates.*'
+	@RUFFINI_SOAK=1 $(BUILD)/ruffini_store_faults_test --gtest_brief=1
+	@RUFFINI_SOAK=1 $(PYTHON) -m pytest -c host/pyproject.toml -q -s tests/e2e/test_broken_line.py
+
+mutants: build  ## seeded bugs in store, link and host: each must be seen by its layer of tests
+	@$(PYTHON) tests/mutants/run.py --build $(BUILD)
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)

@@ -12,7 +12,7 @@ constexpr int kLinkPollMs = 2;
 constexpr uint64_t kWarmthUs = 1'000'000;  // between readings of the thermometer
 constexpr uint64_t kDrainUs = 2'000'000;   // how long an ended recording waits for a reader that takes nothing
 constexpr uint64_t kQuietUs = 100'000;     // a tty that looks empty may be about to be filled by the kernel
-constexpr auto kReopenPause = std::chrono::milliseconds(50);
+constexpr auto kReopenPause = std::chrono::milliseconds(10);  // a host that is back waits no longer
 
 uint64_t now_us() {
   return static_cast<uint64_t>(
@@ -37,7 +37,12 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, std:
       encoder_(*path_, identity_.sensor),
       sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
       outgoing_(kTelemetryRingBytes),
-      pool_(kBuffers, board.camera.width_px, board.camera.height_px) {}
+      pool_(kBuffers + (options.network ? Inference::kBuffers : 0), board.camera.width_px, board.camera.height_px) {
+  if (!options.network) return;
+  exchange_.network.is_asked = true;
+  network_ = std::make_unique<Inference>(options.network, pool_, kBuffers + Inference::kBuffers, exchange_.network,
+                                         options.is_lockstep);
+}
 
 void Daemon::run(const std::atomic<bool>& stop) {
   stop_ = &stop;
@@ -58,6 +63,7 @@ void Daemon::capture_loop() {
          std::none_of(exchange_.every.begin(), exchange_.every.end(), [](const auto& n) { return n.load() != 0; })) {
     std::this_thread::sleep_for(1ms);
   }
+  exchange_.is_camera_live = !options_.is_lockstep;
   while (!is_stopping() && !mailbox_.is_closed()) {
     const std::optional<int> index = pool_.lend();
     if (!index) {
@@ -79,6 +85,7 @@ void Daemon::capture_loop() {
       ++exchange_.frames_overrun;
     }
   }
+  exchange_.is_camera_live = false;
   mailbox_.wait_empty();  // the last frame is taken, too
   mailbox_.close();
 }
@@ -91,9 +98,10 @@ void Daemon::frame_loop() {
       if (mailbox_.is_closed()) break;
       continue;
     }
-    const FrameLease lease(pool_, *index);
+    FrameLease lease(pool_, *index);
     swap_path();
     process(lease);
+    if (network_ != nullptr) ask_network(std::move(lease));
     if (options_.max_frames != 0 && exchange_.frames_processed >= options_.max_frames) break;
   }
   is_frame_over_ = true;
@@ -134,6 +142,14 @@ void Daemon::process(const FrameLease& lease) {
     if (ns > exchange_.stage_max_ns[i].load(std::memory_order_relaxed)) exchange_.stage_max_ns[i] = ns;
   }
   exchange_.flags = state.flags;
+  uint32_t validity = 0;
+  for (size_t i = 0; i < state.wrench_validity.size(); ++i) {
+    validity |= static_cast<uint32_t>(state.wrench_validity[i]) << (4 * i);
+  }
+  exchange_.last_frame.capture_us = lease.capture_us();
+  exchange_.last_frame.number = lease.number();
+  exchange_.last_frame.calibration_id = path_->calibration_id();
+  exchange_.last_frame.wrench_validity = validity;
   count(state.flags);
   exchange_.skin_light_1e3 = static_cast<uint32_t>(state.skin.age_q12 * 1'000 / Taxels::kOne);
   exchange_.saturations = state.saturations.count;
@@ -148,6 +164,16 @@ void Daemon::count(uint32_t flags) {
   if (is_good && tally.n_good < UINT16_MAX) ++tally.n_good;
   exchange_.wrong_flags = exchange_.wrong_flags | (flags & kWrongFlags);
   exchange_.tally = tally;
+}
+
+// Frame thread: lends the network this frame, and sends what it said since; in lockstep of this very frame.
+void Daemon::ask_network(FrameLease lease) {
+  network_->post(std::move(lease), path_->state().flags, path_->calibration_id());
+  if (options_.is_lockstep) network_->wait_idle();
+  const LearnedResult* said = network_->take();
+  const uint32_t every = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_LEARNED].load(std::memory_order_relaxed);
+  if (said == nullptr || every == 0 || n_learned_++ % every != 0) return;
+  encoder_.encode(*said, network_->names(), identity_.stream_flags, sink_);
 }
 
 // Frame thread: one message into the ring; lockstep waits for room, live drops.

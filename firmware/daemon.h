@@ -1,4 +1,4 @@
-// The three threads of ruffinid: capture -> frame -> link. firmware/README.md has the picture.
+// The threads of ruffinid: capture -> frame -> link, and one beside them for a learned network where the board asks. firmware/README.md has the picture.
 #pragma once
 
 #include <atomic>
@@ -10,6 +10,7 @@
 #include "base/mailbox.h"
 #include "capture/camera.h"
 #include "hw/thermometer.h"
+#include "infer/inference.h"
 #include "link/messages.h"
 #include "link/serial_port.h"
 #include "link/session.h"
@@ -21,6 +22,7 @@ struct DaemonOptions {
   bool waits_for_host = false;  // the first frame waits for a subscription
   bool lingers = false;         // keep the link after the recording's end
   uint64_t max_frames = 0;      // 0 = no limit
+  NetworkLoader network{};      // empty: none
 };
 
 class Daemon {
@@ -39,6 +41,7 @@ class Daemon {
   void link_loop();
   void process(const FrameLease& lease);
   void count(uint32_t flags);
+  void ask_network(FrameLease lease);
   void swap_path();
   void read_temperature();
   void publish(ruffini_MessageType type, std::span<const uint8_t> frames);
@@ -58,6 +61,8 @@ class Daemon {
   std::vector<uint8_t> outgoing_;
   FramePool pool_;
   IndexMailbox mailbox_;
+  std::unique_ptr<Inference> network_;
+  uint64_t n_learned_ = 0;  // results of the network
   const std::atomic<bool>* stop_ = nullptr;
   std::atomic<bool> is_done_{false};
   std::atomic<bool> is_frame_over_{false};

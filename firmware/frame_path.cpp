@@ -77,7 +77,7 @@ void FramePath::learn_features() {
   if (has(Stage::kTargets)) targets_.learn(grey);
   if (!has(Stage::kMarkers)) return;
   if (flow_) {
-    n_markers_at_rest_ = flow_->learn(grey);
+    n_markers_at_rest_ = flow_->learn(grey, rest);
   } else {
     n_markers_at_rest_ = printed_.learn(grey, rest);
     // Of twice as many dots, every second one would do.
@@ -103,7 +103,7 @@ void FramePath::make_grey(const FrameView& frame) {
 
 void FramePath::run_markers(const FrameView& frame) {
   const std::span<const uint16_t> grey = state_.difference.grey;
-  state_.markers.n_lost = flow_ ? flow_->track(grey) : printed_.track(grey, frame);
+  state_.markers.n_lost = flow_ ? flow_->track(grey, frame) : printed_.track(grey, frame);
 }
 
 void FramePath::run_targets() {

@@ -86,6 +86,11 @@ int run(const Arguments& arguments) {
   if (!camera) return fail(camera.error());
   auto store = ruffini::SlotStore::open(arguments.store);
   if (!store) return fail(store.error());
+  ruffini::DaemonOptions options = arguments.daemon;
+  if (!board.value().learned.network.empty()) {
+    const std::string path = (fs::path(arguments.store) / board.value().learned.network).string();
+    options.network = [path, settings = board.value()] { return ruffini::load_network(path, settings); };
+  }
   auto port = ruffini::SerialPort::open(arguments.link);
   if (!port) return fail(port.error());
 
@@ -111,7 +116,7 @@ int run(const Arguments& arguments) {
                                          .stream_flags = static_cast<uint8_t>(stream_flags),
                                          .is_lossless = arguments.daemon.is_lockstep};
   ruffini::Daemon daemon(board.value(), std::move(path).value(), std::move(camera).value(), std::move(port).value(),
-                         calibrator, exchange, identity, arguments.daemon);
+                         calibrator, exchange, identity, options);
   daemon.run(stop_requested);
   const std::string lost = daemon.camera().problem();
   return lost.empty() || stop_requested ? 0 : fail({ruffini::ErrorKind::kUnavailable, lost});

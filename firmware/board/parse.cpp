@@ -115,6 +115,11 @@ void read_rest(BoardReader& in, BoardSettings& board) {
     board.temperature.path = in.text("path", kMaxPathLength);
     if (board.temperature.path.rfind('/', 0) != 0) in.fail("temperature.path must begin with /");
   }
+  if (in.has_section("learned")) {
+    in.section("learned");
+    board.learned.network = in.text("network");
+    if (board.learned.network.find('/') != std::string::npos) in.fail("learned.network must be a name without /");
+  }
   in.section("pipeline");
   board.n_rest_frames = static_cast<int>(in.integer("n_rest_frames", 1, 256));
   board.stages = in.texts("stages", known_stages().size());

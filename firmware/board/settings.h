@@ -111,6 +111,11 @@ struct TemperatureSettings {
   std::string path;
 };
 
+// A learned network beside the frame path (proto/NETWORK.md): its file in the store's folder; empty: none.
+struct LearnedSettings {
+  std::string network;
+};
+
 struct BoardSettings {
   std::string name;
   std::string product;
@@ -126,6 +131,7 @@ struct BoardSettings {
   ContactSettings contact;
   SkinSettings skin;
   TemperatureSettings temperature;
+  LearnedSettings learned;
   int64_t force_lsb_un = 0;
   int64_t calibration_kb = kMaxCalibrationKb;  // room for the calibration file
   int n_rest_frames = 0;

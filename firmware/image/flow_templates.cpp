@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 
 #include "base/fixed.h"
 
@@ -12,14 +11,24 @@ namespace {
 using flow_kernel::kArea;
 using flow_kernel::kSide;
 
-constexpr int64_t kMinContrast = 576;     // squared Q4 gradient per sample: 1.5 grey levels a pixel
-constexpr int64_t kMaxStep = 1 << 16;     // Q16 px
-constexpr int64_t kHalfError2 = 10'486;   // (0.1 px)^2, Q20
-constexpr int64_t kMaxInverse = 1 << 30;  // K times a sum of 2^31, twice, stays below 2^62
+constexpr int64_t kMinContrast = 576;    // squared Q4 gradient per sample: 1.5 grey levels a pixel
+constexpr int64_t kMaxStep = 1 << 16;    // Q16 px
+constexpr int64_t kHalfError2 = 10'486;  // (0.1 px)^2, Q20
 
 int64_t div_round(int64_t a, int64_t n) { return floor_div(2 * a + n, 2 * n); }
 
 }  // namespace
+
+flow_kernel::Block block_at(const GreyView& picture, const PatchShape& shape, int64_t x_q16, int64_t y_q16,
+                            int number) {
+  const int64_t limit_x = int64_t{picture.width - shape.columns() - 1} << 16;
+  const int64_t limit_y = int64_t{picture.height - (kSide - 1) * shape.row_step - 2} << 16;
+  const int64_t x = std::clamp<int64_t>(x_q16, 0, limit_x);
+  const int64_t y = std::clamp<int64_t>(y_q16, 0, limit_y);
+  return {picture.row(static_cast<int>(y >> 16)) + (x >> 16) + ptrdiff_t{number} * kSide, picture.stride,
+          picture.stride * shape.row_step, static_cast<int16_t>((x & 0xFFFF) >> 1),
+          static_cast<int16_t>((y & 0xFFFF) >> 1)};
+}
 
 FlowTemplates::FlowTemplates(PatchShape shape, int n_patches)
     : shape_(shape),
@@ -93,7 +102,7 @@ void FlowTemplates::learn_patch(const GreyView& picture, size_t number) {
   }
 }
 
-// K in an own scale, so that the larger of determinant and entry keeps 30 bits; the centre of texture.
+// K, and the centre of texture.
 void FlowTemplates::invert(Patch& patch, std::span<const int32_t> gx, std::span<const int32_t> gy,
                            const int16_t* h) const {
   const auto n = static_cast<size_t>(shape_.n_samples());
@@ -114,28 +123,12 @@ void FlowTemplates::invert(Patch& patch, std::span<const int32_t> gx, std::span<
   total = std::max<int64_t>(total, 1);
   patch.center = {static_cast<int32_t>((int64_t{patch.x} << 16) + (along_x << 16) / total),
                   static_cast<int32_t>((int64_t{patch.y} << 16) + (along_y << 16) / total)};
-  patch.shift = 0;
-  const int64_t det = xx * yy - xy * yx;
-  if (xx <= 0 || yy <= 0 || det <= 0 || det / (xx + yy) < kMinContrast * static_cast<int64_t>(n)) return;
-  const int b = std::max(static_cast<int>(std::bit_width(static_cast<uint64_t>(det))) - 33, 0);
-  const std::array<int64_t, 4> entry = {yy, -xy, -yx, xx};
-  std::array<int64_t, 4> k{};
-  for (size_t i = 0; i < 4; ++i) k[i] = floor_div(entry[i] * (int64_t{1} << 33), det >> b);
-  if (std::any_of(k.begin(), k.end(), [](int64_t v) { return v >= kMaxInverse || v <= -kMaxInverse; })) return;
-  std::transform(k.begin(), k.end(), patch.k, [](int64_t v) { return static_cast<int32_t>(v); });
-  patch.shift = 33 + b - 16;
+  patch.inverse = invert_flow({xx, xy, yx, yy}, kMinContrast * static_cast<int64_t>(n));
 }
 
-// Where block `number` of a patch moved by u lies; held inside the picture.
 flow_kernel::Block FlowTemplates::block(const GreyView& picture, const Patch& patch, const FlowVector& u,
                                         int number) const {
-  const int64_t limit_x = int64_t{picture.width - shape_.columns() - 1} << 16;
-  const int64_t limit_y = int64_t{picture.height - (kSide - 1) * shape_.row_step - 2} << 16;
-  const int64_t x = std::clamp<int64_t>((int64_t{patch.x} << 16) + u.x_q16, 0, limit_x);
-  const int64_t y = std::clamp<int64_t>((int64_t{patch.y} << 16) + u.y_q16, 0, limit_y);
-  return {picture.row(static_cast<int>(y >> 16)) + (x >> 16) + ptrdiff_t{number} * kSide, picture.stride,
-          picture.stride * shape_.row_step, static_cast<int16_t>((x & 0xFFFF) >> 1),
-          static_cast<int16_t>((y & 0xFFFF) >> 1)};
+  return block_at(picture, shape_, (int64_t{patch.x} << 16) + u.x_q16, (int64_t{patch.y} << 16) + u.y_q16, number);
 }
 
 void FlowTemplates::search(const GreyView& picture, std::span<FlowVector> u) const {
@@ -161,7 +154,7 @@ void FlowTemplates::step(const GreyView& picture, std::span<FlowVector> u, std::
   for (size_t i = 0; i < patch_.size(); ++i) {
     const Patch& patch = patch_[i];
     is_cut[i] = 0;
-    if (patch.shift == 0) continue;
+    if (patch.inverse.shift == 0) continue;
     int64_t x = -patch.s0_x;
     int64_t y = -patch.s0_y;
     for (int b = 0; b < shape_.n_blocks; ++b) {
@@ -171,21 +164,22 @@ void FlowTemplates::step(const GreyView& picture, std::span<FlowVector> u, std::
       y += sums.y;
     }
     const auto way = [&](int64_t k_x, int64_t k_y) {
-      const int64_t full = round_shift(k_x * x + k_y * y, patch.shift);
+      const int64_t full = round_shift(k_x * x + k_y * y, patch.inverse.shift);
       if (full >= kMaxStep || full <= -kMaxStep) is_cut[i] = 1;
       return std::clamp<int64_t>(full, -kMaxStep, kMaxStep);
     };
-    u[i].x_q16 -= static_cast<int32_t>(way(patch.k[0], patch.k[1]));
-    u[i].y_q16 -= static_cast<int32_t>(way(patch.k[2], patch.k[3]));
+    u[i].x_q16 -= static_cast<int32_t>(way(patch.inverse.k[0], patch.inverse.k[1]));
+    u[i].y_q16 -= static_cast<int32_t>(way(patch.inverse.k[2], patch.inverse.k[3]));
   }
 }
 
 // `unexplained`: R, four for a squared grey level, below 2^22.
 uint8_t FlowTemplates::quality_of(const Patch& patch, int64_t unexplained) const {
-  if (patch.shift == 0) return 0;
+  if (patch.inverse.shift == 0) return 0;
   // K 2^-shift takes Q8 products to Q16 px, shift at least 17: gain R 2^(14 - shift) is error^2 / 4, Q20.
-  const int64_t gain = std::max<int64_t>(int64_t{patch.k[0]} + patch.k[3], 0);
-  const int64_t error2_q20 = (gain * std::max<int64_t>(unexplained, 0) >> (patch.shift - 16)) / shape_.n_samples();
+  const int64_t gain = std::max<int64_t>(int64_t{patch.inverse.k[0]} + patch.inverse.k[3], 0);
+  const int64_t error2_q20 =
+      (gain * std::max<int64_t>(unexplained, 0) >> (patch.inverse.shift - 16)) / shape_.n_samples();
   return static_cast<uint8_t>(std::max<int64_t>(255 * kHalfError2 / (kHalfError2 + error2_q20), 1));
 }
 

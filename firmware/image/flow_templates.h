@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "base/image_view.h"
+#include "image/flow_inverse.h"
 #include "image/flow_kernel.h"
 
 namespace ruffini {
@@ -38,6 +39,10 @@ struct PatchShape {
   [[nodiscard]] int n_samples() const { return n_blocks * flow_kernel::kArea; }
 };
 
+// Where block `number` of a patch lies whose first pixel is at (x, y), Q16; held inside the picture.
+[[nodiscard]] flow_kernel::Block block_at(const GreyView& picture, const PatchShape& shape, int64_t x_q16,
+                                          int64_t y_q16, int number);
+
 class FlowTemplates {
  public:
   static constexpr int kMaxBlocks = 2;
@@ -55,7 +60,7 @@ class FlowTemplates {
   void compare(const GreyView& picture, std::span<const FlowVector> u, int threshold_1e3,
                std::span<uint8_t> quality) const;
 
-  [[nodiscard]] bool is_sound(size_t patch) const { return patch_[patch].shift != 0; }
+  [[nodiscard]] bool is_sound(size_t patch) const { return patch_[patch].inverse.shift != 0; }
   // The centre of texture, Q16 px.
   [[nodiscard]] FlowVector center(size_t patch) const { return patch_[patch].center; }
 
@@ -64,8 +69,7 @@ class FlowTemplates {
     int x = 0;  // first pixel
     int y = 0;
     FlowVector center;
-    int shift = 0;  // of K ds to Q16 px; 0: not sound
-    int32_t k[4] = {};
+    FlowInverse inverse;
     int64_t s0_x = 0;
     int64_t s0_y = 0;
     int64_t tt = 0;  // t . t

@@ -1,6 +1,7 @@
 #include "image/texture_flow.h"
 
 #include <algorithm>
+
 namespace ruffini {
 namespace {
 
@@ -38,7 +39,8 @@ TextureFlow::TextureFlow(const BoardSettings& board)
       coarse_lattice_{(lattice_.n_x + 1) / 2, (lattice_.n_y + 1) / 2},
       threshold_1e3_(static_cast<int>(board.markers.threshold_1e3)),
       mean_(static_cast<size_t>(board.camera.width_px) + 2),
-      row_(static_cast<size_t>(board.camera.width_px) * 3) {
+      row_(static_cast<size_t>(board.camera.width_px) * 3),
+      colours_({board.camera.width_px, board.camera.height_px}, static_cast<size_t>(lattice_.count())) {
   const CameraSettings& camera = board.camera;
   GridSize size{camera.width_px, camera.height_px};
   for (Picture& picture : picture_) {
@@ -116,8 +118,9 @@ void TextureFlow::see(std::span<const uint16_t> grey) {
   halve(picture_[1], picture_[2]);
 }
 
-int TextureFlow::learn(std::span<const uint16_t> grey) {
+int TextureFlow::learn(std::span<const uint16_t> grey, std::span<const uint16_t> rest) {
   see(grey);
+  colours_.learn(rest, place_[0]);
   for (size_t level = 0; level < kLevels; ++level) {
     const std::vector<FlowVector>& from = place_[level < 2 ? 0 : 1];
     std::vector<FlowVector>& scaled = level < 2 ? u_ : coarse_;
@@ -131,7 +134,8 @@ int TextureFlow::learn(std::span<const uint16_t> grey) {
   int n_found = 0;
   for (size_t i = 0; i < markers_.size(); ++i) {
     const bool is_sound = templates_[0].is_sound(i);
-    const FlowVector center = templates_[0].center(i);
+    // What grey alone sees is of its centre of texture.
+    const FlowVector center = colours_.is_sound(i) ? place_[0][i] : templates_[0].center(i);
     markers_[i] = Marker{};
     markers_[i].rest_x = ImagePx::from_raw(center.x_q16);
     markers_[i].rest_y = ImagePx::from_raw(center.y_q16);
@@ -175,7 +179,7 @@ void TextureFlow::spread() {
   }
 }
 
-int TextureFlow::track(std::span<const uint16_t> grey) {
+int TextureFlow::track(std::span<const uint16_t> grey, const FrameView& frame) {
   see(grey);
   templates_[2].search(picture_[2].view(), coarse_);
   median();
@@ -186,6 +190,7 @@ int TextureFlow::track(std::span<const uint16_t> grey) {
   for (FlowVector& u : u_) u = {2 * u.x_q16, 2 * u.y_q16};
   templates_[0].step(picture_[0].view(), u_, is_cut_);
   templates_[0].compare(picture_[0].view(), u_, threshold_1e3_, known_);
+  colours_.step(frame, u_, is_cut_, known_);
   int n_lost = 0;
   for (size_t i = 0; i < markers_.size(); ++i) {
     Marker& marker = markers_[i];

@@ -6,6 +6,7 @@
 //   level 1    8 x 8 px, every lattice point from its nearest coarse one: a step
 //   level 0    16 px x 8 rows two apart: a step; correlation with rest below threshold_1e3 / 1000, or a step of more
 //              than a pixel: lost, filled from its neighbours; else a quality from what the template leaves
+//   colours    a last step over B, G and R (image/colour_flow.h), that of the patch's place on the lattice
 //
 // Always forward, rest against frame, from nothing remembered: no drift, no history. Not in any of the papers.
 // Frame thread; no allocation after the constructor.
@@ -16,7 +17,9 @@
 #include <span>
 #include <vector>
 
+#include "base/image_view.h"
 #include "board/settings.h"
+#include "image/colour_flow.h"
 #include "image/flow_templates.h"
 #include "image/marker_graph.h"
 #include "image/markers.h"
@@ -29,10 +32,11 @@ class TextureFlow {
 
   explicit TextureFlow(const BoardSettings& board);
 
-  // Templates from the rest image, grey as of image/difference.h. Number of patches with texture enough.
-  int learn(std::span<const uint16_t> grey);
-  // Number of patches lost that were there at rest.
-  int track(std::span<const uint16_t> grey);
+  // Templates from the rest image (B, G, R interleaved, 1/16 levels) and its grey as of image/difference.h. Number of
+  // patches with texture enough.
+  int learn(std::span<const uint16_t> grey, std::span<const uint16_t> rest);
+  // A frame and its grey. Number of patches lost that were there at rest.
+  int track(std::span<const uint16_t> grey, const FrameView& frame);
 
   [[nodiscard]] std::span<const Marker> markers() const { return markers_; }
 
@@ -59,6 +63,7 @@ class TextureFlow {
   std::vector<int16_t> row_;                      // three rows, smoothed along x
   std::array<std::vector<FlowVector>, 2> place_;  // of fine and coarse patches, Q16 px of the image
   std::vector<FlowTemplates> templates_;          // per level
+  ColourFlow colours_;
   std::vector<FlowVector> coarse_;
   std::vector<FlowVector> coarse_next_;
   std::vector<FlowVector> u_;

@@ -8,6 +8,7 @@
 
 #include "base/spsc_ring.h"
 #include "frame_path.h"
+#include "infer/learned_result.h"
 
 namespace ruffini {
 
@@ -20,6 +21,13 @@ struct PathTally {
   uint32_t calibration_id = 0;
   uint16_t n_frames = 0;  // stays at its largest
   uint16_t n_good = 0;
+};
+// The last frame that was computed; the link thread reads it when none has come for a while.
+struct LastFrame {
+  std::atomic<uint64_t> capture_us{0};
+  std::atomic<uint64_t> number{0};
+  std::atomic<uint32_t> calibration_id{0};
+  std::atomic<uint32_t> wrench_validity{0};  // 4 bits each, the first lowest
 };
 static_assert(std::atomic<PathTally>::is_always_lock_free);
 
@@ -37,11 +45,15 @@ struct Exchange {
   std::atomic<uint64_t> telemetry_dropped{0};
   std::atomic<uint32_t> flags{0};
   std::atomic<PathTally> tally{};
+  LastFrame last_frame;
   std::atomic<uint32_t> wrong_flags{0};                           // all that the path in use has had of kWrongFlags
   std::atomic<uint32_t> skin_light_1e3{0};                        // at rest, over the calibration's; 0: not known
   std::array<std::atomic<uint64_t>, kStageCount> stage_sum_ns{};  // since the last status
   std::array<std::atomic<uint64_t>, kStageCount> stage_max_ns{};
+  // Written by the network's thread, where the board asks for one.
+  NetworkHealth network;
   // Written by the capture thread.
+  std::atomic<bool> is_camera_live{false};  // frames come by themselves, and are not over
   std::atomic<uint64_t> frames_captured{0};
   std::atomic<uint64_t> frames_overrun{0};
   std::atomic<uint64_t> frames_invalid{0};

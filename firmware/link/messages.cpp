@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "estimators/skin_shape.h"
+#include "link/proto_text.h"
 
 namespace ruffini {
 namespace {
@@ -349,10 +350,33 @@ void MessageEncoder::encode(ruffini_MessageType type, const FramePath& path, con
     default:
       return;
   }
+  send(type, n, stamp.flags, sink);
+}
+
+void MessageEncoder::send(ruffini_MessageType type, size_t n_payload, uint8_t flags, const Sink& sink) {
   const uint32_t sequence = sequence_++;  // of a message that cannot be sent: the host counts the gap
-  if (n == 0) return;
-  const size_t n_bytes = write_frames(type, stamp.flags, sensor_, sequence, {payload_.data(), n}, frames_);
+  if (n_payload == 0) return;
+  const size_t n_bytes = write_frames(type, flags, sensor_, sequence, {payload_.data(), n_payload}, frames_);
   if (n_bytes > 0) sink(type, {frames_.data(), n_bytes});
+}
+
+void MessageEncoder::encode(const LearnedResult& result, std::span<const std::string> names, uint8_t flags,
+                            const Sink& sink) {
+  static_assert(pb_arraysize(ruffini_Learned, quantities) == kMaxLearned);
+  const LearnedStamp& stamp = result.stamp;
+  ruffini_Learned m = ruffini_Learned_init_zero;
+  m.has_stamp = true;
+  m.stamp = to_proto({stamp.capture_us, stamp.frame, stamp.calibration_id}, stamp.flags);
+  m.validity = to_proto(result.is_valid ? Validity::kValid : Validity::kInvalid);
+  m.quantities_count = static_cast<pb_size_t>(result.n_values);
+  for (size_t i = 0; i < result.n_values; ++i) {
+    copy_text(m.quantities[i].name, names[i]);
+    m.quantities[i].value = result.value[i];
+  }
+  m.took_us = result.took_us;
+  m.latency_us = result.latency_us;
+  m.period_us = result.period_us;
+  send(ruffini_MessageType_MESSAGE_TYPE_LEARNED, serialise(ruffini_Learned_fields, &m), flags, sink);
 }
 
 }  // namespace ruffini

@@ -7,9 +7,11 @@
 #include <cstdint>
 #include <functional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "frame_path.h"
+#include "infer/learned_result.h"
 #include "link/dense_codec.h"
 #include "link/frame_codec.h"
 #include "ruffini.pb.h"
@@ -33,6 +35,8 @@ class MessageEncoder {
   // Encodes what `type` says of the path's last frame and hands its frames to `sink`.
   void encode(ruffini_MessageType type, const FramePath& path, const FrameView& frame, const FrameStamp& stamp,
               const Sink& sink);
+  // LEARNED: what the network said, with the names of its outputs; `flags` of the frames (FrameFlag).
+  void encode(const LearnedResult& result, std::span<const std::string> names, uint8_t flags, const Sink& sink);
 
  private:
   size_t wrench(const FramePath& path, const FrameStamp& stamp);
@@ -45,6 +49,7 @@ class MessageEncoder {
   size_t markers(const FramePath& path, const FrameStamp& stamp);
   size_t targets(const FramePath& path, const FrameStamp& stamp);
   size_t image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp);
+  void send(ruffini_MessageType type, size_t n_payload, uint8_t flags, const Sink& sink);
   size_t serialise(const pb_msgdesc_t* fields, const void* message);
   // `part`: which of the message's dense parts.
   void pack(ruffini_Dense& out, GridSize size, size_t n_components, size_t part);

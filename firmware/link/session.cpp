@@ -16,6 +16,7 @@ static_assert(_ruffini_MessageType_MAX < kMessageTypes, "every type has its slot
 namespace {
 
 constexpr uint64_t kStatusPeriodUs = 1'000'000;
+constexpr uint64_t kStalePeriodUs = 100'000;
 constexpr size_t kMaxReplies = 64;  // a host that asks faster than it reads is not answered
 
 // What came over the line, fit to be said: a text that is no UTF-8 would spoil the reply.
@@ -54,12 +55,29 @@ Session::Session(const BoardSettings& board, const FramePath& path, DeviceIdenti
       exchange_(exchange),
       grid_(path.nodes().size()),
       first_x_(observed_nodes(board.grid.n_x, board.pad.size_x_um, board.window.min_x_um, board.window.max_x_um)),
-      first_y_(observed_nodes(board.grid.n_y, board.pad.size_y_um, board.window.min_y_um, board.window.max_y_um)) {}
+      first_y_(observed_nodes(board.grid.n_y, board.pad.size_y_um, board.window.min_y_um, board.window.max_y_um)),
+      stall_(1'000'000'000 / static_cast<uint64_t>(board.camera.rate_mhz)) {}
 
 void Session::receive(std::span<const uint8_t> bytes) {
+  const uint64_t n_before = n_damaged();
   for (const uint8_t byte : bytes) {
     if (const std::optional<WireFrame> frame = decoder_.push(byte)) handle(*frame);
   }
+  if (n_damaged() != n_before && calibrator_.is_receiving()) ask_again();
+}
+
+uint64_t Session::n_damaged() const {
+  const DecoderCounters& counters = decoder_.counters();
+  return counters.bad_crc + counters.malformed + counters.oversize;
+}
+
+// A chunk came damaged: its host need not wait until no reply has come.
+void Session::ask_again() {
+  ruffini_Reply reply = ruffini_Reply_init_zero;
+  reply.code = ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
+  reply.next_offset = calibrator_.next_offset();
+  copy_text(reply.text, "a frame came damaged: send it again");
+  send(ruffini_MessageType_MESSAGE_TYPE_REPLY, ruffini_Reply_fields, &reply);
 }
 
 void Session::handle(const WireFrame& frame) {
@@ -260,8 +278,37 @@ void Session::poll(uint64_t now_us) {
   const bool is_due = status_us_ == 0 || now_us - status_us_ >= kStatusPeriodUs;
   if (is_status_asked_ || (is_subscribed && is_due)) send_status(now_us);
   is_status_asked_ = false;
-  if (const std::optional<TrialEnd> end = calibrator_.poll()) send_event(now_us, *end);
+  if (const std::optional<TrialEnd> end = calibrator_.poll()) {
+    const auto severity =
+        end->is_confirmed ? ruffini_Event_Severity_SEVERITY_INFO : ruffini_Event_Severity_SEVERITY_ERROR;
+    send_event(now_us, severity, end->is_confirmed ? "calibration_active" : "calibration_reverted", end->text);
+  }
+  watch_camera(now_us);
   take_telemetry();
+}
+
+void Session::watch_camera(uint64_t now_us) {
+  if (!exchange_.is_camera_live) {
+    stall_.rest(now_us);
+    is_stalled_ = false;
+    return;
+  }
+  const bool was_stalled = is_stalled_;
+  const uint64_t silence_us = stall_.silence_us(now_us);
+  is_stalled_ = stall_.update(exchange_.frames_captured, now_us);
+  if (is_stalled_ && !was_stalled) {
+    send_event(now_us, ruffini_Event_Severity_SEVERITY_ERROR, "camera_stalled",
+               "no frame for " + std::to_string(stall_.silence_us(now_us) / 1'000) +
+                   " ms: see the camera's cable and light; forces are stale until it is back");
+  } else if (was_stalled && !is_stalled_) {
+    send_event(now_us, ruffini_Event_Severity_SEVERITY_WARNING, "camera_back",
+               "frames come again, after " + std::to_string(silence_us / 1'000) + " ms without one");
+  }
+  const bool is_asked = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_WRENCH] != 0;
+  if (is_stalled_ && is_asked && (!was_stalled || now_us - stale_us_ >= kStalePeriodUs)) {
+    stale_us_ = now_us;
+    send_stale_wrench();
+  }
 }
 
 std::span<const uint8_t> Session::pending() {

@@ -14,6 +14,7 @@
 #include "link/calibrator.h"
 #include "link/exchange.h"
 #include "link/frame_codec.h"
+#include "link/stall_watch.h"
 #include "ruffini.pb.h"
 
 namespace ruffini {
@@ -53,6 +54,8 @@ class Session {
   };
 
   void handle(const WireFrame& frame);
+  [[nodiscard]] uint64_t n_damaged() const;
+  void ask_again();
   void command(const ruffini_Command& command, uint8_t sensor);
   void act(const ruffini_Command& command, ruffini_Reply& reply);
   void flash(const ruffini_Command& command, ruffini_Reply& reply);
@@ -61,7 +64,11 @@ class Session {
   void send_hello();
   void send_schema();
   void send_status(uint64_t now_us);
-  void send_event(uint64_t now_us, const TrialEnd& end);
+  void send_event(uint64_t now_us, ruffini_Event_Severity severity, const char* what, const std::string& text);
+  // The camera stands still: an event, and the last wrench again, marked and invalid, ten times a second.
+  void watch_camera(uint64_t now_us);
+  void send_stale_wrench();
+  void tell_network(ruffini_Status& m) const;
   void send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message);
   void take_telemetry();
 
@@ -79,6 +86,9 @@ class Session {
   uint32_t last_request_id_ = 0;
   bool has_last_reply_ = false;
   ruffini_Reply last_reply_{};
+  StallWatch stall_;
+  bool is_stalled_ = false;
+  uint64_t stale_us_ = 0;  // of the last stale wrench
   uint64_t started_us_ = 0;
   bool is_status_asked_ = false;
   uint64_t status_us_ = 0;  // of the last one

@@ -83,13 +83,46 @@ void Session::send_schema() {
   send(ruffini_MessageType_MESSAGE_TYPE_SCHEMA, ruffini_Schema_fields, &m);
 }
 
-void Session::send_event(uint64_t now_us, const TrialEnd& end) {
+void Session::send_stale_wrench() {
+  if (exchange_.frames_processed == 0) return;  // no frame yet, nothing to repeat
+  ruffini_Wrench m = ruffini_Wrench_init_zero;
+  m.has_stamp = true;
+  m.stamp.capture_us = exchange_.last_frame.capture_us;
+  m.stamp.frame = exchange_.last_frame.number;
+  m.stamp.flags = exchange_.flags | ruffini_FlagBit_FLAG_STALE;
+  m.stamp.calibration_id = exchange_.last_frame.calibration_id;
+  m.validity_count = 6;
+  const uint32_t was = exchange_.last_frame.wrench_validity;
+  for (size_t i = 0; i < 6; ++i) {
+    const bool is_measured = (was >> (4 * i) & 15) != ruffini_Validity_VALIDITY_NOT_MEASURED;
+    m.validity[i] = is_measured ? ruffini_Validity_VALIDITY_INVALID : ruffini_Validity_VALIDITY_NOT_MEASURED;
+  }
+  send(ruffini_MessageType_MESSAGE_TYPE_WRENCH, ruffini_Wrench_fields, &m);
+}
+
+void Session::send_event(uint64_t now_us, ruffini_Event_Severity severity, const char* what, const std::string& text) {
   ruffini_Event m = ruffini_Event_init_zero;
   m.time_us = now_us;
-  m.severity = end.is_confirmed ? ruffini_Event_Severity_SEVERITY_INFO : ruffini_Event_Severity_SEVERITY_ERROR;
-  copy_text(m.what, end.is_confirmed ? "calibration_active" : "calibration_reverted");
-  copy_text(m.text, end.text);
+  m.severity = severity;
+  copy_text(m.what, what);
+  copy_text(m.text, text);
   send(ruffini_MessageType_MESSAGE_TYPE_EVENT, ruffini_Event_fields, &m);
+}
+
+// Where the board asks for a network: how it fares.
+void Session::tell_network(ruffini_Status& m) const {
+  const NetworkHealth& network = exchange_.network;
+  if (!network.is_asked) return;
+  const NetworkState state = network.state.load(std::memory_order_acquire);
+  m.has_network = true;
+  m.network.state = static_cast<ruffini_NetworkState>(state);
+  m.network.results = network.results;
+  m.network.invalid = network.invalid;
+  m.network.skipped = network.skipped;
+  if (state == NetworkState::kRuns) copy_bytes(m.network.sha256, {network.sha256.begin(), network.sha256.end()});
+  if (state != NetworkState::kFailed) return;
+  copy_text(m.network.problem, network.problem.data());
+  m.health |= ruffini_HealthBit_HEALTH_NETWORK;
 }
 
 void Session::send_status(uint64_t now_us) {
@@ -128,12 +161,14 @@ void Session::send_status(uint64_t now_us) {
   if (!active.is_present) m.health |= ruffini_HealthBit_HEALTH_UNCALIBRATED;
   if (active.is_present && active.signer.is_development_key) m.health |= ruffini_HealthBit_HEALTH_DEVELOPMENT_KEY;
   if ((exchange_.flags.load() & kFlagNoReference) != 0) m.health |= ruffini_HealthBit_HEALTH_NO_REFERENCE;
+  if (is_stalled_) m.health |= ruffini_HealthBit_HEALTH_CAMERA_STALLED;
   if (calibrator_.is_on_trial()) m.health |= ruffini_HealthBit_HEALTH_TRIAL;
   if (!calibrator_.problem().empty()) m.health |= ruffini_HealthBit_HEALTH_STORE_ERROR;
   m.skin_light_1e3 = exchange_.skin_light_1e3.load();
   const bool has_aged = m.skin_light_1e3 < 1'000 - kAgedSkin1e3 || m.skin_light_1e3 > 1'000 + kAgedSkin1e3;
   if (m.skin_light_1e3 != 0 && has_aged) m.health |= ruffini_HealthBit_HEALTH_SKIN_AGED;
   if (decoder_.counters().bad_crc > 0) m.health |= ruffini_HealthBit_HEALTH_LINK_DEGRADED;
+  tell_network(m);
   m.development_key = active.is_present && active.signer.is_development_key;
   copy_bytes(m.calibration_sha256, active.sha256);
   status_us_ = now_us;

@@ -19,6 +19,10 @@ class NoDeviceError(RuffiniError):
     exit_code = 3
 
 
+class LineLostError(NoDeviceError):
+    """The line broke while it was used: unplugged, or the other end is gone."""
+
+
 class SeveralDevicesError(RuffiniError):
     """Several devices where one is needed: the user must choose (exit code 2)."""
 

@@ -20,8 +20,21 @@ FIRMWARE_MAY_INCLUDE: dict[str, set[str]] = {
     "capture": {"base", "board"},
     "store": {"base", "board"},
     "hw": {"base"},
-    "link": {"base", "board", "store", "frame_path", "image", "solve", "estimators"},
-    "daemon": {"base", "board", "capture", "store", "link", "hw", "frame_path", "image", "solve", "estimators"},
+    "infer": {"base", "board", "capture"},
+    "link": {"base", "board", "store", "infer", "frame_path", "image", "solve", "estimators"},
+    "daemon": {
+        "base",
+        "board",
+        "capture",
+        "store",
+        "infer",
+        "link",
+        "hw",
+        "frame_path",
+        "image",
+        "solve",
+        "estimators",
+    },
 }
 # These sources are part of the core although their rooms hold more.
 CORE_IN_MIXED_ROOMS = ("link/frame_codec", "link/dense_codec", "store/calibration")

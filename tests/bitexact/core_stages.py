@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 I32 = npt.NDArray[np.int32]
+U16 = npt.NDArray[np.uint16]
 NO_LEVEL = np.zeros(3, np.int32)
 MARKER_COLUMNS = 6  # x, y, dx, dy (Q16 px), is_lost, is_absent
 MAX_DOTS = 4096
@@ -111,15 +112,20 @@ class CoreStages:
         return out, int(count)
 
     def flow(
-        self, rest: npt.NDArray[np.uint16], grey: npt.NDArray[np.uint16], n_markers: int
+        self, rest: tuple[U16, U16], frame: tuple[npt.NDArray[np.uint8], U16], n_markers: int
     ) -> tuple[I32, I32, npt.NDArray[np.uint8], tuple[int, int]]:
-        """Marker rows at rest and of one frame of a textured board, their qualities; found, lost."""
+        """Marker rows at rest and of one frame of a textured board, their qualities; found, lost.
+
+        rest, frame: picture (h, w, 3) and its grey.
+        """
         learned, tracked = np.zeros((2, n_markers, MARKER_COLUMNS), np.int32)
         counts, quality = np.zeros(2, np.int32), np.zeros(n_markers, np.uint8)
         self._lib.stages_flow(
             self._handle,
-            _pointer(rest, np.uint16),
-            _pointer(grey, np.uint16),
+            _pointer(rest[0], np.uint16),
+            _pointer(rest[1], np.uint16),
+            _pointer(frame[0], np.uint8),
+            _pointer(frame[1], np.uint16),
             _pointer(learned, np.int32),
             _pointer(tracked, np.int32),
             _pointer(quality, np.uint8),

@@ -171,13 +171,16 @@ void stages_marker_quality(Stages* stages, uint8_t* out) {
   for (const Marker& m : stages->lattice.markers()) *out++ = m.quality;
 }
 
-// Learns from `rest`, tracks one frame: rows of markers of both. Returns how many were found and lost.
-void stages_flow(Stages* stages, const uint16_t* rest, const uint16_t* grey, int32_t* learned, int32_t* tracked,
-                 uint8_t* quality, int32_t* counts) {
+// Learns from `rest` (1/16 levels) and its grey, tracks one frame and its grey: rows of markers of both. Returns how many
+// were found and lost.
+void stages_flow(Stages* stages, const uint16_t* rest, const uint16_t* rest_grey, const uint8_t* frame,
+                 const uint16_t* grey, int32_t* learned, int32_t* tracked, uint8_t* quality, int32_t* counts) {
   TextureFlow flow(stages->board);
-  counts[0] = flow.learn({rest, n_pixels(*stages)});
+  const CameraSettings& camera = stages->board.camera;
+  counts[0] = flow.learn({rest_grey, n_pixels(*stages)}, {rest, 3 * n_pixels(*stages)});
   put_markers(flow.markers(), learned);
-  counts[1] = flow.track({grey, n_pixels(*stages)});
+  const FrameView view{frame, camera.width_px, camera.height_px, 3, ptrdiff_t{3} * camera.width_px};
+  counts[1] = flow.track({grey, n_pixels(*stages)}, view);
   put_markers(flow.markers(), tracked);
   for (const Marker& m : flow.markers()) *quality++ = m.quality;
 }

@@ -145,7 +145,7 @@ struct Outcome {
 };
 
 // Runs the daemon in lockstep with a host that reads everything.
-Outcome run_daemon(const Scene& scene, bool plants) {
+Outcome run_daemon(const Scene& scene, bool plants, const NetworkLoader& network = {}) {
   const BoardSettings& board = scene.board;
   auto file = CalibrationFile::load(scene.calibration);
   EXPECT_TRUE(file) << (file ? "" : file.error().message);
@@ -156,6 +156,7 @@ Outcome run_daemon(const Scene& scene, bool plants) {
   for (int type = ruffini_MessageType_MESSAGE_TYPE_STATUS; type <= ruffini_MessageType_MESSAGE_TYPE_IMAGE; ++type) {
     exchange.every[static_cast<size_t>(type)] = 1;
   }
+  exchange.every[ruffini_MessageType_MESSAGE_TYPE_LEARNED] = 1;
   Calibrator calibrator(board, "0000", SlotStore::open(folder).value(), exchange);
   SerialPort port = SerialPort::open("pty").value();
   const int host = ::open(port.host_path().c_str(), O_RDONLY | O_NOCTTY);
@@ -165,7 +166,7 @@ Outcome run_daemon(const Scene& scene, bool plants) {
   auto daemon = std::make_unique<Daemon>(
       board, std::move(path).value(), std::make_unique<DrawnCamera>(scene), std::move(port), calibrator, exchange,
       DeviceIdentity{.serial = "0000", .version = "test", .stream_flags = kSimulated, .is_lossless = true},
-      DaemonOptions{.is_lockstep = true});
+      DaemonOptions{.is_lockstep = true, .network = network});
   std::thread reader([&] {
     FrameDecoder decoder;
     std::vector<uint8_t> bytes(65'536);
@@ -220,6 +221,25 @@ TEST(FrameThread, AllocatesNothingOnASkinWithTwoTouches) {
   EXPECT_EQ(out.frames, kFrames);
   EXPECT_EQ(out.allocations, 0U);
   EXPECT_GT(out.largest_contacts, out.smallest_contacts + 50) << "no touch was seen";
+}
+
+// Allocates as OpenCV does, in its own thread.
+class Allocating : public Network {
+ public:
+  bool look(const FrameView& frame, std::span<float> out) override {
+    const std::vector<float> all(frame.data, frame.data + frame.stride * frame.height);
+    out[0] = all.back();
+    return true;
+  }
+};
+
+TEST(FrameThread, AllocatesNothingBesideALearnedNetwork) {
+  const Outcome out = run_daemon(glow(), false, []() -> Result<LoadedNetwork> {
+    return LoadedNetwork{{{"last"}, {0}, {255}, {}}, std::make_unique<Allocating>()};
+  });
+  EXPECT_EQ(out.frames, kFrames);
+  EXPECT_EQ(out.allocations, 0U);
+  EXPECT_EQ(out.messages[ruffini_MessageType_MESSAGE_TYPE_LEARNED], kFrames);
 }
 
 TEST(FrameThread, APlantedAllocationIsSeen) { EXPECT_EQ(run_daemon(dots(), true).allocations, 1U); }

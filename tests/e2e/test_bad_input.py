@@ -284,7 +284,9 @@ def test_two_devices_are_listed_and_a_serial_number_chooses(sensor: Sensor, tmp_
 
 
 @pytest.mark.parametrize(
-    "verb", [["monitor", "--n", "100000"], ["record", "OUT", "--n", "100000"]], ids=["monitor", "record"]
+    "verb",
+    [["monitor", "--n", "100000", "--resume", "0.3"], ["record", "OUT", "--n", "100000", "--resume", "0"]],
+    ids=["monitor", "record"],
 )
 def test_a_daemon_that_dies_ends_the_verb_with_a_sentence(verb: list[str], sensor: Sensor, tmp_path: Path) -> None:
     out = tmp_path / "run.mcap"
@@ -340,7 +342,9 @@ def is_open_by(pid: int, path: str) -> bool:
 
 
 @pytest.mark.parametrize(
-    "verb", [["monitor", "--n", "9999"], ["record", "OUT", "--n", "9999"]], ids=["monitor", "record"]
+    "verb",
+    [["monitor", "--n", "9999", "--resume", "0"], ["record", "OUT", "--n", "9999", "--resume", "0.3"]],
+    ids=["monitor", "record"],
 )
 def test_a_camera_that_stands_still_ends_the_verb_with_a_sentence(
     verb: list[str], sensor: Sensor, tmp_path: Path

@@ -18,7 +18,7 @@ from tiny_sensor import Twin
 
 from ruffini.boards import find_board
 from ruffini.demo.daemon import find_daemon, running_daemon
-from ruffini.device import Connection
+from ruffini.device import Connection, flashing
 from ruffini.errors import RefusedError, RuffiniError
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.optics.renderer import Renderer
@@ -101,6 +101,36 @@ def test_faults_are_flagged_in_the_frames_that_have_them(twin: Twin, tmp_path: P
     assert full == set(range(at["over_exposure"], at["over_exposure"] + 3))
 
 
+def test_a_camera_that_stands_still_is_said_at_once(twin: Twin, tmp_path: Path) -> None:
+    """Within three frames and a bit: an event and stale wrenches; none of them is taken for a new frame."""
+    scenario = Scenario.model_validate(
+        {"schema": 1, "program": "rest", "n": 1_000_000,
+         "fault": [{"kind": "stall", "first_frame": 60, "n_frames": 30}]}
+    )  # fmt: skip
+    events, frames, stale = [], [], 0
+    with (
+        TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"),
+        running_daemon(twin.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store") as port,  # type: ignore[arg-type]
+        Connection(port) as sensor,
+    ):
+        sensor.subscribe(wrench=1)
+        for frame, message in sensor.stream(timeout_s=5):
+            name = sensor.schema.type_name(frame.type)
+            if name == "EVENT":
+                events.append(message.what)
+            elif name == "WRENCH" and "FLAG_STALE" in flags(sensor, message):
+                stale += 1
+                assert message.stamp.frame == frames[-1]
+                assert 1 not in message.validity
+            elif name == "WRENCH":
+                frames.append(message.stamp.frame)
+            if "camera_back" in events and frames[-1] > 100:
+                break
+    assert events[-2:] == ["camera_stalled", "camera_back"]
+    assert stale >= 5  # 1.5 s without a frame
+    assert frames == sorted(set(frames))
+
+
 def test_a_stalled_twin_does_not_hold_up_the_end(twin: Twin, tmp_path: Path) -> None:
     scenario = Scenario.model_validate(
         {"schema": 1, "program": "rest", "n": 100_000,
@@ -167,7 +197,10 @@ def test_a_calibration_that_shows_no_good_frame_is_not_kept(twin: Twin, tmp_path
     assert list((tmp_path / "store").iterdir()) == []
 
 
-def test_a_daemon_that_dies_during_the_trial_comes_back_with_what_was_before(twin: Twin, tmp_path: Path) -> None:
+def test_a_daemon_that_dies_during_the_trial_comes_back_with_what_was_before(
+    twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flashing, "RESUME_S", 0.2)  # it will not be back
     scenario = Scenario.model_validate(
         {"schema": 1, "program": "rest", "n": 1_000_000,
          "fault": [{"kind": "stall", "first_frame": 3, "n_frames": 999_000}]}
@@ -185,14 +218,14 @@ def test_a_daemon_that_dies_during_the_trial_comes_back_with_what_was_before(twi
     ):
         assert process.stdout is not None
         port = process.stdout.readline().removeprefix("link: ").strip()
-        flashing = threading.Thread(target=flash, args=(port,))
-        flashing.start()
+        upload = threading.Thread(target=flash, args=(port,))
+        upload.start()
         give_up = time.monotonic() + 20
         while not (tmp_path / "store" / "trial.safetensors").exists() and time.monotonic() < give_up:
             time.sleep(0.01)
         process.kill()
-        flashing.join(20)
-        assert not flashing.is_alive()
+        upload.join(20)
+        assert not upload.is_alive()
     with TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin2"):
         command[command.index(f"twin:{tmp_path / 'twin'}")] = f"twin:{tmp_path / 'twin2'}"
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

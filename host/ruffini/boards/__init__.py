@@ -195,6 +195,18 @@ class Temperature(Section):
         return self
 
 
+class Learned(Section):
+    """[learned]: a network beside the frame path, by its file in the device's store."""
+
+    network: Text
+
+    @model_validator(mode="after")
+    def _fits(self) -> Learned:
+        if "/" in self.network:
+            raise ValueError("learned.network must be a name without /")
+        return self
+
+
 class Memory(Section):
     """[memory]."""
 
@@ -230,6 +242,7 @@ class Board(Section):
     skin: Skin | None = None
     field: FieldSettings
     temperature: Temperature | None = None
+    learned: Learned | None = None
     memory: Memory | None = None
     pipeline: Pipeline
 

@@ -13,8 +13,13 @@ import typer
 from ruffini.cli.common import JsonFlag, Settings, emit, note
 from ruffini.errors import InputError
 
+RESUME_S = 10.0
+ResumeOption = Annotated[
+    float, typer.Option(min=0, help="How long a line that was lost is waited for, seconds (0 = end with it).")
+]
+
 if TYPE_CHECKING:
-    from ruffini.device import Connection, Contacts
+    from ruffini.device import Connection, Contacts, Learned
 
 
 def common_options(
@@ -109,6 +114,14 @@ def _slip(contacts: Contacts | None) -> str:
     return f" {c.slip_state} {c.shear_ratio:.2f}/{known}{left}"
 
 
+def _learned(learned: Learned | None) -> str:
+    """What the network said of an earlier frame, and how late and how often it does."""
+    if learned is None:
+        return ""
+    said = " ".join(f"{name} {value}" for name, value in learned.quantities.items()) if learned.is_valid else "invalid"
+    return f" | network: {said} of frame {learned.frame}, {1e3 * learned.latency_s:.0f} ms, {learned.rate_hz:.1f} Hz"
+
+
 def _plus_minus(sigma: Any) -> tuple[str, str]:
     """Standard deviations behind force and moment, "+-?" where they are not measured."""
     if sigma is None:
@@ -119,19 +132,24 @@ def _plus_minus(sigma: Any) -> tuple[str, str]:
 
 def monitor(
     n: Annotated[int, typer.Option("--n", min=0, help="Stop after so many frames (0 = never).")] = 0,
+    resume: ResumeOption = RESUME_S,
     json_: Annotated[bool, typer.Option("--json", help="One JSON object per line and frame.")] = False,
 ) -> None:
-    """The wrench as it comes, and how near the largest contact is to sliding."""
-    from ruffini.device import Contacts, Wrench
+    """The wrench as it comes, how near the largest contact is to sliding, and what a learned network last said."""
+    from ruffini.device import Contacts, Learned, Wrench
     from ruffini.device.connection import SILENCE_S
     from ruffini.errors import NoDeviceError
 
     with open_sensor() as sensor:
-        sensor.subscribe(wrench=1, contacts=1)
+        sensor.subscribe(wrench=1, contacts=1, learned=1)
         count = 0
         numbers = sensor.schema.type_numbers
         contacts: Contacts | None = None  # a frame's come after its wrench: these are of the frame before
-        for frame, message in sensor.stream(timeout_s=SILENCE_S):
+        learned: Learned | None = None
+        stream = sensor.stream(timeout_s=SILENCE_S, resume_s=resume, on_gap=lambda gap: note(f"{sensor.port}: {gap}"))
+        for frame, message in stream:
+            if frame.type == numbers.get("LEARNED"):
+                learned = Learned.from_message(message)
             if frame.type == numbers["CONTACTS"]:
                 contacts = Contacts.from_message(message)
             if frame.type != numbers["WRENCH"]:
@@ -146,6 +164,7 @@ def monitor(
                                   "sigma_validity": wrench.covariance_validity,
                                   "validity": list(wrench.validity), "flags": flags,
                                   "contacts": None if contacts is None else asdict(contacts),
+                                  "learned": None if learned is None else asdict(learned),
                                   "simulated": frame.is_simulated, "replay": frame.is_replay}))  # fmt: skip
             else:
                 fx, fy, fz = wrench.values[:3]
@@ -154,7 +173,7 @@ def monitor(
                 force_sigma, torque_sigma = _plus_minus(wrench.sigma)
                 line = (f"{wrench.frame:6d}  F {fx:8.3f} {fy:8.3f} {fz:8.3f}{force_sigma} N   "
                         f"T {tx:8.3f} {ty:8.3f} {tz:8.3f}{torque_sigma} N mm"
-                        f"{_slip(contacts)}{tag} {' '.join(flags)}")  # fmt: skip
+                        f"{_slip(contacts)}{_learned(learned)}{tag} {' '.join(flags)}")  # fmt: skip
                 end = "\r" if sys.stdout.isatty() else "\n"
                 print(line.ljust(150), end=end, flush=True)
             count += 1
@@ -170,6 +189,7 @@ def record(
     image_every: Annotated[
         int, typer.Option(min=0, help="Every so many frames also the camera image (0 = never).")
     ] = 0,
+    resume: ResumeOption = RESUME_S,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     json_: JsonFlag = False,
 ) -> None:
@@ -180,7 +200,10 @@ def record(
         raise InputError(f"{out} exists: choose another name, or give --force")
     with open_sensor() as sensor:
         note(f"recording {sensor.port} to {out}, stop with Ctrl-C")
-        counts = record_stream(sensor, out, n_frames=n, image_every=image_every)
+        counts = record_stream(
+            sensor, out, n_frames=n, image_every=image_every, resume_s=resume,
+            on_gap=lambda gap: note(f"{sensor.port}: {gap}"),
+        )  # fmt: skip
     total = sum(counts.values())
     emit(
         {"file": str(out), "messages": counts},

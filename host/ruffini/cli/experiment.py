@@ -16,6 +16,9 @@ def reproduce(
     recordings: Annotated[
         Path | None, typer.Option("--recordings", help="Where recordings are kept (default: the user's cache).")
     ] = None,
+    network: Annotated[
+        Path | None, typer.Option("--network", help="Of `ruffini train stereo`: judged beside ours.")
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer runs: not the figures of the README.")] = False,
     workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
     json_: JsonFlag = False,
@@ -29,7 +32,7 @@ def reproduce(
     from ruffini.files import write_whole
 
     with progress_bar("experiment") as progress:
-        found = play(find_board(board), out, Options(recordings, quick, workers, progress))
+        found = play(find_board(board), out, Options(recordings, quick, workers, progress, network))
     result = {**found.result, "pictures": [str(path) for path in found.pictures]}
     write_whole(out / "result.json", json.dumps(result, indent=1).encode())
     emit(result, json_, found.text)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,14 @@ import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
+
+
+class Plans(StrEnum):
+    """Networks of `ruffini train stereo`."""
+
+    VGG16 = "vgg16"
+    EIGHTH = "eighth"
+
 
 app = typer.Typer(no_args_is_help=True, help="Train networks on the digital twin (pip install 'ruffini[train]').")
 
@@ -58,3 +67,40 @@ def displacement(
         f"{file}: {len(samples.press)} frames, moved nodes of presses left out {trainer.passes[-1].text()}, SIMULATED"
     )
     emit(result, json_, text)
+
+
+@app.command("stereo")
+def stereo(
+    board: BoardOption,
+    presses: Annotated[Path, typer.Option("--presses", help="Folder of presses, as `ruffini cal fingertip` takes it.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder; run the same command again to go on with it.")],
+    only: Annotated[str, typer.Option(help="Pattern of the folders below --presses that are used.")] = "*",
+    mode: Annotated[
+        int, typer.Option(min=0, max=3, help="The paper's input: left, both, left or both in black and white.")
+    ] = 1,
+    plan: Annotated[Plans | None, typer.Option(help="VGG16, or its layers at an eighth of the width.")] = None,
+    weights: Annotated[
+        Path | None, typer.Option(help="torchvision's weights of VGG16 with batch norm; else those in its cache.")
+    ] = None,
+    passes: Annotated[int, typer.Option(min=1, help="Passes over all frames.")] = 40,
+    most_n: Annotated[float, typer.Option(help="Frames of more force are left out: the paper's 1 N, or 10 N.")] = 1.05,
+    seed: Annotated[int, typer.Option(min=0, help="Everything random follows from it.")] = 1,
+    threads: Annotated[int, typer.Option(min=1, help="Threads of PyTorch; 1 gives the same weights every time.")] = 1,
+    json_: JsonFlag = False,
+) -> None:
+    """The stereo paper's network: force, place and angles from two views; ONNX for the board and OpenCV."""
+    try:
+        import torch
+    except ImportError as error:
+        raise InputError("PyTorch is not installed: pip install 'ruffini[train]'") from error
+    from ruffini.boards import find_board
+    from ruffini.train.stereo_run import Wish, train
+
+    torch.set_num_threads(threads)
+    wish = Wish(presses, only, out, mode, None if plan is None else plan.value, weights, passes, seed, most_n)
+    run = train(find_board(board), wish, note, progress_bar)
+    r, tag = run.result, ", SIMULATED" if run.result["simulated"] else ""
+    emit(r, json_, f"{run.file}: {r['plan']} ({r['trunk']}), {r['weights'] / 1e6:.2f} million weights, "
+         f"{r['bytes'] / 1e6:.1f} MB, {r['frames']} frames of {r['presses']} presses, {r['took_s']:.0f} s, "
+         f"{r['most_memory_mb']} MB of memory; OpenCV within {r['opencv_off_pytorch']:.1e} of PyTorch; "
+         f"pass {run.best.number}, presses left out {run.best.text()}{tag}")  # fmt: skip

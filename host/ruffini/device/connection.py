@@ -3,27 +3,39 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
-from ruffini.errors import NoDeviceError, RefusedError, RuffiniError, SeveralDevicesError, VerifyError
+from ruffini.device import flashing
+from ruffini.errors import LineLostError, NoDeviceError, RefusedError, RuffiniError, SeveralDevicesError
 from ruffini.wire import Decoder, Frame, Schema, encode_message
 
 HELLO_TIMEOUT_S = 2.0
-REPLY_TIMEOUT_S = 2.0
-COMMIT_TIMEOUT_S = 30.0  # proof, fsync and read-back of a large table on a slow medium
+REPLY_TIMEOUT_S, TRIES = 0.5, 12
 RETRIES = 3
-CHUNK_BYTES = 3072
-TRIAL_POLL_S = 0.1
-TRIAL_STALL_S = 10.0  # on trial without a frame: the camera stands still
+REOPEN_PAUSE_S = 0.02
+REOPEN_HELLO_S = 0.6  # a sensor that was just plugged in answers, or the next try will
 SILENCE_S = 5.0  # without a frame: the camera stands still
 MAX_BACKLOG = 4096  # messages kept while a command waits for its reply
 DEVICE = 255
-FLASH_DURABLE, FLASH_ACTIVE = 3, 4  # FlashState of the schema
+YOUNG_TYPES = ("learned",)  # that a device in use may not know yet
+ASK_AGAIN = 0  # the request id of a reply to what came damaged
+
+
+@dataclass(frozen=True)
+class LineGap:
+    """A time without line."""
+
+    lost_s: float
+    n_frames: int | None  # that were not received; None: the sensor was started again and counts anew
+
+    def __str__(self) -> str:
+        missing = "it was started again" if self.n_frames is None else f"{self.n_frames} frames missing"
+        return f"the line was lost for {self.lost_s:.2f} s: {missing}"
 
 
 class Connection:
@@ -41,18 +53,14 @@ class Connection:
     """
 
     def __init__(self, port: str, *, hello_timeout_s: float = HELLO_TIMEOUT_S) -> None:
-        import serial
-
-        self.port = port
-        try:
-            self._serial = serial.Serial(port, baudrate=115200, timeout=0.02, write_timeout=2.0, exclusive=True)
-        except (serial.SerialException, OSError, ValueError) as error:
-            reason = "busy: another program has it open" if _is_busy(error) else f"cannot be opened: {error}"
-            raise NoDeviceError(f"{port} is {reason}" if "busy" in reason else f"{port} {reason}") from error
+        self.port, self._first_port = port, port
+        self._serial = _open(port)
+        self._subscribed: dict[str, int] = {}
         self.schema = Schema.own()
         self.decoder = Decoder()
         self.messages: deque[tuple[Frame, Any]] = deque(maxlen=MAX_BACKLOG)
         self.raw_sink: Callable[[bytes], None] | None = None
+        self.n_retries = 0  # commands that were sent again
         self._sequence = 0
         self._request_id = int.from_bytes(os.urandom(3), "little") + 1
         try:
@@ -74,6 +82,32 @@ class Connection:
         with contextlib.suppress(OSError):
             self._serial.close()
 
+    def resume(self, timeout_s: float) -> None:
+        """Open the same sensor again after its line was lost, on whatever port it comes back, and subscribe again.
+
+        Raises
+        ------
+        NoDeviceError
+            It does not come back in time.
+        """
+        serial, deadline = self.serial_number, time.monotonic() + timeout_s
+        self.close()
+        while time.monotonic() < deadline:
+            for port in dict.fromkeys([self._first_port, *candidate_ports()]):
+                self.port, self.decoder = port, Decoder()
+                with contextlib.suppress(NoDeviceError):
+                    self._serial = _open(port)
+                    hello = self._say_hello(REOPEN_HELLO_S)
+                    if hello.device_serial == serial:
+                        self.hello = hello
+                        if self._subscribed:
+                            self.subscribe(**self._subscribed)
+                        return
+                self.close()
+            time.sleep(REOPEN_PAUSE_S)
+        self.port = self._first_port
+        raise NoDeviceError(f"{self.port}: the line was lost, and sensor {serial} is not back after {timeout_s:.0f} s")
+
     @property
     def serial_number(self) -> str:
         return str(self.hello.device_serial)
@@ -87,7 +121,7 @@ class Connection:
         try:
             data = self._serial.read(max(self._serial.in_waiting, 1))
         except (serial.SerialException, OSError, TypeError) as error:
-            raise NoDeviceError(f"{self.port}: the line was lost: {error}") from error
+            raise LineLostError(f"{self.port}: the line was lost: {error}") from error
         if self.raw_sink is not None and data:
             self.raw_sink(data)
         for frame in self.decoder.feed(data):
@@ -95,14 +129,43 @@ class Connection:
             if message is not None:
                 self.messages.append((frame, message))
 
-    def stream(self, *, timeout_s: float | None = None) -> Iterator[tuple[Frame, Any]]:
-        """Messages as they come; ends after `timeout_s` without one (never when None)."""
+    def stream(
+        self,
+        *,
+        timeout_s: float | None = None,
+        resume_s: float = 0.0,
+        on_gap: Callable[[LineGap], None] = lambda _: None,
+    ) -> Iterator[tuple[Frame, Any]]:
+        """Messages as they come; ends after `timeout_s` without one (never when None).
+
+        A line that was lost is waited for, `resume_s` long; `on_gap` is told before the next message with a stamp.
+
+        Raises
+        ------
+        NoDeviceError
+            The line was lost and did not come back.
+        """
         last = time.monotonic()
+        frame_before, lost = 0, None
         while True:
             while self.messages:
                 last = time.monotonic()
-                yield self.messages.popleft()
-            self._read()
+                frame, message = self.messages.popleft()
+                if (stamp := getattr(message, "stamp", None)) is not None:
+                    if lost is not None:
+                        is_same = lost[1] == self.hello.session_id
+                        on_gap(LineGap(last - lost[0], max(stamp.frame - frame_before - 1, 0) if is_same else None))
+                        lost = None
+                    frame_before = stamp.frame
+                yield frame, message
+            try:
+                self._read()
+            except LineLostError:
+                if not resume_s:
+                    raise
+                lost = lost or (time.monotonic(), self.hello.session_id)
+                self.resume(resume_s)
+                last = time.monotonic()
             if timeout_s is not None and not self.messages and time.monotonic() - last > timeout_s:
                 return
 
@@ -133,35 +196,37 @@ class Connection:
         except serial.SerialTimeoutException as error:
             raise NoDeviceError(f"{self.port}: nobody takes what is sent: is ruffinid running?") from error
         except (serial.SerialException, OSError) as error:
-            raise NoDeviceError(f"{self.port}: the line was lost: {error}") from error
+            raise LineLostError(f"{self.port}: the line was lost: {error}") from error
 
     def _send(self, type_name: str, payload: bytes = b"") -> None:
         number = self.schema.type_numbers[type_name]
         self._write(encode_message(number, payload, sensor=DEVICE, sequence=self._sequence))
         self._sequence += 1
 
-    def _say_hello(self, timeout_s: float) -> Any:
+    def _say_hello(self, timeout_s: float, tries: int = RETRIES) -> Any:
         self._write(b"\0")  # end whatever half frame is in the device's buffer
         # Where a slow device was asked more than once it answered more than once: those answers are of before.
         number = self.schema.type_numbers["HELLO"]
         self.messages = deque((m for m in self.messages if m[0].type != number), maxlen=MAX_BACKLOG)
-        for _ in range(RETRIES):
+        for _ in range(tries):
             self._send("HELLO")
-            hello = self._wait_for("HELLO", timeout_s / RETRIES, lambda m: True)
+            hello = self._wait_for("HELLO", timeout_s / tries, lambda m: True)
             if hello is not None:
                 return hello
         raise NoDeviceError(f"{self.port}: nothing answers HELLO: is ruffinid running, and is it this port?")
 
     def _fetch_schema(self) -> Schema:
-        for _ in range(RETRIES):
+        for _ in range(TRIES):
             self._send("SCHEMA")
             message = self._wait_for("SCHEMA", REPLY_TIMEOUT_S, lambda m: True)
             if message is not None:
                 return Schema(message.file_descriptor_set)
         raise NoDeviceError(f"{self.port}: the device does not serve its schema")
 
-    def command(self, *, timeout_s: float = REPLY_TIMEOUT_S, **action: Any) -> Any:
+    def command(self, *, timeout_s: float = REPLY_TIMEOUT_S, tries: int = TRIES, **action: Any) -> Any:
         """Send one command, e.g. command(zero={"n_frames": 0}); retried under the same request id.
+
+        A try without a reply lasts `timeout_s`.
 
         Raises
         ------
@@ -174,12 +239,15 @@ class Connection:
             payload = self.schema.new("Command", request_id=request, **action).SerializeToString()
         except ValueError as error:  # a device that is older than this host brought its own schema
             raise RefusedError(f"{self.port}: this firmware knows no {next(iter(action))}: update it") from error
-        for _ in range(RETRIES):
+        for i in range(tries):
+            if i > 0:
+                self.n_retries += 1
+                self._write(b"\0")  # what was lost may have been the end of a frame: this one must not be taken for it
             self._send("COMMAND", payload)
-            reply = self._wait_for("REPLY", timeout_s, lambda m: m.request_id == request)
-            if reply is not None:
+            reply = self._wait_for("REPLY", timeout_s, lambda m: m.request_id in (request, ASK_AGAIN))
+            if reply is not None and reply.request_id == request:
                 return reply
-        raise NoDeviceError(f"{self.port}: no reply to {next(iter(action))} after {RETRIES} tries")
+        raise NoDeviceError(f"{self.port}: no reply to {next(iter(action))} after {tries} tries")
 
     def checked(self, **action: Any) -> Any:
         """`command`, and an exception unless the device says OK."""
@@ -188,12 +256,21 @@ class Connection:
             raise RefusedError(f"{self.port}: {reply.text}")
         return reply
 
+    def refresh_hello(self) -> None:
+        """Ask who the sensor is now."""
+        self.hello = self._say_hello(REPLY_TIMEOUT_S * TRIES, TRIES)
+
     def subscribe(self, **every: int) -> None:
-        """Ask for each n-th message of a type, e.g. subscribe(wrench=1, field=2); replaces what was asked before."""
+        """Ask for each n-th message of a type, e.g. subscribe(wrench=1, field=2); replaces what was asked before.
+
+        `learned` is passed over where the device is older than that message.
+        """
         numbers = self.schema.type_numbers
+        every = {name: n for name, n in every.items() if name.upper() in numbers or name not in YOUNG_TYPES}
         self.checked(
             subscribe={"subscriptions": [{"type": numbers[name.upper()], "every": n} for name, n in every.items()]}
         )
+        self._subscribed = every
 
     def flash(
         self,
@@ -203,9 +280,8 @@ class Connection:
     ) -> Any:
         """Upload a calibration file; returns when the device says that it is in force for good.
 
-        The device names the next byte that it wants, so a lost chunk is sent again and an interrupted
-        upload goes on where it was. A new calibration is on trial until it has shown good frames; `say` is told how far
-        that is.
+        An interrupted upload goes on where it was. A new calibration is on trial until it has shown good frames;
+        `say` is told how far that is.
 
         Raises
         ------
@@ -213,25 +289,11 @@ class Connection:
             Wrong board, wrong key, a table that the device cannot prove, or a trial without good frames: it goes
             on with what it had before.
         NoDeviceError
-            The line was lost, or the camera gives no frames for the trial.
+            The line was lost and did not come back, or the camera gives no frames for the trial.
         VerifyError
             What arrived or was stored is not what was sent.
         """
-        reply = self.checked(flash_begin={"size_bytes": len(data), "sha256": hashlib.sha256(data).digest()})
-        offset, stuck = reply.next_offset, 0
-        while offset < len(data):
-            reply = self.command(flash_chunk={"offset": offset, "data": data[offset : offset + CHUNK_BYTES]})
-            stuck = stuck + 1 if reply.next_offset <= offset else 0
-            if stuck > RETRIES:
-                raise RefusedError(f"{self.port}: the upload does not go on: {reply.text}")
-            offset = reply.next_offset
-            progress(offset / len(data))
-        reply = self._in_force(flash_commit={})
-        if reply.flash_state == FLASH_DURABLE:
-            reply = self._end_of_trial(hashlib.sha256(data).digest(), say)
-        if self.hello.sensors[0].calibration.sha256 != hashlib.sha256(data).digest():
-            raise VerifyError(f"{self.port}: the calibration in force is not the one that was sent")
-        return reply
+        return flashing.flash(self, data, progress, say)
 
     def undo_flash(self) -> Any:
         """Put the calibration in force that was so before the last flash; the device has kept it. Undoes itself.
@@ -243,45 +305,17 @@ class Connection:
         VerifyError
             The medium failed, or the device goes on with what it had.
         """
-        before = self.hello.sensors[0].calibration.sha256
-        reply = self._in_force(flash_undo={})
-        if self.hello.sensors[0].calibration.sha256 == before:
-            raise VerifyError(f"{self.port}: the calibration in force is still the one that was to be undone")
-        return reply
+        return flashing.undo(self)
 
-    def _end_of_trial(self, sha256: bytes, say: Callable[[str], None]) -> Any:
-        """The reply that ends the trial of a calibration, and HELLO as it is then."""
-        n_frames, since, said = 0, time.monotonic(), ""
-        while (reply := self.command(flash_query={"sha256": sha256})).flash_state == FLASH_DURABLE:
-            if reply.value != n_frames:
-                n_frames, since = reply.value, time.monotonic()
-            elif time.monotonic() - since > TRIAL_STALL_S:
-                raise NoDeviceError(
-                    f"{self.port}: the calibration is stored, but the camera gives no frames to try it on: "
-                    f"see why, and flash again; until then a restart goes back to what was before"
-                )
-            if reply.text != said:
-                say(said := reply.text)
-            time.sleep(TRIAL_POLL_S)
-        if reply.code:
-            raise RefusedError(f"{self.port}: {reply.text}")
-        if reply.text:  # in force, but not as it should be
-            raise VerifyError(f"{self.port}: {reply.text}")
-        self.hello = self._say_hello(HELLO_TIMEOUT_S)
-        return reply
 
-    def _in_force(self, **action: Any) -> Any:
-        """A command that ends with a calibration in force, on trial or for good, and HELLO as it is then."""
-        reply = self.command(**action, timeout_s=COMMIT_TIMEOUT_S)
-        if reply.code == self._reply_code("REPLY_STORAGE"):
-            raise VerifyError(f"{self.port}: {reply.text}")
-        if reply.code or reply.flash_state not in (FLASH_DURABLE, FLASH_ACTIVE):
-            raise RefusedError(f"{self.port}: {reply.text}")
-        self.hello = self._say_hello(HELLO_TIMEOUT_S)
-        return reply
+def _open(port: str) -> Any:
+    import serial
 
-    def _reply_code(self, name: str) -> int:
-        return int(self.schema._pool.FindEnumTypeByName("ruffini.ReplyCode").values_by_name[name].number)
+    try:
+        return serial.Serial(port, baudrate=115200, timeout=0.02, write_timeout=2.0, exclusive=True)
+    except (serial.SerialException, OSError, ValueError) as error:
+        reason = "busy: another program has it open" if _is_busy(error) else f"cannot be opened: {error}"
+        raise NoDeviceError(f"{port} is {reason}" if "busy" in reason else f"{port} {reason}") from error
 
 
 def _is_busy(error: Exception) -> bool:

@@ -177,4 +177,30 @@ class Image:
         return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, pixels, m.step_px)
 
 
-RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "CONTACTS": Contacts, "IMAGE": Image}
+@dataclass(frozen=True)
+class Learned:
+    """What a learned network says of a frame, later than the frame's other results and not of every frame.
+
+    quantities : by name with its unit, as the network names them, e.g. `force_un`; none where it gave no number.
+    is_valid : finite, and within what the network was taught; took_s of the network alone, latency_s from mid-exposure,
+    rate_hz of results, 0 at the first.
+    """
+
+    capture_s: float
+    frame: int
+    flags: int
+    quantities: dict[str, int]
+    is_valid: bool
+    took_s: float
+    latency_s: float
+    rate_hz: float
+
+    @classmethod
+    def from_message(cls, m: Any) -> Learned:
+        rate_hz = 1e6 / m.period_us if m.period_us else 0.0
+        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, {q.name: q.value for q in m.quantities},
+                   m.validity == VALID, m.took_us * 1e-6, m.latency_us * 1e-6, rate_hz)  # fmt: skip
+
+
+RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "CONTACTS": Contacts, "IMAGE": Image,
+                           "LEARNED": Learned}  # fmt: skip

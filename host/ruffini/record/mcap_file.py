@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from ruffini.device import Connection
-from ruffini.device.connection import SILENCE_S
+from ruffini.device.connection import SILENCE_S, LineGap
 from ruffini.errors import InputError, NoDeviceError
 
 RAW_TOPIC = "/ruffini/raw"
 
 
-def record_stream(sensor: Connection, path: Path, *, n_frames: int = 0, image_every: int = 0) -> dict[str, int]:
-    """Record until `n_frames` wrenches came (0: until interrupted or the line is lost).
+def record_stream(
+    sensor: Connection,
+    path: Path,
+    *,
+    n_frames: int = 0,
+    image_every: int = 0,
+    resume_s: float = 0.0,
+    on_gap: Callable[[LineGap], None] = lambda _: None,
+) -> dict[str, int]:
+    """Record until `n_frames` wrenches came (0: until interrupted or the line is lost for `resume_s`).
 
     Every message goes to topic /ruffini/<type>; all received bytes to /ruffini/raw, for bit-exact
-    replay. The file is finished and valid whatever ends the recording.
+    replay; each time without line is a metadata record "gap". The file is finished and valid whatever ends it.
 
     Returns
     -------
@@ -49,13 +58,17 @@ def record_stream(sensor: Connection, path: Path, *, n_frames: int = 0, image_ev
         def keep_raw(data: bytes) -> None:
             writer.add_message(raw_channel, log_time=clock_us * 1000, data=data, publish_time=clock_us * 1000)
 
+        def keep_gap(gap: LineGap) -> None:
+            frames = "not known" if gap.n_frames is None else str(gap.n_frames)
+            writer.add_metadata("gap", {"lost_s": f"{gap.lost_s:.3f}", "missing_frames": frames, "text": str(gap)})
+            on_gap(gap)
+
         sensor.raw_sink = keep_raw
-        sensor.subscribe(wrench=1, field=1, depth=1, contacts=1, markers=1, status=1, image=image_every)
+        sensor.subscribe(wrench=1, field=1, depth=1, contacts=1, markers=1, learned=1, status=1, image=image_every)
         frame_s = time.monotonic()
         try:
-            for frame, message in sensor.stream(
-                timeout_s=SILENCE_S
-            ):  # STATUS comes each second, whatever the camera does
+            # STATUS comes each second, whatever the camera does.
+            for frame, message in sensor.stream(timeout_s=SILENCE_S, resume_s=resume_s, on_gap=keep_gap):
                 name = sensor.schema.type_name(frame.type)
                 if name is None or name in ("HELLO", "SCHEMA", "REPLY"):
                     continue

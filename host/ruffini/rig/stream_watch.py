@@ -134,6 +134,7 @@ class StreamWatch:
     def _run(self) -> None:
         schema = self._sensor.schema
         readers = {"WRENCH": _frame, "FIELD": _field, "MARKERS": _markers, "IMAGE": _image, "CONTACTS": _contacts}
+        stale = schema.enum_number("FlagBit", "FLAG_STALE")
         by_type = {schema.type_numbers[name]: read for name, read in readers.items()}
         try:
             while not self._stop.is_set():
@@ -142,7 +143,8 @@ class StreamWatch:
                     if frame.type == schema.type_numbers["STATUS"]:
                         celsius = {t.place: t.milli_celsius * 1e-3 for t in message.temperatures}
                         self._warmth = (time.monotonic(), celsius)
-                    made = by_type[frame.type](now, message) if frame.type in by_type else []
+                    is_result = frame.type in by_type and not message.stamp.flags & stale  # else nothing new
+                    made = by_type[frame.type](now, message) if is_result else []
                     with self._lock:
                         self._samples += [(now, sample) for sample in made]
                         self._newest = next((s for s in made if isinstance(s, StreamSample)), self._newest)

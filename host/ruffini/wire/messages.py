@@ -68,6 +68,10 @@ class Schema:
             raise InputError(f"a {name} packet cannot be decoded: {error}") from error
         return message
 
+    def enum_number(self, enum: str, name: str) -> int:
+        """The number behind a name, e.g. enum_number("FlagBit", "FLAG_STALE") -> 256."""
+        return int(self._pool.FindEnumTypeByName(f"ruffini.{enum}").values_by_name[name].number)
+
     def enum_names(self, enum: str, mask: int) -> list[str]:
         """Names of the bits of a mask, e.g. enum_names("FlagBit", 4) -> ["FLAG_UNCALIBRATED_Z"]."""
         values = self._pool.FindEnumTypeByName(f"ruffini.{enum}").values

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mirror.board import Board, center_q16
+from mirror.colour_flow import ColourFlow
 from mirror.fixed import I64, round_shift
 from mirror.markers import ABSENT, DX, DY, LOST, X, Y
 
@@ -163,18 +164,19 @@ class Flow:
         self._parent = np.minimum((row + 1) // 2, self.coarse_shape[0] - 1) * self.coarse_shape[1]
         self._parent += np.minimum((column + 1) // 2, self.coarse_shape[1] - 1)
 
-    def learn(self, grey: npt.NDArray[np.integer]) -> int:
-        """Templates from the rest image; number of patches with texture enough."""
+    def learn(self, grey: npt.NDArray[np.integer], rest: npt.NDArray[np.uint16]) -> int:
+        """Templates from the rest image (h, w, 3) and its grey; number of patches with texture enough."""
         levels = pyramid(grey)
         places = (self.nominal, self.nominal, self.nominal[self._coarse])
         self.levels = [Templates(i, levels[i], places[i]) for i in range(LEVELS)]
         self.rows = np.zeros((len(self.nominal), 6), np.int64)
         fine = self.levels[0]
-        self.rows[:, [X, Y]] = fine.center
+        self.colours = ColourFlow(rest, self.nominal)
+        self.rows[:, [X, Y]] = np.where(self.colours.is_sound[:, None], self.nominal, fine.center)
         self.rows[:, ABSENT] = self.rows[:, LOST] = ~fine.is_sound
         return int(fine.is_sound.sum())
 
-    def track(self, grey: npt.NDArray[np.integer]) -> int:
+    def track(self, grey: npt.NDArray[np.integer], frame: npt.NDArray[np.uint8]) -> int:
         """Displacements in one frame; number of patches lost that rest had."""
         pictures = pyramid(grey)
         fine, middle, coarse = self.levels
@@ -182,7 +184,9 @@ class Flow:
         u = _median(coarse.step(pictures[2], u)[0], self.coarse_shape)
         u = middle.step(pictures[1], 2 * u[self._parent])[0]
         u, is_cut = fine.step(pictures[0], 2 * u)
-        self.quality = np.where(fine.is_sound & ~is_cut, self._graded(fine, fine.sample(pictures[0], u)), 0)
+        graded = self._graded(fine, fine.sample(pictures[0], u))
+        u, is_cut_again, graded = self.colours.step(frame, u, graded)
+        self.quality = np.where(fine.is_sound & ~is_cut & ~is_cut_again, graded, 0)
         known = self.quality > 0
         self.rows[:, [DX, DY]] = u
         self.rows[:, LOST] = ~known

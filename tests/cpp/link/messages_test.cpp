@@ -122,6 +122,43 @@ TEST_F(MessagesTest, EveryHeaderSaysSensorSequenceAndThatItIsSimulated) {
   }
 }
 
+TEST_F(MessagesTest, WhatANetworkSaidCarriesItsOwnFramesStamp) {
+  LearnedResult said{.stamp = {123, 70, 9, 0xABCD}, .is_valid = true, .n_values = 2};
+  said.value = {-5'000'000'000, 12};
+  said.took_us = 600;
+  said.latency_us = 900;
+  said.period_us = 1'000;
+  const std::vector<std::string> names{"force_un", "x_um"};
+  for (const bool is_valid : {true, false}) {
+    said.is_valid = is_valid;
+    Bytes payload;
+    encoder_->encode(said, names, kSimulated, [&](ruffini_MessageType type, std::span<const uint8_t> all) {
+      EXPECT_EQ(type, ruffini_MessageType_MESSAGE_TYPE_LEARNED);
+      for (const uint8_t byte : all) {
+        if (const auto frame = decoder_.push(byte)) {
+          EXPECT_EQ(frame->header.flags, kSimulated);
+          payload.assign(frame->payload.begin(), frame->payload.end());
+        }
+      }
+    });
+    ruffini_Learned m = ruffini_Learned_init_zero;
+    pb_istream_t stream = pb_istream_from_buffer(payload.data(), payload.size());
+    ASSERT_TRUE(pb_decode(&stream, ruffini_Learned_fields, &m));
+    EXPECT_EQ(m.stamp.capture_us, 123U);
+    EXPECT_EQ(m.stamp.frame, 70U);
+    EXPECT_EQ(m.stamp.flags, 9U);
+    EXPECT_EQ(m.stamp.calibration_id, 0xABCDU);
+    EXPECT_EQ(m.validity, is_valid ? ruffini_Validity_VALIDITY_VALID : ruffini_Validity_VALIDITY_INVALID);
+    ASSERT_EQ(m.quantities_count, 2U);
+    EXPECT_STREQ(m.quantities[0].name, "force_un");
+    EXPECT_EQ(m.quantities[0].value, -5'000'000'000);
+    EXPECT_EQ(m.quantities[1].value, 12);
+    EXPECT_EQ(m.took_us, 600U);
+    EXPECT_EQ(m.latency_us, 900U);
+    EXPECT_EQ(m.period_us, 1'000U);
+  }
+}
+
 TEST_F(MessagesTest, TheWrenchIsTheExactSumOfTheField) {
   ruffini_Wrench wrench = ruffini_Wrench_init_zero;
   decode(encode(ruffini_MessageType_MESSAGE_TYPE_WRENCH), ruffini_Wrench_fields, wrench);

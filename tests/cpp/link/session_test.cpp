@@ -3,13 +3,12 @@
 #include <gtest/gtest.h>
 #include <pb_decode.h>
 #include <pb_encode.h>
-#include <unistd.h>
 
 #include <filesystem>
 
-#include "board/parse.h"
 #include "link/messages.h"
 #include "support/install.h"
+#include "support/session_fixture.h"
 #include "support/signed_calibration.h"
 #include "support/test_board.h"
 #include "support/test_calibration.h"
@@ -17,7 +16,9 @@
 namespace ruffini {
 namespace {
 
-using Bytes = std::vector<uint8_t>;
+using test::Bytes;
+using test::host_frame;
+class SessionTest : public test::SessionTest {};
 
 // The numbers of the firmware's own enumerations are those of the schema.
 static_assert(uint32_t{kFlagNoReference} == uint32_t{ruffini_FlagBit_FLAG_NO_REFERENCE});
@@ -34,114 +35,6 @@ static_assert(static_cast<int>(Validity::kNotMeasured) == ruffini_Validity_VALID
 static_assert(static_cast<int>(Validity::kValid) == ruffini_Validity_VALIDITY_VALID);
 static_assert(static_cast<int>(Validity::kUncalibrated) == ruffini_Validity_VALIDITY_UNCALIBRATED);
 static_assert(static_cast<int>(Validity::kInvalid) == ruffini_Validity_VALIDITY_INVALID);
-
-Bytes host_frame(ruffini_MessageType type, const Bytes& payload = {}, uint8_t sensor = kDeviceSensor) {
-  Bytes out(frames_bound(payload.size()));
-  out.resize(write_frames(type, kFromHost, sensor, 0, payload, out));
-  return out;
-}
-
-BoardSettings board_with_thermometer() {
-  BoardSettings board = load_board(std::string(RUFFINI_BOARDS_DIR) + "/gelslim").value();
-  board.temperature.place = "gel";
-  return board;
-}
-
-class SessionTest : public testing::Test {
- protected:
-  SessionTest()
-      : board_(board_with_thermometer()),
-        path_(FramePath::configure(board_, nullptr, [] { return uint64_t{0}; }).value()),
-        folder_(testing::TempDir() + "session_test_store" + std::to_string(::getpid())),
-        calibrator_(board_, "0042", SlotStore::open(folder_).value(), exchange_),
-        session_(board_, *path_, {.serial = "0042", .version = "test", .stream_flags = kSimulated}, calibrator_,
-                 exchange_) {}
-  ~SessionTest() override { std::filesystem::remove_all(folder_); }
-
-  // Everything that the session wants to write, as messages (fragments joined).
-  struct Message {
-    FrameHeader header;
-    Bytes payload;
-  };
-  std::vector<Message> read_all() {
-    std::vector<Message> out;
-    for (auto bytes = session_.pending(); !bytes.empty(); bytes = session_.pending()) {
-      for (const uint8_t byte : bytes) {
-        const auto frame = decoder_.push(byte);
-        if (!frame) continue;
-        if (frame->header.fragment == 0) out.push_back({frame->header, {}});
-        out.back().payload.insert(out.back().payload.end(), frame->payload.begin(), frame->payload.end());
-      }
-      session_.consumed(bytes.size());
-    }
-    return out;
-  }
-  std::vector<Message> ask(ruffini_MessageType type, const Bytes& payload = {}, uint8_t sensor = kDeviceSensor) {
-    session_.receive(host_frame(type, payload, sensor));
-    return read_all();
-  }
-  ruffini_Status status() {
-    session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_STATUS));
-    session_.poll(5);
-    const auto answers = read_all();
-    EXPECT_EQ(answers.size(), 1U);
-    ruffini_Status status = ruffini_Status_init_zero;
-    pb_istream_t in = pb_istream_from_buffer(answers.at(0).payload.data(), answers.at(0).payload.size());
-    EXPECT_TRUE(pb_decode(&in, ruffini_Status_fields, &status));
-    return status;
-  }
-  static Bytes encoded(const ruffini_Command& request) {
-    Bytes payload(ruffini_Command_size);
-    pb_ostream_t stream = pb_ostream_from_buffer(payload.data(), payload.size());
-    EXPECT_TRUE(pb_encode(&stream, ruffini_Command_fields, &request));
-    payload.resize(stream.bytes_written);
-    return payload;
-  }
-  // The one message that a session wants to write; false: none, or another kind.
-  bool take(Session& session, const pb_msgdesc_t* fields, void* message) {
-    Bytes payload;
-    for (auto bytes = session.pending(); !bytes.empty(); bytes = session.pending()) {
-      for (const uint8_t byte : bytes) {
-        if (const auto frame = decoder_.push(byte)) {
-          payload.insert(payload.end(), frame->payload.begin(), frame->payload.end());
-        }
-      }
-      session.consumed(bytes.size());
-    }
-    pb_istream_t in = pb_istream_from_buffer(payload.data(), payload.size());
-    return !payload.empty() && pb_decode(&in, fields, message);
-  }
-  ruffini_Reply command(const ruffini_Command& request, uint8_t sensor = kDeviceSensor) {
-    const auto answers = ask(ruffini_MessageType_MESSAGE_TYPE_COMMAND, encoded(request), sensor);
-    ruffini_Reply reply = ruffini_Reply_init_zero;
-    EXPECT_EQ(answers.size(), 1U);
-    if (answers.empty()) return reply;
-    EXPECT_EQ(answers[0].header.type, ruffini_MessageType_MESSAGE_TYPE_REPLY);
-    pb_istream_t in = pb_istream_from_buffer(answers[0].payload.data(), answers[0].payload.size());
-    EXPECT_TRUE(pb_decode(&in, ruffini_Reply_fields, &reply));
-    EXPECT_EQ(reply.request_id, request.request_id);
-    return reply;
-  }
-  static ruffini_Command request(uint32_t id, pb_size_t action) {
-    ruffini_Command m = ruffini_Command_init_zero;
-    m.request_id = id;
-    m.which_action = action;
-    return m;
-  }
-  void push_telemetry(ruffini_MessageType type, const Bytes& content) {
-    Bytes message = {static_cast<uint8_t>(type)};
-    message.insert(message.end(), content.begin(), content.end());
-    ASSERT_TRUE(exchange_.telemetry.push(message));
-  }
-
-  BoardSettings board_;
-  std::unique_ptr<FramePath> path_;
-  std::string folder_;
-  Exchange exchange_;
-  Calibrator calibrator_;
-  Session session_;
-  FrameDecoder decoder_;
-};
 
 TEST_F(SessionTest, HelloSaysWhoIsThereAndThatItIsSimulated) {
   const auto answers = ask(ruffini_MessageType_MESSAGE_TYPE_HELLO);
@@ -209,7 +102,7 @@ TEST_F(SessionTest, WhatIsNoCommandGetsNoReplyAndIsCounted) {
 }
 
 TEST_F(SessionTest, ATypeOfTheFutureIsPassedOver) {
-  EXPECT_TRUE(ask(static_cast<ruffini_MessageType>(ruffini_MessageType_MESSAGE_TYPE_REPLY + 1)).empty());
+  EXPECT_TRUE(ask(static_cast<ruffini_MessageType>(_ruffini_MessageType_MAX + 1)).empty());
   EXPECT_EQ(status().drops.rx_malformed, 0U);
 }
 
@@ -249,79 +142,6 @@ TEST_F(SessionTest, HelloNamesEveryKindOfTheCalibrationInForce) {
   ASSERT_EQ(info.kinds_count, 3);
   EXPECT_STREQ(info.kinds[0], "operator");
   EXPECT_STREQ(info.kinds[2], "photometric");
-}
-
-// DURABLE is on trial, ACTIVE is for good, and what is neither is refused with its reason.
-TEST_F(SessionTest, AFlashedFileIsDurableThenActiveOrGone) {
-  const BoardSettings board = test::round_board();
-  Calibrator calibrator(board, "0042", SlotStore::open(folder_).value(), exchange_);
-  std::string problem;
-  const auto path = calibrator.start([] { return uint64_t{0}; }, problem).value();
-  Session session(board, *path, {.serial = "0042", .version = "test"}, calibrator, exchange_);
-  const Bytes file = test::sign(test::diagonal_calibration(board));
-  const std::string hash = sha256(file);
-  uint32_t id = 0;
-  const auto say = [&](ruffini_MessageType type, const pb_msgdesc_t* fields, void* message, const Bytes& payload) {
-    if (type != ruffini_MessageType_MESSAGE_TYPE_EVENT) session.receive(host_frame(type, payload));
-    session.poll(5);
-    return take(session, fields, message);
-  };
-  const auto query = [&] {
-    ruffini_Command m = request(++id, ruffini_Command_flash_query_tag);
-    m.action.flash_query.sha256.size = 32;
-    std::memcpy(m.action.flash_query.sha256.bytes, hash.data(), 32);
-    ruffini_Reply reply = ruffini_Reply_init_zero;
-    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_COMMAND, ruffini_Reply_fields, &reply, encoded(m)));
-    return reply;
-  };
-  const auto health = [&] {
-    ruffini_Status m = ruffini_Status_init_zero;
-    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_STATUS, ruffini_Status_fields, &m, {}));
-    return m.health;
-  };
-  EXPECT_EQ(query().code, ruffini_ReplyCode_REPLY_REFUSED);
-  for (const bool is_good : {false, true}) {
-    ASSERT_TRUE(calibrator.begin(file.size(), hash));
-    ASSERT_TRUE(calibrator.chunk(0, file));
-    ASSERT_TRUE(calibrator.commit());
-    const uint32_t calibration_id = exchange_.next_path.load()->calibration_id();
-    exchange_.tally = PathTally{calibration_id, 20, 12};
-    const ruffini_Reply durable = query();
-    EXPECT_EQ(durable.flash_state, ruffini_FlashState_FLASH_STATE_DURABLE);
-    EXPECT_EQ(durable.value, 20);
-    EXPECT_STREQ(durable.text, "on trial: 12 of 32 good frames, of 20");
-    EXPECT_EQ(health() & (ruffini_HealthBit_HEALTH_TRIAL | ruffini_HealthBit_HEALTH_STORE_ERROR),
-              uint32_t{ruffini_HealthBit_HEALTH_TRIAL});
-    ruffini_Hello hello = ruffini_Hello_init_zero;
-    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_Hello_fields, &hello, {}));
-    EXPECT_TRUE(hello.sensors[0].calibration.on_trial);
-
-    exchange_.tally = PathTally{calibration_id, 256, static_cast<uint16_t>(is_good ? 256 : 0)};
-    ruffini_Event event = ruffini_Event_init_zero;
-    ASSERT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_EVENT, ruffini_Event_fields, &event, {}));
-    EXPECT_STREQ(event.what, is_good ? "calibration_active" : "calibration_reverted");
-    const ruffini_Reply end = query();
-    EXPECT_EQ(end.code, is_good ? ruffini_ReplyCode_REPLY_OK : ruffini_ReplyCode_REPLY_REFUSED);
-    EXPECT_EQ(end.flash_state == ruffini_FlashState_FLASH_STATE_ACTIVE, is_good);
-    EXPECT_STREQ(end.text, is_good ? "" : event.text);
-    EXPECT_EQ(health() & (ruffini_HealthBit_HEALTH_TRIAL | ruffini_HealthBit_HEALTH_STORE_ERROR),
-              is_good ? 0U : uint32_t{ruffini_HealthBit_HEALTH_STORE_ERROR});
-    hello = ruffini_Hello_init_zero;
-    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_Hello_fields, &hello, {}));
-    EXPECT_FALSE(hello.sensors[0].calibration.on_trial);
-  }
-  delete exchange_.next_path.exchange(nullptr);
-}
-
-TEST_F(SessionTest, StatusSaysHowFarASkinHasAged) {
-  EXPECT_EQ(status().skin_light_1e3, 0U) << "no skin, nothing to say";
-  EXPECT_FALSE(status().health & ruffini_HealthBit_HEALTH_SKIN_AGED);
-  for (const auto& [light_1e3, has_aged] : {std::pair<uint32_t, bool>{751, false}, {749, true}, {1'249, false}}) {
-    exchange_.skin_light_1e3 = light_1e3;
-    const ruffini_Status said = status();
-    EXPECT_EQ(said.skin_light_1e3, light_1e3);
-    EXPECT_EQ((said.health & ruffini_HealthBit_HEALTH_SKIN_AGED) != 0, has_aged) << light_1e3;
-  }
 }
 
 TEST_F(SessionTest, SubscriptionsReplaceEachOtherAndIgnoreTypesOfTheFuture) {
@@ -419,6 +239,32 @@ TEST_F(SessionTest, TheDevicesOwnFramesComingBackAreAnEcho) {
   session_.poll(1);
   EXPECT_TRUE(session_.pending().empty());
   EXPECT_EQ(status().drops.rx_echo, 1U);
+}
+
+TEST_F(SessionTest, StatusSaysHowALearnedNetworkFares) {
+  EXPECT_FALSE(status().has_network);
+  NetworkHealth& network = exchange_.network;
+  network.is_asked = true;
+  network.sha256.fill(0xAB);
+  network.results = 5;
+  network.invalid = 2;
+  network.skipped = 7;
+  EXPECT_EQ(status().network.state, ruffini_NetworkState_NETWORK_STATE_LOADING);
+  network.state = NetworkState::kRuns;
+  ruffini_Status said = status();
+  EXPECT_EQ(said.network.state, ruffini_NetworkState_NETWORK_STATE_RUNS);
+  ASSERT_EQ(said.network.sha256.size, 32U);
+  EXPECT_EQ(said.network.sha256.bytes[31], 0xAB);
+  EXPECT_EQ(said.network.results, 5U);
+  EXPECT_EQ(said.network.invalid, 2U);
+  EXPECT_EQ(said.network.skipped, 7U);
+  EXPECT_EQ(said.health & ruffini_HealthBit_HEALTH_NETWORK, 0U);
+  std::copy_n("no such file", 12, network.problem.begin());
+  network.state = NetworkState::kFailed;
+  said = status();
+  EXPECT_EQ(said.network.state, ruffini_NetworkState_NETWORK_STATE_FAILED);
+  EXPECT_STREQ(said.network.problem, "no such file");
+  EXPECT_NE(said.health & ruffini_HealthBit_HEALTH_NETWORK, 0U);
 }
 
 TEST_F(SessionTest, StatusCarriesTheTemperatureWhereThereIsOne) {

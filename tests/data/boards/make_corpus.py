@@ -150,6 +150,7 @@ GOOD: dict[str, Change] = {
     "lists-at-their-limits": put("board.not_measured", str(["x" * 23] * 8).replace("'", '"')),
     "memory": lambda t: t + "[memory]\ncalibration_kb = 64\n",
     "temperature": append(f'[temperature]\nplace = "gel"\npath = "/{"a" * 127}"\n'),
+    "learned": append('[learned]\nnetwork = "net.onnx"\n'),
     "limits": all_of(
         put("pad.poisson_1e4", "4999"), put("grid.n_layers", "32"), put("contact.threshold_un", "100000000")
     ),
@@ -229,6 +230,8 @@ BAD: dict[str, tuple[Change, str]] = {
     "temperature-relative-path": (append('[temperature]\nplace = "gel"\npath = "temp1_input"\n'), "begin with /"),
     "temperature-long-place": (append(f'[temperature]\nplace = "{"a" * 24}"\npath = "/t"\n'), "place"),
     "temperature-long-path": (append(f'[temperature]\nplace = "gel"\npath = "/{"a" * 128}"\n'), "path"),
+    "learned-without-network": (append("[learned]\n"), "network"),
+    "learned-in-a-folder": (append('[learned]\nnetwork = "../net.onnx"\n'), "without /"),
     "memory-empty": (lambda t: t + "[memory]\n", "calibration_kb"),
     "texture-and-photometric": (put("markers.polarity", '"texture"'), "photometric"),
     "texture-in-a-small-image": (

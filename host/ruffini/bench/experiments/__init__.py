@@ -29,12 +29,15 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Options:
-    """quick : fewer runs; folder : where recordings are kept, of each bench a subfolder."""
+    """quick : fewer runs; folder : where recordings are kept, of each bench a subfolder; network : a learned network of
+    `ruffini train`, judged beside ours where the experiment has one.
+    """
 
     folder: Path | None = None
     quick: bool = False
     n_workers: int = 1
     progress: Progress = field(default=lambda _: None)
+    network: Path | None = None
 
 
 def reproduce(board: Board, out: Path, options: Options) -> Experiment:

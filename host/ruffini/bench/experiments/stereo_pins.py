@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.experiments import Experiment, Options, stereo_teacher
 from ruffini.bench.experiments.stereo_pins_area import direct
 from ruffini.bench.experiments.stereo_pins_limits import told_apart
 from ruffini.bench.experiments.stereo_pins_text import QUANTITIES, SURE_MM, text
@@ -106,6 +106,10 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
         ),
         "told_apart": told_apart(board, fit.bench, tests, truth_of), "frame_ms": _times(played),
     }  # fmt: skip
+    if options.network is not None:
+        runs = [(r, truth_of(r)) for r in [*judged, *(r for r in tests if r.part == "judge")]]
+        least_n, most_n = LEVELS[0] * full_n, LEVELS[-1] * full_n
+        result["teacher"] = stereo_teacher.judge(board, options.network, runs, least_n, most_n)
     options.progress(1.0)
     return Experiment(result, text(result), pictures.draw(out, played))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ruffini.bench.experiments import stereo_teacher
 from ruffini.papers.stereo_area import FLAT_MM
 
 QUANTITIES = ("force_n", "z_mm", "x_mm", "y_mm", "roll_deg", "pitch_deg", "area_percent")
@@ -28,6 +29,8 @@ def text(result: dict[str, Any]) -> str:
     lines += ["", "stand-in for the paper's network, fitted on the same presses, set `any`"]
     for mode, row in result["stand_in"].items():
         lines.append(f"  {'input mode ' + mode:41}" + "".join(f"{v:13.3f}" for v in row.values()))
+    if "teacher" in result:
+        lines += stereo_teacher.text(result["teacher"])
     lines += _tests(result["paper_tests"], result["published"])
     lines += ["", f"Table 6: area of the face, %{'':6}{'whole':>9}{'partial':>9}{'paper':>9}"]
     for tool, row in result["area"].items():

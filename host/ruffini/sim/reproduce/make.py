@@ -204,7 +204,7 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
     unused: dict[str, Any] = {} if settings.mount else {"mount": True}  # younger than the first frozen boards
     if not settings.rig.ring_force_un:
         unused["rig"] = {"ring_force_un"}
-    seen = board.model_dump(mode="json", exclude={"targets", "temperature"})
+    seen = board.model_dump(mode="json", exclude={"targets", "temperature", "learned"})
     seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ONLY_READ]
     if board.depth.source == "light":  # the only one when they were frozen
         del seen["depth"]["source"]

@@ -1,0 +1,117 @@
+"""A calibration onto a sensor: upload, trial, undo. Rules: proto/README.md, FLASH."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from ruffini.errors import LineLostError, NoDeviceError, RefusedError, VerifyError
+
+if TYPE_CHECKING:
+    from ruffini.device.connection import Connection
+
+CHUNK_BYTES = 3072
+CHUNK_TRIES = 40  # of one chunk: a line that loses half of what is sent fails once in 1e12
+SHORTEST_WAIT_S, LONGEST_WAIT_S = 0.02, 2.0  # for the reply to a chunk
+FIRST_ROUND_TRIP_S = 0.05  # before one was measured
+ROUND_TRIPS = 4  # so many are waited for, before a chunk is sent again
+COMMIT_WAIT_S, COMMIT_TRIES = 1.0, 30  # proof, fsync and read-back of a large table on a slow medium
+RESUME_S = 10.0  # how long a line that was lost is waited for
+RESUMES = 100
+TRIAL_POLL_S = 0.1
+TRIAL_STALL_S = 10.0  # on trial without a frame: the camera stands still
+FLASH_DURABLE, FLASH_ACTIVE = 3, 4  # FlashState of the schema
+
+
+def flash(sensor: Connection, data: bytes, progress: Callable[[float], None], say: Callable[[str], None]) -> Any:
+    """Upload a file and see its trial through; Connection.flash says what comes of it.
+
+    The device names the next byte that it wants: a lost chunk is sent again, and where the line was lost the upload
+    goes on when the sensor is back, on whatever port.
+    """
+    sha256 = hashlib.sha256(data).digest()
+
+    def install() -> Any:
+        if sensor.hello.sensors[0].calibration.sha256 == sha256:  # a commit whose reply was lost
+            return sensor.command(flash_query={"sha256": sha256})
+        _upload(sensor, data, sha256, progress)
+        return _in_force(sensor, flash_commit={})
+
+    reply = _across_unplugs(sensor, say, install)
+    if reply.flash_state == FLASH_DURABLE:
+        reply = _across_unplugs(sensor, say, lambda: _end_of_trial(sensor, sha256, say))
+    if sensor.hello.sensors[0].calibration.sha256 != sha256:
+        raise VerifyError(f"{sensor.port}: the calibration in force is not the one that was sent")
+    return reply
+
+
+def undo(sensor: Connection) -> Any:
+    """Put in force what was so before the last flash."""
+    before = sensor.hello.sensors[0].calibration.sha256
+    reply = _in_force(sensor, flash_undo={})
+    if sensor.hello.sensors[0].calibration.sha256 == before:
+        raise VerifyError(f"{sensor.port}: the calibration in force is still the one that was to be undone")
+    return reply
+
+
+def _across_unplugs(sensor: Connection, say: Callable[[str], None], work: Callable[[], Any]) -> Any:
+    """What `work` returns, which is begun again when the line was lost and is back."""
+    for _ in range(RESUMES):
+        try:
+            return work()
+        except LineLostError as error:
+            say(f"{error}; waiting for it")
+            sensor.resume(RESUME_S)
+    raise NoDeviceError(f"{sensor.port}: the line was lost {RESUMES} times: see to the cable, and flash again")
+
+
+def _upload(sensor: Connection, data: bytes, sha256: bytes, progress: Callable[[float], None]) -> None:
+    reply = sensor.checked(flash_begin={"size_bytes": len(data), "sha256": sha256})
+    offset, stuck, round_trip_s = reply.next_offset, 0, FIRST_ROUND_TRIP_S
+    while offset < len(data):
+        chunk = {"offset": offset, "data": data[offset : offset + CHUNK_BYTES]}
+        wait_s = min(max(ROUND_TRIPS * round_trip_s, SHORTEST_WAIT_S), LONGEST_WAIT_S)
+        sent, n_before = time.monotonic(), sensor.n_retries
+        reply = sensor.command(timeout_s=wait_s, tries=CHUNK_TRIES, flash_chunk=chunk)
+        if sensor.n_retries == n_before:  # else nobody knows which of them was answered
+            round_trip_s += (time.monotonic() - sent - round_trip_s) / 8
+        stuck = stuck + 1 if reply.next_offset <= offset else 0
+        if stuck > CHUNK_TRIES:
+            raise RefusedError(f"{sensor.port}: the upload does not go on: {reply.text}")
+        offset = reply.next_offset
+        progress(offset / len(data))
+
+
+def _in_force(sensor: Connection, **action: Any) -> Any:
+    """A command that ends with a calibration in force, on trial or for good, and HELLO as it is then."""
+    reply = sensor.command(**action, timeout_s=COMMIT_WAIT_S, tries=COMMIT_TRIES)
+    if reply.code == sensor.schema.enum_number("ReplyCode", "REPLY_STORAGE"):
+        raise VerifyError(f"{sensor.port}: {reply.text}")
+    if reply.code or reply.flash_state not in (FLASH_DURABLE, FLASH_ACTIVE):
+        raise RefusedError(f"{sensor.port}: {reply.text}")
+    sensor.refresh_hello()
+    return reply
+
+
+def _end_of_trial(sensor: Connection, sha256: bytes, say: Callable[[str], None]) -> Any:
+    """The reply that ends the trial of a calibration, and HELLO as it is then."""
+    n_frames, since, said = 0, time.monotonic(), ""
+    while (reply := sensor.command(flash_query={"sha256": sha256})).flash_state == FLASH_DURABLE:
+        if reply.value != n_frames:
+            n_frames, since = reply.value, time.monotonic()
+        elif time.monotonic() - since > TRIAL_STALL_S:
+            raise NoDeviceError(
+                f"{sensor.port}: the calibration is stored, but the camera gives no frames to try it on: "
+                f"see why, and flash again; until then a restart goes back to what was before"
+            )
+        if reply.text != said:
+            say(said := reply.text)
+        time.sleep(TRIAL_POLL_S)
+    if reply.code:
+        raise RefusedError(f"{sensor.port}: {reply.text}")
+    if reply.text:  # in force, but not as it should be
+        raise VerifyError(f"{sensor.port}: {reply.text}")
+    sensor.refresh_hello()
+    return reply

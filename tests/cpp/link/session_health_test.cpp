@@ -1,0 +1,160 @@
+// What the session says of the device's state: trials, damaged frames, a camera that stands still, an aged skin.
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <string>
+
+#include "support/install.h"
+#include "support/session_fixture.h"
+#include "support/signed_calibration.h"
+#include "support/test_board.h"
+#include "support/test_calibration.h"
+
+namespace ruffini {
+namespace {
+
+using test::Bytes;
+using test::host_frame;
+
+class SessionHealth : public test::SessionTest {};
+
+// DURABLE is on trial, ACTIVE is for good, and what is neither is refused with its reason.
+TEST_F(SessionHealth, AFlashedFileIsDurableThenActiveOrGone) {
+  const BoardSettings board = test::round_board();
+  Calibrator calibrator(board, "0042", SlotStore::open(folder_).value(), exchange_);
+  std::string problem;
+  const auto path = calibrator.start([] { return uint64_t{0}; }, problem).value();
+  Session session(board, *path, {.serial = "0042", .version = "test"}, calibrator, exchange_);
+  const Bytes file = test::sign(test::diagonal_calibration(board));
+  const std::string hash = sha256(file);
+  uint32_t id = 0;
+  const auto say = [&](ruffini_MessageType type, const pb_msgdesc_t* fields, void* message, const Bytes& payload) {
+    if (type != ruffini_MessageType_MESSAGE_TYPE_EVENT) session.receive(host_frame(type, payload));
+    session.poll(5);
+    return take(session, fields, message);
+  };
+  const auto query = [&] {
+    ruffini_Command m = request(++id, ruffini_Command_flash_query_tag);
+    m.action.flash_query.sha256.size = 32;
+    std::memcpy(m.action.flash_query.sha256.bytes, hash.data(), 32);
+    ruffini_Reply reply = ruffini_Reply_init_zero;
+    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_COMMAND, ruffini_Reply_fields, &reply, encoded(m)));
+    return reply;
+  };
+  const auto health = [&] {
+    ruffini_Status m = ruffini_Status_init_zero;
+    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_STATUS, ruffini_Status_fields, &m, {}));
+    return m.health;
+  };
+  EXPECT_EQ(query().code, ruffini_ReplyCode_REPLY_REFUSED);
+  for (const bool is_good : {false, true}) {
+    ASSERT_TRUE(calibrator.begin(file.size(), hash));
+    ASSERT_TRUE(calibrator.chunk(0, file));
+    ASSERT_TRUE(calibrator.commit());
+    const uint32_t calibration_id = exchange_.next_path.load()->calibration_id();
+    exchange_.tally = PathTally{calibration_id, 20, 12};
+    const ruffini_Reply durable = query();
+    EXPECT_EQ(durable.flash_state, ruffini_FlashState_FLASH_STATE_DURABLE);
+    EXPECT_EQ(durable.value, 20);
+    EXPECT_STREQ(durable.text, "on trial: 12 of 32 good frames, of 20");
+    EXPECT_EQ(health() & (ruffini_HealthBit_HEALTH_TRIAL | ruffini_HealthBit_HEALTH_STORE_ERROR),
+              uint32_t{ruffini_HealthBit_HEALTH_TRIAL});
+    ruffini_Hello hello = ruffini_Hello_init_zero;
+    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_Hello_fields, &hello, {}));
+    EXPECT_TRUE(hello.sensors[0].calibration.on_trial);
+
+    exchange_.tally = PathTally{calibration_id, 256, static_cast<uint16_t>(is_good ? 256 : 0)};
+    ruffini_Event event = ruffini_Event_init_zero;
+    ASSERT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_EVENT, ruffini_Event_fields, &event, {}));
+    EXPECT_STREQ(event.what, is_good ? "calibration_active" : "calibration_reverted");
+    const ruffini_Reply end = query();
+    EXPECT_EQ(end.code, is_good ? ruffini_ReplyCode_REPLY_OK : ruffini_ReplyCode_REPLY_REFUSED);
+    EXPECT_EQ(end.flash_state == ruffini_FlashState_FLASH_STATE_ACTIVE, is_good);
+    EXPECT_STREQ(end.text, is_good ? "" : event.text);
+    EXPECT_EQ(health() & (ruffini_HealthBit_HEALTH_TRIAL | ruffini_HealthBit_HEALTH_STORE_ERROR),
+              is_good ? 0U : uint32_t{ruffini_HealthBit_HEALTH_STORE_ERROR});
+    hello = ruffini_Hello_init_zero;
+    EXPECT_TRUE(say(ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_Hello_fields, &hello, {}));
+    EXPECT_FALSE(hello.sensors[0].calibration.on_trial);
+  }
+  delete exchange_.next_path.exchange(nullptr);
+}
+
+// A host that uploads need not wait for its time; anybody else's garbage is not answered.
+TEST_F(SessionHealth, ADamagedFrameIsAskedForAgainWhileAnUploadRuns) {
+  Bytes damaged = host_frame(ruffini_MessageType_MESSAGE_TYPE_COMMAND, encoded(request(9, ruffini_Command_zero_tag)));
+  damaged[damaged.size() / 2] ^= 1;
+  session_.receive(damaged);
+  EXPECT_TRUE(read_all().empty());
+  ASSERT_TRUE(calibrator_.begin(10, std::string(32, 'x')));
+  ASSERT_TRUE(calibrator_.chunk(0, Bytes{1, 2, 3}));
+  session_.receive(damaged);
+  ruffini_Reply reply = ruffini_Reply_init_zero;
+  ASSERT_TRUE(take(session_, ruffini_Reply_fields, &reply));
+  EXPECT_EQ(reply.request_id, 0U);
+  EXPECT_EQ(reply.code, ruffini_ReplyCode_REPLY_BAD_ARGUMENT);
+  EXPECT_EQ(reply.next_offset, 3U);
+}
+
+// No frame for a while: the last wrench comes again, marked and without a valid number; and that it is over is said.
+TEST_F(SessionHealth, ACameraThatStandsStillIsSaidAndItsLastWrenchIsMarked) {
+  exchange_.is_camera_live = true;
+  exchange_.frames_processed = 10;
+  exchange_.frames_captured = 10;
+  exchange_.flags = kFlagWindowBorder;
+  exchange_.last_frame.capture_us = 77;
+  exchange_.last_frame.number = 9;
+  exchange_.last_frame.calibration_id = 0xABCD;
+  exchange_.last_frame.wrench_validity = 0x012011;  // x, y valid, z not measured, ...
+  ruffini_Command subscribe = request(1, ruffini_Command_subscribe_tag);
+  subscribe.action.subscribe.subscriptions_count = 1;
+  subscribe.action.subscribe.subscriptions[0] = {ruffini_MessageType_MESSAGE_TYPE_WRENCH, 1};
+  command(subscribe);
+  session_.poll(1'000'000);
+  session_.poll(1'040'000);
+  EXPECT_TRUE(read_all().empty()) << "the board's camera gives a frame each 16.7 ms";
+  session_.poll(1'060'000);
+  session_.poll(1'062'000);
+  session_.poll(1'160'000);
+  const auto said = read_all();
+  ASSERT_EQ(said.size(), 3U) << "an event, and ten wrenches a second";
+  EXPECT_EQ(said[0].header.type, ruffini_MessageType_MESSAGE_TYPE_EVENT);
+  ruffini_Wrench wrench = ruffini_Wrench_init_zero;
+  for (const size_t i : {1U, 2U}) {
+    ASSERT_EQ(said[i].header.type, ruffini_MessageType_MESSAGE_TYPE_WRENCH);
+    pb_istream_t in = pb_istream_from_buffer(said[i].payload.data(), said[i].payload.size());
+    ASSERT_TRUE(pb_decode(&in, ruffini_Wrench_fields, &wrench));
+    EXPECT_EQ(wrench.stamp.flags, kFlagWindowBorder | uint32_t{ruffini_FlagBit_FLAG_STALE});
+    EXPECT_EQ(wrench.stamp.capture_us, 77U);
+    EXPECT_EQ(wrench.stamp.frame, 9U);
+    EXPECT_EQ(wrench.stamp.calibration_id, 0xABCDU);
+    for (size_t k = 0; k < 6; ++k) {
+      const bool is_measured = (exchange_.last_frame.wrench_validity >> (4 * k) & 15) != 0;
+      EXPECT_EQ(wrench.validity[k],
+                is_measured ? ruffini_Validity_VALIDITY_INVALID : ruffini_Validity_VALIDITY_NOT_MEASURED);
+    }
+  }
+  EXPECT_TRUE(status(1'162'000).health & ruffini_HealthBit_HEALTH_CAMERA_STALLED);
+  exchange_.frames_captured = 11;
+  session_.poll(1'170'000);
+  ruffini_Event event = ruffini_Event_init_zero;
+  ASSERT_TRUE(take(session_, ruffini_Event_fields, &event));
+  EXPECT_STREQ(event.what, "camera_back");
+  exchange_.is_camera_live = false;  // a recording that has ended is no fault
+  session_.poll(9'000'000);
+  EXPECT_TRUE(read_all().empty());
+}
+
+TEST_F(SessionHealth, StatusSaysHowFarASkinHasAged) {
+  EXPECT_EQ(status().skin_light_1e3, 0U) << "no skin, nothing to say";
+  EXPECT_FALSE(status().health & ruffini_HealthBit_HEALTH_SKIN_AGED);
+  for (const auto& [light_1e3, has_aged] : {std::pair<uint32_t, bool>{751, false}, {749, true}, {1'249, false}}) {
+    exchange_.skin_light_1e3 = light_1e3;
+    const ruffini_Status said = status();
+    EXPECT_EQ(said.skin_light_1e3, light_1e3);
+    EXPECT_EQ((said.health & ruffini_HealthBit_HEALTH_SKIN_AGED) != 0, has_aged) << light_1e3;
+  }
+}
+
+}  // namespace
+}  // namespace ruffini

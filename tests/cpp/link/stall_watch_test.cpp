@@ -1,0 +1,55 @@
+#include "link/stall_watch.h"
+
+#include <gtest/gtest.h>
+
+namespace ruffini {
+namespace {
+
+constexpr uint64_t kPeriodUs = 16'667;
+
+// Frames one interval apart, looked at each 2 ms; the time of the last one.
+uint64_t run(StallWatch& watch, uint64_t n_frames, uint64_t interval_us, uint64_t now_us, uint64_t first = 0) {
+  for (uint64_t i = 1; i <= n_frames; ++i) {
+    for (uint64_t at = 0; at + 2'000 < interval_us; at += 2'000) EXPECT_FALSE(watch.update(first + i - 1, now_us + at));
+    now_us += interval_us;
+    EXPECT_FALSE(watch.update(first + i, now_us));
+  }
+  return now_us;
+}
+
+TEST(StallWatch, SaysSoAfterThreeIntervalsAndWhenItIsOver) {
+  StallWatch watch(kPeriodUs);
+  const uint64_t now_us = run(watch, 100, kPeriodUs, 1'000);
+  EXPECT_FALSE(watch.update(100, now_us + 3 * kPeriodUs - 2'000));
+  EXPECT_TRUE(watch.update(100, now_us + 3 * kPeriodUs + 2'000));
+  EXPECT_TRUE(watch.update(100, now_us + 60'000'000));
+  EXPECT_FALSE(watch.update(101, now_us + 60'002'000));
+  EXPECT_LT(watch.limit_us(), 3 * kPeriodUs + 1'000) << "the stall is not taken for an interval";
+}
+
+TEST(StallWatch, ACameraThatIsSlowerThanItsBoardSaysIsNotStalled) {
+  StallWatch watch(kPeriodUs);
+  uint64_t now_us = 1'000;
+  for (uint64_t i = 0; i < 30; ++i) now_us = run(watch, 1, kPeriodUs + i * 1'500, now_us, i);
+  EXPECT_FALSE(watch.update(30, now_us + 100'000));
+  EXPECT_TRUE(watch.update(30, now_us + 250'000));
+}
+
+TEST(StallWatch, AFastCameraHasTimeForAHiccup) {
+  StallWatch watch(2'000);
+  const uint64_t now_us = run(watch, 100, 2'000, 1'000);
+  EXPECT_FALSE(watch.update(100, now_us + 24'000));
+  EXPECT_TRUE(watch.update(100, now_us + 26'000));
+}
+
+TEST(StallWatch, ACameraThatStartsHasTwoSecondsAndOneThatIsNotWantedHasAllTime) {
+  StallWatch watch(kPeriodUs);
+  EXPECT_FALSE(watch.update(0, 1'000));
+  EXPECT_FALSE(watch.update(0, 1'900'000));
+  EXPECT_TRUE(watch.update(0, 2'100'000));
+  watch.rest(9'000'000);
+  EXPECT_FALSE(watch.update(0, 9'100'000));
+}
+
+}  // namespace
+}  // namespace ruffini

@@ -1,0 +1,308 @@
+// The real calibration store on the real kernel, with one thing going wrong at a time:
+//
+//   errno    each call fails with each error, once and from then on, or moves one byte only
+//   kill     the process dies before and after each call
+//   cut      a real ext4 on a loop device is shut down before and after each call, with and without its log
+//
+// RUFFINI_SOAK=1 (`make soak`) cuts at every call of every scenario, else at each sixth.
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <linux/loop.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/mount.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "base/unique_fd.h"
+#include "store/slot_store.h"
+#include "support/faulty_calls.h"
+#include "support/install.h"
+
+namespace ruffini {
+namespace {
+
+namespace fs = std::filesystem;
+using Bytes = std::vector<uint8_t>;
+using test::Strike;
+
+constexpr size_t kBytes = 16 << 10;
+constexpr unsigned long kExt4Shutdown = 0x8004587D;
+
+Bytes table(uint8_t seed) {
+  Bytes out(kBytes);
+  for (size_t i = 0; i < kBytes; ++i) out[i] = static_cast<uint8_t>((i + 1) * (2 * size_t{seed} + 3) + (i >> 8));
+  return out;
+}
+
+// What the store was asked for and what it said, visible to the parent of a process that dies.
+struct Progress {
+  bool is_confirm_asked = false;
+  bool is_confirmed = false;
+  bool is_undo_asked = false;
+  bool is_undone = false;
+  bool has_read_wrong = false;
+};
+
+struct Scenario {
+  const char* name;
+  std::vector<uint8_t> before;  // seeds of the tables in force one after the other
+  bool has_leftovers;
+  void (*work)(const std::string& folder, Progress& progress);
+  Bytes new_one;  // that a confirm or an undo puts in force
+};
+
+void flash(const std::string& folder, Progress& progress) {
+  auto store = SlotStore::open(folder);
+  if (!store || !store.value().stage(table(9))) return;
+  progress.is_confirm_asked = true;
+  progress.is_confirmed = store.value().confirm().has_value();
+  const auto now = store.value().load();
+  progress.has_read_wrong = progress.is_confirmed && now && now.value() != table(9);
+}
+
+void fail_trial(const std::string& folder, Progress& /*progress*/) {
+  auto store = SlotStore::open(folder);
+  if (store && store.value().stage(table(9))) (void)store.value().reject();
+}
+
+void undo(const std::string& folder, Progress& progress) {
+  auto store = SlotStore::open(folder);
+  if (!store) return;
+  progress.is_undo_asked = true;
+  progress.is_undone = store.value().undo().has_value();
+}
+
+void read_both(const std::string& folder, Progress& progress) {
+  const auto store = SlotStore::open(folder);
+  if (!store) return;
+  const auto now = store.value().load();
+  const auto before = store.value().load_previous();
+  progress.has_read_wrong = (now && now.value() != table(4)) || (before && before.value() != table(3));
+}
+
+const std::vector<Scenario>& scenarios() {
+  static const std::vector<Scenario> all = {
+      {"first flash", {}, false, flash, table(9)},
+      {"flash", {2, 3, 4}, true, flash, table(9)},
+      {"a trial that fails", {3, 4}, false, fail_trial, {}},
+      {"undo", {3, 4}, false, undo, table(3)},
+      {"start", {3, 4}, true, read_both, {}},
+  };
+  return all;
+}
+
+void prepare(const std::string& folder, const Scenario& scenario) {
+  fs::create_directories(folder);
+  for (const auto& entry : fs::directory_iterator(folder)) fs::remove_all(entry);
+  for (size_t i = 0; i < scenario.before.size(); ++i) {
+    const Bytes bytes = table(scenario.before[i]);
+    std::ofstream(folder + "/calibration-" + std::to_string(i + 1) + ".safetensors", std::ios::binary)
+        .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  }
+  if (!scenario.has_leftovers) return;
+  std::ofstream(folder + "/incoming.tmp") << "half an upload";
+  std::ofstream(folder + "/trial.safetensors") << "a trial";
+}
+
+// Empty: what is in force is what the scenario allows.
+std::string wrong(const std::string& folder, const Scenario& scenario, const Progress& progress) {
+  if (progress.has_read_wrong) return "wrong bytes were read";
+  const auto store = SlotStore::open(folder);
+  if (!store) return store.error().message;
+  const auto now = store.value().load();
+  if (!now) return now.error().message;
+  const Bytes old_one = scenario.before.empty() ? Bytes{} : table(scenario.before.back());
+  const bool is_new = now.value() == scenario.new_one && (progress.is_confirm_asked || progress.is_undo_asked);
+  if (is_new) return "";
+  if (progress.is_confirmed || progress.is_undone) return "success was said, and the new file is not in force";
+  return now.value() == old_one ? "" : "another file is in force";
+}
+
+int count_calls(const std::string& folder, const Scenario& scenario) {
+  prepare(folder, scenario);
+  Progress progress;
+  test::arm({.has_no_sync = true});
+  scenario.work(folder, progress);
+  const int n = test::disarm();
+  EXPECT_EQ(wrong(folder, scenario, progress), "") << scenario.name;
+  return n;
+}
+
+// The work in a process that ends at the strike; whether it did.
+bool dies(const std::string& folder, const Scenario& scenario, const Strike& strike, Progress& progress) {
+  progress = {};
+  const pid_t child = ::fork();
+  if (child == 0) {
+    test::arm(strike);
+    scenario.work(folder, progress);
+    ::_exit(0);
+  }
+  int status = 0;
+  ::waitpid(child, &status, 0);
+  return WIFEXITED(status) && WEXITSTATUS(status) == 137;
+}
+
+Progress& shared_progress() {
+  void* page = ::mmap(nullptr, sizeof(Progress), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  return *new (page) Progress;
+}
+
+size_t n_open_files() {
+  return static_cast<size_t>(std::distance(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator()));
+}
+
+class StoreFaults : public testing::Test {
+ protected:
+  StoreFaults() { fs::remove_all(folder_); }
+  ~StoreFaults() override { fs::remove_all(folder_); }
+  const std::string folder_ = testing::TempDir() + "store_faults_test" + std::to_string(::getpid());
+};
+
+TEST_F(StoreFaults, EveryFailingCallLeavesTheOldFileOrTheNewOneAndIsSaid) {
+  const std::vector<int> errors = {EIO, ENOSPC, EROFS, EDQUOT, EMFILE, ENFILE, ENOMEM, EACCES, ENOENT, EINTR};
+  int n_runs = 0;
+  const size_t n_files = n_open_files();
+  for (const Scenario& scenario : scenarios()) {
+    const int n_calls = count_calls(folder_, scenario);
+    for (int at = 1; at <= n_calls; ++at) {
+      std::vector<Strike> strikes = {{.at = at, .n_bytes = 1, .has_no_sync = true}};
+      for (const int error : errors) {
+        for (const bool is_forever : {false, true}) {
+          if (is_forever && error == EINTR) continue;  // a call that is interrupted is made again, for ever
+          strikes.push_back({.at = at, .is_forever = is_forever, .error = error, .has_no_sync = true});
+        }
+      }
+      for (const Strike& strike : strikes) {
+        prepare(folder_, scenario);
+        Progress progress;
+        test::arm(strike);
+        scenario.work(folder_, progress);
+        test::disarm();
+        ASSERT_EQ(wrong(folder_, scenario, progress), "")
+            << scenario.name << ", call " << at << ", errno " << strike.error << (strike.is_forever ? " for ever" : "");
+        ++n_runs;
+      }
+    }
+  }
+  EXPECT_EQ(n_open_files(), n_files);
+  std::printf("%d runs with a failing call\n", n_runs);
+  EXPECT_GE(n_runs, 1'500);
+}
+
+TEST_F(StoreFaults, AProcessThatDiesAtAnyCallLeavesTheOldFileOrTheNewOne) {
+  int n_kills = 0;
+  Progress& progress = shared_progress();
+  for (const Scenario& scenario : scenarios()) {
+    const int n_calls = count_calls(folder_, scenario);
+    for (int at = 1; at <= n_calls; ++at) {
+      for (const bool is_after : {false, true}) {
+        prepare(folder_, scenario);
+        const Strike strike{.at = at, .is_after = is_after, .stop = [] { ::_exit(137); }, .has_no_sync = true};
+        ASSERT_TRUE(dies(folder_, scenario, strike, progress)) << scenario.name << ", call " << at;
+        ASSERT_EQ(wrong(folder_, scenario, progress), "") << scenario.name << ", call " << at;
+        ++n_kills;
+      }
+    }
+  }
+  std::printf("%d kills: before and after each call\n", n_kills);
+  EXPECT_GE(n_kills, 160) << "fewer calls than there were";
+}
+
+// A file system of 4 MiB in a file. The loop device is a new one at each mount: what the old one had in its cache is gone.
+class Ext4 {
+ public:
+  explicit Ext4(const std::string& folder) : image_(folder + "/ext4.img"), mounted_(folder + "/ext4") {
+    fs::create_directories(mounted_);
+    std::ofstream(image_).close();
+    fs::resize_file(image_, 4 << 20);
+    is_there_ = std::system(("mkfs.ext4 -q -F -b 1024 " + image_ + " 2>/dev/null").c_str()) == 0 && mount();
+  }
+  ~Ext4() { unmount(); }
+  Ext4(const Ext4&) = delete;
+  Ext4& operator=(const Ext4&) = delete;
+
+  [[nodiscard]] bool is_there() const { return is_there_; }
+  [[nodiscard]] std::string store() const { return mounted_ + "/store"; }
+  [[nodiscard]] bool mount() {
+    const UniqueFd control(::open("/dev/loop-control", O_RDWR | O_CLOEXEC));
+    const int number = control ? ::ioctl(control.get(), LOOP_CTL_GET_FREE) : -1;
+    if (number < 0) return false;
+    const std::string device = "/dev/loop" + std::to_string(number);
+    const UniqueFd backing(::open(image_.c_str(), O_RDWR | O_CLOEXEC));
+    loop_.reset(::open(device.c_str(), O_RDWR | O_CLOEXEC));
+    return loop_ && ::ioctl(loop_.get(), LOOP_SET_FD, backing.get()) == 0 &&
+           ::mount(device.c_str(), mounted_.c_str(), "ext4", MS_NOATIME, "") == 0;
+  }
+  void unmount() {
+    ::umount2(mounted_.c_str(), 0);
+    if (loop_) ::ioctl(loop_.get(), LOOP_CLR_FD, 0);
+    loop_.reset(-1);
+  }
+  // What was written so far is on the medium.
+  void sync() const {
+    const int fd = ::open(mounted_.c_str(), O_RDONLY | O_CLOEXEC);
+    ::syncfs(fd);
+    ::close(fd);
+  }
+  // The power goes: nothing reaches the medium from now on; with its log, or without.
+  void shut_down(bool with_log) const {
+    const int fd = ::open(mounted_.c_str(), O_RDONLY | O_CLOEXEC);
+    uint32_t flags = with_log ? 1 : 2;
+    if (::ioctl(fd, kExt4Shutdown, &flags) != 0) std::perror("the file system cannot be shut down");
+    ::close(fd);
+  }
+
+ private:
+  std::string image_;
+  std::string mounted_;
+  UniqueFd loop_;
+  bool is_there_ = false;
+};
+
+TEST_F(StoreFaults, APowerCutOfARealFileSystemLeavesTheOldFileOrTheNewOne) {
+  fs::create_directories(folder_);
+  Ext4 medium(folder_);
+  if (!medium.is_there()) GTEST_SKIP() << "needs root, a free loop device and mkfs.ext4";
+  const char* said = std::getenv("RUFFINI_SOAK");
+  const int step = said != nullptr && std::string(said) == "1" ? 1 : 6;
+  int n_cuts = 0;
+  int n_new = 0;
+  Progress& progress = shared_progress();
+  for (const Scenario& scenario : scenarios()) {
+    const int n_calls = count_calls(medium.store(), scenario);
+    for (int at = 1; at <= 4 * n_calls; at += step) {
+      const bool is_after = at % 2 == 0;
+      const bool with_log = at % 4 < 2;
+      prepare(medium.store(), scenario);
+      medium.sync();
+      const Strike strike{.at = (at + 3) / 4, .is_after = is_after, .stop = [&] {
+                            test::disarm();
+                            medium.shut_down(with_log);
+                            ::_exit(137);
+                          }};
+      ASSERT_TRUE(dies(medium.store(), scenario, strike, progress)) << scenario.name << ", cut " << at;
+      medium.unmount();
+      ASSERT_TRUE(medium.mount()) << "the file system does not come back";
+      ASSERT_EQ(wrong(medium.store(), scenario, progress), "")
+          << scenario.name << ", " << (is_after ? "after" : "before") << " call " << (at + 3) / 4
+          << (with_log ? ", with the log" : "");
+      n_new += progress.is_confirmed || progress.is_undone ? 1 : 0;
+      ++n_cuts;
+    }
+  }
+  std::printf("%d cuts of a real ext4, %d of them after success was said\n", n_cuts, n_new);
+  EXPECT_GE(n_cuts * step, 300);
+}
+
+}  // namespace
+}  // namespace ruffini

@@ -1,0 +1,193 @@
+"""Lines that lose bytes and are unplugged: what is flashed arrives whole, who listens goes on and is told of the gap.
+
+RUFFINI_SOAK=1 (`make soak`) runs the sizes that the promises name: 4 MiB, 50 unplugs, 10,000 hang-ups.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from broken_line import BrokenLine
+from mcap.reader import make_reader
+from tiny_sensor import Sensor, start
+
+from ruffini.device import Connection, flashing
+from ruffini.device.connection import LineGap
+from ruffini.errors import LineLostError, RefusedError
+from ruffini.record import record_stream
+
+IS_SOAK = os.environ.get("RUFFINI_SOAK") == "1"
+N_BYTES = (4 << 20) if IS_SOAK else (384 << 10)
+N_UNPLUGS = 50 if IS_SOAK else 6
+N_HANG_UPS = 10_000 if IS_SOAK else 300
+PLUGGED_S = (0.01, 0.08)
+
+
+class CountingConnection(Connection):
+    """Counts the chunks that it sends."""
+
+    n_chunks = 0
+
+    def _send(self, type_name: str, payload: bytes = b"") -> None:
+        self.n_chunks += len(payload) > flashing.CHUNK_BYTES // 2
+        super()._send(type_name, payload)
+
+
+def upload_of(n_bytes: int) -> bytes:
+    """No calibration: the device takes all of it, sees that the hash is right, and refuses it for its signature."""
+    return random.Random(n_bytes).randbytes(n_bytes)
+
+
+@pytest.mark.parametrize("loss", [0.01, 0.1])
+def test_a_line_that_loses_pieces_brings_the_whole_file(sensor: Sensor, tmp_path: Path, loss: float) -> None:
+    data = upload_of(N_BYTES)
+    with (
+        start(sensor, tmp_path / "store", "--wait-for-host") as daemon,
+        BrokenLine(daemon.port, tmp_path) as line,
+        CountingConnection(line.port) as host,
+    ):
+        line.loss = loss
+        started = time.monotonic()
+        with pytest.raises(RefusedError, match="header length"):
+            host.flash(data)
+        took_s = time.monotonic() - started
+        assert line.n_lost > loss * N_BYTES / 512 / 2
+        print(f"{N_BYTES >> 10} KiB at {100 * loss:.0f} % loss: {took_s:.1f} s, {line.n_lost} pieces lost, "
+              f"{host.n_chunks} chunks sent of {-(-N_BYTES // flashing.CHUNK_BYTES)}")  # fmt: skip
+        host.flash(sensor.calibration)
+        assert host.hello.sensors[0].calibration.present
+
+
+def test_an_upload_goes_on_where_the_line_was_unplugged(sensor: Sensor, tmp_path: Path) -> None:
+    data, stop, when = upload_of(N_BYTES), threading.Event(), random.Random(1)
+    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon, BrokenLine(daemon.port, tmp_path) as line:
+        n_unplugs = 0
+
+        def pull() -> None:
+            nonlocal n_unplugs
+            while n_unplugs < N_UNPLUGS and not stop.wait(when.uniform(*PLUGGED_S)):
+                line.unplug()
+                n_unplugs += 1
+                time.sleep(when.uniform(0.0, 0.05))
+                line.plug_in()
+
+        said: list[str] = []
+        with CountingConnection(line.port) as host:
+            puller = threading.Thread(target=pull)
+            puller.start()
+            try:
+                with pytest.raises(RefusedError, match="header length"):
+                    host.flash(data, say=said.append)
+            finally:
+                stop.set()
+                puller.join()
+            n_whole = -(-N_BYTES // flashing.CHUNK_BYTES)
+            print(f"{N_BYTES >> 10} KiB, {n_unplugs} unplugs, {host.n_chunks - n_whole} chunks sent again")
+            assert n_unplugs >= N_UNPLUGS / 2, "the file was there before"
+            assert host.n_chunks - n_whole <= n_unplugs
+            assert any("waiting for it" in text for text in said)
+
+
+def test_who_listens_goes_on_after_an_unplug_and_is_told_what_is_missing(sensor: Sensor, tmp_path: Path) -> None:
+    gaps: list[LineGap] = []
+    with (
+        start(sensor, tmp_path / "store", "--loop") as daemon,
+        BrokenLine(daemon.port, tmp_path) as line,
+        Connection(line.port) as host,
+    ):
+        pull = threading.Timer(0.3, lambda: (line.unplug(), time.sleep(0.2), line.plug_in()))
+        pull.start()
+        counts = record_stream(host, tmp_path / "run.mcap", n_frames=80, resume_s=5, on_gap=gaps.append)
+        pull.join()
+    assert counts["WRENCH"] >= 80
+    (gap,) = gaps
+    assert gap.lost_s >= 0.2
+    assert gap.n_frames is not None
+    assert gap.n_frames > 5
+    with (tmp_path / "run.mcap").open("rb") as file:
+        reader = make_reader(file)
+        stored = [m for m in reader.iter_metadata() if m.name == "gap"]
+        assert sum(1 for _ in reader.iter_messages(topics=["/ruffini/wrench"])) == counts["WRENCH"]
+    assert [m.metadata["missing_frames"] for m in stored] == [str(gap.n_frames)]
+
+
+def test_a_sensor_that_was_started_again_says_so_and_another_one_is_not_taken_for_it(
+    sensor: Sensor, tmp_path: Path
+) -> None:
+    gaps: list[LineGap] = []
+    port = str(tmp_path / "tty")
+    with contextlib.ExitStack() as stack:
+        first = stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}"))
+        host = stack.enter_context(Connection(port))
+        host.subscribe(wrench=1)
+        next(iter(host.stream(timeout_s=2)))
+        first.process.kill()
+        first.process.wait()
+        stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}"))
+        host.messages.clear()
+        assert next(iter(host.stream(timeout_s=2, resume_s=5, on_gap=gaps.append)))
+        assert [gap.n_frames for gap in gaps] == [None]
+        assert "started again" in str(gaps[0])
+    with contextlib.ExitStack() as stack:
+        first = stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}"))
+        host = stack.enter_context(Connection(port))
+        first.process.kill()
+        first.process.wait()
+        stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}", serial="0002"))
+        with pytest.raises(Exception, match="sensor 0001 is not back"):
+            list(host.stream(timeout_s=2, resume_s=1))
+
+
+def test_hang_ups_cost_the_daemon_nothing_and_it_answers_at_once(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path / "store", "--loop") as daemon:
+        status = Path(f"/proc/{daemon.process.pid}")
+
+        def open_files() -> int:
+            return len(list((status / "fd").iterdir()))
+
+        def resident_kb() -> int:
+            line = next(x for x in (status / "status").read_text().splitlines() if x.startswith("VmRSS"))
+            return int(line.split()[1])
+
+        def hang_up(n: int) -> None:
+            for _ in range(n):
+                end = os.open(daemon.port, os.O_RDWR | os.O_NOCTTY)
+                os.write(end, b"\0half a frame")
+                os.close(end)
+
+        hang_up(100)
+        with Connection(daemon.port) as host:
+            host.subscribe(wrench=1)
+            next(iter(host.stream(timeout_s=2)))
+        files, before_kb = open_files(), resident_kb()
+        hang_up(N_HANG_UPS)
+        waits_s = []
+        for _ in range(20):
+            time.sleep(0.02)
+            started = time.monotonic()
+            with Connection(daemon.port) as host:
+                host.subscribe(wrench=1)
+                assert next(iter(host.stream(timeout_s=2)), None) is not None
+                waits_s.append(time.monotonic() - started)
+        time.sleep(0.1)
+        assert open_files() == files
+        assert resident_kb() - before_kb < 512
+        print(f"{N_HANG_UPS} hang-ups: {resident_kb() - before_kb} KiB more; HELLO, subscription and a wrench after "
+              f"{1e3 * sorted(waits_s)[10]:.0f} ms (median)")  # fmt: skip
+        assert daemon.process.poll() is None
+
+
+def test_a_line_that_is_lost_for_good_is_said(sensor: Sensor, tmp_path: Path) -> None:
+    with start(sensor, tmp_path / "store", "--loop") as daemon, Connection(daemon.port) as host:
+        host.subscribe(wrench=1)
+        next(iter(host.stream(timeout_s=2)))
+        daemon.process.kill()
+        daemon.process.wait()
+        with pytest.raises(LineLostError, match="the line was lost"):
+            list(host.stream(timeout_s=2))
