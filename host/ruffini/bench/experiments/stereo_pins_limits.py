@@ -18,8 +18,8 @@ import numpy.typing as npt
 from ruffini.bench.papers.recorded import Recorded, shape_of
 from ruffini.boards import Board
 from ruffini.calibrate.fingertip import Bench, taken
+from ruffini.calibrate.tip_area import read_nodes
 from ruffini.calibrate.tip_presses import read_press
-from ruffini.papers.stereo_area import read_nodes
 
 Array = npt.NDArray[np.float64]
 

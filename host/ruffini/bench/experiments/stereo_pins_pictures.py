@@ -46,8 +46,9 @@ def _tests(out: Path, played: Sequence[Played]) -> Path:
     for panel, (name, quantity, what) in zip(panels.flat, TESTS, strict=True):
         for p in played:
             if p.name == name and len(p.truth):
-                label = f"{p.truth[-1, quantity]:+.0f} mm" if name in ("test_x", "test_y") else None
-                panel.plot(p.truth[:, 0], np.abs(p.off[:, quantity]), ".-", lw=0.8, ms=4, label=label)
+                is_aside, at = name in ("test_x", "test_y"), float(p.truth[-1, quantity])
+                look = {"label": f"{at:+.0f} mm", "color": plt.get_cmap("turbo")(0.5 + at / 13)} if is_aside else {}
+                panel.plot(p.truth[:, 0], np.abs(p.off[:, quantity]), ".-", lw=0.8, ms=4, **look)
         panel.set(xlabel="true force, N", ylabel=f"error of {what}")
         if panel.get_legend_handles_labels()[1]:
             panel.legend(fontsize=6, ncols=2)
