@@ -59,6 +59,8 @@ struct Arguments {
   std::string link;
   std::string store;
   std::string serial = "0000";
+  std::string keys;
+  bool accepts_development_key = false;
   bool is_loop = false;
   ruffini::DaemonOptions daemon;
 };
@@ -98,8 +100,11 @@ int run(const Arguments& arguments) {
   // A recording shows each of its frames once: a trial would eat those that the host wants.
   const bool is_once = camera.value()->is_replay() && !arguments.is_loop;
   const bool has_trial = !is_once && !arguments.daemon.waits_for_host && !is_lockstep;
+  auto keys = arguments.keys.empty() ? ruffini::Result<ruffini::KeyRing>(ruffini::KeyRing())
+                                     : ruffini::KeyRing::load(arguments.keys, arguments.accepts_development_key);
+  if (!keys) return fail(keys.error());
   ruffini::Calibrator calibrator(board.value(), arguments.serial, std::move(store).value(), exchange,
-                                 has_trial ? ruffini::TrialRule() : ruffini::TrialRule{0, 0});
+                                 has_trial ? ruffini::TrialRule() : ruffini::TrialRule{0, 0}, std::move(keys).value());
   std::string problem;
   auto path = calibrator.start(now_ns, problem);
   if (!path) return fail(path.error());
@@ -137,6 +142,9 @@ int main(int argc, char** argv) {
   app.add_option("--link", arguments.link, "serial device, pty, or pty:SYMLINK")->required();
   app.add_option("--store", arguments.store, "folder that keeps the calibration")->required();
   app.add_option("--serial", arguments.serial, "serial number of this unit");
+  app.add_option("--keys", arguments.keys, "folder of public keys (NAME.pub) whose calibrations are taken");
+  app.add_flag("--development-key", arguments.accepts_development_key,
+               "take the public development key's, too, though keys are enrolled");
   app.add_flag("--lockstep", arguments.daemon.is_lockstep, "every frame in order, none dropped");
   app.add_flag("--loop", arguments.is_loop, "start the recording again at its end");
   app.add_flag("--wait-for-host", arguments.daemon.waits_for_host, "start when a host has subscribed");

@@ -39,14 +39,19 @@ std::string words_of(uint32_t flags) {
 }  // namespace
 
 Calibrator::Calibrator(const BoardSettings& board, std::string serial, SlotStore store, Exchange& exchange,
-                       TrialRule rule)
-    : board_(board), serial_(std::move(serial)), store_(std::move(store)), exchange_(exchange), rule_(rule) {}
+                       TrialRule rule, KeyRing keys)
+    : board_(board),
+      serial_(std::move(serial)),
+      store_(std::move(store)),
+      exchange_(exchange),
+      rule_(rule),
+      keys_(std::move(keys)) {}
 
 Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes) const {
   auto file = CalibrationFile::load(bytes);
   if (!file) return file.error();
   const Calibration& calibration = file.value()->get();
-  auto signer = verify_signature(calibration);
+  auto signer = keys_.verify(calibration);
   if (!signer) return signer.error();
   const Status fits = calibration.check_target(board_, serial_);
   if (!fits) return fits.error();

@@ -42,7 +42,7 @@ class Calibrator {
   static constexpr size_t kMaxChunkBytes = 3'072;
 
   Calibrator(const BoardSettings& board, std::string serial, SlotStore store, Exchange& exchange,
-             TrialRule rule = TrialRule());
+             TrialRule rule = TrialRule(), KeyRing keys = KeyRing());
 
   // The path for the calibration in force, where that is spoilt for the one before it, else without one; `problem` says
   // why a stored file was not used.
@@ -67,6 +67,7 @@ class Calibrator {
   // Good frames of the trial so far, and how many are wanted.
   [[nodiscard]] PathTally tally() const;
   [[nodiscard]] const TrialRule& rule() const { return rule_; }
+  [[nodiscard]] const KeyRing& keys() const { return keys_; }
   // Why the last trial ended without success, or stored files are not used; empty: nothing to say.
   [[nodiscard]] const std::string& problem() const { return problem_; }
 
@@ -88,6 +89,7 @@ class Calibrator {
   SlotStore store_;
   Exchange& exchange_;
   TrialRule rule_;
+  KeyRing keys_;
   bool is_on_trial_ = false;
   std::string problem_;
   ClockFunction clock_ = nullptr;

@@ -159,7 +159,7 @@ void Session::send_status(uint64_t now_us) {
   }
   const ActiveCalibration& active = calibrator_.active();
   if (!active.is_present) m.health |= ruffini_HealthBit_HEALTH_UNCALIBRATED;
-  if (active.is_present && active.signer.is_development_key) m.health |= ruffini_HealthBit_HEALTH_DEVELOPMENT_KEY;
+  if (calibrator_.keys().accepts_development_key()) m.health |= ruffini_HealthBit_HEALTH_DEVELOPMENT_KEY;
   if ((exchange_.flags.load() & kFlagNoReference) != 0) m.health |= ruffini_HealthBit_HEALTH_NO_REFERENCE;
   if (is_stalled_) m.health |= ruffini_HealthBit_HEALTH_CAMERA_STALLED;
   if (calibrator_.is_on_trial()) m.health |= ruffini_HealthBit_HEALTH_TRIAL;

@@ -2,7 +2,10 @@
 
 #include <sodium.h>
 
-#include <array>
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <optional>
 
 namespace ruffini {
 namespace {
@@ -18,6 +21,15 @@ PublicKey development_key() {
   std::array<uint8_t, crypto_sign_SECRETKEYBYTES> secret_key{};
   crypto_sign_seed_keypair(public_key.data(), secret_key.data(), seed.data());
   return public_key;
+}
+
+std::optional<PublicKey> parse_key(const std::string& digits) {
+  PublicKey key{};
+  size_t n = 0;
+  const char* end = nullptr;
+  const int failed = sodium_hex2bin(key.data(), key.size(), digits.data(), digits.size(), nullptr, &n, &end);
+  const bool is_whole = failed == 0 && n == key.size() && end == digits.data() + digits.size();
+  return is_whole ? std::optional(key) : std::nullopt;
 }
 
 std::string key_id(const PublicKey& key) {
@@ -39,17 +51,41 @@ std::string sha256(std::span<const uint8_t> bytes) {
   return {hash.begin(), hash.end()};
 }
 
-Result<Signer> verify_signature(const Calibration& calibration) {
+Result<KeyRing> KeyRing::load(const std::string& folder, bool accepts_development_key) {
+  KeyRing ring;
+  std::error_code failed;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, failed)) {
+    if (entry.path().extension() != ".pub") continue;
+    std::ifstream file(entry.path());
+    std::string digits;
+    file >> digits;
+    const std::optional<PublicKey> key = parse_key(digits);
+    if (!key) {
+      return Error{ErrorKind::kBadInput, entry.path().string() + ": no public key of 64 hexadecimal digits: enrol it " +
+                                             "again with `ruffini key enrol`, or remove it"};
+    }
+    ring.enrolled_.push_back(*key);
+  }
+  if (failed) {
+    return Error{ErrorKind::kUnavailable, folder + ": the folder of keys cannot be read: " + failed.message()};
+  }
+  ring.accepts_development_key_ = accepts_development_key || ring.enrolled_.empty();
+  return ring;
+}
+
+Result<Signer> KeyRing::verify(const Calibration& calibration) const {
   if (sodium_init() < 0) return Error{ErrorKind::kUnavailable, "libsodium does not start: check its installation"};
   static const PublicKey kDevelopment = development_key();
   const std::span<const uint8_t> message = calibration.signed_bytes();
-  if (crypto_sign_verify_detached(calibration.signature().data(), message.data(), message.size(),
-                                  kDevelopment.data()) != 0) {
-    return Error{ErrorKind::kRefused, "the calibration's signature fits no key of this device (the file names key " +
-                                          std::string(calibration.text("key_id")) +
-                                          "): it was changed, or signed with another key"};
-  }
-  return Signer{key_id(kDevelopment), true};
+  const auto fits = [&](const PublicKey& key) {
+    return crypto_sign_verify_detached(calibration.signature().data(), message.data(), message.size(), key.data()) == 0;
+  };
+  const auto found = std::find_if(enrolled_.begin(), enrolled_.end(), fits);
+  if (found != enrolled_.end()) return Signer{key_id(*found), false};
+  if (accepts_development_key_ && fits(kDevelopment)) return Signer{key_id(kDevelopment), true};
+  return Error{ErrorKind::kRefused, "the calibration's signature fits no key of this device (the file names key " +
+                                        std::string(calibration.text("key_id")) +
+                                        "): it was changed, or signed with a key that is not enrolled here"};
 }
 
 }  // namespace ruffini

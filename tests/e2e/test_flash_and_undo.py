@@ -61,3 +61,36 @@ def test_an_answer_of_before_the_flash_is_not_taken_for_one_of_after_it(sensor: 
         host.flash(sensor.calibration)
         in_force = host.hello.sensors[0].calibration.sha256
     assert in_force == hashlib.sha256(sensor.calibration).digest()
+
+
+def test_a_sensor_with_an_enrolled_key_takes_its_owners_files_only(sensor: Sensor, tmp_path: Path) -> None:
+    own = {"RUFFINI_KEYS": str(tmp_path / "keys")}
+    file = tmp_path / "calibration"
+    container.write(file, container.unpack(sensor.calibration))
+
+    def ask(*words: str, port: str | None = None) -> tuple[int, str, str]:
+        return run_host(*words, port=port, **own)
+
+    assert ask("key", "new", "lab")[0] == 0
+    code, out, _ = ask("key", "show", "--json")
+    key_id = json.loads(out)["keys"][0]["key_id"]
+    assert ask("key", "enrol", "lab", str(tmp_path / "card"))[0] == 0
+    options = ("--wait-for-host", "--keys", str(tmp_path / "card"))
+    with start(sensor, tmp_path / "store", *options) as daemon:
+        code, _, text = ask("cal", "flash", str(file), port=daemon.port)
+        assert code == 4
+        assert "signed with a key that is not enrolled here" in text
+        code, _, text = ask("cal", "flash", str(file), "--key", "lab", port=daemon.port)
+        assert code == 0, text
+        with Connection(daemon.port) as host:
+            assert host.hello.sensors[0].calibration.key_id == key_id
+            host._send("STATUS")
+            status = host._wait_for("STATUS", 3.0, lambda m: True)
+            assert "HEALTH_DEVELOPMENT_KEY" not in host.schema.enum_names("HealthBit", status.health)
+    assert ask("key", "sign", str(file), "--key", "lab", "--out", str(tmp_path / "signed"))[0] == 0
+    code, out, _ = ask("cal", "verify", str(tmp_path / "signed"), "--json")
+    assert (code, json.loads(out)["signer"]) == (0, "lab")
+    with start(sensor, tmp_path / "store2", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        host._send("STATUS")
+        status = host._wait_for("STATUS", 3.0, lambda m: True)
+        assert "HEALTH_DEVELOPMENT_KEY" in host.schema.enum_names("HealthBit", status.health)

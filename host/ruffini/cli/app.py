@@ -22,6 +22,7 @@ from ruffini.cli import (
     fit,
     flash,
     fleet,
+    key,
     offline,
     report,
     sim,
@@ -68,5 +69,6 @@ app.add_typer(bench.app, name="bench")
 app.add_typer(evaluate.app, name="eval")
 app.add_typer(board.app, name="board")
 app.add_typer(train.app, name="train")
+app.add_typer(key.app, name="key")
 app.command("demo")(demo.demo)
 app.command("reproduce")(experiment.reproduce)

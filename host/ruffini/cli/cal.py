@@ -363,15 +363,16 @@ def verify(
     json_: JsonFlag = False,
 ) -> None:
     """Check a file's layout and signature, and that the core can prove it."""
-    from ruffini.calibrate import container
+    from ruffini.calibrate import container, keys
     from ruffini.core import Pipeline
 
     read = container.read(file)
-    container.verify(read)
+    signer = keys.verify(read)
     if board is not None:
         Pipeline(container.board_of(read, board), read.data).close()
-    emit({"file": str(file), "ok": True, "kinds": read.kinds, "board": read.metadata["board"]}, json_,
-         f"{file}: {', '.join(read.kinds)} for {read.metadata['board']}, signature ok")  # fmt: skip
+    emit({"file": str(file), "ok": True, "kinds": read.kinds, "board": read.metadata["board"],
+          "signer": signer}, json_,
+         f"{file}: {', '.join(read.kinds)} for {read.metadata['board']}, signed by {signer}")  # fmt: skip
 
 
 @app.command("show")

@@ -19,15 +19,19 @@ def flash(
     files: Annotated[list[Path], typer.Argument(help="Calibration files; several are merged, later ones win.")],
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check everything, write nothing.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Also where its report fails its gates.")] = False,
+    key: Annotated[
+        str | None, typer.Option("--key", envvar="RUFFINI_KEY", help="Sign it with this key first (`ruffini key`).")
+    ] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Put a calibration in force; success means read back, tried on frames, ACTIVE. `cal undo` takes it back."""
     from ruffini.boards import parse_board
-    from ruffini.calibrate import container
+    from ruffini.calibrate import container, keys
 
     read = [container.read(f) for f in files]
     file = container.merge(read) if len(read) > 1 else read[0]
-    container.verify(file)
+    file = keys.sign(file, key) if key else file
+    keys.verify(file)
     remarks = [_check_gates(one, force=force) for one in read]
     with open_sensor() as sensor:
         board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)

@@ -1,7 +1,13 @@
 #include "store/signature.h"
 
 #include <gtest/gtest.h>
+#include <sodium.h>
+#include <unistd.h>
 
+#include <array>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
 #include <optional>
 
 #include "support/calibration_bytes.h"
@@ -29,12 +35,12 @@ Bytes small_file() {
 }
 
 // nullopt where the file cannot even be read.
-std::optional<Result<Signer>> judge(const Bytes& bytes) {
+std::optional<Result<Signer>> judge(const Bytes& bytes, const KeyRing& keys = KeyRing()) {
   std::vector<uint64_t> aligned((bytes.size() + 7) / 8);
   std::memcpy(aligned.data(), bytes.data(), bytes.size());
   const auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(aligned.data()), bytes.size()});
   if (!parsed) return std::nullopt;
-  return verify_signature(parsed.value());
+  return keys.verify(parsed.value());
 }
 
 // FIPS 180-4, appendix B.
@@ -82,6 +88,66 @@ TEST(Signature, AnotherKeysSignatureIsRefused) {
   const auto signer = judge(bytes);
   ASSERT_TRUE(signer);
   EXPECT_FALSE(*signer);
+}
+
+class KeyRingTest : public testing::Test {
+ protected:
+  KeyRingTest() { std::filesystem::create_directories(folder_); }
+  ~KeyRingTest() override { std::filesystem::remove_all(folder_); }
+  void enrol(const std::string& name, const std::string& text) const {
+    std::ofstream(folder_ + "/" + name) << text << "\n";
+  }
+  const std::string folder_ = testing::TempDir() + "key_ring_test" + std::to_string(::getpid());
+};
+
+// The owner's key: the seed is 32 times 7.
+Bytes signed_by_owner(std::string& public_hex) {
+  std::array<uint8_t, crypto_sign_SEEDBYTES> seed{};
+  seed.fill(7);
+  std::array<uint8_t, crypto_sign_PUBLICKEYBYTES> public_key{};
+  std::array<uint8_t, crypto_sign_SECRETKEYBYTES> secret_key{};
+  crypto_sign_seed_keypair(public_key.data(), secret_key.data(), seed.data());
+  public_hex = hex({public_key.begin(), public_key.end()});
+  Bytes file = small_file();
+  const size_t n = file.size() - crypto_sign_BYTES;
+  crypto_sign_detached(file.data() + n, nullptr, file.data(), n, secret_key.data());
+  return file;
+}
+
+TEST_F(KeyRingTest, AnEnrolledKeyCountsAndTheDevelopmentKeyNoMore) {
+  std::string public_hex;
+  const Bytes owners = signed_by_owner(public_hex);
+  const Bytes anybodys = test::sign(small_file());
+  const auto nobodys = KeyRing::load(folder_, false);
+  ASSERT_TRUE(nobodys);
+  EXPECT_TRUE(nobodys.value().accepts_development_key()) << "else nothing could be flashed at all";
+  EXPECT_FALSE(*judge(owners, nobodys.value()));
+  enrol("owner.pub", public_hex);
+  enrol("notes.txt", "no key");
+  for (const bool is_asked : {false, true}) {
+    const auto keys = KeyRing::load(folder_, is_asked);
+    ASSERT_TRUE(keys);
+    EXPECT_EQ(keys.value().accepts_development_key(), is_asked);
+    const auto signer = judge(owners, keys.value());
+    ASSERT_TRUE(*signer);
+    EXPECT_FALSE(signer->value().is_development_key);
+    EXPECT_EQ(judge(anybodys, keys.value())->has_value(), is_asked);
+  }
+  Bytes changed = owners;
+  changed[changed.size() - crypto_sign_BYTES - 1] ^= 1;
+  EXPECT_FALSE(*judge(changed, KeyRing::load(folder_, false).value()));
+}
+
+TEST_F(KeyRingTest, WhatIsNoKeyIsNamed) {
+  for (const std::string& text :
+       {std::string(), std::string(63, 'a'), std::string(65, 'a'), std::string(64, 'g'), std::string(62, 'a') + "zz"}) {
+    enrol("spoilt.pub", text);
+    const auto keys = KeyRing::load(folder_, true);
+    ASSERT_FALSE(keys) << text;
+    EXPECT_EQ(keys.error().kind, ErrorKind::kBadInput);
+    EXPECT_NE(keys.error().message.find("spoilt.pub"), std::string::npos) << keys.error().message;
+  }
+  EXPECT_EQ(KeyRing::load(folder_ + "/nothing", true).error().kind, ErrorKind::kUnavailable);
 }
 
 }  // namespace

@@ -190,6 +190,9 @@ TEST_F(StoreFaults, EveryFailingCallLeavesTheOldFileOrTheNewOneAndIsSaid) {
         test::disarm();
         ASSERT_EQ(wrong(folder_, scenario, progress), "")
             << scenario.name << ", call " << at << ", errno " << strike.error << (strike.is_forever ? " for ever" : "");
+        if (strike.n_bytes == 1) {  // no error: the rest is to be asked for
+          ASSERT_EQ(progress.is_confirmed || progress.is_undone, !scenario.new_one.empty()) << scenario.name << at;
+        }
         ++n_runs;
       }
     }

@@ -1,0 +1,72 @@
+"""Owners' keys: made once, kept to their owner, and no signature fits by luck."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ruffini.calibrate import container, keys
+from ruffini.errors import InputError, VerifyError
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("RUFFINI_KEYS", str(tmp_path / "keys"))
+    return tmp_path / "keys"
+
+
+@pytest.fixture
+def file() -> container.CalibrationFile:
+    return container.pack({"rest.image": np.arange(8, dtype=np.uint8)}, {"board": "any"})
+
+
+def test_a_key_signs_and_only_its_owner_can_read_it(folder: Path, file: container.CalibrationFile) -> None:
+    key = keys.make("lab")
+    assert (folder / "lab.key").stat().st_mode & 0o777 == 0o600
+    signed = keys.sign(file, "lab")
+    assert signed.metadata["key_id"] == key.key_id
+    assert keys.verify(signed) == "lab"
+    assert keys.verify(file) == "development key"
+    with pytest.raises(VerifyError, match=key.key_id):
+        container.verify(signed)  # the development key's it is not
+    changed = container.CalibrationFile(signed.tensors, signed.metadata, signed.data[:-70] + b"x" + signed.data[-69:])
+    with pytest.raises(VerifyError, match="signature does not fit"):
+        keys.verify(changed)
+
+
+def test_where_only_the_public_half_is_files_are_checked_and_not_signed(
+    folder: Path, file: container.CalibrationFile
+) -> None:
+    keys.make("lab")
+    signed = keys.sign(file, "lab")
+    (folder / "lab.key").unlink()
+    assert [(k.name, k.can_sign) for k in keys.known()] == [("lab", False)]
+    assert keys.verify(signed) == "lab"
+    with pytest.raises(InputError, match="only the public half"):
+        keys.sign(file, "lab")
+
+
+def test_a_name_that_is_taken_or_none_is_refused(folder: Path) -> None:
+    keys.make("lab")
+    before = (folder / "lab.key").read_text()
+    with pytest.raises(InputError, match="already"):
+        keys.make("lab")
+    assert (folder / "lab.key").read_text() == before
+    for name in ("", "../lab", "a/b", ".hidden", "a" * 64):
+        with pytest.raises(InputError, match="no name of a key"):
+            keys.make(name)
+    with pytest.raises(InputError, match="which has lab"):
+        keys.find("other")
+
+
+def test_what_is_no_key_is_named(folder: Path) -> None:
+    keys.make("lab")
+    for text in ("", "zz" * 32, "ab" * 31):
+        (folder / "lab.pub").write_text(text)
+        with pytest.raises(InputError, match=r"lab\.pub: no key"):
+            keys.known()
+    (folder / "lab.pub").write_text("ab" * 32)
+    with pytest.raises(InputError, match="cannot be written"):
+        keys.enrol("lab", folder / "lab.key" / "below a file")
