@@ -168,6 +168,19 @@ def test_tables_of_a_press_are_checked(tmp_path: Path) -> None:
         read_press(BOARD, tmp_path)
 
 
+def test_presses_that_are_none_or_too_few_are_one_sentence(
+    tips: Array, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="holds no press"):
+        fit_fingertip(BOARD, tmp_path, 10.0, lambda _: None)
+    presses = [press(tips, np.random.default_rng(9), str(i)) for i in range(8)]
+    for one in presses[1:]:
+        one.told[:, 2] = np.nan  # nobody wrote down where the tool stood
+    monkeypatch.setattr(fingertip, "read_presses", lambda *_: presses)
+    with pytest.raises(InputError, match=r"has 1 presses of 0.04 to 1.3 N: 8 are needed"):
+        fit_fingertip(BOARD, tmp_path, 10.0, lambda _: None)
+
+
 def test_the_core_says_what_was_fitted(
     tips: Array, dome: Renderer, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
