@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +30,7 @@ LEAST_STEP_MM = 0.02
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
 FACES = {"triangle": 3**0.5, "square": 4.0, "flat": float(np.pi)}  # of planar indenters, over the radius squared
 HERTZIAN = ("sphere",)
+LEAST_SHORE = 15.0  # softer objects give way more than the gel: the paper's force fails on Shore A 5
 NOMINAL = ("flat", 5.0, 98.0)  # the paper's: a disc of 10 mm and Shore A 98, on which depth is calibrated
 
 
@@ -62,8 +64,8 @@ class Press:
 
     @property
     def has_model(self) -> bool:
-        """Whether a contact model holds for its shape."""
-        return self.is_hertzian or self.shape in FACES
+        """Whether a contact model holds for its shape and hardness."""
+        return self.shore_a >= LEAST_SHORE and (self.is_hertzian or self.shape in FACES)
 
     @property
     def goes_down(self) -> bool:
@@ -87,7 +89,7 @@ def read_presses(paths: list[Path], board: Board, *, progress: Progress = lambda
         There is none, or one lacks what the bench read.
     """
     folders = [run.parent for path in paths for run in sorted(path.glob("**/run.json"))]
-    runs = [(folder, json.loads((folder / "run.json").read_text())) for folder in folders]
+    runs = [(folder, _card(folder)) for folder in folders]
     wanted = [(folder, run) for folder, run in runs if run.get("part", "fit") == "fit"]
     if not wanted:
         raise InputError(f'{", ".join(map(str, paths))}: no run of `ruffini sim reproduce` with part "fit" below it')
@@ -96,6 +98,17 @@ def read_presses(paths: list[Path], board: Board, *, progress: Progress = lambda
         out.append(read_press(folder, run, board))
         progress(done / len(wanted))
     return out
+
+
+def _card(folder: Path) -> dict[str, object]:
+    path = folder / "run.json"
+    try:
+        run = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is no JSON ({error}): record the run again with ruffini sim reproduce") from error
+    if not isinstance(run, dict):
+        raise InputError(f"{path} says nothing of a run: record it again with ruffini sim reproduce")
+    return run
 
 
 def read_press(folder: Path, run: dict[str, object], board: Board) -> Press:
@@ -109,22 +122,26 @@ def read_press(folder: Path, run: dict[str, object], board: Board) -> Press:
     try:
         with np.load(folder / "rig.npz", allow_pickle=False) as file:
             rig = {name: file[name] for name in file.files}
+        force, travel, shore = rig["force"], rig["depth_m"], float(rig["shore_a"])
         chosen = run["chosen"]
-        assert isinstance(chosen, dict)
-        shape, radius_mm = str(chosen["indenter"]), float(chosen["radius_um"]) * 1e-3
-    except (OSError, KeyError, ValueError, AssertionError) as error:
+        shape, radius_mm = str(chosen["indenter"]), float(chosen["radius_um"]) * 1e-3  # type: ignore[index]
+    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
         raise InputError(f"{folder}: no run of a bench ({error}): record it with ruffini sim reproduce") from error
+    if force.ndim != 2 or force.shape[1] != 6 or travel.shape != force.shape[:1] or not np.isfinite(force).all():
+        raise InputError(f"{folder}: rig.npz must hold force (t, 6), finite, and depth_m (t,): record the run again")
     flow, profiles, good = _seen(folder, board)
-    touched = np.flatnonzero(rig["depth_m"] > 0)
-    if len(flow) != len(rig["force"]) or not touched.size or touched[0] < board.pipeline.n_rest_frames:
+    touched = np.flatnonzero(travel > 0)
+    if len(flow) != len(force) or not touched.size or touched[0] < board.pipeline.n_rest_frames:
         raise InputError(f"{folder}: frames and force readings do not belong together, or nothing rests at first")
+    if not good[touched].any():
+        raise InputError(f"{folder}: no touched frame shows enough of the texture: is it board {board.name!r}'s?")
     at = touched
-    nothing = np.full(len(rig["force"]), np.nan)
+    nothing = np.full(len(force), np.nan)
     return Press(
-        f"{folder.parent.name}/{folder.name}", folder.parent.name, shape, radius_mm, float(rig["shore_a"]),
+        f"{folder.parent.name}/{folder.name}", folder.parent.name, shape, radius_mm, shore,
         flow[at], profiles[at, :N_RINGS], profiles[at, N_RINGS], profiles[at, N_RINGS + 1],
         profiles[at, N_RINGS + 2 : N_RINGS + 4].astype(np.float64), good[at],
-        (rig["force"] - zero_of(rig["force"][: touched[0]]))[at], rig["depth_m"][at] * 1e3,
+        (force - zero_of(force[: touched[0]]))[at], travel[at] * 1e3,
         rig.get("gel_depth_m", nothing)[at] * 1e3, rig.get("area_m2", nothing)[at] * 1e6,
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ import pytest
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate.contact_log import Press, read_presses
-from ruffini.calibrate.contact_model import fit_model, inputs_of, tell, true_sizes
+from ruffini.calibrate.contact_model import Log, fit_model, inputs_of, tell, true_sizes
 from ruffini.calibrate.contact_profile import radial_um
 from ruffini.calibrate.contact_tables import fit_contact, tables
 from ruffini.calibrate.contact_wrench import fit_contact_wrench, symmetric
@@ -102,7 +102,7 @@ def test_each_axis_takes_the_part_of_a_flow_that_reflections_change_like_it(boar
 
 
 def test_depth_kind_and_hardness_of_objects_that_were_not_fitted(board: Board, presses: list[Press]) -> None:
-    model = fit_model(board, presses, n_seeds=1)
+    model = fit_model(board, Log.of(board, presses), n_seeds=1)
     for shape, shore in (("flat", 35.0), ("flat", 65.0), ("sphere", 35.0), ("sphere", 65.0)):
         new = press(board, np.random.default_rng(5), shape, 6.0, shore)
         told = tell(new, model)
@@ -146,4 +146,4 @@ def test_a_log_without_a_bench_or_without_balls_is_refused(board: Board, presses
     with pytest.raises(InputError, match="no run of a bench"):
         read_presses([tmp_path], board)
     with pytest.raises(InputError, match="balls"):
-        fit_model(board, [p for p in presses if not p.is_hertzian])
+        fit_model(board, Log.of(board, [p for p in presses if not p.is_hertzian]))
