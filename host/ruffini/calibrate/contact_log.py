@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -20,6 +20,7 @@ from ruffini.calibrate.feature_log import zero_of
 from ruffini.core.pipeline import N_RINGS, Pipeline
 from ruffini.errors import InputError
 from ruffini.frames import read_frames
+from ruffini.sim.indenters.material import RUBBER_POISSON, shore_a_modulus
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -30,6 +31,8 @@ LEAST_STEP_MM = 0.02
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
 FACES = {"triangle": 3**0.5, "square": 4.0, "flat": float(np.pi)}  # of planar indenters, over the radius squared
 HERTZIAN = ("sphere",)
+GIVE = 1.5
+MOST_SHORE = 98.0
 LEAST_SHORE = 15.0  # softer objects give way more than the gel: the paper's force fails on Shore A 5
 NOMINAL = ("flat", 5.0, 98.0)  # the paper's: a disc of 10 mm and Shore A 98, on which depth is calibrated
 
@@ -77,7 +80,33 @@ class Press:
         """Of a planar indenter its face; of a ball pi R d (Hertz), d the stage's travel."""
         if self.is_hertzian:
             return np.asarray(np.pi * self.radius_mm * np.maximum(self.travel_mm, 0.0))
-        return np.full(len(self.travel_mm), FACES[self.shape] * self.radius_mm**2)
+        return np.full(len(self.travel_mm), FACES.get(self.shape, np.pi) * self.radius_mm**2)
+
+    @property
+    def known_gel_mm(self) -> Array:
+        """Mean depth of the gel (t,): of the log where it says so, else the travel less what the object gives way.
+
+        That is the paper's eq. (4) with the object's modulus, GIVE times for a body no higher than wide; of a ball
+        3 F / (4 a E*), a^2 = R d, and the gel is three quarters as deep on the mean as in the middle (Hertz).
+        """
+        modulus = shore_a_modulus(min(self.shore_a, MOST_SHORE)) / (1 - RUBBER_POISSON**2)
+        force = np.maximum(-self.force[:, 2], 0.0)
+        radius_m = 1e-3 * np.sqrt(np.maximum(self.effective_area_mm2, 1e-6) / np.pi)
+        if self.is_hertzian:
+            of_bench = 0.75 * self.travel_mm - 1e3 * 0.75 * force / (radius_m * modulus)
+        else:
+            of_bench = self.travel_mm - 1e3 * GIVE * force / (2 * radius_m * modulus)
+        return np.asarray(np.where(np.isfinite(self.gel_mm), self.gel_mm, np.maximum(of_bench, 0.0)))
+
+    @property
+    def known_area_mm2(self) -> Array:
+        """Area of the contact (t,): of the log where it says so, else that of the face, or pi R d."""
+        return np.asarray(np.where(np.isfinite(self.area_mm2), self.area_mm2, self.effective_area_mm2))
+
+    def of_bench(self) -> Press:
+        """The same press without what only a simulation knows of it."""
+        nothing = np.full_like(self.gel_mm, np.nan)
+        return replace(self, gel_mm=nothing, area_mm2=nothing)
 
 
 def read_presses(paths: list[Path], board: Board, *, progress: Progress = lambda _: None) -> list[Press]:

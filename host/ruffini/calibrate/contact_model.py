@@ -10,8 +10,8 @@ N_SEEDS of them, side by side):
     hardness   Shore A of planar and of Hertzian contact, on frames in the depths where the board measures it
 
 The fit sees each frame also about middles a little beside the one that was found. Gel depth and area of the contact
-are what the log says of them: no bench measures them but on the nominal indenter, where the stage's travel is the gel's
-depth; the twin's log has them of every press (SIMULATED).
+are what the log says of them: the twin has them of every press (SIMULATED). Of a bench they are the travel of its stage
+less what the object gives way under the force, and the indenter's face (`Press.known_gel_mm`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ LEAST_SIZE_UM = 20.0  # of a profile: below nothing is learned
 N_BESIDE, BESIDE_UM = 4, 250.0  # middles beside the one found, standard deviation
 FORCE_NOISE = 0.01  # of the normal force there
 N_SEEDS = 3
-FAILS_UNITS = 6
+FAILS_UNITS, FAILS_DECAY = 12, 3e-3
 SIZE_DECAY, HARDNESS_DECAY = 1e-4, 1e-2  # of the weights: by errors on sizes that were left out
 
 
@@ -126,7 +126,7 @@ def is_measured(press: Press, frame: npt.NDArray[np.intp]) -> Bools:
     """Which frames count for hardness: by the log's gel depth, loaded straight."""
     force = press.force[frame]
     straight = np.hypot(force[:, 0], force[:, 1]) <= STRAIGHT * np.abs(force[:, 2]) + 1.0  # and the reference's errors
-    depth = np.where(np.isfinite(press.gel_mm), press.gel_mm, press.travel_mm)[frame]
+    depth = press.known_gel_mm[frame]
     return np.asarray((depth > LEAST_MM) & (depth < MOST_MM) & straight)
 
 
@@ -171,11 +171,11 @@ def fit_fails(log: Log, n_seeds: int = N_SEEDS) -> Perceptron:
             x.append(one.x[used])
             y.append(np.full((int(used.sum()), 1), value))
     inputs, aim = np.concatenate(x), np.concatenate(y)
-    share = float(aim.mean())
-    weights = np.sqrt(np.where(aim > 0, (1 - share) / max(share, 1e-9), 1.0))
+    share = float(np.clip(aim.mean(), 1e-3, 1 - 1e-3))
+    weights = np.sqrt(np.where(aim > 0, (1 - share) / share, 1.0))
     return Perceptron.mean_of(
         [
-            Perceptron.fit(inputs, aim, weights=weights, decay=HARDNESS_DECAY, n_units=FAILS_UNITS, seed=seed)
+            Perceptron.fit(inputs, aim, weights=weights, decay=FAILS_DECAY, n_units=FAILS_UNITS, seed=seed)
             for seed in range(n_seeds)
         ]
     )
@@ -207,8 +207,7 @@ def fit_model(board: Board, log: Log, *, n_seeds: int = N_SEEDS) -> Model:
     scale = np.concatenate([s.size_mm for s in seen])
     scales = np.column_stack([scale, scale, np.ones((len(scale), 2))])
     sizes = np.concatenate([true_sizes(p)[s.frame] for p, s in both])
-    known = np.isfinite(sizes).all(axis=1)
-    size = mean(known, (sizes / scales)[known], SIZE_DECAY, scales[known])
+    size = mean(np.ones(len(x), np.bool_), sizes / scales, SIZE_DECAY, scales)
     kind = mean(valid, np.where(is_flat[valid], 1.0, -1.0)[:, None], HARDNESS_DECAY)
     planar, hertzian = (
         mean(valid & (is_flat == on), shore[valid & (is_flat == on), None], HARDNESS_DECAY) for on in (True, False)
@@ -221,7 +220,8 @@ def fit_model(board: Board, log: Log, *, n_seeds: int = N_SEEDS) -> Model:
 
 def true_sizes(press: Press) -> Array:
     """What the log says of gel depth, travel and roots of areas, (t, 4) mm."""
-    return np.column_stack([press.gel_mm, press.travel_mm, np.sqrt(press.area_mm2), np.sqrt(press.effective_area_mm2)])
+    return np.column_stack([press.known_gel_mm, press.travel_mm, np.sqrt(press.known_area_mm2),
+                            np.sqrt(press.effective_area_mm2)])  # fmt: skip
 
 
 def _whitening(off: Array) -> Array:

@@ -42,6 +42,7 @@ N_BANDS, BAND = 10, 10.0
 LEAST_SIGMA = 1.0  # Shore A
 STRANGE_ROOM = 1.5  # times the strangest press that was left out
 FAILING_RANGE = 0.3, 0.9  # of the limit of `fails`, which is 0 of ordinary presses and 1 of others
+FAILS_FOLDS, REFUSED_WRONGLY = 4, 0.01
 WEIGHT_DECAY = 0.05  # of the kind's log odds, each sign over its spread
 TOUCH_FALL, TOUCH_N = 0.004, 0.09  # least fall of the density (four times its noise at rest), the paper's touch (IV-A)
 LEAST_ERROR = 5e-3  # of a load: no reference is better
@@ -87,17 +88,13 @@ class ContactFit:
     by_size: LeftOut
     by_shape: LeftOut
     weights: Array  # of the kind's signs
-    refused: dict[str, float]  # part of the presses of shapes that no model holds for, each shape left out
+    most_failing: float  # of `fails` over a press: above, no model holds
+    refused: dict[str, dict[str, float]]  # part of the presses for which none holds, of sizes or shapes not in the fit
 
     @property
     def most_strange(self) -> float:
         """Of a press that is not refused: room above what was left out."""
         return STRANGE_ROOM * float(np.nanmax([t.strange for t in self.by_size.told]))
-
-    @property
-    def most_failing(self) -> float:
-        """The same: no ordinary press of a size that was left out is refused."""
-        return float(np.clip(np.nanmax([t.fails for t in self.by_size.told]), *FAILING_RANGE))
 
     def report(self) -> dict[str, Any]:
         """For JSON."""
@@ -112,7 +109,7 @@ class ContactFit:
 def fit_contact(board: Board, presses: list[Press], progress: Progress) -> ContactFit:
     """Fit and judge."""
     log = Log.of(board, presses)
-    sizes = sorted({p.radius_mm for p in log.presses})
+    sizes = sorted({p.radius_mm for p in [*log.presses, *log.failing]})
     parts = [(part[0], part[-1]) for part in np.array_split(sizes, min(MOST_FOLDS, len(sizes)))]
     shapes = list(dict.fromkeys(p.shape for p in log.presses if not p.is_hertzian))
     n = len(parts) + len(shapes) + 2
@@ -122,10 +119,9 @@ def fit_contact(board: Board, presses: list[Press], progress: Progress) -> Conta
                         lambda done: progress((1 + done) / n))  # fmt: skip
     by_shape = _left_out(board, log, [partial(_is_of_shape, shape) for shape in shapes],
                          lambda done: progress((1 + len(parts) + done) / n))  # fmt: skip
-    fit = ContactFit(model, by_size, by_shape, kind_weights(by_size), {})
-    found = replace(fit, refused=_refused(log, fit))
+    limit, refused = _judge_fails(log, model, sizes)
     progress(1.0)
-    return found
+    return ContactFit(model, by_size, by_shape, kind_weights(by_size), limit, refused)
 
 
 def _is_of_size(least_mm: float, most_mm: float, press: Press) -> bool:
@@ -150,17 +146,29 @@ def _left_out(board: Board, log: Log, folds: list[Callable[[Press], bool]], prog
     return out
 
 
-def _refused(log: Log, fit: ContactFit) -> dict[str, float]:
-    """Of each shape that no model holds for, or of what is too soft, when the fit has not seen it."""
-    out = {}
+def _judge_fails(log: Log, model: Model, sizes: list[float]) -> tuple[float, dict[str, dict[str, float]]]:
+    """Limit of `fails` that one ordinary press of a hundred passes, of sizes not in the fit; and who is refused."""
+    ordinary: list[float] = []
+    failing: dict[str, list[float]] = {}
+    for part in (frozenset(sizes[k::FAILS_FOLDS]) for k in range(FAILS_FOLDS)):
+        is_left = partial(_is_among, part)
+        left = replace(model, fails=fit_fails(log.without(is_left), n_seeds=1))
+        ordinary += [tell(p, left).fails for p in log.presses if is_left(p)]
+        for p in filter(is_left, log.failing):
+            failing.setdefault(_failing_name(p), []).append(tell(p, left).fails)
+    limit = float(np.clip(np.nanquantile(ordinary, 1 - REFUSED_WRONGLY), *FAILING_RANGE))
+    out = {name: {"sizes": float(np.mean(np.array(values) > limit))} for name, values in failing.items()}
     for name in dict.fromkeys(_failing_name(p) for p in log.failing):
         rest = log.without(partial(_fails_as, name))
-        if not rest.failing:
-            continue
-        model = replace(fit.model, fails=fit_fails(rest))
-        told = [tell(p, model) for p in log.failing if _failing_name(p) == name]
-        out[name] = float(np.mean([t.fails > fit.most_failing or t.strange > fit.most_strange for t in told]))
-    return out
+        if rest.failing:
+            left = replace(model, fails=fit_fails(rest, n_seeds=1))
+            told = [tell(p, left).fails for p in log.failing if _failing_name(p) == name]
+            out.setdefault(name, {})["shapes"] = float(np.mean(np.array(told) > limit))
+    return limit, out
+
+
+def _is_among(sizes_mm: frozenset[float], press: Press) -> bool:
+    return press.radius_mm in sizes_mm
 
 
 def _fails_as(name: str, press: Press) -> bool:

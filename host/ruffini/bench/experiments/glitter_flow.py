@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.experiments.bench_depth import by_bench
 from ruffini.bench.experiments.hardness_bound import bounds
 from ruffini.bench.papers import default_folder
 from ruffini.bench.papers.glitter_flow import SHAPES
@@ -116,7 +117,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     method = judge_method(board, runs)
     result = judge(board, played, method)
     result |= {"calibration": fit.report(), "bounds": bounds([p for p in presses if p.has_model], fit.model),
-               "quick": quick}  # fmt: skip
+               "by_bench": by_bench(board, presses, paper), "quick": quick}  # fmt: skip
     return Experiment(result, text_of(result), pictures.draw(out, played, result))
 
 
@@ -341,6 +342,10 @@ def text_of(r: dict[str, Any]) -> str:
     lines.append(f"Cramer-Rao bound of one frame, Shore A: {each}")
     for name in ("objects", "failing", "too_soft"):
         lines += [f"{name}: {_object(each)}" for each in r[name]]
+    lines.append("Fitted on what a bench knows, mm: " + ", ".join(f"{k} {v:.3g}" for k, v in r["by_bench"].items()))
+    for name, parts in r["calibration"]["refused"].items():
+        each = ", ".join(f"{100 * part:.0f} % of {what}" for what, part in parts.items())
+        lines.append(f"no model holds for {name}: refused, not in the fit: {each}")
     for name in ("unmarked", "wear", "resolution", "factors"):
         lines.append(f"{name}: " + ", ".join(f"{k} {v:.3g}" for k, v in r[name].items()))
     return "\n".join(lines)
