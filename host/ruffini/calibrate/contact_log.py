@@ -20,7 +20,7 @@ from ruffini.calibrate.feature_log import zero_of
 from ruffini.core.pipeline import N_RINGS, Pipeline
 from ruffini.errors import InputError
 from ruffini.frames import read_frames
-from ruffini.sim.indenters.material import RUBBER_POISSON, shore_a_modulus
+from ruffini.rubber import RUBBER_POISSON, shore_a_modulus
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
