@@ -289,7 +289,7 @@ int ruffini_get_profile(const ruffini_pipeline* pipeline, int64_t* out) {
     return fail("this board has no stage contact_model: see boards/README.md");
   const ruffini::Profile& p = pipeline->path->state().profile;
   out = std::copy(p.radial_q4.begin(), p.radial_q4.end(), out);
-  for (const int64_t each : {p.size_q4, p.fall_q16, p.center_x_um, p.center_y_um, p.lost_1e3}) *out++ = each;
+  for (const int64_t each : {p.size_q4, p.fall_q16, p.center_x_um, p.center_y_um, p.lost_1e3, p.flow_q4}) *out++ = each;
   return 0;
 }
 
@@ -311,7 +311,9 @@ int ruffini_get_contact_model(const ruffini_pipeline* pipeline, int64_t* out) {
                          c.shore_sigma_q4,
                          c.is_strange ? 1 : 0,
                          static_cast<int64_t>(s.contact_depth),
-                         static_cast<int64_t>(s.hardness)};
+                         static_cast<int64_t>(s.hardness),
+                         c.mean_flow_um,
+                         c.moment_by_flow_unmm};
   std::copy(std::begin(row), std::end(row), out);
   return 0;
 }

@@ -102,11 +102,12 @@ RUFFINI_API int ruffini_skin_state(const ruffini_pipeline* pipeline, int32_t* n_
 RUFFINI_API int ruffini_get_taxels(const ruffini_pipeline* pipeline, int32_t* ratio); /* [taxel] Q12 */
 /* [h][w] 1/4 levels of the weighted channels over rest; smoothed where there are no taxels, else as it is. */
 RUFFINI_API int ruffini_get_glow(const ruffini_pipeline* pipeline, int16_t* out);
-/* Of the stage contact_model, [21]: u_r on 16 rings (1/16 um), their size (1/16 um), fall of the density (Q16), centre
- * x, y (um), lost patches (1/1000). 1 with ruffini_error() without that stage. */
+/* Of the stage contact_model, [22]: u_r on 16 rings (1/16 um), their size (1/16 um), fall of the density (Q16), centre
+ * x, y (um), lost patches (1/1000), mean flow (1/16 um). 1 with ruffini_error() without that stage. */
 RUFFINI_API int ruffini_get_profile(const ruffini_pipeline* pipeline, int64_t* out);
-/* [14]: touched, ContactKind, its confidence (1/1000), gel depth, press depth and their sigma (um), area, effective area
- * (um^2), H_m (Pa / um), Shore A and its sigma (1/16), 1: no model holds, Validity of depth and of hardness. */
+/* [16]: touched, ContactKind, its confidence (1/1000), gel depth, press depth and their sigma (um), area, effective area
+ * (um^2), H_m (Pa / um), Shore A and its sigma (1/16), 1: no model holds, Validity of depth and of hardness, mean flow (um),
+ * moment by the flow (uN mm). */
 RUFFINI_API int ruffini_get_contact_model(const ruffini_pipeline* pipeline, int64_t* out);
 
 #ifdef __cplusplus

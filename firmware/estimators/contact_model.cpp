@@ -20,7 +20,7 @@ constexpr int64_t kMaxPressurePa = 100'000'000;
 constexpr int64_t kMaxWhite = int64_t{1} << 20;  // z Q8
 constexpr int64_t kHalfSure = 500;
 constexpr int64_t kSlopeOne = 4'096;
-constexpr int64_t kMaxKind = 1 << 16;   // Q12
+constexpr int64_t kMaxKind = 1 << 16;   // Q12; of fails, too
 constexpr int64_t kMaxSlope = 1 << 16;  // Q12
 constexpr int64_t kMaxOdds = 1 << 24;   // Q12, of the table
 
@@ -67,6 +67,7 @@ Result<ContactModel> ContactModel::load(const Calibration& c) {
   if (Status s = take(TanhTable::load(c, "contact_model.tanh"), out.tanh_); !s) return s.error();
   if (Status s = take(Perceptron::load(c, "contact_model.size", inputs, kSizes), out.size_); !s) return s.error();
   if (Status s = take(Perceptron::load(c, "contact_model.kind", inputs, 1), out.kind_); !s) return s.error();
+  if (Status s = take(Perceptron::load(c, "contact_model.fails", inputs, 1), out.fails_); !s) return s.error();
   if (Status s = take(Perceptron::load(c, "contact_model.planar", inputs, 1), out.hardness_[0]); !s) return s.error();
   if (Status s = take(Perceptron::load(c, "contact_model.hertzian", inputs, 1), out.hardness_[1]); !s) {
     return s.error();
@@ -78,8 +79,10 @@ Result<ContactModel> ContactModel::load(const Calibration& c) {
     const char* key;
     int64_t high;
     int64_t* value;
-  } numbers[] = {{"contact_model.least_fall_q16", 1 << 16, &out.least_fall_q16_},
+  } numbers[] = {{"contact_model.most_failing_q12", kMaxKind, &out.most_failing_q12_},
+                 {"contact_model.least_fall_q16", 1 << 16, &out.least_fall_q16_},
                  {"contact_model.least_force_un", 1'000'000'000, &out.least_force_un_},
+                 {"contact_model.moment_per_flow", 1'000'000'000, &out.moment_per_flow_},
                  {"contact_model.depth_sigma_um", 10'000, &out.depth_sigma_um_}};
   for (const auto& number : numbers) {
     const auto value = c.integer(number.key, 1, number.high);
@@ -208,7 +211,9 @@ void ContactModel::remember(const Inputs& x, const Profile& profile, const Wrenc
     return;
   }
   int64_t kind = 0;
+  int64_t fails = 0;
   kind_.run(tanh_, x, {&kind, 1}, saturations);
+  fails_.run(tanh_, x, {&fails, 1}, saturations);
   for (size_t k = 0; k < 2; ++k) {
     int64_t shore = 0;
     hardness_[k].run(tanh_, x, {&shore, 1}, saturations);
@@ -217,6 +222,7 @@ void ContactModel::remember(const Inputs& x, const Profile& profile, const Wrenc
   press_.n += 1;
   press_.weight += depth;
   press_.kind += depth * std::clamp(kind, -kMaxKind, kMaxKind);
+  press_.fails += depth * std::clamp(fails, -kMaxKind, kMaxKind);
   press_.strange += depth * strange_q8(x);
   const int64_t area = std::max<int64_t>(contact_.effective_area_um2, 1);
   const int64_t pressure_pa = std::min(-wrench.force_z_un * 1'000'000 / area, kMaxPressurePa);
@@ -230,7 +236,8 @@ void ContactModel::tell_press() {
   const int64_t odds = odds_q12();
   contact_.kind = odds > 0 ? ContactKind::kPlanar : ContactKind::kHertzian;
   contact_.sure_1e3 = kHalfSure + (kHalfSure * tanh_.tanh_q15(std::abs(odds) / 2) >> 15);
-  contact_.is_strange = press_.strange / press_.weight > most_strange_q8_;
+  contact_.is_strange =
+      press_.strange / press_.weight > most_strange_q8_ || floor_div(press_.fails, press_.weight) > most_failing_q12_;
   const size_t kind = index_of(contact_.kind);
   contact_.shore_q4 = press_.shore[kind] / press_.weight;
   const auto band = static_cast<size_t>(contact_.shore_q4 / (10 << 4));
@@ -248,6 +255,8 @@ const ModelledContact& ContactModel::run(const Profile& profile, const Wrench& w
     if (is_believed && !contact_.is_covered) forget();
     return contact_;
   }
+  contact_.mean_flow_um = round_shift(profile.flow_q4, 4);
+  contact_.moment_by_flow_unmm = round_shift(profile.flow_q4 * moment_per_flow_, 4);
   const Inputs x = inputs_of(profile, -wrench.force_z_un);
   tell_size(x, profile, saturations);
   if (is_believed && !contact_.is_covered && !contact_.is_over_range) remember(x, profile, wrench, saturations);

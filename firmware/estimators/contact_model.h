@@ -7,8 +7,11 @@
 //              slopes of log2 of the force and of the profile's mean radius over log2 of its size. Planar contact keeps
 //              its area, so that all grow alike; a ball's grows. sure = (1 + tanh(|odds| / 2)) / 2
 //   hardness   Shore A, a perceptron of x for each kind, mean over the press weighted by depth
+//   moment     k S_t, which the paper takes for the moment about z; the integral itself is the wrench's
 //   H_m        dP/dd by least squares, P = F_n / S_e                                             the paper's eq. (9), (10)
-//   strange    mean square of x's first 16 whitened by those of the calibration: no model holds where it is too much
+//   strange    no model holds where the mean square of x's first 16, whitened by those of the calibration, is too much;
+//              or a perceptron of x (1 of faces with gaps and of objects softer than the gel, 0 of others) says more
+//              than it does of the presses that were left out of its fit
 //
 // What is averaged over a press are frames 0.4 to 1.8 mm deep, loaded straight (F_t <= F_n / 10), not on the way back. It
 // begins where nothing was touched. Beyond 2.5 mm of gel depth the frame is over range. Where more than a quarter of
@@ -48,6 +51,8 @@ struct ModelledContact {
   int64_t stiffness_pa_um = 0;  // H_m, pascal a micrometre
   int64_t shore_q4 = 0;
   int64_t shore_sigma_q4 = 0;
+  int64_t mean_flow_um = 0;         // S_t over the number of patches
+  int64_t moment_by_flow_unmm = 0;  // its size
 };
 
 class ContactModel {
@@ -87,6 +92,7 @@ class ContactModel {
     int64_t weight = 0;
     int64_t kind = 0;
     int64_t strange = 0;
+    int64_t fails = 0;
     std::array<int64_t, 2> shore{};
     int64_t deepest_um = 0;
     Line pressure;  // over depth
@@ -107,15 +113,18 @@ class ContactModel {
   TanhTable tanh_;
   Perceptron size_;
   Perceptron kind_;
+  Perceptron fails_;
   std::array<Perceptron, 2> hardness_;  // planar, Hertzian
   std::vector<int32_t> whitening_;      // [16][16] of x less its mean, both Q14; z Q8 after kWhiteShift
   std::vector<int16_t> mean_;
   std::array<std::array<int32_t, kBands>, 2> sigma_q4_{};  // by kind and tens of Shore A
   std::array<int64_t, 4> odds_q12_{};                      // offset, weights of the three numbers
   int64_t most_strange_q8_ = 0;
+  int64_t most_failing_q12_ = 0;
   int64_t least_fall_q16_ = 0;
   int64_t least_force_un_ = 0;
   int64_t depth_sigma_um_ = 0;
+  int64_t moment_per_flow_ = 0;  // uN mm a um
   Press press_;
   ModelledContact contact_;
 };

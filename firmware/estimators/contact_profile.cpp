@@ -99,6 +99,16 @@ ContactProfile::Point ContactProfile::center() const {
   return {floor_div(2 * moment.x_q4 + sum, 2 * sum), floor_div(2 * moment.y_q4 + sum, 2 * sum)};
 }
 
+int64_t ContactProfile::mean_flow_q4() const {
+  Point sum;
+  for (const Point& one : flow_) {
+    sum.x_q4 += one.x_q4;
+    sum.y_q4 += one.y_q4;
+  }
+  const auto n = static_cast<int64_t>(flow_.size());
+  return floor_sqrt(sum.x_q4 * sum.x_q4 + sum.y_q4 * sum.y_q4) / n;
+}
+
 bool ContactProfile::is_inside(const Point& at) const {
   return at.x_q4 >= first_.x_q4 && at.x_q4 <= last_.x_q4 && at.y_q4 >= first_.y_q4 && at.y_q4 <= last_.y_q4;
 }
@@ -173,6 +183,7 @@ const Profile& ContactProfile::run(std::span<const Marker> markers) {
   }
   profile_.size_q4 = floor_sqrt(square);
   profile_.lost_1e3 = lost_1e3(markers, middle);
+  profile_.flow_q4 = mean_flow_q4();
   return profile_;
 }
 

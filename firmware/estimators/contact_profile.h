@@ -8,6 +8,7 @@
 //             pad's shorter side apart; flow between the patches by Catmull-Rom. A point counts together with the one
 //             opposite, or not at all: what all patches have in common (shear, perspective off the axis) falls out
 //   size      sqrt(sum of u_r^2)
+//   flow      size of the mean of all patches' displacements: the paper's S_t (eq. 7) over their number
 //
 // Lost patches are filled from their neighbours (image/markers.h); `lost_1e3` is their part of those within the circles.
 // Not in the paper, which takes the density alone. Frame thread; no allocation after the constructor.
@@ -31,6 +32,7 @@ struct Profile {
   std::array<int64_t, kRings> radial_q4{};  // um
   int64_t size_q4 = 0;                      // um
   int64_t lost_1e3 = 0;
+  int64_t flow_q4 = 0;  // um
 };
 
 class ContactProfile {
@@ -51,6 +53,7 @@ class ContactProfile {
   void take(std::span<const Marker> markers);
   void find_fall();
   [[nodiscard]] Point center() const;
+  [[nodiscard]] int64_t mean_flow_q4() const;
   [[nodiscard]] bool is_inside(const Point& at) const;
   [[nodiscard]] Point flow_at(const Point& at) const;
   [[nodiscard]] int64_t radial_q4(const Point& middle, size_t ring) const;

@@ -195,9 +195,10 @@ void MessageEncoder::tell_model(const FramePath& path, ruffini_Contacts& m) {
   out.shore_a_1e1 = static_cast<uint32_t>(10 * c.shore_q4 / 16);
   out.shore_a_sigma_1e1 = static_cast<uint32_t>(10 * c.shore_sigma_q4 / 16);
   out.hardness_validity = to_proto(s.hardness);
+  out.mean_flow_um = static_cast<uint32_t>(c.mean_flow_um);
+  out.moment_by_flow_unmm = static_cast<uint64_t>(c.moment_by_flow_unmm);
 }
 
-// What a fingertip's contact says beyond that of a pad.
 void MessageEncoder::tell_tip(const TipTouch& tip, ruffini_Contact& out) {
   const auto as_32 = [](int64_t v) { return static_cast<int32_t>(std::clamp<int64_t>(v, INT32_MIN, INT32_MAX)); };
   out.force_sigma_un = static_cast<uint64_t>(tip.sigma[0]);

@@ -38,6 +38,9 @@ class MessageEncoder {
   // LEARNED: what the network said, with the names of its outputs; `flags` of the frames (FrameFlag).
   void encode(const LearnedResult& result, std::span<const std::string> names, uint8_t flags, const Sink& sink);
 
+  // What the contact of a fingertip says beyond that of a pad.
+  static void tell_tip(const TipTouch& tip, ruffini_Contact& out);
+
  private:
   size_t wrench(const FramePath& path, const FrameStamp& stamp);
   size_t field(const FramePath& path, const FrameStamp& stamp);
@@ -45,7 +48,6 @@ class MessageEncoder {
   size_t contacts(const FramePath& path, const FrameStamp& stamp);
   static void tell_model(const FramePath& path, ruffini_Contacts& m);
   static void tell_touches(const FramePath& path, ruffini_Contacts& m);
-  static void tell_tip(const TipTouch& tip, ruffini_Contact& out);
   size_t markers(const FramePath& path, const FrameStamp& stamp);
   size_t targets(const FramePath& path, const FrameStamp& stamp);
   size_t image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp);

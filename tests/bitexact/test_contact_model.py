@@ -23,7 +23,8 @@ NOT_MEASURED, VALID, INVALID = 0, 1, 3
 MARKERS_LOST, OVER_RANGE = 8, 32
 WIDTH, HEIGHT, N_REST = 150, 113, 3
 MIDDLE = np.array([77.0, 55.0])
-NUMBERS = {"least_fall_q16": 2000, "least_force_un": 90_000, "depth_sigma_um": 77, "most_strange_q8": 1 << 24}
+NUMBERS = {"least_fall_q16": 2000, "least_force_un": 90_000, "depth_sigma_um": 77, "moment_per_flow": 4321,
+           "most_strange_q8": 1 << 24, "most_failing_q12": 1 << 16}  # fmt: skip
 
 
 def board_text() -> str:
@@ -58,7 +59,8 @@ def pressed(rest: npt.NDArray[np.float64], out_px: float, shift_px: float = 0.0)
 def tables(rng: np.random.Generator, n: int) -> Tensors:
     """Depth about five times the profile's size, hardness and kind as they come; a wrench that presses."""
     out: Tensors = {"contact_model.tanh": tanh_table()}
-    for name, bias in (("size", [19_000, 21_000, 3000, 3500]), ("kind", [300]), ("planar", [700]), ("hertzian", [900])):
+    for name, bias in (("size", [19_000, 21_000, 3000, 3500]), ("kind", [300]), ("fails", [500]),
+                       ("planar", [700]), ("hertzian", [900])):  # fmt: skip
         weights = rng.integers(-(1 << 14), 1 << 14, (len(bias), 6)).astype(np.int32)
         weights[:, -1] = np.array(bias) << 5
         out[f"contact_model.{name}_hidden"] = rng.integers(-(1 << 14), 1 << 14, (5, 19)).astype(np.int32)
@@ -119,7 +121,8 @@ def test_profile_and_contact_over_two_presses() -> None:
             assert [*row.radial_q4.tolist(), *row[1:]] == profile.row()
             is_wrong = bool(said.flags & ~(OVER_RANGE if profile.lost <= 250 else 0))
             expected = mirror.run(profile, said.wrench_un.tolist(), not is_wrong, saturations)
-            assert list(core.modelled()[:12]) == expected
+            told_row = core.modelled()
+            assert [*told_row[:12], *told_row[14:]] == expected
             depths.append(expected[3])
             told += expected[1] != 0
             assert core.modelled().hardness_validity == (VALID if expected[1] else NOT_MEASURED)
@@ -136,6 +139,12 @@ def test_what_is_strange_or_too_deep_is_invalid_and_what_is_covered_is_not_told(
             core.process(pressed(rest, out_px))
         assert core.modelled().is_strange
         assert core.modelled().hardness_validity == core.modelled().depth_validity == INVALID
+    with opened(kind, most_failing_q12=1) as core:
+        rested(core, rest)
+        for out_px in (1.0, 1.5, 2.0, 2.4):
+            core.process(pressed(rest, out_px))
+        assert core.modelled().is_strange
+        assert core.modelled().hardness_validity == INVALID
     deep = dict(kind)
     deep["contact_model.size_out"] = kind["contact_model.size_out"] * np.array([[8], [1], [1], [1]], np.int32)
     with opened(deep) as core:
@@ -158,6 +167,7 @@ def test_what_is_strange_or_too_deep_is_invalid_and_what_is_covered_is_not_told(
         ("contact_model.sigma", np.zeros((2, 10), np.int32), "sigma"),
         ("contact_model.tanh", np.ones(513, np.int16), "tanh"),
         ("contact_model.kind_hidden", np.zeros((65, 19), np.int32), "kind_hidden"),
+        ("contact_model.fails_out", np.zeros((1, 3), np.int32), "fails_out"),
         ("contact_model.planar_shift", np.array([0, 3], np.uint8), "planar_shift"),
         ("contact_model.mean", np.zeros(15, np.int16), "mean"),
     ],

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_bad_input import run_host
 from tiny_sensor import Twin
 
 from ruffini.boards import find_board
@@ -129,6 +130,21 @@ def test_a_camera_that_stands_still_is_said_at_once(twin: Twin, tmp_path: Path) 
     assert events[-2:] == ["camera_stalled", "camera_back"]
     assert stale >= 5  # 1.5 s without a frame
     assert frames == sorted(set(frames))
+
+
+def test_monitor_says_what_the_device_says(twin: Twin, tmp_path: Path) -> None:
+    """A camera that stands still for a second and a half."""
+    stall = {"kind": "stall", "first_frame": 30, "n_frames": 30}
+    scenario = Scenario.model_validate({"schema": 1, "program": "rest", "n": 1_000_000, "fault": [stall]})
+    assert twin.board.folder is not None
+    with (
+        TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"),
+        running_daemon(twin.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store") as port,
+    ):
+        code, _, text = run_host("monitor", "--n", "80", port=port)
+    assert code == 0, text
+    assert "camera_stalled: no frame for" in text
+    assert "camera_back: frames come again" in text
 
 
 def test_a_stalled_twin_does_not_hold_up_the_end(twin: Twin, tmp_path: Path) -> None:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,7 @@ from ruffini.calibrate.feature_log import zero_of
 from ruffini.core.pipeline import N_RINGS, Pipeline
 from ruffini.errors import InputError
 from ruffini.frames import read_frames
+from ruffini.rubber import RUBBER_POISSON, shore_a_modulus
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -29,6 +31,9 @@ LEAST_STEP_MM = 0.02
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
 FACES = {"triangle": 3**0.5, "square": 4.0, "flat": float(np.pi)}  # of planar indenters, over the radius squared
 HERTZIAN = ("sphere",)
+GIVE = 1.5
+MOST_SHORE = 98.0
+LEAST_SHORE = 15.0  # softer objects give way more than the gel: the paper's force fails on Shore A 5
 NOMINAL = ("flat", 5.0, 98.0)  # the paper's: a disc of 10 mm and Shore A 98, on which depth is calibrated
 
 
@@ -62,8 +67,8 @@ class Press:
 
     @property
     def has_model(self) -> bool:
-        """Whether a contact model holds for its shape."""
-        return self.is_hertzian or self.shape in FACES
+        """Whether a contact model holds for its shape and hardness."""
+        return self.shore_a >= LEAST_SHORE and (self.is_hertzian or self.shape in FACES)
 
     @property
     def goes_down(self) -> bool:
@@ -75,7 +80,33 @@ class Press:
         """Of a planar indenter its face; of a ball pi R d (Hertz), d the stage's travel."""
         if self.is_hertzian:
             return np.asarray(np.pi * self.radius_mm * np.maximum(self.travel_mm, 0.0))
-        return np.full(len(self.travel_mm), FACES[self.shape] * self.radius_mm**2)
+        return np.full(len(self.travel_mm), FACES.get(self.shape, np.pi) * self.radius_mm**2)
+
+    @property
+    def known_gel_mm(self) -> Array:
+        """Mean depth of the gel (t,): of the log where it says so, else the travel less what the object gives way.
+
+        That is the paper's eq. (4) with the object's modulus, GIVE times for a body no higher than wide; of a ball
+        3 F / (4 a E*), a^2 = R d, and the gel is three quarters as deep on the mean as in the middle (Hertz).
+        """
+        modulus = shore_a_modulus(min(self.shore_a, MOST_SHORE)) / (1 - RUBBER_POISSON**2)
+        force = np.maximum(-self.force[:, 2], 0.0)
+        radius_m = 1e-3 * np.sqrt(np.maximum(self.effective_area_mm2, 1e-6) / np.pi)
+        if self.is_hertzian:
+            of_bench = 0.75 * self.travel_mm - 1e3 * 0.75 * force / (radius_m * modulus)
+        else:
+            of_bench = self.travel_mm - 1e3 * GIVE * force / (2 * radius_m * modulus)
+        return np.asarray(np.where(np.isfinite(self.gel_mm), self.gel_mm, np.maximum(of_bench, 0.0)))
+
+    @property
+    def known_area_mm2(self) -> Array:
+        """Area of the contact (t,): of the log where it says so, else that of the face, or pi R d."""
+        return np.asarray(np.where(np.isfinite(self.area_mm2), self.area_mm2, self.effective_area_mm2))
+
+    def of_bench(self) -> Press:
+        """The same press without what only a simulation knows of it."""
+        nothing = np.full_like(self.gel_mm, np.nan)
+        return replace(self, gel_mm=nothing, area_mm2=nothing)
 
 
 def read_presses(paths: list[Path], board: Board, *, progress: Progress = lambda _: None) -> list[Press]:
@@ -87,7 +118,7 @@ def read_presses(paths: list[Path], board: Board, *, progress: Progress = lambda
         There is none, or one lacks what the bench read.
     """
     folders = [run.parent for path in paths for run in sorted(path.glob("**/run.json"))]
-    runs = [(folder, json.loads((folder / "run.json").read_text())) for folder in folders]
+    runs = [(folder, _card(folder)) for folder in folders]
     wanted = [(folder, run) for folder, run in runs if run.get("part", "fit") == "fit"]
     if not wanted:
         raise InputError(f'{", ".join(map(str, paths))}: no run of `ruffini sim reproduce` with part "fit" below it')
@@ -96,6 +127,17 @@ def read_presses(paths: list[Path], board: Board, *, progress: Progress = lambda
         out.append(read_press(folder, run, board))
         progress(done / len(wanted))
     return out
+
+
+def _card(folder: Path) -> dict[str, object]:
+    path = folder / "run.json"
+    try:
+        run = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is no JSON ({error}): record the run again with ruffini sim reproduce") from error
+    if not isinstance(run, dict):
+        raise InputError(f"{path} says nothing of a run: record it again with ruffini sim reproduce")
+    return run
 
 
 def read_press(folder: Path, run: dict[str, object], board: Board) -> Press:
@@ -109,22 +151,26 @@ def read_press(folder: Path, run: dict[str, object], board: Board) -> Press:
     try:
         with np.load(folder / "rig.npz", allow_pickle=False) as file:
             rig = {name: file[name] for name in file.files}
+        force, travel, shore = rig["force"], rig["depth_m"], float(rig["shore_a"])
         chosen = run["chosen"]
-        assert isinstance(chosen, dict)
-        shape, radius_mm = str(chosen["indenter"]), float(chosen["radius_um"]) * 1e-3
-    except (OSError, KeyError, ValueError, AssertionError) as error:
+        shape, radius_mm = str(chosen["indenter"]), float(chosen["radius_um"]) * 1e-3  # type: ignore[index]
+    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
         raise InputError(f"{folder}: no run of a bench ({error}): record it with ruffini sim reproduce") from error
+    if force.ndim != 2 or force.shape[1] != 6 or travel.shape != force.shape[:1] or not np.isfinite(force).all():
+        raise InputError(f"{folder}: rig.npz must hold force (t, 6), finite, and depth_m (t,): record the run again")
     flow, profiles, good = _seen(folder, board)
-    touched = np.flatnonzero(rig["depth_m"] > 0)
-    if len(flow) != len(rig["force"]) or not touched.size or touched[0] < board.pipeline.n_rest_frames:
+    touched = np.flatnonzero(travel > 0)
+    if len(flow) != len(force) or not touched.size or touched[0] < board.pipeline.n_rest_frames:
         raise InputError(f"{folder}: frames and force readings do not belong together, or nothing rests at first")
+    if not good[touched].any():
+        raise InputError(f"{folder}: no touched frame shows enough of the texture: is it board {board.name!r}'s?")
     at = touched
-    nothing = np.full(len(rig["force"]), np.nan)
+    nothing = np.full(len(force), np.nan)
     return Press(
-        f"{folder.parent.name}/{folder.name}", folder.parent.name, shape, radius_mm, float(rig["shore_a"]),
+        f"{folder.parent.name}/{folder.name}", folder.parent.name, shape, radius_mm, shore,
         flow[at], profiles[at, :N_RINGS], profiles[at, N_RINGS], profiles[at, N_RINGS + 1],
         profiles[at, N_RINGS + 2 : N_RINGS + 4].astype(np.float64), good[at],
-        (rig["force"] - zero_of(rig["force"][: touched[0]]))[at], rig["depth_m"][at] * 1e3,
+        (force - zero_of(force[: touched[0]]))[at], travel[at] * 1e3,
         rig.get("gel_depth_m", nothing)[at] * 1e3, rig.get("area_m2", nothing)[at] * 1e6,
     )  # fmt: skip
 

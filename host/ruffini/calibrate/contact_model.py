@@ -6,15 +6,17 @@ N_SEEDS of them, side by side):
     size       gel and press depth over the profile's size, roots of contact and effective area; of every shape
     kind       1 of planar contact, -1 of Hertzian; over a press, with how force and radius grow with the profile's
                size, it makes log odds (`contact_tables`)
+    fails      1 of presses for which no model holds (faces with gaps, objects softer than the gel), 0 of the others
     hardness   Shore A of planar and of Hertzian contact, on frames in the depths where the board measures it
 
 The fit sees each frame also about middles a little beside the one that was found. Gel depth and area of the contact
-are what the log says of them: no bench measures them but on the nominal indenter, where the stage's travel is the gel's
-depth; the twin's log has them of every press (SIMULATED).
+are what the log says of them: the twin has them of every press (SIMULATED). Of a bench they are the travel of its stage
+less what the object gives way under the force, and the indenter's face (`Press.known_gel_mm`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +40,7 @@ LEAST_SIZE_UM = 20.0  # of a profile: below nothing is learned
 N_BESIDE, BESIDE_UM = 4, 250.0  # middles beside the one found, standard deviation
 FORCE_NOISE = 0.01  # of the normal force there
 N_SEEDS = 3
+FAILS_UNITS, FAILS_DECAY = 12, 3e-3
 SIZE_DECAY, HARDNESS_DECAY = 1e-4, 1e-2  # of the weights: by errors on sizes that were left out
 
 
@@ -57,6 +60,7 @@ class Model:
     wrench: ContactWrench
     size: Perceptron
     kind: Perceptron
+    fails: Perceptron
     hardness: tuple[Perceptron, Perceptron]
     mean: Array
     whitening: Array
@@ -74,7 +78,7 @@ class Model:
 
 @dataclass(frozen=True)
 class Told:
-    """A press as a model tells it: three signs of its kind, Shore A by either kind, strangeness; NaN of too few frames.
+    """A press as a model tells it: signs of its kind, Shore A by either kind, strange, fails; NaN of too few frames.
 
     signs (3,) : mean of `kind`, slopes of log2 force and of log2 mean radius over log2 of the profile's size.
     """
@@ -82,6 +86,7 @@ class Told:
     signs: Array
     shore: tuple[float, float]
     strange: float
+    fails: float = np.nan
 
     @property
     def is_told(self) -> bool:
@@ -121,7 +126,7 @@ def is_measured(press: Press, frame: npt.NDArray[np.intp]) -> Bools:
     """Which frames count for hardness: by the log's gel depth, loaded straight."""
     force = press.force[frame]
     straight = np.hypot(force[:, 0], force[:, 1]) <= STRAIGHT * np.abs(force[:, 2]) + 1.0  # and the reference's errors
-    depth = press.gel_mm[frame]
+    depth = press.known_gel_mm[frame]
     return np.asarray((depth > LEAST_MM) & (depth < MOST_MM) & straight)
 
 
@@ -131,18 +136,63 @@ def seen_all(board: Board, presses: list[Press], wrench: ContactWrench) -> list[
     return [beside(board, p, -wrench(p.flow)[:, 2], rng) for p in presses]
 
 
-def fit_model(board: Board, presses: list[Press], *, seen: list[Seen] | None = None, n_seeds: int = N_SEEDS) -> Model:
-    """Fit everything; `seen` spares making it again.
+@dataclass(frozen=True)
+class Log:
+    """Presses with what the board sees of them: those of ordinary objects, and those for which no model holds."""
+
+    presses: list[Press]
+    seen: list[Seen]
+    failing: list[Press]
+    failing_seen: list[Seen]
+
+    @classmethod
+    def of(cls, board: Board, presses: list[Press]) -> Log:
+        """By `Press.has_model`."""
+        known, failing = ([p for p in presses if p.has_model == on] for on in (True, False))
+        wrench = fit_contact_wrench(board, known)
+        return cls(known, seen_all(board, known, wrench), failing, seen_all(board, failing, wrench))
+
+    def without(self, is_left: Callable[[Press], bool]) -> Log:
+        """What is not left out."""
+
+        def kept(presses: list[Press], seen: list[Seen]) -> tuple[list[Press], list[Seen]]:
+            at = [i for i, press in enumerate(presses) if not is_left(press)]
+            return [presses[i] for i in at], [seen[i] for i in at]
+
+        return Log(*kept(self.presses, self.seen), *kept(self.failing, self.failing_seen))
+
+
+def fit_fails(log: Log, n_seeds: int = N_SEEDS) -> Perceptron:
+    """1 of presses for which no model holds, 0 of the others; both count alike."""
+    x, y = [], []
+    for presses, seen, value in ((log.presses, log.seen, 0.0), (log.failing, log.failing_seen, 1.0)):
+        for press, one in zip(presses, seen, strict=True):
+            used = is_measured(press, one.frame)
+            x.append(one.x[used])
+            y.append(np.full((int(used.sum()), 1), value))
+    inputs, aim = np.concatenate(x), np.concatenate(y)
+    share = float(np.clip(aim.mean(), 1e-3, 1 - 1e-3))
+    weights = np.sqrt(np.where(aim > 0, (1 - share) / share, 1.0))
+    return Perceptron.mean_of(
+        [
+            Perceptron.fit(inputs, aim, weights=weights, decay=FAILS_DECAY, n_units=FAILS_UNITS, seed=seed)
+            for seed in range(n_seeds)
+        ]
+    )
+
+
+def fit_model(board: Board, log: Log, *, n_seeds: int = N_SEEDS) -> Model:
+    """Fit everything.
 
     Raises
     ------
     InputError
         Neither planar nor Hertzian presses.
     """
+    presses, seen = log.presses, log.seen
     if not any(p.is_hertzian for p in presses) or all(p.is_hertzian for p in presses):
         raise InputError("the log must hold presses of planar indenters and of balls: hardness needs both")
     wrench = fit_contact_wrench(board, presses)
-    seen = seen or seen_all(board, presses, wrench)
     both = list(zip(presses, seen, strict=True))
     x = np.concatenate([s.x for s in seen])
     valid = np.concatenate([is_measured(p, s.frame) for p, s in both])
@@ -157,20 +207,21 @@ def fit_model(board: Board, presses: list[Press], *, seen: list[Seen] | None = N
     scale = np.concatenate([s.size_mm for s in seen])
     scales = np.column_stack([scale, scale, np.ones((len(scale), 2))])
     sizes = np.concatenate([true_sizes(p)[s.frame] for p, s in both])
-    known = np.isfinite(sizes).all(axis=1)
-    size = mean(known, (sizes / scales)[known], SIZE_DECAY, scales[known])
+    size = mean(np.ones(len(x), np.bool_), sizes / scales, SIZE_DECAY, scales)
     kind = mean(valid, np.where(is_flat[valid], 1.0, -1.0)[:, None], HARDNESS_DECAY)
     planar, hertzian = (
         mean(valid & (is_flat == on), shore[valid & (is_flat == on), None], HARDNESS_DECAY) for on in (True, False)
     )
     profile = x[valid, :N_RINGS]
     middle = profile.mean(axis=0)
-    return Model(wrench, size, kind, (planar, hertzian), middle, _whitening(profile - middle))
+    fails = fit_fails(log, n_seeds)
+    return Model(wrench, size, kind, fails, (planar, hertzian), middle, _whitening(profile - middle))
 
 
 def true_sizes(press: Press) -> Array:
     """What the log says of gel depth, travel and roots of areas, (t, 4) mm."""
-    return np.column_stack([press.gel_mm, press.travel_mm, np.sqrt(press.area_mm2), np.sqrt(press.effective_area_mm2)])
+    return np.column_stack([press.known_gel_mm, press.travel_mm, np.sqrt(press.known_area_mm2),
+                            np.sqrt(press.effective_area_mm2)])  # fmt: skip
 
 
 def _whitening(off: Array) -> Array:
@@ -196,7 +247,7 @@ def tell(press: Press, model: Model) -> Told:
     at = x[:, N_RINGS] - x[:, N_RINGS].mean()
     slopes = [float(at @ y / max(at @ at, 1e-12)) for y in (x[:, N_RINGS + 1], radius)]
     signs = np.array([float(weight @ model.kind(x)[:, 0]), *slopes])
-    return Told(signs, (shore[0], shore[1]), float(weight @ model.strange(x)))
+    return Told(signs, (shore[0], shore[1]), float(weight @ model.strange(x)), float(weight @ model.fails(x)[:, 0]))
 
 
 def errors(press: Press, model: Model) -> tuple[Array, Array]:

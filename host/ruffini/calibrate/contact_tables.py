@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.contact_log import PX, Press
+from ruffini.calibrate.contact_log import LEAST_SHORE, PX, Press
 from ruffini.calibrate.contact_model import (
     INPUT_STEP,
+    Log,
     Model,
-    Seen,
     Told,
     errors,
+    fit_fails,
     fit_model,
-    seen_all,
     seen_of,
     tell,
 )
-from ruffini.calibrate.contact_wrench import RIDGE_PX2, fit_contact_wrench
+from ruffini.calibrate.contact_wrench import RIDGE_PX2, moment_per_flow
 from ruffini.calibrate.container import Tensors
 from ruffini.calibrate.feature_log import Features
 from ruffini.calibrate.perceptron import Perceptron, run_tables, tanh_table
@@ -39,9 +41,12 @@ LOW, HIGH = 20.0, 80.0  # of Shore A, where hardness is judged
 N_BANDS, BAND = 10, 10.0
 LEAST_SIGMA = 1.0  # Shore A
 STRANGE_ROOM = 1.5  # times the strangest press that was left out
+FAILING_RANGE = 0.3, 0.9  # of the limit of `fails`, which is 0 of ordinary presses and 1 of others
+FAILS_FOLDS, REFUSED_WRONGLY = 4, 0.01
 WEIGHT_DECAY = 0.05  # of the kind's log odds, each sign over its spread
 TOUCH_FALL, TOUCH_N = 0.004, 0.09  # least fall of the density (four times its noise at rest), the paper's touch (IV-A)
 LEAST_ERROR = 5e-3  # of a load: no reference is better
+LIGHT = 0.15  # of the largest load: below, errors do not grow with it
 SHIFT_WHITE, Z_ONE = 20, 8
 SIZE_STEP = np.array([2.0**-12, 2.0**-12, 1e-3, 1e-3])
 SHORE_STEP, KIND_STEP = np.array([1 / 16]), np.array([2.0**-12])
@@ -83,7 +88,13 @@ class ContactFit:
     by_size: LeftOut
     by_shape: LeftOut
     weights: Array  # of the kind's signs
-    strange: dict[str, float]  # of presses for which no model holds, over the limit
+    most_failing: float  # of `fails` over a press: above, no model holds
+    refused: dict[str, dict[str, float]]  # part of the presses for which none holds, of sizes or shapes not in the fit
+
+    @property
+    def most_strange(self) -> float:
+        """Of a press that is not refused: room above what was left out."""
+        return STRANGE_ROOM * float(np.nanmax([t.strange for t in self.by_size.told]))
 
     def report(self) -> dict[str, Any]:
         """For JSON."""
@@ -91,37 +102,41 @@ class ContactFit:
             "left_out_sizes": self.by_size.report(self.weights),
             "left_out_shapes": self.by_shape.report(self.weights),
             "reference_crosstalk": {"x": self.model.wrench.crosstalk[0], "y": self.model.wrench.crosstalk[1]},
-            "strange": self.strange, "n_presses": len(self.by_size.presses),
+            "refused": self.refused, "most_failing": self.most_failing, "n_presses": len(self.by_size.presses),
         }  # fmt: skip
 
 
 def fit_contact(board: Board, presses: list[Press], progress: Progress) -> ContactFit:
     """Fit and judge."""
-    known = [p for p in presses if p.has_model]
-    seen = seen_all(board, known, fit_contact_wrench(board, known))
-    sizes = sorted({p.radius_mm for p in known})
-    parts = [tuple(part) for part in np.array_split(sizes, min(MOST_FOLDS, len(sizes)))]
-    shapes = list(dict.fromkeys(p.shape for p in known if not p.is_hertzian))
-    n = len(parts) + len(shapes) + 1
-    model = fit_model(board, known, seen=seen)
+    log = Log.of(board, presses)
+    sizes = sorted({p.radius_mm for p in [*log.presses, *log.failing]})
+    parts = [(part[0], part[-1]) for part in np.array_split(sizes, min(MOST_FOLDS, len(sizes)))]
+    shapes = list(dict.fromkeys(p.shape for p in log.presses if not p.is_hertzian))
+    n = len(parts) + len(shapes) + 2
+    model = fit_model(board, log)
     progress(1 / n)
-    by_size = _left_out(board, known, seen, [[p.radius_mm in part for p in known] for part in parts],
+    by_size = _left_out(board, log, [partial(_is_of_size, *part) for part in parts],
                         lambda done: progress((1 + done) / n))  # fmt: skip
-    by_shape = _left_out(board, known, seen, [[p.shape == shape for p in known] for shape in shapes],
+    by_shape = _left_out(board, log, [partial(_is_of_shape, shape) for shape in shapes],
                          lambda done: progress((1 + len(parts) + done) / n))  # fmt: skip
-    limit = _most_strange(by_size)
-    strange = {f"{p.shape} {p.name}": tell(p, model).strange / limit for p in presses if not p.has_model}
-    return ContactFit(model, by_size, by_shape, kind_weights(by_size), strange)
+    limit, refused = _judge_fails(log, model, sizes)
+    progress(1.0)
+    return ContactFit(model, by_size, by_shape, kind_weights(by_size), limit, refused)
 
 
-def _left_out(
-    board: Board, presses: list[Press], seen: list[Seen], folds: list[list[bool]], progress: Progress
-) -> LeftOut:
+def _is_of_size(least_mm: float, most_mm: float, press: Press) -> bool:
+    return least_mm <= press.radius_mm <= most_mm
+
+
+def _is_of_shape(shape: str, press: Press) -> bool:
+    return press.shape == shape and press.has_model
+
+
+def _left_out(board: Board, log: Log, folds: list[Callable[[Press], bool]], progress: Progress) -> LeftOut:
     out = LeftOut([], [], [], [])
-    for done, fold in enumerate(folds, 1):
-        kept = [i for i, is_left in enumerate(fold) if not is_left]
-        model = fit_model(board, [presses[i] for i in kept], seen=[seen[i] for i in kept], n_seeds=1)
-        for press in (p for p, is_left in zip(presses, fold, strict=True) if is_left):
+    for done, is_left in enumerate(folds, 1):
+        model = fit_model(board, log.without(is_left), n_seeds=1)
+        for press in filter(is_left, log.presses):
             wrench, sizes = errors(press, model)
             out.presses.append(press)
             out.told.append(tell(press, model))
@@ -131,8 +146,37 @@ def _left_out(
     return out
 
 
-def _most_strange(left: LeftOut) -> float:
-    return STRANGE_ROOM * float(np.nanmax([t.strange for t in left.told]))
+def _judge_fails(log: Log, model: Model, sizes: list[float]) -> tuple[float, dict[str, dict[str, float]]]:
+    """Limit of `fails` that one ordinary press of a hundred passes, of sizes not in the fit; and who is refused."""
+    ordinary: list[float] = []
+    failing: dict[str, list[float]] = {}
+    for part in (frozenset(sizes[k::FAILS_FOLDS]) for k in range(FAILS_FOLDS)):
+        is_left = partial(_is_among, part)
+        left = replace(model, fails=fit_fails(log.without(is_left), n_seeds=1))
+        ordinary += [tell(p, left).fails for p in log.presses if is_left(p)]
+        for p in filter(is_left, log.failing):
+            failing.setdefault(_failing_name(p), []).append(tell(p, left).fails)
+    limit = float(np.clip(np.nanquantile(ordinary, 1 - REFUSED_WRONGLY), *FAILING_RANGE))
+    out = {name: {"sizes": float(np.mean(np.array(values) > limit))} for name, values in failing.items()}
+    for name in dict.fromkeys(_failing_name(p) for p in log.failing):
+        rest = log.without(partial(_fails_as, name))
+        if rest.failing:
+            left = replace(model, fails=fit_fails(rest, n_seeds=1))
+            told = [tell(p, left).fails for p in log.failing if _failing_name(p) == name]
+            out.setdefault(name, {})["shapes"] = float(np.mean(np.array(told) > limit))
+    return limit, out
+
+
+def _is_among(sizes_mm: frozenset[float], press: Press) -> bool:
+    return press.radius_mm in sizes_mm
+
+
+def _fails_as(name: str, press: Press) -> bool:
+    return not press.has_model and _failing_name(press) == name
+
+
+def _failing_name(press: Press) -> str:
+    return "too soft" if press.shore_a < LEAST_SHORE else press.shape
 
 
 def _rms(values: Array) -> float:
@@ -143,6 +187,7 @@ def tables(board: Board, fit: ContactFit, features: Features) -> tuple[Tensors, 
     """Tensors and metadata of both kinds; the report says by how much the tables differ from the fit."""
     model, left = fit.model, fit.by_size
     nets = {"size": (model.size, SIZE_STEP), "kind": (model.kind, KIND_STEP),
+            "fails": (model.fails, KIND_STEP),
             "planar": (model.hardness[0], SHORE_STEP), "hertzian": (model.hardness[1], SHORE_STEP)}  # fmt: skip
     tensors: Tensors = {"contact_model.tanh": tanh_table()}
     for name, (net, step) in nets.items():
@@ -157,9 +202,11 @@ def tables(board: Board, fit: ContactFit, features: Features) -> tuple[Tensors, 
     report = fit.report() | {"wrench": json.loads(said["residuals"]), "tables_err": _table_errors(tensors, nets, fit)}
     return tensors | found, {
         **said, "residuals": json.dumps(report),
-        "contact_model.most_strange_q8": str(round(_most_strange(left) * 256)),
+        "contact_model.most_strange_q8": str(round(fit.most_strange * 256)),
+        "contact_model.most_failing_q12": str(round(fit.most_failing * 2**12)),
         "contact_model.least_fall_q16": str(round(TOUCH_FALL * 65536)),
         "contact_model.least_force_un": str(round(TOUCH_N * 1e6)),
+        "contact_model.moment_per_flow": str(max(1, round(1e6 * moment_per_flow(board, left.presses, model.wrench)))),
         "contact_model.depth_sigma_um": str(max(1, round(_rms(depth) * 1e3))),
     }  # fmt: skip
 
@@ -212,13 +259,10 @@ def _wrench_fit(board: Board, fit: ContactFit) -> Fit:
     left = fit.by_size
     error = np.concatenate(left.wrench)
     presses = left.presses
-    wrench = np.concatenate([fit.model.wrench(p.flow[p.is_good]) for p in presses])
+    wrench = _wrenches(fit.model, presses)
     full = np.abs(wrench).max(axis=0)
     spread = np.maximum(wrench.std(axis=0), 1e-12)
-    size = np.sqrt(((wrench / full) ** 2).sum(axis=1))
-    covariance = (error / np.maximum(size, 0.1)[:, None]).T @ (error / np.maximum(size, 0.1)[:, None]) / len(error)
-    quiet = np.diag((0.002 * full) ** 2)
-    rows = np.stack([_vectors(quiet), _vectors(covariance + np.diag((LEAST_ERROR * full) ** 2))])
+    rows = np.stack([_vectors(part) for part in _covariances(fit, full)])
     gain = fit.model.wrench.gain / PX
     n = gain.shape[1]
     told = np.array([name not in board.board.not_measured for name in QUANTITIES])
@@ -229,6 +273,31 @@ def _wrench_fit(board: Board, fit: ContactFit) -> Fit:
     rmse = np.sqrt((error**2).mean(axis=0))
     return Fit(found, 0.0, dict.fromkeys(AXES, RIDGE_PX2), {}, rmse, 1 - (rmse / spread) ** 2, rmse, condition,
                len(error), len(presses), "size")  # fmt: skip
+
+
+def _wrenches(model: Model, presses: list[Press]) -> Array:
+    return np.concatenate([model.wrench(p.flow[p.is_good]) for p in presses])
+
+
+def _covariances(fit: ContactFit, full: Array) -> tuple[Array, Array]:
+    """Of a touch of no load, and what the square of the load over the board's largest adds.
+
+    The first is of light frames of sizes that were left out; the second of the others, of sizes or of shapes left out,
+    whichever errs more: what an object's shape is, the board does not know.
+    """
+    light, heavy = [], []
+    for left in (fit.by_size, fit.by_shape):
+        error = np.concatenate(left.wrench)
+        size = np.sqrt(((_wrenches(fit.model, left.presses) / full) ** 2).sum(axis=1))
+        is_light = size < LIGHT
+        light.append(_second_moment(error[is_light]))
+        heavy.append(_second_moment(error[~is_light] / size[~is_light, None]))
+    least = np.diag((LEAST_ERROR * full) ** 2)
+    return light[0], max(heavy, key=lambda c: float(c[2, 2])) + least
+
+
+def _second_moment(error: Array) -> Array:
+    return np.asarray(error.T @ error / max(len(error), 1))
 
 
 def _vectors(covariance: Array) -> Array:

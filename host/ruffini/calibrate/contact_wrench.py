@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 TO_NMM = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
 SIGN_X = (-1, 1, 1, 1, -1, -1)  # of Fx Fy Fz Tx Ty Tz where x becomes -x
 SIGN_Y = (1, -1, 1, -1, 1, -1)
-NORMAL = 2
+NORMAL, TURN = 2, 5
 RIDGE_PX2 = 30.0  # sum of squares of the flow that counts as noise
 FREE = 1e-9
 
@@ -68,6 +68,19 @@ def fit_contact_wrench(board: Board, presses: list[Press], ridge: float = RIDGE_
         gain[axis] = symmetric(own, lattice, axis)[0]
         crosstalk[axis] = 0.0 if axis == NORMAL else found[-1]
     return ContactWrench(gain, crosstalk)
+
+
+def moment_per_flow(board: Board, presses: list[Press], wrench: ContactWrench) -> float:
+    """k of the paper's moment k S_t, N mm a um of mean flow: least squares through the origin, of sizes."""
+    um_per_px = 1e3 * board.camera.standoff_um / board.camera.focal_mpx
+    flow, moment = [], []
+    for p in presses:
+        reference = reference_of(p) - np.outer(reference_of(p)[:, NORMAL], wrench.crosstalk)
+        mean = p.flow.reshape(len(p.flow), -1, 2).mean(axis=1) * um_per_px
+        flow.append(np.linalg.norm(mean, axis=1)[p.is_good])
+        moment.append(np.abs(reference[p.is_good, TURN]))
+    s, size = np.concatenate(flow), np.concatenate(moment)
+    return float(s @ size / max(s @ s, FREE))
 
 
 def _quarter(lattice: tuple[int, int]) -> npt.NDArray[np.bool_]:

@@ -66,7 +66,9 @@ def _text(out: Path, fit: ContactFit, tables_err: dict[str, float]) -> str:
                 f"{r['gel_depth_mm']:>8.3f}{r['press_depth_mm']:>9.3f}{r['shore_a']:>9.2f}"
                 f"{100 * r['kind_right']:>6.0f}%"
             )
-    lines += [f"  {name}: {over:.2f} of the strangeness that is refused" for name, over in said["strange"].items()]
+    for name, parts in said["refused"].items():
+        each = ", ".join(f"{100 * part:.0f} % of {what} that were not fitted" for what, part in parts.items())
+        lines.append(f"  no model holds for {name}: refused {each}")
     lines.append(
         "  tables differ from the fit by at most " + ", ".join(f"{v:.1f} steps ({k})" for k, v in tables_err.items())
     )

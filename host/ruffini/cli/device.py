@@ -85,6 +85,7 @@ def info(json_: JsonFlag = False) -> None:
                     "kinds": ",".join(c.kinds),
                     "key_id": c.key_id,
                     "development_key": c.development_key,
+                    "on_trial": c.on_trial,
                 },
             }
         )
@@ -100,7 +101,11 @@ def info(json_: JsonFlag = False) -> None:
             f"  sensor {r['sensor']}: {r['board']} ({r['product']}), {r['image']} px, "
             f"grid {r['grid'][0]}x{r['grid'][1]}"
         )
-        lines.append(f"    calibration: {state}" + ("  DEVELOPMENT KEY" if c["development_key"] else ""))
+        lines.append(
+            f"    calibration: {state}"
+            + ("  DEVELOPMENT KEY" if c["development_key"] else "")
+            + ("  ON TRIAL" if c["on_trial"] else "")
+        )
     emit(result, json_, "\n".join(lines))
 
 
@@ -150,6 +155,8 @@ def monitor(
         for frame, message in stream:
             if frame.type == numbers.get("LEARNED"):
                 learned = Learned.from_message(message)
+            if frame.type == numbers.get("EVENT"):
+                note(f"{sensor.port}: {message.what}: {message.text}")
             if frame.type == numbers["CONTACTS"]:
                 contacts = Contacts.from_message(message)
             if frame.type != numbers["WRENCH"]:

@@ -341,7 +341,7 @@ class Pipeline:
 
     def profile(self) -> ProfileRow:
         """Profile of the last frame. Raises InputError where the board has no stage contact_model."""
-        row = np.zeros(N_RINGS + 5, np.int64)
+        row = np.zeros(N_RINGS + len(ProfileRow._fields) - 1, np.int64)
         self._check(self._lib.ruffini_get_profile(self._pointer, row.ctypes.data_as(ctypes.c_void_p)))
         return ProfileRow(row[:N_RINGS], *row[N_RINGS:].tolist())
 

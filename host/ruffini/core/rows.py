@@ -87,6 +87,7 @@ class ProfileRow(NamedTuple):
     center_x_um: int
     center_y_um: int
     lost_1e3: int
+    flow_q4: int
 
 
 class ModelledRow(NamedTuple):
@@ -106,3 +107,5 @@ class ModelledRow(NamedTuple):
     is_strange: int
     depth_validity: int
     hardness_validity: int
+    mean_flow_um: int
+    moment_by_flow_unmm: int

@@ -5,7 +5,6 @@ What the board needs to know of it stands in the file's metadata (proto/NETWORK.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from datetime import UTC, datetime
 from pathlib import Path
@@ -136,7 +135,6 @@ def metadata_of(net: StereoNet, board: Board, samples: Samples, simulated: bool)
     low, high = taught[:, 0].copy(), taught[:, 1]
     span = high - low
     low[1:] -= MARGIN * span[1:]  # of the force it is what counts as a touch
-    inputs = hashlib.sha256(samples.views.tobytes() + samples.labels.tobytes()).hexdigest()
     return {
         "ruffini.format": "ruffini-network", "ruffini.format_version": "1", "ruffini.board": board.name,
         "ruffini.optics": board.camera.optics,
@@ -144,8 +142,9 @@ def metadata_of(net: StereoNet, board: Board, samples: Samples, simulated: bool)
         "ruffini.outputs": ",".join(OUTPUTS),
         "ruffini.low": ",".join(str(round(v)) for v in low),
         "ruffini.high": ",".join(str(round(v)) for v in high + MARGIN * span),
-        "ruffini.inputs_sha256": inputs, "ruffini.created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
-        "ruffini.tool_version": __version__, "ruffini.simulated": json.dumps(simulated),
+        "ruffini.inputs_sha256": samples.digest(), "ruffini.tool_version": __version__,
+        "ruffini.created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
+        "ruffini.simulated": json.dumps(simulated),
         "ruffini.plan": net.plan.name, "ruffini.mode": str(net.mode),
     }  # fmt: skip
 

@@ -89,8 +89,7 @@ class StereoTrainer:
         self._wanted = torch.from_numpy((samples.labels - low) / (high - low)).float()
         self._input = torch.from_numpy(samples.views)
         self._unit = (high - low) / UNITS
-        told = json.dumps([asdict(choice), __version__]).encode() + samples.views.tobytes() + samples.labels.tobytes()
-        self._told = hashlib.sha256(told).hexdigest()
+        self._told = samples.digest(json.dumps([asdict(choice), __version__]).encode())
         if self._is_frozen:
             self.net.trunk.requires_grad_(False)
             self._input = torch.from_numpy(self._features(progress))
@@ -155,8 +154,9 @@ class StereoTrainer:
 
     def _features(self, progress: Progress) -> npt.NDArray[np.float16]:
         """Of every sample, from the disk where they are kept."""
-        told = f"{self._choice.weights} {self._choice.mode} ".encode() + self._input.numpy().tobytes()
-        path = cache_folder().parent / "train" / f"features-{hashlib.sha256(told).hexdigest()[:32]}.npy"
+        hashed = hashlib.sha256(f"{self._choice.weights} {self._choice.mode} ".encode())
+        hashed.update(self._input.numpy().data)
+        path = cache_folder().parent / "train" / f"features-{hashed.hexdigest()[:32]}.npy"
         try:
             kept = np.load(path, allow_pickle=False)
             os.utime(path)

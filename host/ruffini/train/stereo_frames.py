@@ -7,6 +7,7 @@ paper: two untouched frames of each press, of force 0 and no other label, so tha
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,6 +43,13 @@ class Samples:
     views: Picture
     labels: Array
     press: npt.NDArray[np.int64]
+
+    def digest(self, told: bytes = b"") -> str:
+        """SHA-256 of `told` and all of this."""
+        hashed = hashlib.sha256(told)
+        hashed.update(self.views.data)
+        hashed.update(self.labels.data)
+        return hashed.hexdigest()
 
     def range_of(self, least_un: float) -> Array:
         """Least and most of each label, (6, 2), the force from `least_un`: what a network was taught."""

@@ -15,6 +15,7 @@ from mirror.board import Board
 from mirror.fixed import I64, Saturations, div_half_up, round_shift
 
 Tensors = dict[str, npt.NDArray[np.generic]]
+NETS = ("size", "kind", "fails", "planar", "hertzian")
 N_RINGS, N_ANGLES, ONE = 16, 32, 1 << 14
 COSINE = np.round(np.cos(2 * np.pi * np.arange(N_ANGLES) / N_ANGLES) * ONE).astype(np.int64)
 SINE = np.roll(COSINE, N_ANGLES // 4)
@@ -29,9 +30,10 @@ class Profile:
     fall: int
     center: tuple[int, int]
     lost: int
+    flow: int
 
     def row(self) -> list[int]:
-        return [*self.radial, self.size, self.fall, *self.center, self.lost]
+        return [*self.radial, self.size, self.fall, *self.center, self.lost, self.flow]
 
 
 def _smoothed(fall: I64) -> I64:
@@ -75,7 +77,9 @@ class ContactProfile:
         n_near = int(near.sum())
         part = 1000 * int((lost.reshape(self._shape)[near] != 0).sum()) // n_near if n_near else 1000
         center = (middle[0] + 8) >> 4, (middle[1] + 8) >> 4
-        return Profile(radial, isqrt(sum(r * r for r in radial)), largest, center, part)
+        total = flow.reshape(-1, 2).sum(axis=0).tolist()
+        mean = isqrt(total[0] ** 2 + total[1] ** 2) // (flow.size // 2)
+        return Profile(radial, isqrt(sum(r * r for r in radial)), largest, center, part, mean)
 
     @staticmethod
     def _center(fall: I64, largest: int, at: list[I64]) -> tuple[int, int]:
@@ -160,6 +164,7 @@ class Press:
     weight: int = 0
     kind: int = 0
     strange: int = 0
+    fails: int = 0
     shore: list[int] = field(default_factory=lambda: [0, 0])
     deepest: int = 0
     rows: list[tuple[int, int, int, int, int]] = field(
@@ -171,7 +176,7 @@ class ContactModel:
     """The tables of kind `contact_model`, and the press so far; `said` is in the order of the C interface."""
 
     def __init__(self, tensors: Tensors, numbers: dict[str, int]) -> None:
-        self._nets = {k: Perceptron(tensors, f"contact_model.{k}") for k in ("size", "kind", "planar", "hertzian")}
+        self._nets = {k: Perceptron(tensors, f"contact_model.{k}") for k in NETS}
         self._tanh = np.asarray(tensors["contact_model.tanh"]).astype(np.int64)
         self._white, self._mean, self._sigma, self._odds = (
             np.asarray(tensors[f"contact_model.{k}"]).astype(np.int64) for k in ("whitening", "mean", "sigma", "odds")
@@ -185,7 +190,7 @@ class ContactModel:
         if profile.fall < self._numbers["least_fall_q16"] or press_un < self._numbers["least_force_un"]:
             if is_believed and not is_covered:
                 self._press = Press()
-            return [0] * 12
+            return [0] * 14
         size = max(profile.size, 1)
         x = [*div_half_up(np.array(profile.radial) << 14, size).tolist(), log2_q10(size), log2_q10(press_un // 1000)]
         y = self._nets["size"](x)
@@ -199,7 +204,9 @@ class ContactModel:
         area, effective = held(y[2]) ** 2, held(y[3]) ** 2
         if is_believed and not is_covered and gel <= 2500:
             self._remember(x, profile, gel, effective, wrench)
-        return [1, *self._told()[:2], gel, press, self._numbers["depth_sigma_um"], area, effective, *self._told()[2:]]
+        moment = (profile.flow * self._numbers["moment_per_flow"] + 8) >> 4
+        return [1, *self._told()[:2], gel, press, self._numbers["depth_sigma_um"], area, effective, *self._told()[2:],
+                (profile.flow + 8) >> 4, moment]  # fmt: skip
 
     def _remember(self, x: list[int], profile: Profile, gel: int, effective: int, wrench: list[int]) -> None:
         p = self._press
@@ -212,6 +219,7 @@ class ContactModel:
         p.n += 1
         p.weight += gel
         p.kind += gel * min(max(self._nets["kind"](x)[0], -(1 << 16)), 1 << 16)
+        p.fails += gel * min(max(self._nets["fails"](x)[0], -(1 << 16)), 1 << 16)
         for k, name in enumerate(("planar", "hertzian")):
             p.shore[k] += gel * min(max(self._nets[name](x)[0], 0), 1600)
         z = round_shift(self._white @ (np.array(x[:N_RINGS]) - self._mean), 20).clip(-(1 << 20), 1 << 20)
@@ -234,6 +242,7 @@ class ContactModel:
         sure = 500 + (500 * tanh(self._tanh, abs(odds) // 2) >> 15)
         shore = p.shore[kind] // p.weight
         is_strange = p.strange // p.weight > self._numbers["most_strange_q8"]
+        is_strange |= p.fails // p.weight > self._numbers["most_failing_q12"]
         return [
             kind + 1,
             sure,

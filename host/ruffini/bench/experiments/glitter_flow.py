@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.experiments.bench_depth import by_bench
 from ruffini.bench.experiments.hardness_bound import bounds
 from ruffini.bench.papers import default_folder
 from ruffini.bench.papers.glitter_flow import SHAPES
@@ -44,13 +45,15 @@ HARD = 90.0  # Shore A, of Fig. 4 and 5
 FACTOR_UM = 1400
 N_FIRST = 10
 PLANAR_KIND = 1
+NORMAL, NORMAL_VARIANCE = 2, 11  # in a wrench, and in the upper triangle of its covariance
+UNMARKED_SIGMAS, UNMARKED_PART, FULL_SCALE_N = 5.0, 0.05, 70.0  # beyond both, a valid force is wrong without saying so
 
 
 @dataclass(frozen=True)
 class Played:
     """One run from the first touch on, as the core tells it with the calibration in force.
 
-    wrench, truth, reference (t, 6) N and N m; rows of the contact model; flags (t,).
+    wrench, truth, reference (t, 6) N and N m; rows of the contact model.
     """
 
     recorded: Recorded
@@ -58,7 +61,8 @@ class Played:
     truth: Array
     reference: Array
     rows: list[ModelledRow]
-    flags: npt.NDArray[np.int64]
+    is_valid: npt.NDArray[np.bool_]  # of the normal force
+    sigma_n: Array  # that it states
     fall: Array
 
     @property
@@ -113,25 +117,26 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     method = judge_method(board, runs)
     result = judge(board, played, method)
     result |= {"calibration": fit.report(), "bounds": bounds([p for p in presses if p.has_model], fit.model),
-               "quick": quick}  # fmt: skip
+               "by_bench": by_bench(board, presses, paper), "quick": quick}  # fmt: skip
     return Experiment(result, text_of(result), pictures.draw(out, played, result))
 
 
 def play(board: Board, calibration: bytes, recorded: Recorded) -> Played:
     """One run through the core."""
     at, first = recorded.touched, int(recorded.touched[0])
-    wrench, rows, flags, fall = [], [], [], []
+    wrench, rows, is_valid, sigma, fall = [], [], [], [], []
     with Pipeline(board, calibration) as core:
         for i in range(int(at[-1]) + 1):
             frame = core.process(recorded.picture(i))
             if i >= first:
                 wrench.append(frame.wrench)
                 rows.append(core.modelled())
-                flags.append(frame.flags)
+                is_valid.append(frame.wrench_validity[NORMAL] == VALID)
+                sigma.append(1e-6 * np.sqrt(float(core.covariance()[NORMAL_VARIANCE])))
                 fall.append(core.profile().fall_q16 / 65536)
     force = recorded.rig["force"]
     return Played(recorded, np.array(wrench), recorded.truth["wrench"][at], force[at] - zero_of(force[:first]), rows,
-                  np.array(flags), np.array(fall))  # fmt: skip
+                  np.array(is_valid), np.array(sigma), np.array(fall))  # fmt: skip
 
 
 def judge(board: Board, played: list[Played], method: dict[str, float]) -> dict[str, Any]:
@@ -154,6 +159,7 @@ def judge(board: Board, played: list[Played], method: dict[str, float]) -> dict[
         "method_hardness_alone": method.get("hardness, from the sensor alone", np.nan),
         "objects": [_told(p) for p in objects], "failing": [_told(p) for p in sets.get("failing", [])],
         "too_soft": [_told(p) for p in sets.get("too_soft", [])], "wear": _wear(sets.get("durability", [])),
+        "unmarked": _unmarked(played),
         "resolution": _resolution(sets.get("repeat", [])), "factors": _factors(sets.get("calibration", [])),
     }  # fmt: skip
 
@@ -183,6 +189,7 @@ def _forces(played: list[Played], method: dict[str, float]) -> dict[str, dict[st
             "fn_sheared": rms([p.wrench[:, 2] - p.truth[:, 2] for p in runs if p not in straight]),
             "ft": rms([_side(p.wrench - p.truth) for p in runs]),
             "moment": rms([p.wrench[:, 5] - p.truth[:, 5] for p in runs]),
+            "moment_by_flow": rms([p.of("moment_by_flow_unmm") * 1e-9 - np.abs(p.truth[:, 5]) for p in runs]),
         }
         if method:
             row |= {"fn_method": method[f"normal force, {name}"], "fn_paper": PAPER[shape][0],
@@ -236,6 +243,16 @@ def _hardness(played: list[Played]) -> dict[str, Any]:
         "kind_right": _share((r["kind"] == PLANAR_KIND) != (r["shape"] in HERTZIAN) for r in told),
         "within_2_sigma": _share(abs(r["told"] - r["shore_a"]) <= 2 * r["sigma"] for r in told),
     }  # fmt: skip
+
+
+def _unmarked(played: list[Played]) -> dict[str, float]:
+    """Valid normal forces beyond 5 sigma and 5 % of full scale; root mean square of error over sigma."""
+    valid = [p.is_valid for p in played]
+    error = np.concatenate([(p.wrench - p.truth)[v, NORMAL] for p, v in zip(played, valid, strict=True)])
+    sigma = np.concatenate([p.sigma_n[v] for p, v in zip(played, valid, strict=True)])
+    is_wrong = np.abs(error) > np.maximum(UNMARKED_SIGMAS * sigma, UNMARKED_PART * FULL_SCALE_N)
+    return {"frames": float(len(error)), "unmarked": float(is_wrong.sum()), "error_over_sigma": rms(error / sigma),
+            "worst_over_sigma": float(np.abs(error / sigma).max(initial=0.0))}  # fmt: skip
 
 
 def _share(each: Iterable[bool]) -> float:
@@ -325,7 +342,11 @@ def text_of(r: dict[str, Any]) -> str:
     lines.append(f"Cramer-Rao bound of one frame, Shore A: {each}")
     for name in ("objects", "failing", "too_soft"):
         lines += [f"{name}: {_object(each)}" for each in r[name]]
-    for name in ("wear", "resolution", "factors"):
+    lines.append("Fitted on what a bench knows, mm: " + ", ".join(f"{k} {v:.3g}" for k, v in r["by_bench"].items()))
+    for name, parts in r["calibration"]["refused"].items():
+        each = ", ".join(f"{100 * part:.0f} % of {what}" for what, part in parts.items())
+        lines.append(f"no model holds for {name}: refused, not in the fit: {each}")
+    for name in ("unmarked", "wear", "resolution", "factors"):
         lines.append(f"{name}: " + ", ".join(f"{k} {v:.3g}" for k, v in r[name].items()))
     return "\n".join(lines)
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ruffini.bench.experiments.drawing import METHOD, OURS, PAPER, TRUTH, plots, save
+
 if TYPE_CHECKING:
     from ruffini.bench.experiments.glitter_flow import Played
 
-OURS, PAPER, TRUTH, METHOD = "#0072B2", "#D55E00", "#000000", "#999999"
 COLOURS = {"triangle": "#E69F00", "flat": "#0072B2", "square": "#009E73", "sphere": "#CC79A7"}
 
 
@@ -24,25 +25,8 @@ def draw(out: Path, played: Sequence[Played], result: dict[str, Any]) -> list[Pa
     return made
 
 
-def _plots() -> Any:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    return plt
-
-
-def _save(plt: Any, figure: Any, path: Path, title: str) -> Path:
-    figure.suptitle(f"{title}, SIMULATED")
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-    return path
-
-
 def _factors(path: Path, played: Sequence[Played]) -> Path:
-    plt = _plots()
+    plt = plots()
     figure, axes = plt.subplots(1, 3, figsize=(13, 4))
     for p in played:
         if p.recorded.set_name != "calibration":
@@ -61,11 +45,11 @@ def _factors(path: Path, played: Sequence[Played]) -> Path:
     for shape, colour in COLOURS.items():
         axes[0].plot([], [], color=colour, label=shape)
     axes[0].legend(fontsize=8)
-    return _save(plt, figure, path, "Why single factors fail")
+    return save(figure, path, "Why single factors fail")
 
 
 def _forces(path: Path, result: dict[str, Any]) -> Path:
-    plt = _plots()
+    plt = plots()
     figure, axes = plt.subplots(1, 3, figsize=(13, 4))
     rows = result["forces"]
     x = np.arange(len(rows))
@@ -78,11 +62,11 @@ def _forces(path: Path, result: dict[str, Any]) -> Path:
         axis.set_xticks(x, list(rows))
         axis.set_ylabel(f"{what}, RMSE, {unit}")
         axis.legend(fontsize=8)
-    return _save(plt, figure, path, "Table I")
+    return save(figure, path, "Table I")
 
 
 def _press(path: Path, played: Sequence[Played]) -> Path:
-    plt = _plots()
+    plt = plots()
     figure, axes = plt.subplots(1, 3, figsize=(13, 4))
     shown = [p for p in played if p.recorded.part == "judge" and not p.recorded.set_name.endswith("shear")]
     for shape in COLOURS:
@@ -95,11 +79,11 @@ def _press(path: Path, played: Sequence[Played]) -> Path:
                 axis.plot(travel, truth, color=TRUTH, lw=0.7, ls=":")
     for axis, label in zip(axes, ("normal force, N", "gel depth, mm", "Shore A, from the third frame on"), strict=True):
         axis.set(xlabel="travel, mm", ylabel=label)
-    return _save(plt, figure, path, "Fig. 8: presses in no fit, truth dotted")
+    return save(figure, path, "Fig. 8: presses in no fit, truth dotted")
 
 
 def _hardness(path: Path, played: Sequence[Played]) -> Path:
-    plt = _plots()
+    plt = plots()
     figure, axis = plt.subplots(figsize=(6, 5))
     for p in played:
         if p.recorded.part == "judge" and p.told.hardness_validity == 1:
@@ -110,4 +94,4 @@ def _hardness(path: Path, played: Sequence[Played]) -> Path:
         axis.plot([], [], "o", color=colour, label=shape)
     axis.set(xlabel="Shore A", ylabel="told, with its stated sigma")
     axis.legend(fontsize=8)
-    return _save(plt, figure, path, "Fig. 8(f): hardness of presses in no fit, kind inferred")
+    return save(figure, path, "Fig. 8(f): hardness of presses in no fit, kind inferred")

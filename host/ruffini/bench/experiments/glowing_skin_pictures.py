@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ruffini.bench.experiments.drawing import METHOD, OURS, PAPER, TRUTH, plots, save
+
 if TYPE_CHECKING:
     from ruffini.bench.experiments.glowing_skin import Played
 
-OURS, PAPER, TRUTH, METHOD = "#0072B2", "#D55E00", "#000000", "#999999"
 SHOWN_N = 10.0
 
 
@@ -24,25 +25,8 @@ def draw(out: Path, played: Sequence[Played], result: dict[str, Any]) -> list[Pa
     return made
 
 
-def _plots() -> Any:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    return plt
-
-
-def _save(plt: Any, figure: Any, path: Path, title: str) -> Path:
-    figure.suptitle(f"{title}, SIMULATED")
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-    return path
-
-
 def _places(path: Path, result: dict[str, Any]) -> Path:
-    plt = _plots()
+    plt = plots()
     figure, axis = plt.subplots(figsize=(7, 4))
     rows = {k: v for k, v in result["places"].items() if "paper" in v}
     x = np.arange(len(rows))
@@ -56,11 +40,11 @@ def _places(path: Path, result: dict[str, Any]) -> Path:
     axis.set_xticks(x, [f"indenter {k}" for k in rows])
     axis.set_ylabel("mean error of the place, mm")
     axis.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)  # above: the bars are as high
-    return _save(plt, figure, path, "Fig. 9, 42 sets")
+    return save(figure, path, "Fig. 9, 42 sets")
 
 
 def _where(path: Path, played: Sequence[Played]) -> Path:
-    plt = _plots()
+    plt = plots()
     figure, axis = plt.subplots(figsize=(9, 4.5))
     for p in played:
         if p.name.startswith("locate") and len(p.touches[-1]):
@@ -75,13 +59,11 @@ def _where(path: Path, played: Sequence[Played]) -> Path:
     axis.set_ylabel("along it, mm")
     axis.margins(y=0.1)  # for the numbers
     axis.set_aspect("equal")
-    return _save(
-        plt, figure, path, "Fig. 10: points 1 to 10 (squares), 42 touches (rings) and where they are told (dots)"
-    )
+    return save(figure, path, "Fig. 10: points 1 to 10 (squares), 42 touches (rings) and where they are told (dots)")
 
 
 def _forces(path: Path, played: Sequence[Played], result: dict[str, Any]) -> Path:
-    plt = _plots()
+    plt = plots()
     runs = [p for p in played if p.name == "force"]
     figure, axes = plt.subplots(2, 5, figsize=(13, 5.5), sharex=True, sharey=True, squeeze=False)
     for axis, p in zip(axes.ravel(), runs, strict=False):
@@ -96,11 +78,11 @@ def _forces(path: Path, played: Sequence[Played], result: dict[str, Any]) -> Pat
         axis.set_xlabel("load cell, N")
     for row in axes:
         row[0].set_ylabel("told, N")
-    return _save(plt, figure, path, "Fig. 11: 1 to 8 on pyramids, 9 and 10 between")
+    return save(figure, path, "Fig. 11: 1 to 8 on pyramids, 9 and 10 between")
 
 
 def _loops(path: Path, played: Sequence[Played], result: dict[str, Any]) -> Path:
-    plt = _plots()
+    plt = plots()
     figure, axes = plt.subplots(1, 3, figsize=(13, 4.2))
     for p in (p for p in played if p.name == "repeat"):
         used = p.cell < SHOWN_N
@@ -120,4 +102,4 @@ def _loops(path: Path, played: Sequence[Played], result: dict[str, Any]) -> Path
     axes[2].plot([0, SHOWN_N], [0, SHOWN_N], color=TRUTH, lw=0.8)
     axes[2].set_xlabel("load, N, down and up")
     axes[2].set_ylabel("told, N: ours blue, one quadratic grey")
-    return _save(plt, figure, path, "Fig. 12 and 13: five trials, loops at five speeds")
+    return save(figure, path, "Fig. 12 and 13: five trials, loops at five speeds")

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ruffini.calibrate.contact_log import Press
 from ruffini.calibrate.contact_model import Model, is_measured, seen_of
-from ruffini.sim.indenters.material import shore_a_modulus
+from ruffini.rubber import shore_a_modulus
 
 Array = npt.NDArray[np.float64]
 

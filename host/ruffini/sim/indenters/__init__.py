@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
+from ruffini.rubber import shore_a_modulus
 from ruffini.sim.indenters.maps import HeightMap, map_of_triangles, read_stl
-from ruffini.sim.indenters.material import Material, shore_a_modulus
+from ruffini.sim.indenters.material import Material
 from ruffini.sim.indenters.outline import OUTLINES
 from ruffini.sim.indenters.profiles import PROFILES
 
