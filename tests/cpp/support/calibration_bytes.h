@@ -18,7 +18,7 @@ class CalibrationBytes {
   }
 
   CalibrationBytes& meta(const std::string& key, const std::string& value) {
-    metadata_ += (metadata_.empty() ? "" : ",") + ("\"" + key + "\":\"" + value + "\"");
+    metadata_.append(metadata_.empty() ? "\"" : ",\"").append(key).append("\":\"").append(value).append("\"");
     return *this;
   }
 
