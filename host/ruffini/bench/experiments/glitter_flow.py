@@ -116,7 +116,9 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
         within(0.8, 0.9)(done / len(shown))
     method = judge_method(board, runs)
     result = judge(board, played, method)
-    result |= {"calibration": fit.report(), "bounds": bounds([p for p in presses if p.has_model], fit.model),
+    known = [p for p in presses if p.has_model]
+    result |= {"calibration": fit.report(), "bounds": bounds(known, fit.model),
+               "press_bounds": bounds(known, fit.model, of_press=True),
                "by_bench": by_bench(board, presses, paper), "quick": quick}  # fmt: skip
     return Experiment(result, text_of(result), pictures.draw(out, played, result))
 
@@ -340,6 +342,8 @@ def text_of(r: dict[str, Any]) -> str:
     lines.append(f"Hardness by the paper's method, told the kind, force and travel: {told:.2f}; by itself: {alone:.1f}")
     each = ", ".join(f"{k} {v:.1f}" for k, v in r["bounds"].items())
     lines.append(f"Cramer-Rao bound of one frame, Shore A: {each}")
+    each = ", ".join(f"{k} {v:.1f}" for k, v in r["press_bounds"].items())
+    lines.append(f"Cramer-Rao bound of a press, Shore A: {each}")
     for name in ("objects", "failing", "too_soft"):
         lines += [f"{name}: {_object(each)}" for each in r[name]]
     lines.append("Fitted on what a bench knows, mm: " + ", ".join(f"{k} {v:.3g}" for k, v in r["by_bench"].items()))

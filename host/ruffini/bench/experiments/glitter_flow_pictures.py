@@ -61,6 +61,7 @@ def _forces(path: Path, result: dict[str, Any]) -> Path:
                 axis.bar(x + 0.27 * (k - 1), [r[name] for r in rows.values()], 0.25, label=label, color=colour)
         axis.set_xticks(x, list(rows))
         axis.set_ylabel(f"{what}, RMSE, {unit}")
+        axis.margins(y=0.3)  # for the legend
         axis.legend(fontsize=8)
     return save(figure, path, "Table I")
 
