@@ -26,7 +26,6 @@ IS_SOAK = os.environ.get("RUFFINI_SOAK") == "1"
 N_BYTES = (4 << 20) if IS_SOAK else (384 << 10)
 N_UNPLUGS = 50 if IS_SOAK else 6
 N_HANG_UPS = 10_000 if IS_SOAK else 300
-PLUGGED_S = (0.01, 0.08)
 
 
 class CountingConnection(Connection):
@@ -65,33 +64,41 @@ def test_a_line_that_loses_pieces_brings_the_whole_file(sensor: Sensor, tmp_path
 
 
 def test_an_upload_goes_on_where_the_line_was_unplugged(sensor: Sensor, tmp_path: Path) -> None:
-    data, stop, when = upload_of(N_BYTES), threading.Event(), random.Random(1)
-    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon, BrokenLine(daemon.port, tmp_path) as line:
-        n_unplugs = 0
+    data, chance = upload_of(N_BYTES), random.Random(1)
+    n_whole = -(-N_BYTES // flashing.CHUNK_BYTES)
+    # Pulled within two milliseconds after each of these chunks was sent: on its way, or with its reply.
+    pulled = iter([*sorted(chance.sample(range(1, n_whole - 2), N_UNPLUGS)), n_whole + 1])
+    said: list[str] = []
+    with (
+        start(sensor, tmp_path / "store", "--wait-for-host") as daemon,
+        BrokenLine(daemon.port, tmp_path) as line,
+        CountingConnection(line.port) as host,
+    ):
+        pulls: list[threading.Thread] = []
 
         def pull() -> None:
-            nonlocal n_unplugs
-            while n_unplugs < N_UNPLUGS and not stop.wait(when.uniform(*PLUGGED_S)):
-                line.unplug()
-                n_unplugs += 1
-                time.sleep(when.uniform(0.0, 0.05))
-                line.plug_in()
+            time.sleep(chance.uniform(0, 0.002))
+            line.unplug()
+            time.sleep(chance.uniform(0, 0.05))
+            line.plug_in()
 
-        said: list[str] = []
-        with CountingConnection(line.port) as host:
-            puller = threading.Thread(target=pull)
-            puller.start()
-            try:
-                with pytest.raises(RefusedError, match="header length"):
-                    host.flash(data, say=said.append)
-            finally:
-                stop.set()
-                puller.join()
-            n_whole = -(-N_BYTES // flashing.CHUNK_BYTES)
-            print(f"{N_BYTES >> 10} KiB, {n_unplugs} unplugs, {host.n_chunks - n_whole} chunks sent again")
-            assert n_unplugs >= N_UNPLUGS / 2, "the file was there before"
-            assert host.n_chunks - n_whole <= n_unplugs
-            assert any("waiting for it" in text for text in said)
+        next_pull = next(pulled)
+
+        def watch(done: float) -> None:
+            nonlocal next_pull
+            if done * n_whole >= next_pull and not (pulls and pulls[-1].is_alive()):
+                pulls.append(threading.Thread(target=pull))
+                pulls[-1].start()
+                next_pull = next(pulled)
+
+        with pytest.raises(RefusedError, match="header length"):
+            host.flash(data, progress=watch, say=said.append)
+        for thread in pulls:
+            thread.join()
+    print(f"{N_BYTES >> 10} KiB, {len(pulls)} unplugs, {host.n_chunks - n_whole} chunks sent again")
+    assert len(pulls) == N_UNPLUGS
+    assert host.n_chunks - n_whole <= N_UNPLUGS
+    assert any("waiting for it" in text for text in said)
 
 
 def test_who_listens_goes_on_after_an_unplug_and_is_told_what_is_missing(sensor: Sensor, tmp_path: Path) -> None:

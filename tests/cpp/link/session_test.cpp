@@ -276,5 +276,38 @@ TEST_F(SessionTest, StatusCarriesTheTemperatureWhereThereIsOne) {
   EXPECT_EQ(warm.temperatures[0].milli_celsius, 23'450);
 }
 
+// A host that asks and does not read: the newest questions are not answered, and nothing grows.
+TEST_F(SessionTest, OfRepliesThatNobodyReadsOnlySoManyAreKept) {
+  for (int i = 0; i < 200; ++i) session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_HELLO));
+  EXPECT_EQ(read_all().size(), 64U);
+  EXPECT_EQ(ask(ruffini_MessageType_MESSAGE_TYPE_HELLO).size(), 1U) << "and then it goes on";
+}
+
+TEST_F(SessionTest, AFrameThatWasBegunIsFinishedBeforeANewerOne) {
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, Bytes(100, 1));
+  session_.poll(1);
+  ASSERT_EQ(session_.pending().size(), 100U);
+  session_.consumed(40);
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, Bytes(50, 2));
+  session_.poll(2);
+  session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_HELLO));
+  const std::span<const uint8_t> rest = session_.pending();
+  ASSERT_EQ(rest.size(), 60U);
+  EXPECT_EQ(rest[0], 1);
+}
+
+// Whoever comes next must not get the end of a frame whose begin somebody else has read.
+TEST_F(SessionTest, ALineThatHungUpForgetsItsHalfFrame) {
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, Bytes(100, 1));
+  session_.poll(1);
+  (void)session_.pending();
+  session_.consumed(40);
+  session_.reset_line();
+  EXPECT_TRUE(session_.pending().empty());
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, Bytes(50, 2));
+  session_.poll(2);
+  EXPECT_EQ(session_.pending().size(), 50U);
+}
+
 }  // namespace
 }  // namespace ruffini
