@@ -6,9 +6,7 @@ The same seed gives the same weights on one machine with one thread, cut and tak
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,7 +19,7 @@ import torch
 from ruffini import __version__
 from ruffini.boards import Board
 from ruffini.errors import InputError
-from ruffini.files import write_whole
+from ruffini.train import checkpoint
 from ruffini.train.network import DisplacementNet
 from ruffini.train.presses import Picture, Samples, shrink_factor
 
@@ -132,25 +130,15 @@ class Trainer:
         return x, y, z
 
     def _keep(self) -> None:
-        file = io.BytesIO()
-        state = {"told": self._told, "net": self.net.state_dict(), "optimizer": self._optimizer.state_dict()}
-        torch.save({**state, "passes": [asdict(p) for p in self.passes]}, file)
-        write_whole(self._folder / CHECKPOINT, file.getvalue(), remedy="make room and run the same command again")
+        state = {"net": self.net.state_dict(), "optimizer": self._optimizer.state_dict()}
+        state["passes"] = [asdict(p) for p in self.passes]
+        checkpoint.keep(self._folder / CHECKPOINT, self._told, state)
 
     def _resume(self) -> None:
-        path = self._folder / CHECKPOINT
-        if not path.exists():
+        settings = "another board, seed, number of presses or passes, or version"
+        state = checkpoint.resume(self._folder / CHECKPOINT, self._told, settings)
+        if state is None:
             return
-        try:
-            state = torch.load(path, weights_only=True)
-            told = state["told"]
-        except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:
-            raise InputError(f"{path}: no checkpoint of a training: remove it, or choose another --out") from error
-        if told != self._told:
-            raise InputError(
-                f"{path} belongs to a training with another board, seed, number of presses or passes, or version: "
-                "give the same options to go on with it, or choose another --out"
-            )
         self.net.load_state_dict(state["net"])
         self._optimizer.load_state_dict(state["optimizer"])
         self.passes = [Pass(p["number"], p["loss"], tuple(p["error_um"])) for p in state["passes"]]

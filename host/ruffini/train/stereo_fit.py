@@ -10,7 +10,6 @@ import hashlib
 import io
 import json
 import os
-import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,6 +22,7 @@ from ruffini import __version__
 from ruffini.errors import InputError
 from ruffini.files import write_whole
 from ruffini.sim.cache import cache_folder
+from ruffini.train import checkpoint
 from ruffini.train.stereo_frames import UNITS, Samples
 from ruffini.train.stereo_network import PLANS, StereoNet, load_trunk
 
@@ -180,27 +180,15 @@ class StereoTrainer:
         return {name: v for name, v in state.items() if not (self._is_frozen and name.startswith("trunk."))}
 
     def _keep(self) -> None:
-        file = io.BytesIO()
-        state = {"told": self._told, "net": self._own_state(), "best": self._best}
-        torch.save(
-            {**state, "optimizer": self._optimizer.state_dict(), "passes": [asdict(p) for p in self.passes]}, file
-        )
-        write_whole(self._folder / CHECKPOINT, file.getvalue(), remedy="make room and run the same command again")
+        state = {"net": self._own_state(), "best": self._best, "optimizer": self._optimizer.state_dict()}
+        state["passes"] = [asdict(p) for p in self.passes]
+        checkpoint.keep(self._folder / CHECKPOINT, self._told, state)
 
     def _resume(self) -> None:
-        path = self._folder / CHECKPOINT
-        if not path.exists():
+        settings = "other presses, mode, plan, seed, weights, number of passes, or version"
+        state = checkpoint.resume(self._folder / CHECKPOINT, self._told, settings)
+        if state is None:
             return
-        try:
-            state = torch.load(path, weights_only=True)
-            told = state["told"]
-        except (OSError, RuntimeError, EOFError, KeyError, TypeError, ValueError, pickle.UnpicklingError) as error:
-            raise InputError(f"{path}: no checkpoint of a training: remove it, or choose another --out") from error
-        if told != self._told:
-            raise InputError(
-                f"{path} belongs to a training with other presses, mode, plan, seed, weights, number of passes, or "
-                "version: give the same options to go on with it, or choose another --out"
-            )
         self.net.load_state_dict(state["net"], strict=False)
         self._best = state["best"]
         self._optimizer.load_state_dict(state["optimizer"])
