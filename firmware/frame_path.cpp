@@ -43,6 +43,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
     run_feature_wrench(capture_us);
     timed(Stage::kContactModel, [&] { run_contact_model(); });
     run_fingertip();
+    timed(Stage::kHelmholtz, [&] { run_helmholtz(); });
   }
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
@@ -263,6 +264,10 @@ void FramePath::run_contact_model() {
                             .peak_depth_nm = -1'000 * c.gel_depth_um};
 }
 
+void FramePath::run_helmholtz() {
+  state_.helmholtz = helmholtz_->run(contact_profile_->flow(), contact_profile_->fall(), state_.saturations);
+}
+
 // Touches are contacts of an unrolled skin, whose z is out of it everywhere.
 void FramePath::run_skin(const FrameView& frame, uint64_t capture_us) {
   state_.skin = skin_->run(frame, capture_us, state_.saturations);
@@ -365,6 +370,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
   if (has_targets()) target_marks_.resize(targets().size());
   if (has(Stage::kMarkers) && board.markers.polarity == Polarity::kTexture) flow_.emplace(board);
   if (has(Stage::kContactModel)) contact_profile_.emplace(board);
+  if (has(Stage::kHelmholtz)) helmholtz_.emplace(board);
   const auto n_pixels = static_cast<size_t>(board.camera.width_px * board.camera.height_px);
   const auto n_nodes = static_cast<size_t>(nodes_.size().count());
   state_.difference.change.resize(n_pixels * 3);

@@ -14,6 +14,7 @@
 #include "estimators/feature_wrench.h"
 #include "estimators/fingertip.h"
 #include "estimators/force_field.h"
+#include "estimators/helmholtz.h"
 #include "estimators/marker_depth.h"
 #include "frame_state.h"
 #include "image/camera_map.h"
@@ -84,6 +85,8 @@ class FramePath {
   [[nodiscard]] GridSize depth_grid() const { return depth_grid_; }
   [[nodiscard]] const Skin* skin() const { return skin_ ? &*skin_ : nullptr; }
   [[nodiscard]] bool has_contact_model() const { return contact_model_.has_value(); }
+  // Of the flow; nullptr without the stage.
+  [[nodiscard]] const Helmholtz* helmholtz() const { return helmholtz_ ? &*helmholtz_ : nullptr; }
   [[nodiscard]] bool has_contact_profile() const { return contact_profile_.has_value(); }
   [[nodiscard]] bool has_fingertip() const { return fingertip_.has_value(); }
   [[nodiscard]] int n_markers_at_rest() const { return n_markers_at_rest_; }
@@ -125,6 +128,7 @@ class FramePath {
   [[nodiscard]] bool is_blind(size_t view) const { return printed_.n_lost(view) > board_.markers.max_lost; }
   [[nodiscard]] int n_features() const;
   void run_contact_model();
+  void run_helmholtz();
   // frame_path_verdict.cpp
   void judge_input();
   bool are_markers_lost();
@@ -166,6 +170,7 @@ class FramePath {
   std::vector<int32_t> features_;
   std::optional<ContactProfile> contact_profile_;
   std::optional<ContactModel> contact_model_;
+  std::optional<Helmholtz> helmholtz_;
   Warmth warmth_;
   uint32_t calibration_id_ = 0;
   ContactFinder contacts_;

@@ -14,6 +14,7 @@
 #include "estimators/contacts.h"
 #include "estimators/fingertip.h"
 #include "estimators/force_field.h"
+#include "estimators/helmholtz.h"
 #include "estimators/skin.h"
 #include "estimators/slip.h"
 #include "estimators/wrench.h"
@@ -65,6 +66,7 @@ enum class Stage : uint8_t {
   kSkin,
   kContactModel,
   kFingertip,
+  kHelmholtz,
   kCount
 };
 inline constexpr size_t kStageCount = static_cast<size_t>(Stage::kCount);
@@ -115,6 +117,7 @@ struct FrameState {
   SkinFrame skin;
   Profile profile;  // of the flow, where there is the stage contact_model
   ModelledContact modelled;
+  HelmholtzSums helmholtz;  // of the flow, where there is the stage helmholtz
   TipTouch tip;
   struct {
     std::span<const NodeSlip> node;                      // observed nodes

@@ -233,6 +233,15 @@ void check_targets(BoardReader& in, const BoardSettings& board) {
       in.fail("stages contacts and contact_model both say the contacts: leave one of them out");
     }
   }
+  if (has_stage(board, "helmholtz")) {
+    const MarkerSettings& m = board.markers;
+    const int64_t most = 4;  // Helmholtz::kMostOblong
+    if (!has_stage(board, "contact_model")) {
+      in.fail("stage helmholtz needs the stage contact_model");
+    } else if (m.pitch_x_um > most * m.pitch_y_um || m.pitch_y_um > most * m.pitch_x_um) {
+      in.fail("stage helmholtz needs markers.pitch_x_um and pitch_y_um within four times each other");
+    }
+  }
   if (targets.places.empty()) {
     if (has_stage(board, "targets")) in.fail("section [targets] is missing");
     return;

@@ -293,6 +293,19 @@ int ruffini_get_profile(const ruffini_pipeline* pipeline, int64_t* out) {
   return 0;
 }
 
+int ruffini_get_helmholtz(const ruffini_pipeline* pipeline, int64_t* out, int64_t* flow) {
+  const ruffini::Helmholtz* helmholtz = pipeline->path->helmholtz();
+  if (helmholtz == nullptr) return fail("this board has no stage helmholtz: see boards/README.md");
+  const ruffini::HelmholtzSums& s = helmholtz->sums();
+  for (const int64_t each : {s.curl_free_q4, s.divergence_free_q4, s.twist_urad}) *out++ = each;
+  if (flow == nullptr) return 0;
+  for (const ruffini::FlowPoint& g : helmholtz->curl_free()) {
+    *flow++ = g.x_q4;
+    *flow++ = g.y_q4;
+  }
+  return 0;
+}
+
 int ruffini_get_contact_model(const ruffini_pipeline* pipeline, int64_t* out) {
   if (!pipeline->path->has_contact_model())
     return fail("the calibration has no contact model: make one with `ruffini cal contact`");

@@ -35,7 +35,7 @@ typedef struct {
   uint64_t saturations; /* since ruffini_open */
   int64_t wrench[6];    /* uN, uN um */
   int32_t n_contacts;
-  uint64_t stage_ns[14];
+  uint64_t stage_ns[15];
 } ruffini_result_t;
 
 RUFFINI_API const char* ruffini_version(void);
@@ -105,6 +105,9 @@ RUFFINI_API int ruffini_get_glow(const ruffini_pipeline* pipeline, int16_t* out)
 /* Of the stage contact_model, [22]: u_r on 16 rings (1/16 um), their size (1/16 um), fall of the density (Q16), centre
  * x, y (um), lost patches (1/1000), mean flow (1/16 um). 1 with ruffini_error() without that stage. */
 RUFFINI_API int ruffini_get_profile(const ruffini_pipeline* pipeline, int64_t* out);
+/* Of the stage helmholtz, [3]: mean size of the curl-free flow, size of the mean of the rest (1/16 um), twist (urad);
+ * flow: [patch][2] of the curl-free part (1/16 um), or null. 1 with ruffini_error() without that stage. */
+RUFFINI_API int ruffini_get_helmholtz(const ruffini_pipeline* pipeline, int64_t* out, int64_t* flow);
 /* [16]: touched, ContactKind, its confidence (1/1000), gel depth, press depth and their sigma (um), area, effective area
  * (um^2), H_m (Pa / um), Shore A and its sigma (1/16), 1: no model holds, Validity of depth and of hardness, mean flow (um),
  * moment by the flow (uN mm). */

@@ -24,6 +24,12 @@
 
 namespace ruffini {
 
+// Of a patch, or where one is: from the pad's centre.
+struct FlowPoint {
+  int64_t x_q4 = 0;  // um
+  int64_t y_q4 = 0;
+};
+
 struct Profile {
   static constexpr size_t kRings = 16;
   int64_t fall_q16 = 0;
@@ -44,12 +50,11 @@ class ContactProfile {
   [[nodiscard]] const Profile& run(std::span<const Marker> markers);
   // Smoothed fall of the density at each patch of the last frame, Q16.
   [[nodiscard]] std::span<const int32_t> fall() const { return fall_; }
+  // The patches' displacements in the last frame.
+  [[nodiscard]] std::span<const FlowPoint> flow() const { return flow_; }
 
  private:
-  struct Point {
-    int64_t x_q4 = 0;  // um from the pad's centre
-    int64_t y_q4 = 0;
-  };
+  using Point = FlowPoint;
   void take(std::span<const Marker> markers);
   void find_fall();
   [[nodiscard]] Point center() const;

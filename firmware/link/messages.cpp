@@ -197,6 +197,11 @@ void MessageEncoder::tell_model(const FramePath& path, ruffini_Contacts& m) {
   out.hardness_validity = to_proto(s.hardness);
   out.mean_flow_um = static_cast<uint32_t>(c.mean_flow_um);
   out.moment_by_flow_unmm = static_cast<uint64_t>(c.moment_by_flow_unmm);
+  if (path.helmholtz() == nullptr) return;
+  out.has_helmholtz = true;
+  out.helmholtz = {.curl_free_nm = static_cast<uint32_t>(1'000 * s.helmholtz.curl_free_q4 / 16),
+                   .divergence_free_nm = static_cast<uint32_t>(1'000 * s.helmholtz.divergence_free_q4 / 16),
+                   .twist_urad = static_cast<int32_t>(s.helmholtz.twist_urad)};
 }
 
 void MessageEncoder::tell_tip(const TipTouch& tip, ruffini_Contact& out) {

@@ -4,6 +4,7 @@
 
 RUN is a run of `ruffini sim reproduce`. For 640 x 480 the same frames are made twice as large. Times are the stages'
 own clock; the least and the median of the pressed frames.
+Then the same with the stage helmholtz, which takes the paper's sensor from 30 to 5 frames a second (section III-C).
 """
 
 from __future__ import annotations
@@ -34,6 +35,14 @@ def doubled(board: Board) -> Board:
     return parse_board(text.encode(), board.name)
 
 
+def decomposed(board: Board) -> Board:
+    """The same board with the stage helmholtz."""
+    listed = '"contact_model"]'
+    if listed not in board.text:
+        raise SystemExit(f"board {board.name!r}: its stages do not end with contact_model")
+    return parse_board(board.text.replace(listed, '"contact_model", "helmholtz"]').encode(), board.name)
+
+
 def times_ms(board: Board, file: container.CalibrationFile, recording: Path) -> dict[str, tuple[float, float]]:
     """Least and median of each stage and of the whole frame."""
     data = container.pack(file.tensors, {**file.metadata, **container.base_metadata(board)}).data
@@ -58,8 +67,9 @@ def main() -> None:
     parser.add_argument("--recording", type=Path, required=True)
     args = parser.parse_args()
     board, file = find_board(args.board), container.read(args.calibration)
-    for one in (board, doubled(board)):
-        print(f"{one.camera.width_px} x {one.camera.height_px}, ms: least, median")
+    for one in (board, doubled(board), decomposed(board)):
+        extra = ", with the Helmholtz decomposition" if "helmholtz" in one.pipeline.stages else ""
+        print(f"{one.camera.width_px} x {one.camera.height_px}{extra}, ms: least, median")
         for name, (least, median) in times_ms(one, file, args.recording).items():
             print(f"  {name:16}{least:8.2f}{median:8.2f}")
 

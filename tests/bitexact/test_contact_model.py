@@ -8,6 +8,7 @@ import pytest
 from mirror.board import read_board
 from mirror.contact_model import ContactModel, ContactProfile
 from mirror.fixed import Saturations
+from mirror.helmholtz import Helmholtz
 from odd_boards import small_board
 from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -37,7 +38,7 @@ def board_text() -> str:
                      ("threshold_1e3 = 137", "threshold_1e3 = 600")):  # fmt: skip
         assert old in text, old
         text = text.replace(old, new)
-    stages = '["difference", "markers", "feature_wrench", "contact_model"]'
+    stages = '["difference", "markers", "feature_wrench", "contact_model", "helmholtz"]'
     return text[: text.index("stages = ")] + f"stages = {stages}\n"
 
 
@@ -96,6 +97,7 @@ def test_profile_and_contact_over_two_presses() -> None:
     rng, rest = np.random.default_rng(2), texture()
     kind = tables(rng, 63)
     mirror_profile, mirror = ContactProfile(read_board(board_text())), ContactModel(kind, NUMBERS)
+    mirror_parts, turned, parts = Helmholtz(read_board(board_text())), [], []
     saturations, depths, told = Saturations(), [], 0
     path = [
         (0.2, 0),
@@ -119,6 +121,12 @@ def test_profile_and_contact_over_two_presses() -> None:
             profile = mirror_profile.run(core.features().reshape(-1, 2), lost.ravel().astype(np.int64))
             row = core.profile()
             assert [*row.radial_q4.tolist(), *row[1:]] == profile.row()
+            flow = mirror_profile.flow(core.features().reshape(-1, 2))
+            gradient, sums = mirror_parts.run(flow, mirror_profile.fall(flow), saturations)
+            assert np.array_equal(core.curl_free_flow_q4(), gradient)
+            assert [*core.helmholtz()] == sums
+            parts.append(sums[0])
+            turned.append(sums[2])
             is_wrong = bool(said.flags & ~(OVER_RANGE if profile.lost <= 250 else 0))
             expected = mirror.run(profile, said.wrench_un.tolist(), not is_wrong, saturations)
             told_row = core.modelled()
@@ -127,6 +135,8 @@ def test_profile_and_contact_over_two_presses() -> None:
             told += expected[1] != 0
             assert core.modelled().hardness_validity == (VALID if expected[1] else NOT_MEASURED)
     assert told >= 4
+    assert max(parts) > 16 * 30
+    assert len(set(turned)) > 5
     assert max(depths) > 1000
 
 

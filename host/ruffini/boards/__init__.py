@@ -14,7 +14,7 @@ from ruffini.errors import InputError
 
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model", "fingertip",
+    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model", "fingertip", "helmholtz",
 )  # fmt: skip
 MAX_LENGTH_UM = 500_000
 MAX_CELLS = 640  # of the depth grid along one axis: the Poisson solver's accumulator bound
@@ -340,6 +340,12 @@ class Board(Section):
                 raise ValueError("stage contact_model needs the stage feature_wrench and markers.polarity texture")
             if "contacts" in stages:
                 raise ValueError("stages contacts and contact_model both say the contacts: leave one of them out")
+        if "helmholtz" in stages and self.markers is not None:
+            m = self.markers
+            if "contact_model" not in stages:
+                raise ValueError("stage helmholtz needs the stage contact_model")
+            if max(m.pitch_x_um, m.pitch_y_um) > 4 * min(m.pitch_x_um, m.pitch_y_um):
+                raise ValueError("stage helmholtz needs markers.pitch_x_um and pitch_y_um within four times each other")
         if targets is None:
             if "targets" in stages:
                 raise ValueError("section [targets] is missing")

@@ -15,6 +15,9 @@ from ruffini.core.rows import (
     ContactRow as ContactRow,
 )
 from ruffini.core.rows import (
+    HelmholtzRow as HelmholtzRow,
+)
+from ruffini.core.rows import (
     ModelledRow as ModelledRow,
 )
 from ruffini.core.rows import (
@@ -38,7 +41,7 @@ NO_REFERENCE = 1
 NO_TEMPERATURE = -(2**31)
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model", "fingertip",
+    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model", "fingertip", "helmholtz",
 )  # fmt: skip
 
 
@@ -350,6 +353,20 @@ class Pipeline:
         row = np.zeros(len(ModelledRow._fields), np.int64)
         self._check(self._lib.ruffini_get_contact_model(self._pointer, row.ctypes.data_as(ctypes.c_void_p)))
         return ModelledRow(*row.tolist())
+
+    def helmholtz(self) -> HelmholtzRow:
+        """Sums of the flow's parts in the last frame. Raises InputError where the board has no stage helmholtz."""
+        row = np.zeros(len(HelmholtzRow._fields), np.int64)
+        self._check(self._lib.ruffini_get_helmholtz(self._pointer, row.ctypes.data_as(ctypes.c_void_p), None))
+        return HelmholtzRow(*row.tolist())
+
+    def curl_free_flow_q4(self) -> npt.NDArray[np.int64]:
+        """(n_y, n_x, 2): curl-free part of the flow of the last frame, 1/16 um. Raises InputError as `helmholtz`."""
+        _, _, lost = self.markers()
+        row, flow = np.zeros(len(HelmholtzRow._fields), np.int64), np.zeros((*lost.shape, 2), np.int64)
+        self._check(self._lib.ruffini_get_helmholtz(self._pointer, row.ctypes.data_as(ctypes.c_void_p),
+                                                    flow.ctypes.data_as(ctypes.c_void_p)))  # fmt: skip
+        return flow
 
     def tip(self) -> TipRow:
         """What presses on a fingertip in the last frame. Raises InputError where it is not calibrated."""

@@ -90,6 +90,14 @@ class ProfileRow(NamedTuple):
     flow_q4: int
 
 
+class HelmholtzRow(NamedTuple):
+    """Sums of the parts of the flow (firmware/estimators/helmholtz.h): integers."""
+
+    curl_free_q4: int
+    divergence_free_q4: int
+    twist_urad: int
+
+
 class ModelledRow(NamedTuple):
     """What the stage contact_model says of the last frame (firmware/estimators/contact_model.h): integers."""
 

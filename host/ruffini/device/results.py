@@ -97,6 +97,18 @@ class Field:
 
 
 @dataclass(frozen=True)
+class FlowParts:
+    """Parts of a texture's flow: mean size of its gradient part, size of the mean of the rest (m), twist (rad).
+
+    The twist is how far the object has turned about z, from x towards y, if the pad sticks to it.
+    """
+
+    curl_free: float
+    divergence_free: float
+    twist: float
+
+
+@dataclass(frozen=True)
 class Contact:
     """One contact: newtons, metres, square metres; None where it is not measured.
 
@@ -115,18 +127,21 @@ class Contact:
     friction: float | None
     friction_sigma: float | None
     slip_margin_n: float | None
+    flow_parts: FlowParts | None
 
     @classmethod
     def from_message(cls, m: Any) -> Contact:
         state = SLIP_STATES.get(getattr(m, "slip_state", 0))
         told = state is not None
         known = told and m.friction_1e3 > 0
+        parts = m.helmholtz if _has(m, "helmholtz") else None
         return cls(
             m.area_um2_k * 1e-9, (m.center_x_um * 1e-6, m.center_y_um * 1e-6),
             (m.force_x_un * 1e-6, m.force_y_un * 1e-6, m.force_z_un * 1e-6), m.peak_depth_nm * 1e-9, m.validity,
             state, m.shear_ratio_1e3 * 1e-3 if told else None, m.slip_share_1e3 * 1e-3 if told else None,
             m.friction_1e3 * 1e-3 if known else None, m.friction_sigma_1e3 * 1e-3 if known else None,
             m.slip_margin_un * 1e-6 if known else None,
+            parts and FlowParts(parts.curl_free_nm * 1e-9, parts.divergence_free_nm * 1e-9, parts.twist_urad * 1e-6),
         )  # fmt: skip
 
 

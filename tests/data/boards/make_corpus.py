@@ -137,6 +137,9 @@ GOOD: dict[str, Change] = {
     "skin": all_of(append(SKIN), put("pipeline.stages", '["skin"]')),
     "targets": all_of(append(TARGETS), put("pipeline.stages", WITH_TARGETS)),
     "feature-wrench-of-markers": put("pipeline.stages", '["difference", "markers", "feature_wrench"]'),
+    "helmholtz": all_of(
+        put("markers.polarity", '"texture"'), put("pipeline.stages", WITH_CONTACT_MODEL[:-1] + ', "helmholtz"]')
+    ),
     "contact-model": all_of(put("markers.polarity", '"texture"'), put("pipeline.stages", WITH_CONTACT_MODEL)),
     "few-stages": put("pipeline.stages", '["difference", "photometric", "poisson"]'),
     "no-markers": all_of(
@@ -359,6 +362,18 @@ BAD: dict[str, tuple[Change, str]] = {
     "targets-too-small-to-measure": (append(TARGETS.replace("3000", "100")), "diameter_um"),
     "feature-wrench-of-nothing": (put("pipeline.stages", '["difference", "feature_wrench"]'), "feature_wrench"),
     "two-wrenches": (put("pipeline.stages", '["markers", "wrench", "feature_wrench"]'), "feature_wrench"),
+    "helmholtz-of-nothing": (
+        all_of(put("markers.polarity", '"texture"'), put("pipeline.stages", '["markers", "helmholtz"]')), "helmholtz"
+    ),
+    "helmholtz-of-an-oblong-lattice": (
+        all_of(
+            put("markers.polarity", '"texture"'),
+            put("markers.n_x", "2"),
+            put("markers.pitch_x_um", "4001"),
+            put("pipeline.stages", WITH_CONTACT_MODEL[:-1] + ', "helmholtz"]'),
+        ),
+        "four times",
+    ),
     "contact-model-of-dots": (put("pipeline.stages", WITH_CONTACT_MODEL), "contact_model"),
     "contact-model-and-contacts": (
         all_of(

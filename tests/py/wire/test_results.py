@@ -56,6 +56,7 @@ def test_an_old_device_has_no_slip() -> None:
     schema = old_schema()
     message = schema.new("Contacts", contacts=[{"area_um2_k": 2000, "force_z_un": -5}])
     (contact,) = Contacts.from_message(message).contacts
+    assert contact.flow_parts is None
     assert contact.area == pytest.approx(2e-6)
     assert contact.slip_state is None
     dense = {"n_x": 1, "n_y": 1, "n_components": 3, "data": bytes(1)}
@@ -122,3 +123,13 @@ def test_an_old_reader_passes_over_how_sure_it_is() -> None:
     assert Wrench.from_message(message).values[2] == pytest.approx(-1e-3)
     message = schema.decode(schema.type_numbers["FIELD"], golden("field and how sure it is"))
     assert Field.from_message(message).force_steps[0, 0].tolist() == [20, -10, -300]
+
+
+def test_parts_of_the_flow() -> None:
+    schema = Schema.own()
+    parts = {"curl_free_nm": 41_500, "divergence_free_nm": 120_000, "twist_urad": -52_300}
+    (contact,) = Contacts.from_message(schema.new("Contacts", contacts=[{"helmholtz": parts}])).contacts
+    assert contact.flow_parts is not None
+    assert contact.flow_parts.curl_free == pytest.approx(41.5e-6)
+    assert contact.flow_parts.divergence_free == pytest.approx(120e-6)
+    assert contact.flow_parts.twist == pytest.approx(-0.0523)

@@ -47,7 +47,12 @@ from ruffini.sim.units import build_unit
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
-ONLY_READ = ("targets", "feature_wrench", "contact_model")  # change no picture, younger than the first frozen boards
+ONLY_READ = (
+    "targets",
+    "feature_wrench",
+    "contact_model",
+    "helmholtz",
+)  # change no picture, younger than the first frozen boards
 RING_LEFT = 0.6  # of the ringing of a bench that has touched, from frame to frame
 
 
