@@ -265,7 +265,7 @@ void FramePath::run_contact_model() {
 }
 
 void FramePath::run_helmholtz() {
-  state_.helmholtz = helmholtz_->run(contact_profile_->flow(), contact_profile_->fall(), state_.saturations);
+  state_.helmholtz = helmholtz_->run(contact_profile_->flow(), state_.profile, state_.saturations);
 }
 
 // Touches are contacts of an unrolled skin, whose z is out of it everywhere.

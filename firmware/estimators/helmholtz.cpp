@@ -14,6 +14,7 @@ namespace {
 constexpr int64_t kMaxFlowQ4 = 1 << 18;
 constexpr int kRhoFraction = 14;
 constexpr int kFactorFraction = 28;
+constexpr int64_t kReach = 2;  // steps along x
 constexpr int kRoomBits = 29;  // of n_x n_y times the largest number of a transform
 
 // sin^2(pi k / n), Q30.
@@ -31,6 +32,8 @@ Helmholtz::Helmholtz(const BoardSettings& board)
     : lattice_(board.markers.lattice),
       pitch_x_um_(board.markers.pitch_x_um),
       pitch_y_um_(board.markers.pitch_y_um),
+      twice_first_x_um_(2 * board.markers.first_x_um - board.pad.size_x_um),
+      twice_first_y_um_(2 * board.markers.first_y_um - board.pad.size_y_um),
       rho_q14_(floor_div(2 * (pitch_x_um_ << kRhoFraction) + pitch_y_um_, 2 * pitch_y_um_)),
       along_x_(lattice_.n_x),
       along_y_(lattice_.n_y),
@@ -148,14 +151,16 @@ void Helmholtz::sum_up() {
   sums_.divergence_free_q4 = floor_sqrt(rest.x_q4 * rest.x_q4 + rest.y_q4 * rest.y_q4) / n;
 }
 
-int64_t Helmholtz::twist_urad(std::span<const int32_t> fall) const {
-  const int64_t largest = std::max<int64_t>(*std::max_element(fall.begin(), fall.end()), 0);
+int64_t Helmholtz::twist_urad(const Profile& profile) const {
+  const int64_t twice_reach = 2 * kReach * pitch_x_um_;
   int64_t x_along_y = 0;
   int64_t y_along_x = 0;
   int64_t n = 0;
   for (int y = 1; y + 1 < lattice_.n_y; ++y) {
+    const int64_t dy = twice_first_y_um_ + 2 * (y * pitch_y_um_ - profile.center_y_um);
     for (int x = 1; x + 1 < lattice_.n_x; ++x) {
-      if (fall[at(x, y)] <= 3 * largest / 10) continue;
+      const int64_t dx = twice_first_x_um_ + 2 * (x * pitch_x_um_ - profile.center_x_um);
+      if (dx * dx + dy * dy > twice_reach * twice_reach) continue;
       y_along_x += u_[at(x + 1, y)].y_q4 - u_[at(x - 1, y)].y_q4;
       x_along_y += u_[at(x, y + 1)].x_q4 - u_[at(x, y - 1)].x_q4;
       ++n;
@@ -167,14 +172,14 @@ int64_t Helmholtz::twist_urad(std::span<const int32_t> fall) const {
          floor_div(x_along_y * 1'000'000, 64 * pitch_y_um_ * n);
 }
 
-const HelmholtzSums& Helmholtz::run(std::span<const FlowPoint> flow, std::span<const int32_t> fall,
+const HelmholtzSums& Helmholtz::run(std::span<const FlowPoint> flow, const Profile& profile,
                                     SaturationCounter& saturations) {
   hold(flow, saturations);
   find_divergence();
   solve();
   find_gradient();
   sum_up();
-  sums_.twist_urad = twist_urad(fall);
+  sums_.twist_urad = twist_urad(profile);
   return sums_;
 }
 

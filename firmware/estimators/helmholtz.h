@@ -9,8 +9,8 @@
 //
 //   S_n    mean size of grad phi                                         the paper's three quantities: section III-C
 //   S_t    size of the mean of r
-//   twist  half the mean curl of u, which is that of r, where the density falls by more than 3/10 of its largest fall:
-//          how far the object has turned about z if the gel sticks to it
+//   twist  half the mean curl of u, which is that of r, within two steps of the contact's middle: how far the object has
+//          turned about z, if the gel sticks to it and the contact is wider than that
 //
 // Integers: u in 1/16 um held to +-16 mm and counted; before each pair of transforms a power of two for all numbers, so
 // that n_x n_y max|f| stays below 2^29 (cosine_transform.h). Lattices of 64 x 64, rho 1/4 to 4: |f| < 2^23, a wave's
@@ -41,9 +41,7 @@ class Helmholtz {
 
   explicit Helmholtz(const BoardSettings& board);
 
-  // `fall`: of the density at each patch, as of ContactProfile.
-  const HelmholtzSums& run(std::span<const FlowPoint> flow, std::span<const int32_t> fall,
-                           SaturationCounter& saturations);
+  const HelmholtzSums& run(std::span<const FlowPoint> flow, const Profile& profile, SaturationCounter& saturations);
   [[nodiscard]] const HelmholtzSums& sums() const { return sums_; }
   // grad phi at each patch of the last frame.
   [[nodiscard]] std::span<const FlowPoint> curl_free() const { return gradient_; }
@@ -57,11 +55,13 @@ class Helmholtz {
   void solve();
   void find_gradient();
   void sum_up();
-  [[nodiscard]] int64_t twist_urad(std::span<const int32_t> fall) const;
+  [[nodiscard]] int64_t twist_urad(const Profile& profile) const;
 
   GridSize lattice_;
   int64_t pitch_x_um_;
   int64_t pitch_y_um_;
+  int64_t twice_first_x_um_;  // of the first patch, from the pad's middle
+  int64_t twice_first_y_um_;
   int64_t rho_q14_;
   CosineTables along_x_;
   CosineTables along_y_;

@@ -100,7 +100,7 @@ class Field:
 class FlowParts:
     """Parts of a texture's flow: mean size of its gradient part, size of the mean of the rest (m), twist (rad).
 
-    The twist is how far the object has turned about z, from x towards y, if the pad sticks to it.
+    The twist is how far the object has turned about z, from x towards y, if the pad sticks to it and it is wide.
     """
 
     curl_free: float

@@ -66,16 +66,12 @@ class ContactProfile:
         """Displacements of the patches, 1/16 um."""
         return round_shift(moved * self._scale, 20).reshape(*self._shape, 2)
 
-    def fall(self, flow: I64) -> I64:
-        """Of the density at each patch, smoothed, Q16."""
+    def run(self, moved: I64, lost: I64) -> Profile:
+        flow = self.flow(moved)
         raw = np.zeros(self._shape, np.int64)
         raw[1:-1, 1:-1] = ((flow[1:-1, 2:, 0] - flow[1:-1, :-2, 0]) << 15) // self._pitch[0]
         raw[1:-1, 1:-1] += ((flow[2:, 1:-1, 1] - flow[:-2, 1:-1, 1]) << 15) // self._pitch[1]
-        return _smoothed(raw)
-
-    def run(self, moved: I64, lost: I64) -> Profile:
-        flow = self.flow(moved)
-        fall = self.fall(flow)
+        fall = _smoothed(raw)
         largest = max(int(fall.max()), 0)
         at = [f + p * np.arange(n) for f, p, n in zip(self._first, self._pitch, self._n, strict=True)]
         middle = self._center(fall, largest, at)

@@ -31,6 +31,9 @@ class Helmholtz:
         m = board["markers"]
         self._pitch = m["pitch_x_um"], m["pitch_y_um"]
         n_x, n_y = m["n_x"], m["n_y"]
+        twice = [2 * m[f"first_{a}_um"] - board["pad"][f"size_{a}_um"] for a in "xy"]
+        places = (t + 2 * p * np.arange(1, n - 1) for t, p, n in zip(twice, self._pitch, (n_x, n_y), strict=True))
+        self._twice_x, self._twice_y = places
         self._rho = (2 * (self._pitch[0] << 14) + self._pitch[1]) // (2 * self._pitch[1])
         along_y = round_shift(round_shift(_sine_square(n_y), 2) * self._rho**2, 26)
         wave = _sine_square(n_x)[None, :] + along_y[:, None]
@@ -41,7 +44,7 @@ class Helmholtz:
         self._factor = (weight << 57) // (wave * (n_x * n_y))
         self._factor[0, 0] = 0
 
-    def run(self, flow: I64, fall: I64, saturations: Saturations) -> tuple[I64, list[int]]:
+    def run(self, flow: I64, middle: tuple[int, int], saturations: Saturations) -> tuple[I64, list[int]]:
         """(n_y, n_x, 2) of the curl-free part, and the sums in the order of the C interface."""
         u = saturations.clamp(flow, -(1 << 18), 1 << 18)
         plane, up = _fit(self._divergence(u))
@@ -52,9 +55,9 @@ class Helmholtz:
         edged = np.pad(phi, 1, mode="edge")
         along_x, along_y = edged[1:-1, 2:] - edged[1:-1, :-2], edged[2:, 1:-1] - edged[:-2, 1:-1]
         gradient = np.stack([scaled(along_x, scale), scaled(round_shift(along_y * self._rho, 14), scale)], axis=-1)
-        size = sum(isqrt(x * x + y * y) for x, y in gradient.reshape(-1, 2).tolist()) // fall.size
+        size = sum(isqrt(x * x + y * y) for x, y in gradient.reshape(-1, 2).tolist()) // phi.size
         rest = (u - gradient).reshape(-1, 2).sum(axis=0).tolist()
-        return gradient, [size, isqrt(rest[0] ** 2 + rest[1] ** 2) // fall.size, self._twist(u, fall)]
+        return gradient, [size, isqrt(rest[0] ** 2 + rest[1] ** 2) // phi.size, self._twist(u, middle)]
 
     def _divergence(self, u: I64) -> I64:
         edged = np.pad(u, ((1, 1), (1, 1), (0, 0)), mode="edge")
@@ -64,8 +67,9 @@ class Helmholtz:
         along_y[[0, -1]] *= 2
         return along_x + round_shift(along_y * self._rho, 14)
 
-    def _twist(self, u: I64, fall: I64) -> int:
-        inside = fall[1:-1, 1:-1] > 3 * max(int(fall.max()), 0) // 10
+    def _twist(self, u: I64, middle: tuple[int, int]) -> int:
+        away_x, away_y = self._twice_x - 2 * middle[0], self._twice_y - 2 * middle[1]
+        inside = away_x[None, :] ** 2 + away_y[:, None] ** 2 <= (4 * self._pitch[0]) ** 2
         n = int(inside.sum())
         if n == 0:
             return 0

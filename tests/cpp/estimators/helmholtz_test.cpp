@@ -23,6 +23,10 @@ BoardSettings board() {
   board.markers.lattice = {kX, kY};
   board.markers.pitch_x_um = 1'000;
   board.markers.pitch_y_um = 800;
+  board.pad.size_x_um = 36'000;
+  board.pad.size_y_um = 22'000;
+  board.markers.first_x_um = 1'500;
+  board.markers.first_y_um = 1'000;
   return board;
 }
 
@@ -60,12 +64,6 @@ Um turn(double x, double y) {
   return {-size * dy, size * dx};
 }
 
-std::vector<int32_t> middle_falls() {
-  std::vector<int32_t> fall(kX * kY);
-  for (int y = kY / 2 - 1; y <= kY / 2; ++y) fall[static_cast<size_t>(y * kX + kX / 2)] = 1'000;
-  return fall;
-}
-
 double worst_um(const Helmholtz& helmholtz, const std::vector<FlowPoint>& expected) {
   double worst = 0;
   for (size_t i = 0; i < expected.size(); ++i) {
@@ -81,7 +79,7 @@ TEST(Helmholtz, AGradientIsCurlFree) {
   Helmholtz helmholtz(board());
   SaturationCounter saturations;
   const auto u = field(gradient_of_a_wave);
-  const HelmholtzSums& sums = helmholtz.run(u, middle_falls(), saturations);
+  const HelmholtzSums& sums = helmholtz.run(u, Profile{}, saturations);
   double size = 0;
   for (const FlowPoint& v : u) size += std::hypot(static_cast<double>(v.x_q4), static_cast<double>(v.y_q4));
   EXPECT_GT(size / 16 / (kX * kY), 150);
@@ -94,11 +92,14 @@ TEST(Helmholtz, AGradientIsCurlFree) {
 TEST(Helmholtz, ATurnIsFreeOfDivergence) {
   Helmholtz helmholtz(board());
   SaturationCounter saturations;
-  const HelmholtzSums& sums = helmholtz.run(field(turn), middle_falls(), saturations);
+  const HelmholtzSums& sums = helmholtz.run(field(turn), Profile{}, saturations);
   EXPECT_LT(sums.curl_free_q4, 16 / 2);
   EXPECT_LT(sums.divergence_free_q4, 16 / 2);  // a turn has no mean
-  // Central differences of a bell: 10 % less than at its very middle.
-  EXPECT_NEAR(static_cast<double>(sums.twist_urad), 36'000, 2'500);
+  // Mean of 0.04 (1 - r^2 / 2 s^2) exp(-r^2 / 2 s^2), s = 2.5 mm, over the patches within 2 mm.
+  EXPECT_NEAR(static_cast<double>(sums.twist_urad), 28'000, 4'000);
+  Profile beside;
+  beside.center_x_um = 13'000;
+  EXPECT_NEAR(static_cast<double>(helmholtz.run(field(turn), beside, saturations).twist_urad), 0, 100);
 }
 
 TEST(Helmholtz, TheirSumComesApartAndAShiftStaysWithTheTurn) {
@@ -110,7 +111,7 @@ TEST(Helmholtz, TheirSumComesApartAndAShiftStaysWithTheTurn) {
     return Um{g.x + r.x + 300.0, g.y + r.y - 400.0};
   });
   const auto only_gradient = field(gradient_of_a_wave);
-  const HelmholtzSums& sums = helmholtz.run(u, middle_falls(), saturations);
+  const HelmholtzSums& sums = helmholtz.run(u, Profile{}, saturations);
   EXPECT_LT(worst_um(helmholtz, only_gradient), 8);
   EXPECT_NEAR(static_cast<double>(sums.divergence_free_q4), 16 * 500, 16 * 5);
 }
@@ -118,7 +119,7 @@ TEST(Helmholtz, TheirSumComesApartAndAShiftStaysWithTheTurn) {
 TEST(Helmholtz, NoFlowHasNoParts) {
   Helmholtz helmholtz(board());
   SaturationCounter saturations;
-  const HelmholtzSums& sums = helmholtz.run(std::vector<FlowPoint>(kX * kY), middle_falls(), saturations);
+  const HelmholtzSums& sums = helmholtz.run(std::vector<FlowPoint>(kX * kY), Profile{}, saturations);
   EXPECT_EQ(sums.curl_free_q4, 0);
   EXPECT_EQ(sums.divergence_free_q4, 0);
   EXPECT_EQ(sums.twist_urad, 0);
@@ -129,7 +130,7 @@ TEST(Helmholtz, WhatIsTooFarIsHeldAndCounted) {
   SaturationCounter saturations;
   std::vector<FlowPoint> u(kX * kY);
   u[100] = {int64_t{1} << 40, -(int64_t{1} << 40)};
-  (void)helmholtz.run(u, middle_falls(), saturations);
+  (void)helmholtz.run(u, Profile{}, saturations);
   EXPECT_EQ(saturations.count, 2);
 }
 
