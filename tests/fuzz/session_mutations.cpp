@@ -220,7 +220,7 @@ class Device {
     if (n_in_force_ % 3 != 0)
       exchange_.tally = {path_->calibration_id(), 256, static_cast<uint16_t>(n_in_force_ % 3 == 1 ? 256 : 0)};
     drain();
-    n_trials_ended_ += calibrator_.is_on_trial() ? 0 : 1;
+    if (!calibrator_.is_on_trial()) ++n_trials_ended_;
   }
 
   [[nodiscard]] FrameView view(const Bytes& pixels) const {
