@@ -62,7 +62,7 @@ sanitize: setup  ## C++ tests under ASan + UBSan, then under TSan
 	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_tests ruffini_device_tests ruffini_capture_tests)
 	@$(BUILD)/asan/ruffini_tests --gtest_brief=1
 	@RUFFINI_CRASH_STEP=64 $(BUILD)/asan/ruffini_device_tests --gtest_brief=1
-	@ASAN_OPTIONS=detect_leaks=0 $(BUILD)/asan/ruffini_capture_tests --gtest_brief=1
+	@ASAN_OPTIONS=detect_leaks=0 LD_LIBRARY_PATH=$(BUILD)/asan $(BUILD)/asan/ruffini_capture_tests --gtest_brief=1  # dlopen under ASan heeds no RUNPATH
 	@$(call compile,$(BUILD)/tsan,-DCMAKE_CXX_FLAGS='-fsanitize=thread $(SANITIZE_FLAGS)',ruffini_tests ruffini_device_tests)
 	@$(BUILD)/tsan/ruffini_tests --gtest_brief=1
 	@RUFFINI_CRASH_STEP=64 $(BUILD)/tsan/ruffini_device_tests --gtest_brief=1
