@@ -290,6 +290,7 @@ TEST_F(SessionTest, AFrameThatWasBegunIsFinishedBeforeANewerOne) {
   session_.consumed(40);
   push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, Bytes(50, 2));
   session_.poll(2);
+  EXPECT_EQ(session_.pending().size(), 60U);
   session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_HELLO));
   const std::span<const uint8_t> rest = session_.pending();
   ASSERT_EQ(rest.size(), 60U);
