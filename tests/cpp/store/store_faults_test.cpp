@@ -236,7 +236,13 @@ class Ext4 {
 
   [[nodiscard]] bool is_there() const { return is_there_; }
   [[nodiscard]] std::string store() const { return mounted_ + "/store"; }
+  // A few tries: between asking for a free loop device and taking it, somebody else may have taken it.
   [[nodiscard]] bool mount() {
+    bool is_mounted = false;
+    for (int i = 0; i < 5 && !is_mounted; ++i) is_mounted = mount_once();
+    return is_mounted;
+  }
+  [[nodiscard]] bool mount_once() {
     const UniqueFd control(::open("/dev/loop-control", O_RDWR | O_CLOEXEC));
     const int number = control ? ::ioctl(control.get(), LOOP_CTL_GET_FREE) : -1;
     if (number < 0) return false;
