@@ -1,4 +1,5 @@
-// The threads of ruffinid: capture -> frame -> link, and one beside them for a learned network where the board asks. firmware/README.md has the picture.
+// The threads of ruffinid: capture -> frame -> link, and one beside them for a learned network where the board asks.
+// firmware/README.md has the picture.
 #pragma once
 
 #include <atomic>

@@ -63,7 +63,7 @@ void Session::receive(std::span<const uint8_t> bytes) {
   for (const uint8_t byte : bytes) {
     if (const std::optional<WireFrame> frame = decoder_.push(byte)) handle(*frame);
   }
-  if (n_damaged() != n_before && calibrator_.is_receiving()) ask_again();
+  if (n_damaged() != n_before && calibrator_.is_receiving() && !has_asked_again_) ask_again();
 }
 
 uint64_t Session::n_damaged() const {
@@ -71,8 +71,10 @@ uint64_t Session::n_damaged() const {
   return counters.bad_crc + counters.malformed + counters.oversize;
 }
 
-// A chunk came damaged: its host need not wait until no reply has come.
+// A chunk came damaged: its host need not wait until no reply has come. Once until a command came whole: on a line that
+// echoes and damages, the device would answer itself for ever.
 void Session::ask_again() {
+  has_asked_again_ = true;
   ruffini_Reply reply = ruffini_Reply_init_zero;
   reply.code = ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
   reply.next_offset = calibrator_.next_offset();
@@ -111,6 +113,7 @@ void Session::handle(const WireFrame& frame) {
     ++rx_malformed_;
     return;
   }
+  has_asked_again_ = false;
   command(message, frame.header.sensor);
 }
 
@@ -245,14 +248,29 @@ void Session::subscribe(const ruffini_Subscribe& request) {
 
 void Session::send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message) {
   if (replies_.size() >= kMaxReplies) return;
+  std::vector<uint8_t> frames = frames_of(type, fields, message);
+  if (!frames.empty()) replies_.push_back(std::move(frames));
+}
+
+// Empty: the message cannot be encoded.
+std::vector<uint8_t> Session::frames_of(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message) {
   size_t n_bytes = 0;
-  if (!pb_get_encoded_size(&n_bytes, fields, message)) return;
+  if (!pb_get_encoded_size(&n_bytes, fields, message)) return {};
   std::vector<uint8_t> payload(n_bytes);
   pb_ostream_t stream = pb_ostream_from_buffer(payload.data(), payload.size());
-  if (!pb_encode(&stream, fields, message)) return;
+  if (!pb_encode(&stream, fields, message)) return {};
   std::vector<uint8_t> frames(frames_bound(n_bytes));
   frames.resize(write_frames(type, identity_.stream_flags, kDeviceSensor, sequence_++, payload, frames));
-  replies_.push_back(std::move(frames));
+  return frames;
+}
+
+// The slot of a message whose frames are to go out; what waits in it is replaced and counted.
+Session::Outgoing& Session::newest(uint8_t type) {
+  Outgoing& slot = telemetry_[type % kMessageTypes];
+  if (slot.is_full) exchange_.telemetry_dropped.fetch_add(1, std::memory_order_relaxed);
+  slot.is_full = true;
+  slot.order = order_++;
+  return slot;
 }
 
 void Session::take_telemetry() {
@@ -262,11 +280,7 @@ void Session::take_telemetry() {
     return;
   }
   while (exchange_.telemetry.pop(popped_)) {
-    Outgoing& slot = telemetry_[popped_[0] % kMessageTypes];
-    if (slot.is_full) exchange_.telemetry_dropped.fetch_add(1, std::memory_order_relaxed);
-    slot.bytes.assign(popped_.begin() + 1, popped_.end());
-    slot.is_full = true;
-    slot.order = order_++;
+    newest(popped_[0]).bytes.assign(popped_.begin() + 1, popped_.end());
     if (identity_.is_lossless) return;
   }
 }
@@ -295,14 +309,16 @@ void Session::watch_camera(uint64_t now_us) {
   }
   const bool was_stalled = is_stalled_;
   const uint64_t silence_us = stall_.silence_us(now_us);
-  is_stalled_ = stall_.update(exchange_.frames_captured, now_us);
+  is_stalled_ = stall_.update(exchange_.frames_processed, now_us);  // frames of another size are none
   if (is_stalled_ && !was_stalled) {
     send_event(now_us, ruffini_Event_Severity_SEVERITY_ERROR, "camera_stalled",
-               "no frame for " + std::to_string(stall_.silence_us(now_us) / 1'000) +
-                   " ms: see the camera's cable and light; forces are stale until it is back");
+               "no good frame for " + std::to_string(stall_.silence_us(now_us) / 1'000) + " ms (" +
+                   std::to_string(exchange_.frames_captured) + " captured, " +
+                   std::to_string(exchange_.frames_invalid) +
+                   " of them invalid): see the camera's cable and mode; forces are stale until it is back");
   } else if (was_stalled && !is_stalled_) {
     send_event(now_us, ruffini_Event_Severity_SEVERITY_WARNING, "camera_back",
-               "frames come again, after " + std::to_string(silence_us / 1'000) + " ms without one");
+               "frames come again, after " + std::to_string(silence_us / 1'000) + " ms without a good one");
   }
   const bool is_asked = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_WRENCH] != 0;
   if (is_stalled_ && is_asked && (!was_stalled || now_us - stale_us_ >= kStalePeriodUs)) {

@@ -70,6 +70,9 @@ class Session {
   void send_stale_wrench();
   void tell_network(ruffini_Status& m) const;
   void send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message);
+  [[nodiscard]] std::vector<uint8_t> frames_of(ruffini_MessageType type, const pb_msgdesc_t* fields,
+                                               const void* message);
+  [[nodiscard]] Outgoing& newest(uint8_t type);
   void take_telemetry();
 
   BoardSettings board_;
@@ -82,6 +85,7 @@ class Session {
   FrameDecoder decoder_;
   uint64_t rx_malformed_ = 0;
   uint64_t rx_echo_ = 0;
+  bool has_asked_again_ = false;
   uint32_t sequence_ = 0;
   uint32_t last_request_id_ = 0;
   bool has_last_reply_ = false;

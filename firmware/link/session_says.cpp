@@ -97,7 +97,9 @@ void Session::send_stale_wrench() {
     const bool is_measured = (was >> (4 * i) & 15) != ruffini_Validity_VALIDITY_NOT_MEASURED;
     m.validity[i] = is_measured ? ruffini_Validity_VALIDITY_INVALID : ruffini_Validity_VALIDITY_NOT_MEASURED;
   }
-  send(ruffini_MessageType_MESSAGE_TYPE_WRENCH, ruffini_Wrench_fields, &m);
+  // Telemetry, not a reply: a host that does not read finds the newest.
+  std::vector<uint8_t> frames = frames_of(ruffini_MessageType_MESSAGE_TYPE_WRENCH, ruffini_Wrench_fields, &m);
+  if (!frames.empty()) newest(ruffini_MessageType_MESSAGE_TYPE_WRENCH).bytes = std::move(frames);
 }
 
 void Session::send_event(uint64_t now_us, ruffini_Event_Severity severity, const char* what, const std::string& text) {

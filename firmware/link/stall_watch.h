@@ -1,4 +1,4 @@
-// Whether the camera stands still: no frame for three of the intervals in which they came before, at least 25 ms.
+// Whether the camera stands still: no good frame for three of the intervals in which they came before, at least 25 ms.
 // An interval is the board's or, where frames come slower than that, the mean of the last ones. Link thread only.
 #pragma once
 
@@ -14,7 +14,7 @@ class StallWatch {
 
   explicit StallWatch(uint64_t period_us) : period_us_(period_us), mean_us_(period_us) {}
 
-  // Frames that the camera has given since it runs. To be called a few times a frame.
+  // Good frames that the camera has given since it runs. To be called a few times a frame.
   [[nodiscard]] bool update(uint64_t n_frames, uint64_t now_us) {
     if (since_us_ == 0) since_us_ = now_us;
     if (n_frames != n_frames_) {

@@ -16,7 +16,15 @@ namespace {
 using test::Bytes;
 using test::host_frame;
 
-class SessionHealth : public test::SessionTest {};
+class SessionHealth : public test::SessionTest {
+ protected:
+  void subscribe_to_wrenches() {
+    ruffini_Command subscribe = request(1, ruffini_Command_subscribe_tag);
+    subscribe.action.subscribe.subscriptions_count = 1;
+    subscribe.action.subscribe.subscriptions[0] = {ruffini_MessageType_MESSAGE_TYPE_WRENCH, 1};
+    command(subscribe);
+  }
+};
 
 // DURABLE is on trial, ACTIVE is for good, and what is neither is refused with its reason.
 TEST_F(SessionHealth, AFlashedFileIsDurableThenActiveOrGone) {
@@ -94,6 +102,12 @@ TEST_F(SessionHealth, ADamagedFrameIsAskedForAgainWhileAnUploadRuns) {
   EXPECT_EQ(reply.request_id, 0U);
   EXPECT_EQ(reply.code, ruffini_ReplyCode_REPLY_BAD_ARGUMENT);
   EXPECT_EQ(reply.next_offset, 3U);
+  // Once: on a line that echoes, what it says would come back damaged and be answered again.
+  for (int i = 0; i < 10; ++i) session_.receive(damaged);
+  EXPECT_TRUE(read_all().empty());
+  command(request(10, ruffini_Command_get_tag));
+  session_.receive(damaged);
+  EXPECT_EQ(read_all().size(), 1U) << "a whole command came in between";
 }
 
 // No frame for a while: the last wrench comes again, marked and without a valid number; and that it is over is said.
@@ -106,18 +120,19 @@ TEST_F(SessionHealth, ACameraThatStandsStillIsSaidAndItsLastWrenchIsMarked) {
   exchange_.last_frame.number = 9;
   exchange_.last_frame.calibration_id = 0xABCD;
   exchange_.last_frame.wrench_validity = 0x012011;  // x, y valid, z not measured, ...
-  ruffini_Command subscribe = request(1, ruffini_Command_subscribe_tag);
-  subscribe.action.subscribe.subscriptions_count = 1;
-  subscribe.action.subscribe.subscriptions[0] = {ruffini_MessageType_MESSAGE_TYPE_WRENCH, 1};
-  command(subscribe);
+  subscribe_to_wrenches();
   session_.poll(1'000'000);
   session_.poll(1'040'000);
   EXPECT_TRUE(read_all().empty()) << "the board's camera gives a frame each 16.7 ms";
+  exchange_.frames_captured = 13;  // of another size: no good ones
+  exchange_.frames_invalid = 3;
   session_.poll(1'060'000);
+  auto said = read_all();
   session_.poll(1'062'000);
+  EXPECT_TRUE(read_all().empty()) << "ten wrenches a second";
   session_.poll(1'160'000);
-  const auto said = read_all();
-  ASSERT_EQ(said.size(), 3U) << "an event, and ten wrenches a second";
+  for (auto& more : read_all()) said.push_back(more);
+  ASSERT_EQ(said.size(), 3U) << "an event, and two wrenches";
   EXPECT_EQ(said[0].header.type, ruffini_MessageType_MESSAGE_TYPE_EVENT);
   ruffini_Wrench wrench = ruffini_Wrench_init_zero;
   for (const size_t i : {1U, 2U}) {
@@ -135,7 +150,7 @@ TEST_F(SessionHealth, ACameraThatStandsStillIsSaidAndItsLastWrenchIsMarked) {
     }
   }
   EXPECT_TRUE(status(1'162'000).health & ruffini_HealthBit_HEALTH_CAMERA_STALLED);
-  exchange_.frames_captured = 11;
+  exchange_.frames_processed = 11;
   session_.poll(1'170'000);
   ruffini_Event event = ruffini_Event_init_zero;
   ASSERT_TRUE(take(session_, ruffini_Event_fields, &event));
@@ -143,6 +158,22 @@ TEST_F(SessionHealth, ACameraThatStandsStillIsSaidAndItsLastWrenchIsMarked) {
   exchange_.is_camera_live = false;  // a recording that has ended is no fault
   session_.poll(9'000'000);
   EXPECT_TRUE(read_all().empty());
+}
+
+// Wrenches of a stalled camera are telemetry: the newest waits, and no reply is lost for them.
+TEST_F(SessionHealth, AHostThatDoesNotReadLosesNoReplyToAStall) {
+  exchange_.is_camera_live = true;
+  exchange_.frames_processed = 10;
+  subscribe_to_wrenches();
+  session_.poll(1'000'000);
+  for (uint64_t now = 1'100'000; now < 21'100'000; now += 100'000) session_.poll(now);
+  session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_HELLO));
+  const auto said = read_all();
+  ASSERT_EQ(said.size(), 3U);
+  EXPECT_EQ(said[0].header.type, ruffini_MessageType_MESSAGE_TYPE_EVENT);
+  EXPECT_EQ(said[1].header.type, ruffini_MessageType_MESSAGE_TYPE_HELLO);
+  EXPECT_EQ(said[2].header.type, ruffini_MessageType_MESSAGE_TYPE_WRENCH);
+  EXPECT_EQ(exchange_.telemetry_dropped, 199U);
 }
 
 TEST_F(SessionHealth, StatusSaysHowFarASkinHasAged) {
