@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ruffini.calibrate import container
-from ruffini.errors import InputError
+from ruffini.errors import InputError, VerifyError
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
 KEY_BYTES = 32
@@ -133,6 +133,22 @@ def verify(file: container.CalibrationFile) -> str:
     key = next((k for k in known() if k.key_id == file.metadata.get("key_id")), None)
     container.verify(file, key.public if key else None)
     return key.name if key else "development key"
+
+
+def read_verified(path: Path) -> container.CalibrationFile:
+    """Read a file whose data is to be signed anew: a new signature would hide that it was spoilt.
+
+    Raises
+    ------
+    VerifyError
+        As `verify`, naming the file.
+    """
+    file = container.read(path)
+    try:
+        verify(file)
+    except VerifyError as error:
+        raise VerifyError(f"{path}: {error}") from error
+    return file
 
 
 def _read(path: Path) -> bytes:

@@ -48,14 +48,14 @@ def auto(
 ) -> None:
     """Collect, fit, report, flash; then press where nothing was pressed before, and say the error before and after."""
     from ruffini.boards import find_board
-    from ruffini.calibrate import container
+    from ruffini.calibrate import container, keys
     from ruffini.demo.auto import Auto
     from ruffini.demo.auto_page import headline
     from ruffini.demo.auto_tasks import task_of
 
     found = find_board(board)
     task = task_of(found)
-    before = None if previous is None else container.read(previous)
+    before = None if previous is None else keys.read_verified(previous)
     if before is not None:
         container.check_board(before, found)
     folder = Path(tempfile.mkdtemp(prefix="ruffini-auto-")) if out is None else out

@@ -320,10 +320,10 @@ def photometric(
 
 
 def _less_dark(presses: PressSet, path: Path, board: Board) -> PressSet:
-    from ruffini.calibrate import container
+    from ruffini.calibrate import container, keys
     from ruffini.calibrate.dark import dark_of
 
-    file = container.read(path)
+    file = keys.read_verified(path)
     container.check_board(file, board)
     image = dark_of(file)
     if image.shape != presses.reference.shape:
@@ -333,9 +333,9 @@ def _less_dark(presses: PressSet, path: Path, board: Board) -> PressSet:
 
 
 def _camera_of(path: Path, board: Board) -> CalibrationFile:
-    from ruffini.calibrate import container
+    from ruffini.calibrate import container, keys
 
-    file = container.read(path)
+    file = keys.read_verified(path)
     container.check_board(file, board)
     if "camera.rays" not in file.tensors:
         raise InputError(f"{path} holds no camera: make one with `ruffini cal camera`")
@@ -349,9 +349,9 @@ def merge(
     json_: JsonFlag = False,
 ) -> None:
     """One file with the kinds of several."""
-    from ruffini.calibrate import container
+    from ruffini.calibrate import container, keys
 
-    merged = container.merge([container.read(f) for f in files])
+    merged = container.merge([keys.read_verified(f) for f in files])
     container.write(out, merged)
     emit({"file": str(out), "kinds": merged.kinds}, json_, f"{out}: {', '.join(merged.kinds)}")
 

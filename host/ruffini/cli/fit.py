@@ -36,7 +36,7 @@ def fit(
 ) -> None:
     """Fit what the board needs, stage after stage, to a log; the file carries its gates."""
     from ruffini.boards import find_board
-    from ruffini.calibrate import container
+    from ruffini.calibrate import container, keys
     from ruffini.calibrate.fit import finished, run_stages
     from ruffini.calibrate.gates import failed
     from ruffini.calibrate.prior import read_prior
@@ -47,8 +47,8 @@ def fit(
         raise InputError(f"--strain {strain!r}: choose linear or finite")
     found = find_board(board)
     job = Job(
-        found, logs, None if previous is None else container.read(previous),
-        [container.read(path) for path in given or []], balls, None if fleet is None else read_prior(fleet, found),
+        found, logs, None if previous is None else keys.read_verified(previous),
+        [keys.read_verified(path) for path in given or []], balls, None if fleet is None else read_prior(fleet, found),
         is_finite=strain == "finite", n_error_touches=touches, points=points,
     )  # fmt: skip
     for file in [*job.parts, *([job.previous] if job.previous else [])]:

@@ -28,10 +28,9 @@ def flash(
     from ruffini.boards import parse_board
     from ruffini.calibrate import container, keys
 
-    read = [container.read(f) for f in files]
+    read = [keys.read_verified(f) for f in files]
     file = container.merge(read) if len(read) > 1 else read[0]
     file = keys.sign(file, key) if key else file
-    keys.verify(file)
     remarks = [_check_gates(one, force=force) for one in read]
     with open_sensor() as sensor:
         board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
@@ -75,4 +74,5 @@ def undo(json_: JsonFlag = False) -> None:
         active = sensor.hello.sensors[0].calibration
     emit({"state": "active", "sha256": active.sha256.hex(), "replaced_sha256": replaced.sha256.hex(),
           "created_utc": active.created_utc, "kinds": list(active.kinds)}, json_,
-         f"{sensor.port}: {', '.join(active.kinds)} of {active.created_utc} in force again")  # fmt: skip
+         f"{sensor.port}: " + (f"{', '.join(active.kinds)} of {active.created_utc} in force again" if active.present
+                               else "no calibration in force, as before"))  # fmt: skip

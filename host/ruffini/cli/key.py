@@ -58,10 +58,10 @@ def sign(
     json_: JsonFlag = False,
 ) -> None:
     """Sign a calibration with an owner's key."""
-    from ruffini.calibrate import container, keys
+    from ruffini.calibrate import keys
     from ruffini.files import write_whole
 
-    signed = keys.sign(container.read(file), name)
+    signed = keys.sign(keys.read_verified(file), name)
     write_whole(out, signed.data)
     emit({"file": str(out), "key_id": signed.metadata["key_id"], "sha256": signed.sha256.hex()}, json_,
          f"{out}: signed by {name} ({signed.metadata['key_id']})")  # fmt: skip

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ruffini.boards import find_board
 from ruffini.calibrate import container, keys
 from ruffini.errors import InputError, VerifyError
 
@@ -34,6 +35,17 @@ def test_a_key_signs_and_only_its_owner_can_read_it(folder: Path, file: containe
     changed = container.CalibrationFile(signed.tensors, signed.metadata, signed.data[:-70] + b"x" + signed.data[-69:])
     with pytest.raises(VerifyError, match="signature does not fit"):
         keys.verify(changed)
+
+
+def test_a_spoilt_file_is_named_before_it_is_signed_anew(tmp_path: Path) -> None:
+    path = tmp_path / "spoilt.safetensors"
+    metadata = {**container.base_metadata(find_board("gelslim")), "kinds": "rest"}
+    file = container.pack({"rest.image": np.arange(8, dtype=np.uint8)}, metadata)
+    path.write_bytes(file.data.replace(bytes(range(8)), bytes(range(1, 9))))
+    with pytest.raises(VerifyError, match=r"spoilt\.safetensors: the signature does not fit"):
+        keys.read_verified(path)
+    path.write_bytes(file.data)
+    assert keys.read_verified(path).data == file.data
 
 
 def test_where_only_the_public_half_is_files_are_checked_and_not_signed(
