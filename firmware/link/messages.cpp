@@ -177,12 +177,8 @@ void MessageEncoder::tell_touches(const FramePath& path, ruffini_Contacts& m) {
   }
 }
 
-// What the contact model says of the only contact.
-void MessageEncoder::tell_model(const FramePath& path, ruffini_Contacts& m) {
-  if (m.contacts_count == 0) return;
-  const FrameState& s = path.state();
+void MessageEncoder::tell_model(const FrameState& s, bool has_helmholtz, ruffini_Contact& out) {
   const ModelledContact& c = s.modelled;
-  ruffini_Contact& out = m.contacts[0];
   out.validity = to_proto(s.wrench_validity[2]);
   out.kind = static_cast<ruffini_ContactKind>(c.kind);
   out.kind_sure_1e3 = static_cast<uint32_t>(c.sure_1e3);
@@ -197,7 +193,7 @@ void MessageEncoder::tell_model(const FramePath& path, ruffini_Contacts& m) {
   out.hardness_validity = to_proto(s.hardness);
   out.mean_flow_um = static_cast<uint32_t>(c.mean_flow_um);
   out.moment_by_flow_unmm = static_cast<uint64_t>(c.moment_by_flow_unmm);
-  if (path.helmholtz() == nullptr) return;
+  if (!has_helmholtz) return;
   out.has_helmholtz = true;
   out.helmholtz = {.curl_free_nm = static_cast<uint32_t>(1'000 * s.helmholtz.curl_free_q4 / 16),
                    .divergence_free_nm = static_cast<uint32_t>(1'000 * s.helmholtz.divergence_free_q4 / 16),
@@ -251,7 +247,7 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
     out.reaches_border = c.reaches_border;
   }
   if (path.skin() != nullptr) tell_touches(path, m);
-  if (path.has_contact_model()) tell_model(path, m);
+  if (path.has_contact_model() && m.contacts_count > 0) tell_model(s, path.helmholtz() != nullptr, m.contacts[0]);
   if (s.tip.is_touched) tell_tip(s.tip, m.contacts[0]);
   return serialise(ruffini_Contacts_fields, &m);
 }
