@@ -1,7 +1,6 @@
 #include "daemon.h"
 
-#include <poll.h>
-
+#include <algorithm>
 #include <chrono>
 
 namespace ruffini {
@@ -14,30 +13,25 @@ constexpr uint64_t kDrainUs = 2'000'000;   // how long an ended recording waits 
 constexpr uint64_t kQuietUs = 100'000;     // a tty that looks empty may be about to be filled by the kernel
 constexpr auto kReopenPause = std::chrono::milliseconds(10);  // a host that is back waits no longer
 
-uint64_t now_us() {
-  return static_cast<uint64_t>(
-      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now().time_since_epoch())
-          .count());
-}
-
 }  // namespace
 
-Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, std::unique_ptr<Camera> camera,
-               SerialPort port, Calibrator& calibrator, Exchange& exchange, DeviceIdentity identity,
-               const DaemonOptions& options)
+Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Surroundings around, Calibrator& calibrator,
+               Exchange& exchange, DeviceIdentity identity, const DaemonOptions& options)
     : board_(board),
       path_(std::move(path)),
-      camera_(std::move(camera)),
-      port_(std::move(port)),
+      around_(std::move(around)),
       exchange_(exchange),
       identity_(std::move(identity)),
       options_(options),
-      thermometer_(board.temperature.path),
       session_(board_, *path_, identity_, calibrator, exchange_),
       encoder_(*path_, identity_.sensor),
       sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
       outgoing_(kTelemetryRingBytes),
-      pool_(kBuffers + (options.network ? Inference::kBuffers : 0), board.camera.width_px, board.camera.height_px) {
+      pool_(kBuffers + (options.network ? Inference::kBuffers : 0), board.camera.width_px, board.camera.height_px),
+      moved_us_(around_.clock.now_us()),
+      owed_us_(moved_us_),
+      warmth_us_(moved_us_) {
+  read_temperature();  // before the first frame: rest is learned at a temperature
   if (!options.network) return;
   exchange_.network.is_asked = true;
   network_ = std::make_unique<Inference>(options.network, pool_, kBuffers + Inference::kBuffers, exchange_.network,
@@ -46,7 +40,6 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, std:
 
 void Daemon::run(const std::atomic<bool>& stop) {
   stop_ = &stop;
-  read_temperature();  // before the first frame: rest is learned at a temperature
   std::thread capture([this] { capture_loop(); });
   std::thread frame([this] { frame_loop(); });
   link_loop();
@@ -63,49 +56,58 @@ void Daemon::capture_loop() {
          std::none_of(exchange_.every.begin(), exchange_.every.end(), [](const auto& n) { return n.load() != 0; })) {
     std::this_thread::sleep_for(1ms);
   }
-  exchange_.is_camera_live = !options_.is_lockstep;
-  while (!is_stopping() && !mailbox_.is_closed()) {
-    const std::optional<int> index = pool_.lend();
-    if (!index) {
-      std::this_thread::sleep_for(100us);
-      continue;
-    }
-    FrameLease lease(pool_, *index);
-    const CaptureStatus status = camera_->capture(pool_[*index]);
-    if (status == CaptureStatus::kEnd) break;
-    if (status == CaptureStatus::kNothing) continue;
-    ++exchange_.frames_captured;
-    if (status == CaptureStatus::kInvalidFrame) {
-      ++exchange_.frames_invalid;
-      continue;
-    }
-    if (options_.is_lockstep) mailbox_.wait_empty();
-    if (const std::optional<int> dropped = mailbox_.post(lease.release())) {
-      pool_.give_back(*dropped);
-      ++exchange_.frames_overrun;
-    }
-  }
+  while (!is_stopping() && !mailbox_.is_closed() && capture_once()) continue;
   exchange_.is_camera_live = false;
   mailbox_.wait_empty();  // the last frame is taken, too
   mailbox_.close();
 }
 
+bool Daemon::capture_once() {
+  using namespace std::chrono_literals;
+  exchange_.is_camera_live = !options_.is_lockstep;
+  const std::optional<int> index = pool_.lend();
+  if (!index) {
+    std::this_thread::sleep_for(100us);
+    return true;
+  }
+  FrameLease lease(pool_, *index);
+  const CaptureStatus status = around_.camera->capture(pool_[*index]);
+  if (status == CaptureStatus::kEnd) return false;
+  if (status == CaptureStatus::kNothing) return true;
+  ++exchange_.frames_captured;
+  if (status == CaptureStatus::kInvalidFrame) {
+    ++exchange_.frames_invalid;
+    return true;
+  }
+  if (options_.is_lockstep) mailbox_.wait_empty();
+  if (const std::optional<int> dropped = mailbox_.post(lease.release())) {
+    pool_.give_back(*dropped);
+    ++exchange_.frames_overrun;
+  }
+  return true;
+}
+
 void Daemon::frame_loop() {
   while (!is_stopping()) {
     mailbox_.wait_full();
-    const std::optional<int> index = mailbox_.take();
-    if (!index) {
+    if (!process_once()) {
       if (mailbox_.is_closed()) break;
       continue;
     }
-    FrameLease lease(pool_, *index);
-    swap_path();
-    process(lease);
-    if (network_ != nullptr) ask_network(std::move(lease));
     if (options_.max_frames != 0 && exchange_.frames_processed >= options_.max_frames) break;
   }
   is_frame_over_ = true;
   if (const std::optional<int> left = mailbox_.close()) pool_.give_back(*left);
+}
+
+bool Daemon::process_once() {
+  const std::optional<int> index = mailbox_.take();
+  if (!index) return false;
+  FrameLease lease(pool_, *index);
+  swap_path();
+  process(lease);
+  if (network_ != nullptr) ask_network(std::move(lease));
+  return true;
 }
 
 // A new calibration takes over between two frames and keeps the rest image.
@@ -123,7 +125,7 @@ void Daemon::swap_path() {
   if (zero >= 0) path_->zero(zero);
 }
 
-void Daemon::read_temperature() { exchange_.milli_celsius = thermometer_.milli_celsius().value_or(kNoTemperature); }
+void Daemon::read_temperature() { exchange_.milli_celsius = around_.io->milli_celsius().value_or(kNoTemperature); }
 
 void Daemon::process(const FrameLease& lease) {
   const int32_t warmth = exchange_.milli_celsius;
@@ -191,40 +193,47 @@ void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) 
 }
 
 void Daemon::link_loop() {
-  std::array<uint8_t, 4'096> received;
-  uint64_t moved_us = now_us();  // the last time that something went out
-  uint64_t owed_us = moved_us;   // the last time that something was still to go out
-  uint64_t warmth_us = moved_us;
   while (!stop_->load(std::memory_order_relaxed)) {
-    if (now_us() - warmth_us > kWarmthUs) {
-      read_temperature();
-      warmth_us = now_us();
-    }
-    session_.poll(now_us());
-    std::span<const uint8_t> out = session_.pending();
-    pollfd wait{port_.fd(), static_cast<short>(POLLIN | (out.empty() ? 0 : POLLOUT)), 0};
-    ::poll(&wait, 1, kLinkPollMs);
-    const int n_read = port_.read(received);
-    if (n_read > 0) session_.receive({received.data(), static_cast<size_t>(n_read)});
-    int n_written = 0;
-    for (; !out.empty(); out = session_.pending()) {
-      n_written = port_.write(out);
-      if (n_written <= 0) break;
-      session_.consumed(static_cast<size_t>(n_written));
-      moved_us = now_us();
-    }
-    if (n_read < 0 || n_written < 0) {
-      session_.reset_line();
+    if (!serve_once(kLinkPollMs)) {
       std::this_thread::sleep_for(kReopenPause);
-      port_.reopen();
+      reopen_line();
     }
-    if (!is_frame_over_ || options_.lingers) {
-      moved_us = owed_us = now_us();
-      continue;
-    }
-    if (!session_.is_drained() || port_.has_unsent()) owed_us = now_us();
-    if (now_us() - owed_us > kQuietUs || now_us() - moved_us > kDrainUs) return;
+    if (has_said_all()) return;
   }
+}
+
+bool Daemon::serve_once(int wait_ms) {
+  const uint64_t now_us = around_.clock.now_us();
+  if (now_us - warmth_us_ > kWarmthUs) {
+    read_temperature();
+    warmth_us_ = now_us;
+  }
+  session_.poll(now_us);
+  std::span<const uint8_t> out = session_.pending();
+  around_.link->wait(!out.empty(), wait_ms);
+  const int n_read = around_.link->read(received_);
+  if (n_read > 0) session_.receive({received_.data(), static_cast<size_t>(n_read)});
+  int n_written = 0;
+  for (; !out.empty(); out = session_.pending()) {
+    n_written = around_.link->write(out);
+    if (n_written <= 0) break;
+    session_.consumed(static_cast<size_t>(n_written));
+    moved_us_ = around_.clock.now_us();
+  }
+  if (n_read >= 0 && n_written >= 0) return true;
+  session_.reset_line();
+  return false;
+}
+
+// A recording is over, and what it said was taken, or nobody takes it.
+bool Daemon::has_said_all() {
+  const uint64_t now_us = around_.clock.now_us();
+  if (!is_frame_over_ || options_.lingers) {
+    moved_us_ = owed_us_ = now_us;
+    return false;
+  }
+  if (!session_.is_drained() || around_.link->has_unsent()) owed_us_ = now_us;
+  return now_us - owed_us_ > kQuietUs || now_us - moved_us_ > kDrainUs;
 }
 
 }  // namespace ruffini

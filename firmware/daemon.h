@@ -1,19 +1,21 @@
 // The threads of ruffinid: capture -> frame -> link, and one beside them for a learned network where the board asks.
-// firmware/README.md has the picture.
+// firmware/README.md has the picture. Each thread repeats one step; tests/sim runs the same steps on a virtual clock.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <memory>
 #include <string>
 #include <thread>
 
+#include "base/clock.h"
 #include "base/mailbox.h"
 #include "capture/camera.h"
-#include "hw/thermometer.h"
+#include "hw/board_io.h"
 #include "infer/inference.h"
+#include "link/link.h"
 #include "link/messages.h"
-#include "link/serial_port.h"
 #include "link/session.h"
 
 namespace ruffini {
@@ -26,15 +28,32 @@ struct DaemonOptions {
   NetworkLoader network{};      // empty: none
 };
 
+// All that the daemon knows of the world; the medium is the calibrator's.
+struct Surroundings {
+  const Clock& clock;
+  std::unique_ptr<Camera> camera;
+  std::unique_ptr<Link> link;
+  std::unique_ptr<BoardIo> io;
+};
+
 class Daemon {
  public:
-  Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, std::unique_ptr<Camera> camera, SerialPort port,
-         Calibrator& calibrator, Exchange& exchange, DeviceIdentity identity, const DaemonOptions& options);
+  Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Surroundings around, Calibrator& calibrator,
+         Exchange& exchange, DeviceIdentity identity, const DaemonOptions& options);
 
   // Runs until the recording ends, `stop` is set, or max_frames were processed.
   void run(const std::atomic<bool>& stop);
+
+  // Capture thread: one frame from the camera to the mailbox. False: the camera has no more.
+  bool capture_once();
+  // Frame thread: the frame in the mailbox. False: there is none.
+  bool process_once();
+  // Link thread: reads, answers, writes what the line takes; waits for that at most so long. False: the line was lost.
+  bool serve_once(int wait_ms);
+  // Link thread: after a lost line. True when it is usable again.
+  bool reopen_line() { return around_.link->reopen(); }
   // After run().
-  [[nodiscard]] const Camera& camera() const { return *camera_; }
+  [[nodiscard]] const Camera& camera() const { return *around_.camera; }
 
  private:
   void capture_loop();
@@ -45,25 +64,28 @@ class Daemon {
   void ask_network(FrameLease lease);
   void swap_path();
   void read_temperature();
+  [[nodiscard]] bool has_said_all();
   void publish(ruffini_MessageType type, std::span<const uint8_t> frames);
   [[nodiscard]] bool is_stopping() const { return stop_->load(std::memory_order_relaxed) || is_done_; }
 
   BoardSettings board_;
   std::unique_ptr<FramePath> path_;
-  std::unique_ptr<Camera> camera_;
-  SerialPort port_;
+  Surroundings around_;
   Exchange& exchange_;
   DeviceIdentity identity_;
   DaemonOptions options_;
-  Thermometer thermometer_;
   Session session_;
   MessageEncoder encoder_;
   MessageEncoder::Sink sink_;
   std::vector<uint8_t> outgoing_;
+  std::array<uint8_t, 4'096> received_{};
   FramePool pool_;
   IndexMailbox mailbox_;
   std::unique_ptr<Inference> network_;
   uint64_t n_learned_ = 0;  // results of the network
+  uint64_t moved_us_;       // the last time that something went out
+  uint64_t owed_us_;        // the last time that something was still to go out
+  uint64_t warmth_us_;      // of the last reading of the thermometer
   const std::atomic<bool>* stop_ = nullptr;
   std::atomic<bool> is_done_{false};
   std::atomic<bool> is_frame_over_{false};

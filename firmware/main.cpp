@@ -2,15 +2,19 @@
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
+#include <array>
+#include <bit>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
-#include <random>
 
 #include "board/parse.h"
 #include "capture/replay_camera.h"
 #include "capture/twin_camera.h"
 #include "daemon.h"
+#include "hw/system.h"
+#include "hw/thermometer.h"
+#include "link/serial_port.h"
 
 #ifndef RUFFINI_VERSION
 #define RUFFINI_VERSION "0"
@@ -114,14 +118,22 @@ int run(const Arguments& arguments) {
 
   const int stream_flags =
       (camera.value()->is_simulated() ? ruffini::kSimulated : 0) | (camera.value()->is_replay() ? ruffini::kReplay : 0);
+  ruffini::SystemRandom random;
+  std::array<uint8_t, sizeof(uint32_t)> session{};
+  random.fill(session);
   const ruffini::DeviceIdentity identity{.serial = arguments.serial,
                                          .version = RUFFINI_VERSION,
-                                         .session_id = std::random_device{}(),
+                                         .session_id = std::bit_cast<uint32_t>(session),
                                          .sensor = 0,
                                          .stream_flags = static_cast<uint8_t>(stream_flags),
                                          .is_lossless = arguments.daemon.is_lockstep};
-  ruffini::Daemon daemon(board.value(), std::move(path).value(), std::move(camera).value(), std::move(port).value(),
-                         calibrator, exchange, identity, options);
+  const ruffini::SystemClock clock;
+  ruffini::Surroundings around{.clock = clock,
+                               .camera = std::move(camera).value(),
+                               .link = std::make_unique<ruffini::SerialPort>(std::move(port).value()),
+                               .io = std::make_unique<ruffini::Thermometer>(board.value().temperature.path)};
+  ruffini::Daemon daemon(board.value(), std::move(path).value(), std::move(around), calibrator, exchange, identity,
+                         options);
   daemon.run(stop_requested);
   const std::string lost = daemon.camera().problem();
   return lost.empty() || stop_requested ? 0 : fail({ruffini::ErrorKind::kUnavailable, lost});

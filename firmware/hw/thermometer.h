@@ -7,16 +7,19 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
+
+#include "hw/board_io.h"
 
 namespace ruffini {
 
-class Thermometer {
+class Thermometer final : public BoardIo {
  public:
   // An empty path: none.
   explicit Thermometer(std::string path) : path_(std::move(path)) {}
 
   // Nothing where the file cannot be read, or holds no integer, or none from -100 to 300 degrees.
-  [[nodiscard]] std::optional<int32_t> milli_celsius() const;
+  [[nodiscard]] std::optional<int32_t> milli_celsius() const override;
 
  private:
   std::string path_;

@@ -99,6 +99,11 @@ int SerialPort::write(std::span<const uint8_t> bytes) {
   return n >= 0 ? static_cast<int>(n) : is_only_late() ? 0 : -1;
 }
 
+void SerialPort::wait(bool is_writing, int timeout_ms) {
+  pollfd wait{fd_.get(), static_cast<short>(POLLIN | (is_writing ? POLLOUT : 0)), 0};
+  ::poll(&wait, 1, timeout_ms);
+}
+
 UniqueFd SerialPort::open_slave() const {
   return UniqueFd(::open(slave_path_.c_str(), O_RDONLY | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
 }

@@ -7,10 +7,11 @@
 
 #include "base/result.h"
 #include "base/unique_fd.h"
+#include "link/link.h"
 
 namespace ruffini {
 
-class SerialPort {
+class SerialPort final : public Link {
  public:
   // "pty" or "pty:SYMLINK" makes a pseudo-terminal, anything else is a device path.
   // Errors: kUnavailable with path and remedy.
@@ -18,19 +19,17 @@ class SerialPort {
 
   SerialPort(SerialPort&&) = default;
   SerialPort& operator=(SerialPort&&) = default;
-  ~SerialPort();
+  ~SerialPort() override;
 
   // What a host opens.
   [[nodiscard]] const std::string& host_path() const { return host_path_; }
-  [[nodiscard]] int fd() const { return fd_.get(); }
 
-  // Bytes moved; 0 = nothing now; -1 = the line hung up, or nobody has the pty open (reopen() may bring it back).
-  int read(std::span<uint8_t> out);
-  int write(std::span<const uint8_t> bytes);
-  // Something that was written is still on its way to the host.
-  [[nodiscard]] bool has_unsent() const;
-  // After a hang-up: what the host before did not read is forgotten. True when the line is usable again.
-  bool reopen();
+  // A pty that nobody has open has hung up, too.
+  int read(std::span<uint8_t> out) override;
+  int write(std::span<const uint8_t> bytes) override;
+  void wait(bool is_writing, int timeout_ms) override;
+  [[nodiscard]] bool has_unsent() const override;
+  bool reopen() override;
 
  private:
   SerialPort() = default;

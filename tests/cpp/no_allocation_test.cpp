@@ -13,6 +13,9 @@
 #include <thread>
 
 #include "daemon.h"
+#include "hw/system.h"
+#include "hw/thermometer.h"
+#include "link/serial_port.h"
 #include "support/dot_picture.h"
 #include "support/glowing_skin.h"
 #include "support/test_board.h"
@@ -158,13 +161,19 @@ Outcome run_daemon(const Scene& scene, bool plants, const NetworkLoader& network
   }
   exchange.every[ruffini_MessageType_MESSAGE_TYPE_LEARNED] = 1;
   Calibrator calibrator(board, "0000", SlotStore::open(folder).value(), exchange);
-  SerialPort port = SerialPort::open("pty").value();
-  const int host = ::open(port.host_path().c_str(), O_RDONLY | O_NOCTTY);
+  auto port = std::make_unique<SerialPort>(SerialPort::open("pty").value());
+  const int host = ::open(port->host_path().c_str(), O_RDONLY | O_NOCTTY);
   EXPECT_GE(host, 0);
   std::atomic<bool> stop{false};
+  const SystemClock clock;
   Outcome out;
   auto daemon = std::make_unique<Daemon>(
-      board, std::move(path).value(), std::make_unique<DrawnCamera>(scene), std::move(port), calibrator, exchange,
+      board, std::move(path).value(),
+      Surroundings{.clock = clock,
+                   .camera = std::make_unique<DrawnCamera>(scene),
+                   .link = std::move(port),
+                   .io = std::make_unique<Thermometer>("")},
+      calibrator, exchange,
       DeviceIdentity{.serial = "0000", .version = "test", .stream_flags = kSimulated, .is_lossless = true},
       DaemonOptions{.is_lockstep = true, .network = network});
   std::thread reader([&] {
