@@ -14,6 +14,14 @@ AXES = ("x", "y", "z")
 # Colour-blind-safe (Okabe and Ito) for x, y, z.
 COLOURS = ("#D55E00", "#009E73", "#0072B2")
 PRESSURE_MAP = "cividis"
+# Legends stand above the axes, where no curve can run through them.
+ABOVE: dict[str, Any] = {
+    "loc": "lower right",
+    "bbox_to_anchor": (1.0, 1.0),
+    "borderaxespad": 0.2,
+    "ncols": 3,
+    "frameon": False,
+}
 
 
 def _figure(width: float, height: float, **layout: Any) -> Any:
@@ -130,7 +138,7 @@ def depth_map(
         right.plot(places[nearest, :, 0], u_z[nearest], "k.", markersize=4, label="truth, nearest node row (simulated)")
     right.set(xlabel=f"x, {unit}, along the dashed row", ylabel="u_z, micrometres")
     right.grid(alpha=0.3)
-    right.legend(frameon=False, loc="center right")
+    right.legend(**ABOVE)
     figure.suptitle(title)
     return _save(figure, path)
 
@@ -152,7 +160,7 @@ def wrench_over_time(path: Path, time_s: Array, wrench: Array, *, title: str, tr
                 axis.plot(time_s, truth[:, offset + i], color="black", linewidth=0.9, linestyle="--")
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
-        axis.legend(frameon=False, ncols=3, loc="lower left")
+        axis.legend(**ABOVE)
     axes[1].set_xlabel("time, s")
     figure.suptitle(title + ("   (dashed: simulated truth)" if truth is not None else ""))
     return _save(figure, path)
