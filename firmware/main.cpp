@@ -15,6 +15,7 @@
 #include "hw/system.h"
 #include "hw/thermometer.h"
 #include "link/serial_port.h"
+#include "store/folder_storage.h"
 
 #ifndef RUFFINI_VERSION
 #define RUFFINI_VERSION "0"
@@ -64,6 +65,7 @@ struct Arguments {
   std::string store;
   std::string serial = "0000";
   std::string keys;
+  std::string factory;
   bool accepts_development_key = false;
   bool is_loop = false;
   ruffini::DaemonOptions daemon;
@@ -109,6 +111,11 @@ int run(const Arguments& arguments) {
   if (!keys) return fail(keys.error());
   ruffini::Calibrator calibrator(board.value(), arguments.serial, std::move(store).value(), exchange,
                                  has_trial ? ruffini::TrialRule() : ruffini::TrialRule{0, 0}, std::move(keys).value());
+  if (!arguments.factory.empty()) {
+    auto factory = ruffini::read_file(arguments.factory);
+    if (!factory) return fail(factory.error());
+    calibrator.set_factory(std::move(factory).value());
+  }
   std::string problem;
   auto path = calibrator.start(now_ns, problem);
   if (!path) return fail(path.error());
@@ -155,6 +162,7 @@ int main(int argc, char** argv) {
   app.add_option("--store", arguments.store, "folder that keeps the calibration")->required();
   app.add_option("--serial", arguments.serial, "serial number of this unit");
   app.add_option("--keys", arguments.keys, "folder of public keys (NAME.pub) whose calibrations are taken");
+  app.add_option("--factory", arguments.factory, "calibration for where the store has none that can be used");
   app.add_flag("--development-key", arguments.accepts_development_key,
                "take the public development key's, too, though keys are enrolled");
   app.add_flag("--lockstep", arguments.daemon.is_lockstep, "every frame in order, none dropped");

@@ -55,13 +55,19 @@ Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes)
   if (!signer) return signer.error();
   const Status fits = calibration.check_target(board_, serial_);
   if (!fits) return fits.error();
+  const auto manifest = read_manifest(calibration);
+  if (!manifest) return manifest.error();
+  const auto epoch = store_.epoch();
+  if (!epoch) return epoch.error();
+  const Status is_fresh = check_epoch(manifest.value(), epoch.value());
+  if (!is_fresh) return is_fresh.error();
   auto path = FramePath::configure(board_, file.value(), clock_);
   if (!path) return path.error();
   const std::string hash = sha256(bytes);
   path.value()->set_calibration_id(first_four_bytes(hash));
   return Prepared{std::move(path).value(),
                   {true, hash, std::string(calibration.text("created_utc")), std::string(calibration.text("kinds")),
-                   signer.value()}};
+                   signer.value(), manifest.value()}};
 }
 
 Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::string& problem) {
@@ -72,6 +78,7 @@ Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::s
     if (!problem_.empty()) problem_ += "; ";
     problem_ += "the last flash was on trial when the power went: flash it again; what was before is in force";
   }
+  if (!store_.problem().empty()) problem_ += (problem_.empty() ? "" : "; ") + store_.problem();
   problem = problem_;
   active_ = prepared.value().calibration;
   return std::move(prepared.value().path);
@@ -79,15 +86,21 @@ Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::s
 
 Result<Calibrator::Prepared> Calibrator::prepare_stored() {
   problem_.clear();
-  for (const auto& bytes : {store_.load(), store_.load_previous()}) {
-    if (bytes && bytes.value().empty()) break;
-    auto prepared = bytes ? prepare(bytes.value()) : Result<Prepared>(bytes.error());
+  struct Source {
+    const char* name;
+    Result<std::vector<uint8_t>> bytes;
+  };
+  const std::array<Source, 3> sources = {{{"stored calibration", store_.load()},
+                                          {"the one before it", store_.load_previous()},
+                                          {"the factory's", factory_}}};
+  for (const Source& source : sources) {
+    if (source.bytes && source.bytes.value().empty()) continue;
+    auto prepared = source.bytes ? prepare(source.bytes.value()) : Result<Prepared>(source.bytes.error());
     if (prepared) {
-      if (!problem_.empty()) problem_ += "; the calibration before it is in force";
+      if (!problem_.empty()) problem_ += std::string("; ") + source.name + " is in force";
       return prepared;
     }
-    problem_ +=
-        (problem_.empty() ? "stored calibration not used: " : "; the one before it: ") + prepared.error().message;
+    problem_ += std::string(problem_.empty() ? "" : "; ") + source.name + " not used: " + prepared.error().message;
   }
   auto path = FramePath::configure(board_, nullptr, clock_);
   if (!path) return path.error();
@@ -98,6 +111,8 @@ Status Calibrator::begin(uint64_t size_bytes, const std::string& sha256) {
   if (size_bytes == 0 || size_bytes > kMaxUploadBytes || sha256.size() != 32) {
     return Error{ErrorKind::kBadInput, "an upload needs a SHA-256 and 1 byte to 128 MiB: check the tool's version"};
   }
+  const Status can_write = store_.can_write();
+  if (!can_write) return can_write;
   const bool is_same = is_receiving_ && expected_sha256_ == sha256 && size_bytes_ == size_bytes;
   if (!is_same) {
     upload_.clear();
@@ -131,8 +146,16 @@ Status Calibrator::commit() {
     abort();
     return prepared.error();
   }
+  const Manifest manifest = prepared.value().calibration.manifest;
+  const auto epoch = store_.epoch();
+  if (!epoch) return epoch.error();
+  const Status follows = check_succession(manifest, active_.manifest.version, epoch.value());
+  if (!follows) {
+    abort();
+    return follows;
+  }
   Status stored = store_.stage(upload_);
-  if (stored && rule_.n_good == 0) stored = store_.confirm();
+  if (stored && rule_.n_good == 0) stored = store_.confirm(manifest.epoch);
   if (!stored) return stored;
   abort();
   problem_.clear();
@@ -163,7 +186,7 @@ std::optional<TrialEnd> Calibrator::poll() {
 }
 
 TrialEnd Calibrator::confirm() {
-  const Status confirmed = store_.confirm();
+  const Status confirmed = store_.confirm(active_.manifest.epoch);
   is_on_trial_ = false;
   if (confirmed) return {true, "the new calibration is in force"};
   problem_ = confirmed.error().message;

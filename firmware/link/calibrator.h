@@ -11,6 +11,7 @@
 
 #include "board/settings.h"
 #include "link/exchange.h"
+#include "store/manifest.h"
 #include "store/signature.h"
 #include "store/slot_store.h"
 
@@ -22,6 +23,7 @@ struct ActiveCalibration {
   std::string created_utc;
   std::string kinds;
   Signer signer;
+  Manifest manifest;
 };
 
 // So many good frames (none of kWrongFlags) confirm a calibration, so many frames without them end it. 0: no trial.
@@ -44,9 +46,12 @@ class Calibrator {
   Calibrator(const BoardSettings& board, std::string serial, SlotStore store, Exchange& exchange,
              TrialRule rule = TrialRule(), KeyRing keys = KeyRing());
 
-  // The path for the calibration in force, where that is spoilt for the one before it, else without one; `problem` says
-  // why a stored file was not used.
+  // The path for the calibration in force, where that is spoilt for the one before it, then for the factory's, else
+  // without one; `problem` says why a stored file was not used, or what the medium cannot do.
   [[nodiscard]] Result<std::unique_ptr<FramePath>> start(ClockFunction clock, std::string& problem);
+
+  // What is used where the medium has nothing that can be: of a read-only image. To be called before start().
+  void set_factory(std::vector<uint8_t> file) { factory_ = std::move(file); }
 
   [[nodiscard]] Status begin(uint64_t size_bytes, const std::string& sha256);
   [[nodiscard]] Status chunk(uint64_t offset, std::span<const uint8_t> data);
@@ -76,6 +81,7 @@ class Calibrator {
     std::unique_ptr<FramePath> path;
     ActiveCalibration calibration;
   };
+  // Whatever is used passes here: layout, signature, target, security epoch, bounds proof.
   [[nodiscard]] Result<Prepared> prepare(std::span<const uint8_t> bytes) const;
   // For the newest stored file that is sound, or for none; what is wrong with others goes to `problem_`.
   [[nodiscard]] Result<Prepared> prepare_stored();
@@ -90,6 +96,7 @@ class Calibrator {
   Exchange& exchange_;
   TrialRule rule_;
   KeyRing keys_;
+  std::vector<uint8_t> factory_;
   bool is_on_trial_ = false;
   std::string problem_;
   ClockFunction clock_ = nullptr;

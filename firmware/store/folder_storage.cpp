@@ -44,13 +44,38 @@ class WrittenFile final : public NewFile {
   std::string path_;
 };
 
+// All of an open file: what it is is asked of the descriptor that is read, so nobody can change it in between.
+Result<std::vector<uint8_t>> read_whole(const UniqueFd& file, const std::string& path, ReadFrom from) {
+  struct stat status{};
+  if (::fstat(file.get(), &status) != 0) return storage_error("stat", path);
+  if (!S_ISREG(status.st_mode) || static_cast<size_t>(status.st_size) > kMaxFileBytes) {
+    errno = EFBIG;
+    return storage_error("use (not a plain file, or too large)", path);
+  }
+  if (from == ReadFrom::kMedium) ::posix_fadvise(file.get(), 0, 0, POSIX_FADV_DONTNEED);
+  std::vector<uint8_t> bytes(static_cast<size_t>(status.st_size));
+  for (size_t at = 0; at < bytes.size();) {
+    const ssize_t n = ::read(file.get(), bytes.data() + at, bytes.size() - at);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return storage_error("read", path);
+    at += static_cast<size_t>(n);
+  }
+  return bytes;
+}
+
 }  // namespace
+
+Result<std::vector<uint8_t>> read_file(const std::string& path) {
+  const UniqueFd file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (!file) return storage_error("open", path);
+  return read_whole(file, path, ReadFrom::kAnywhere);
+}
 
 Result<std::unique_ptr<Storage>> FolderStorage::open(const std::string& folder) {
   std::error_code failed;
   std::filesystem::create_directories(folder, failed);
   UniqueFd fd(failed ? -1 : ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
-  if (!fd || ::faccessat(fd.get(), ".", W_OK | X_OK, 0) != 0) {
+  if (!fd) {
     if (failed) errno = failed.value();
     return storage_error("use as a calibration store", folder);
   }
@@ -74,21 +99,7 @@ Result<std::vector<std::string>> FolderStorage::list() const {
 Result<std::vector<uint8_t>> FolderStorage::read(const std::string& name, ReadFrom from) const {
   const UniqueFd file(::openat(fd_.get(), name.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
   if (!file) return storage_error("open", path(name));
-  struct stat status{};
-  if (::fstat(file.get(), &status) != 0) return storage_error("stat", path(name));
-  if (!S_ISREG(status.st_mode) || static_cast<size_t>(status.st_size) > kMaxFileBytes) {
-    errno = EFBIG;
-    return storage_error("use (not a plain file, or too large)", path(name));
-  }
-  if (from == ReadFrom::kMedium) ::posix_fadvise(file.get(), 0, 0, POSIX_FADV_DONTNEED);
-  std::vector<uint8_t> bytes(static_cast<size_t>(status.st_size));
-  for (size_t at = 0; at < bytes.size();) {
-    const ssize_t n = ::read(file.get(), bytes.data() + at, bytes.size() - at);
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return storage_error("read", path(name));
-    at += static_cast<size_t>(n);
-  }
-  return bytes;
+  return read_whole(file, path(name), from);
 }
 
 Result<std::unique_ptr<NewFile>> FolderStorage::create(const std::string& name, size_t n_bytes) {
@@ -111,6 +122,11 @@ Status FolderStorage::rename(const std::string& from, const std::string& to) {
 
 Status FolderStorage::remove(const std::string& name) {
   if (::unlinkat(fd_.get(), name.c_str(), 0) != 0) return storage_error("remove", path(name));
+  return Unit{};
+}
+
+Status FolderStorage::can_write() const {
+  if (::faccessat(fd_.get(), ".", W_OK | X_OK, 0) != 0) return storage_error("write there", folder_);
   return Unit{};
 }
 

@@ -2,6 +2,7 @@
 // refused, and the folder is held open.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -11,9 +12,12 @@
 
 namespace ruffini {
 
+// One file, by a path that may be a link. Errors: kStorage with path and remedy.
+[[nodiscard]] Result<std::vector<uint8_t>> read_file(const std::string& path);
+
 class FolderStorage final : public Storage {
  public:
-  // Creates the folder where it is missing. Errors: kStorage with path and remedy.
+  // Creates the folder where it is missing; one that is read-only will do. Errors: kStorage with path and remedy.
   [[nodiscard]] static Result<std::unique_ptr<Storage>> open(const std::string& folder);
 
   [[nodiscard]] Result<std::vector<std::string>> list() const override;
@@ -22,6 +26,7 @@ class FolderStorage final : public Storage {
   [[nodiscard]] Status rename(const std::string& from, const std::string& to) override;
   [[nodiscard]] Status remove(const std::string& name) override;
   [[nodiscard]] Status sync_folder() override;
+  [[nodiscard]] Status can_write() const override;
   [[nodiscard]] std::string path(const std::string& name) const override { return folder_ + "/" + name; }
 
  private:

@@ -12,33 +12,54 @@ namespace ruffini {
 namespace {
 
 constexpr std::string_view kPrefix = "calibration-";
+constexpr std::string_view kEpoch = ".epoch-";
 constexpr std::string_view kSuffix = ".safetensors";
 constexpr char kIncoming[] = "incoming.tmp";
 constexpr char kTrial[] = "trial.safetensors";
 constexpr size_t kKept = 2;
 
-std::string name_of(uint64_t generation) {
-  return std::string(kPrefix) + std::to_string(generation) + std::string(kSuffix);
+using Slot = SlotStore::Slot;
+
+std::string name_of(const Slot& slot) {
+  const std::string epoch = slot.epoch == 0 ? "" : std::string(kEpoch) + std::to_string(slot.epoch);
+  return std::string(kPrefix) + std::to_string(slot.generation) + epoch + std::string(kSuffix);
 }
 
-// The number in a name that name_of() would write; nothing else is a calibration.
-std::optional<uint64_t> generation_of(const std::string& name) {
+// The numbers in a name that name_of() would write; nothing else is a calibration.
+std::optional<Slot> slot_of(const std::string& name) {
   if (name.size() <= kPrefix.size() + kSuffix.size() || name.compare(0, kPrefix.size(), kPrefix) != 0) return {};
-  uint64_t generation = 0;
-  std::from_chars(name.data() + kPrefix.size(), name.data() + name.size(), generation);
+  Slot slot;
+  const char* end = name.data() + name.size();
+  const char* at = std::from_chars(name.data() + kPrefix.size(), end, slot.generation).ptr;
+  const std::string_view rest(at, static_cast<size_t>(end - at));
+  if (rest.substr(0, kEpoch.size()) == kEpoch) std::from_chars(at + kEpoch.size(), end, slot.epoch);
   // The next one must have a number, too.
-  return name_of(generation) == name && generation < UINT64_MAX ? std::optional(generation) : std::nullopt;
+  return name_of(slot) == name && slot.generation < UINT64_MAX ? std::optional(slot) : std::nullopt;
+}
+
+// The highest that any of them carries, so that a file that follows cannot lower it.
+uint32_t reached(const std::vector<Slot>& slots) {
+  uint32_t epoch = 0;
+  for (const Slot& slot : slots) epoch = std::max(epoch, slot.epoch);
+  return epoch;
 }
 
 }  // namespace
 
-Result<SlotStore> SlotStore::open(std::unique_ptr<Storage> medium) {
+// A medium that cannot be written to, or not be read, is no reason not to start: what is in force there, if anything, is
+// in use, and what is to be said of it is said.
+SlotStore SlotStore::open(std::unique_ptr<Storage> medium) {
   SlotStore store(std::move(medium));
   const Result<bool> cleared = store.remove_if_there(kIncoming);
-  if (!cleared) return cleared.error();
+  const auto names = store.medium_->list();
+  store.has_lost_trial_ = names && std::find(names.value().begin(), names.value().end(), kTrial) != names.value().end();
   const Result<bool> on_trial = store.remove_if_there(kTrial);
-  if (!on_trial) return on_trial.error();
-  store.has_lost_trial_ = on_trial.value();
+  const Status writable = store.can_write();
+  if (!writable) {
+    store.problem_ = writable.error().message;
+  } else if (!cleared || !on_trial) {
+    store.problem_ = (cleared ? on_trial : cleared).error().message;
+  }
   return store;
 }
 
@@ -48,20 +69,32 @@ Result<SlotStore> SlotStore::open(const std::string& folder) {
   return open(std::move(medium).value());
 }
 
+Status SlotStore::can_write() const {
+  const Status can = medium_->can_write();
+  if (can) return can;
+  return Error{ErrorKind::kStorage, can.error().message + "; what is in force goes on, nothing can be flashed"};
+}
+
+Result<uint32_t> SlotStore::epoch() const {
+  const auto found = slots();
+  if (!found) return found.error();
+  return reached(found.value());
+}
+
 // The newest first.
-Result<std::vector<uint64_t>> SlotStore::generations() const {
+Result<std::vector<Slot>> SlotStore::slots() const {
   const auto names = medium_->list();
   if (!names) return names.error();
-  std::vector<uint64_t> found;
+  std::vector<Slot> found;
   for (const std::string& name : names.value()) {
-    if (const std::optional<uint64_t> generation = generation_of(name)) found.push_back(*generation);
+    if (const std::optional<Slot> slot = slot_of(name)) found.push_back(*slot);
   }
   std::sort(found.begin(), found.end(), std::greater<>());
   return found;
 }
 
 Result<std::vector<uint8_t>> SlotStore::load_nth(size_t n) const {
-  const auto found = generations();
+  const auto found = slots();
   if (!found) return found.error();
   if (found.value().size() <= n) return std::vector<uint8_t>{};
   return medium_->read(name_of(found.value()[n]), ReadFrom::kAnywhere);
@@ -78,10 +111,11 @@ Status SlotStore::stage(std::span<const uint8_t> bytes) {
   return done;
 }
 
-Status SlotStore::confirm() {
-  const auto found = generations();
+Status SlotStore::confirm(uint32_t epoch) {
+  const auto found = slots();
   if (!found) return found.error();
-  const uint64_t next = found.value().empty() ? 1 : found.value().front() + 1;
+  const Slot next{found.value().empty() ? 1 : found.value().front().generation + 1,
+                  std::max(epoch, reached(found.value()))};
   Status done = medium_->rename(kTrial, name_of(next));
   if (done) done = medium_->sync_folder();
   // Only now: until then a power cut may leave the file before this one in force.
@@ -95,9 +129,10 @@ Status SlotStore::confirm() {
 Status SlotStore::reject() { return medium_->remove(kTrial); }
 
 Status SlotStore::undo() {
-  const auto found = generations();
+  const auto found = slots();
   if (!found) return found.error();
-  const Status done = medium_->rename(name_of(found.value()[1]), name_of(found.value()[0] + 1));
+  const Slot next{found.value()[0].generation + 1, reached(found.value())};
+  const Status done = medium_->rename(name_of(found.value()[1]), name_of(next));
   return done ? medium_->sync_folder() : done;
 }
 

@@ -5,12 +5,16 @@
 //   trial.safetensors           a new one that has yet to show that it measures; removed at start, so a restart goes back
 //   incoming.tmp                an upload that is not finished; removed at start
 //
+// calibration-8.epoch-2.safetensors: from then on no file of a lower security epoch counts. The name carries it, so that
+// the rename that puts a file in force raises the epoch, or does neither.
+//
 // One rename decides. stage() makes the trial of a temporary file that is synced and read back from the medium,
 // confirm() gives it the next number; an undo gives that to the file before. So there is no record beside the names that
 // could contradict them, and after any power cut the old or the new file is in force, whole:
 // tests/cpp/store/crash_states_test.cpp visits every state that store/storage.h allows. Link thread only.
 #pragma once
 
+#include <compare>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -24,9 +28,15 @@ namespace ruffini {
 
 class SlotStore {
  public:
-  // Errors: kStorage with path and remedy.
-  [[nodiscard]] static Result<SlotStore> open(std::unique_ptr<Storage> medium);
-  // A folder, created where it is missing.
+  // A file in force: by its name.
+  struct Slot {
+    uint64_t generation = 0;
+    uint32_t epoch = 0;
+    friend auto operator<=>(const Slot&, const Slot&) = default;
+  };
+
+  [[nodiscard]] static SlotStore open(std::unique_ptr<Storage> medium);
+  // A folder, created where it is missing. Errors: kStorage with path and remedy.
   [[nodiscard]] static Result<SlotStore> open(const std::string& folder);
 
   // The file in force; an empty vector where there is none.
@@ -35,18 +45,24 @@ class SlotStore {
   [[nodiscard]] Result<std::vector<uint8_t>> load_previous() const { return load_nth(1); }
   // Puts `bytes` on trial, durably; what is in force stays so. In the place of another one on trial.
   [[nodiscard]] Status stage(std::span<const uint8_t> bytes);
-  // What is on trial is in force from now on, durably. Precondition: there is one.
-  [[nodiscard]] Status confirm();
+  // What is on trial is in force from now on, durably, and with it its security epoch. Precondition: there is one.
+  [[nodiscard]] Status confirm(uint32_t epoch = 0);
   // Ends the trial; what is in force stays so. Precondition: there is one.
   [[nodiscard]] Status reject();
   // When the store was opened it found a trial that had not ended, and removed it.
   [[nodiscard]] bool has_lost_trial() const { return has_lost_trial_; }
   // Puts in force what was so before, durably; once more takes that back. Precondition: there is one.
   [[nodiscard]] Status undo();
+  // The security epoch that was reached; it never falls.
+  [[nodiscard]] Result<uint32_t> epoch() const;
+  // Whether a flash could be kept; else why not.
+  [[nodiscard]] Status can_write() const;
+  // What was wrong with the medium at open(); empty: nothing.
+  [[nodiscard]] const std::string& problem() const { return problem_; }
 
  private:
   explicit SlotStore(std::unique_ptr<Storage> medium) : medium_(std::move(medium)) {}
-  [[nodiscard]] Result<std::vector<uint64_t>> generations() const;
+  [[nodiscard]] Result<std::vector<Slot>> slots() const;
   [[nodiscard]] Result<std::vector<uint8_t>> load_nth(size_t n) const;
   [[nodiscard]] Status write_checked(std::span<const uint8_t> bytes);
   // Whether it was there.
@@ -54,6 +70,7 @@ class SlotStore {
 
   std::unique_ptr<Storage> medium_;
   bool has_lost_trial_ = false;
+  std::string problem_;
 };
 
 }  // namespace ruffini

@@ -48,6 +48,8 @@ class Storage {
   [[nodiscard]] virtual Status rename(const std::string& from, const std::string& to) = 0;
   [[nodiscard]] virtual Status remove(const std::string& name) = 0;
   [[nodiscard]] virtual Status sync_folder() = 0;
+  // Whether names can be made and removed there, as far as can be told without doing so.
+  [[nodiscard]] virtual Status can_write() const { return Unit{}; }
   // For messages.
   [[nodiscard]] virtual std::string path(const std::string& name) const = 0;
 };

@@ -94,3 +94,44 @@ def test_a_sensor_with_an_enrolled_key_takes_its_owners_files_only(sensor: Senso
         host._send("STATUS")
         status = host._wait_for("STATUS", 3.0, lambda m: True)
         assert "HEALTH_DEVELOPMENT_KEY" in host.schema.enum_names("HealthBit", status.health)
+
+
+def test_versions_and_epochs_go_forward_and_a_file_for_another_sensor_is_refused(
+    sensor: Sensor, tmp_path: Path
+) -> None:
+    file = tmp_path / "calibration"
+    container.write(file, container.unpack(sensor.calibration))
+
+    def flash(port: str, *words: str) -> tuple[int, str]:
+        code, _, text = run_host("key", "sign", str(file), "--out", str(tmp_path / "signed"), *words)
+        assert code == 0, text
+        code, _, text = run_host("cal", "flash", str(tmp_path / "signed"), port=port)
+        return code, text
+
+    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon:
+        port = daemon.port
+        code, text = flash(port, "--sensor", "0099")
+        assert (code, 'for sensor "0099", this is "0001"' in text) == (4, True), text
+        code, text = flash(port, "--version", "5000")
+        assert (code, "--allow-jump" in text) == (4, True), text
+        assert flash(port, "--version", "5", "--sensor", "0001")[0] == 0
+        code, text = flash(port, "--version", "4")
+        assert (code, "version 5 is in force" in text) == (4, True), text
+        assert flash(port, "--version", "4", "--allow-older")[0] == 0
+        assert flash(port, "--version", "6", "--epoch", "2")[0] == 0
+        code, text = flash(port, "--version", "7", "--epoch", "1", "--allow-older", "--allow-jump")
+        assert (code, "does not go back" in text) == (4, True), text
+        code, _, text = run_host("cal", "undo", port=port)
+        assert (code, "does not go back" in text) == (4, True), text
+    assert (tmp_path / "store" / "calibration-3.epoch-2.safetensors").is_file()
+    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon:
+        code, text = flash(daemon.port, "--version", "7", "--epoch", "0")
+        assert (code, "this device is at 2" in text) == (4, True), text
+
+
+def test_without_a_stored_calibration_the_factorys_is_in_force(sensor: Sensor, tmp_path: Path) -> None:
+    factory = tmp_path / "factory.safetensors"
+    factory.write_bytes(sensor.calibration)
+    options = ("--wait-for-host", "--factory", str(factory))
+    with start(sensor, tmp_path / "store", *options) as daemon, Connection(daemon.port) as host:
+        assert host.hello.sensors[0].calibration.sha256 == hashlib.sha256(sensor.calibration).digest()

@@ -108,18 +108,36 @@ def find(name: str) -> Key:
     return keys[name]
 
 
-def sign(file: container.CalibrationFile, name: str) -> container.CalibrationFile:
-    """The same tables, signed by an owner's key.
+def sign(
+    file: container.CalibrationFile, name: str | None, changes: dict[str, str] | None = None
+) -> container.CalibrationFile:
+    """The same tables, signed by an owner's key; None: the public development key.
+
+    Parameters
+    ----------
+    changes : dict
+        Keys of the manifest (proto/CALIBRATION.md) that the owner sets.
 
     Raises
     ------
     InputError
         There is no such key, or only its public half.
     """
-    key = find(name)
-    if not key.can_sign:
+    seed = secret(name) if name else container.DEVELOPMENT_SEED
+    return container.pack(file.tensors, {**file.metadata, **(changes or {})}, seed=seed)
+
+
+def secret(name: str) -> bytes:
+    """The seed of a key.
+
+    Raises
+    ------
+    InputError
+        There is no such key, or only its public half.
+    """
+    if not find(name).can_sign:
         raise InputError(f"of key {name} only the public half is in {folder()}: sign where {name}.key is")
-    return container.pack(file.tensors, file.metadata, seed=_read(folder() / f"{name}.key"))
+    return _read(folder() / f"{name}.key")
 
 
 def verify(file: container.CalibrationFile) -> str:

@@ -53,15 +53,39 @@ def enrol(
 @app.command("sign")
 def sign(
     file: Annotated[Path, typer.Argument(help="Calibration file.")],
-    name: Annotated[str, typer.Option("--key", envvar="RUFFINI_KEY", help="Name of the key.")],
     out: Annotated[Path, typer.Option("--out", help="File to write.")],
+    name: Annotated[
+        str | None, typer.Option("--key", envvar="RUFFINI_KEY", help="Name of the key (without: the development key).")
+    ] = None,
+    version: Annotated[int | None, typer.Option(min=1, help="Number of this calibration; sensors go forward.")] = None,
+    epoch: Annotated[
+        int | None, typer.Option(min=0, help="Security epoch; a sensor that reached one never takes a lower one.")
+    ] = None,
+    sensor: Annotated[
+        str | None, typer.Option(help="Serial number of the only sensor that may take it; '*': any.")
+    ] = None,
+    allow_older: Annotated[
+        bool, typer.Option("--allow-older", help="Sensors take it though a newer version is in force.")
+    ] = False,
+    allow_jump: Annotated[
+        bool, typer.Option("--allow-jump", help="Sensors take it though version or epoch are far ahead.")
+    ] = False,
     json_: JsonFlag = False,
 ) -> None:
-    """Sign a calibration with an owner's key."""
+    """Sign a calibration with an owner's key, and say for whom it is and what it may follow."""
     from ruffini.calibrate import keys
     from ruffini.files import write_whole
 
-    signed = keys.sign(keys.read_verified(file), name)
+    said = {"version": version, "security_epoch": epoch, "sensor_serial": sensor,
+            "allow_older": "1" if allow_older else "0", "allow_jump": "1" if allow_jump else "0"}  # fmt: skip
+    changes = {key: str(value) for key, value in said.items() if value is not None}
+    signed = keys.sign(keys.read_verified(file), name, changes)
     write_whole(out, signed.data)
-    emit({"file": str(out), "key_id": signed.metadata["key_id"], "sha256": signed.sha256.hex()}, json_,
-         f"{out}: signed by {name} ({signed.metadata['key_id']})")  # fmt: skip
+    manifest = {key: signed.metadata.get(key, "") for key in said}
+    text = (
+        f"{out}: signed by {name or 'the development key'} ({signed.metadata['key_id']}), version "
+        f"{manifest['version']}, epoch {manifest['security_epoch']}, for sensor {manifest['sensor_serial']}"
+    )
+    emit(
+        {"file": str(out), "key_id": signed.metadata["key_id"], "sha256": signed.sha256.hex(), **manifest}, json_, text
+    )

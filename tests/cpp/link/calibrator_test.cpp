@@ -72,6 +72,17 @@ class CalibratorTest : public testing::Test {
     at[3] = '7';
     return test::sign(std::move(out));
   }
+  // The same of another version and security epoch, one digit each.
+  [[nodiscard]] Bytes stamped(const std::string& version, const std::string& epoch) const {
+    Bytes out = file_;
+    for (const auto& [key, digit] : {std::pair<std::string, std::string>{"\"version\":\"", version},
+                                     std::pair<std::string, std::string>{"\"security_epoch\":\"", epoch}}) {
+      const auto at = std::search(out.begin(), out.end(), key.begin(), key.end());
+      EXPECT_NE(at, out.end());
+      at[static_cast<std::ptrdiff_t>(key.size())] = static_cast<uint8_t>(digit[0]);
+    }
+    return test::sign(std::move(out));
+  }
   // What a start now makes of the store.
   [[nodiscard]] std::string in_force_after_a_restart() {
     Calibrator later = open();
@@ -223,7 +234,7 @@ TEST_F(CalibratorTest, ATrialThatCannotBeConfirmedGoesBackAndSaysWhy) {
   for (const bool is_renamed : {false, true}) {
     auto made = std::make_unique<Failing>();
     Failing& medium = *made;
-    Calibrator calibrator(board_, "0042", SlotStore::open(std::move(made)).value(), exchange_);
+    Calibrator calibrator(board_, "0042", SlotStore::open(std::move(made)), exchange_);
     std::string problem;
     ASSERT_TRUE(calibrator.start(still_clock, problem));
     ASSERT_TRUE(calibrator.begin(file_.size(), sha256(file_)));
@@ -277,7 +288,89 @@ TEST_F(CalibratorTest, WhereTheFileInForceIsSpoiltTheOneBeforeItIs) {
   ASSERT_TRUE(path);
   EXPECT_EQ(later.active().sha256, sha256(file_));
   EXPECT_NE(path.value()->calibration_id(), 0U);
-  EXPECT_NE(problem.find("the calibration before it is in force"), std::string::npos) << problem;
+  EXPECT_NE(problem.find("the one before it is in force"), std::string::npos) << problem;
+}
+
+TEST_F(CalibratorTest, WhereNothingStoredCanBeUsedTheFactorysIs) {
+  Calibrator first = open();
+  first.set_factory(file_);
+  std::string problem;
+  ASSERT_TRUE(first.start(still_clock, problem));
+  EXPECT_EQ(first.active().sha256, sha256(file_));
+  EXPECT_EQ(problem, "") << "nothing was ever flashed";
+  SlotStore store = SlotStore::open(folder_).value();
+  ASSERT_TRUE(test::install(store, Bytes(100, 7)));
+  ASSERT_TRUE(test::install(store, Bytes(100, 8)));
+  Calibrator later = open();
+  later.set_factory(file_);
+  ASSERT_TRUE(later.start(still_clock, problem));
+  EXPECT_EQ(later.active().sha256, sha256(file_));
+  EXPECT_NE(problem.find("the factory's is in force"), std::string::npos) << problem;
+}
+
+// A medium whose newest file cannot be read, and on which nothing can be written.
+TEST_F(CalibratorTest, OnAMediumThatFailsWhatCanBeReadMeasuresAndAFlashIsRefused) {
+  struct Failing final : test::CrashMedium {
+    using CrashMedium::CrashMedium;
+    Result<Bytes> read(const std::string& name, ReadFrom from) const override {
+      if (name == "calibration-2.safetensors") return Error{ErrorKind::kStorage, "an I/O error"};
+      return CrashMedium::read(name, from);
+    }
+    Status can_write() const override { return Error{ErrorKind::kStorage, "read-only"}; }
+  };
+  const auto kept = [](Bytes bytes) { return std::make_shared<test::Inode>(test::Inode{std::move(bytes), 0, true}); };
+  const test::Names names = {{"calibration-1.safetensors", kept(file_)}, {"calibration-2.safetensors", kept(newer())}};
+  Calibrator calibrator(board_, "0042", SlotStore::open(std::make_unique<Failing>(names)), exchange_);
+  std::string problem;
+  ASSERT_TRUE(calibrator.start(still_clock, problem));
+  EXPECT_EQ(calibrator.active().sha256, sha256(file_));
+  EXPECT_NE(problem.find("an I/O error; the one before it is in force; read-only"), std::string::npos) << problem;
+  const Status begun = calibrator.begin(file_.size(), sha256(file_));
+  ASSERT_FALSE(begun);
+  EXPECT_EQ(begun.error().kind, ErrorKind::kStorage);
+  EXPECT_NE(begun.error().message.find("nothing can be flashed"), std::string::npos) << begun.error().message;
+}
+
+TEST_F(CalibratorTest, AnOlderVersionIsRefusedAndUndoGoesBackToIt) {
+  flash(stamped("5", "0"));
+  const Bytes older = stamped("4", "0");
+  ASSERT_TRUE(upload(older));
+  const Status refused = calibrator_.commit();
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().kind, ErrorKind::kRefused);
+  EXPECT_NE(refused.error().message.find("version 4, version 5 is in force"), std::string::npos)
+      << refused.error().message;
+  EXPECT_FALSE(calibrator_.is_receiving());
+  flash(stamped("6", "0"));
+  ASSERT_TRUE(calibrator_.undo());
+  EXPECT_EQ(calibrator_.active().manifest.version, 5);
+}
+
+// The epoch rises when the trial has ended well, not before, and holds whatever is undone or spoilt.
+TEST_F(CalibratorTest, ASecurityEpochIsReachedWithTheConfirmationAndNeverLeft) {
+  flash(stamped("1", "0"));
+  ASSERT_TRUE(upload(stamped("2", "3")));
+  ASSERT_TRUE(calibrator_.commit());
+  ASSERT_TRUE(calibrator_.undo()) << "ends the trial";
+  flash(stamped("3", "0"));
+  flash(stamped("4", "3"));
+  const Status undone = calibrator_.undo();
+  ASSERT_FALSE(undone) << "what was before is of epoch 0";
+  EXPECT_EQ(undone.error().kind, ErrorKind::kRefused);
+  EXPECT_NE(undone.error().message.find("epoch 0, this device is at 3"), std::string::npos) << undone.error().message;
+  ASSERT_TRUE(upload(stamped("5", "2")));
+  EXPECT_FALSE(calibrator_.commit());
+  {
+    SlotStore store = SlotStore::open(folder_).value();  // the file in force is spoilt
+    ASSERT_TRUE(test::install(store, Bytes(100, 7)));
+    ASSERT_TRUE(test::install(store, stamped("3", "0")));
+  }
+  Calibrator later = open();
+  std::string problem;
+  ASSERT_TRUE(later.start(still_clock, problem));
+  EXPECT_FALSE(later.active().is_present);
+  EXPECT_NE(problem.find("does not go back"), std::string::npos) << problem;
+  flash(stamped("6", "3"));
 }
 
 TEST_F(CalibratorTest, OneSpoiltByteOfTheUploadIsSeen) {

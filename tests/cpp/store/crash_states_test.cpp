@@ -103,6 +103,8 @@ struct Scenario {
   Work work;
   Bytes old_one;  // in force before; empty: nothing
   Bytes new_one;  // flashed, or put back
+  uint32_t old_epoch = 0;
+  uint32_t new_epoch = 0;
 };
 
 // What has been asked for, and said to be done.
@@ -117,6 +119,8 @@ std::vector<Scenario> scenarios() {
   crowded["calibration-2.safetensors"] = kept(table(2));
   crowded["incoming.tmp"] = kept(Bytes(100, 7));
   crowded["trial.safetensors"] = kept(table(6));
+  const Names raised = {{"calibration-3.safetensors", kept(table(3))},
+                        {"calibration-4.epoch-1.safetensors", kept(table(4))}};
   return {
       {"first flash", {}, Work::kConfirm, {}, table(5)},
       {"second flash", {{"calibration-1.safetensors", kept(table(4))}}, Work::kConfirm, table(4), table(5)},
@@ -125,6 +129,9 @@ std::vector<Scenario> scenarios() {
       {"the same file again", two, Work::kConfirm, table(4), table(4)},
       {"a trial that fails", two, Work::kReject, table(4), table(5)},
       {"undo", two, Work::kUndo, table(4), table(3)},
+      {"a higher epoch", raised, Work::kConfirm, table(4), table(5), 1, 3},
+      {"a flash after a higher epoch", raised, Work::kConfirm, table(4), table(5), 1, 1},
+      {"undo after a higher epoch", raised, Work::kUndo, table(4), table(3), 1, 1},
   };
 }
 
@@ -167,9 +174,9 @@ class Visitor {
         for (size_t n = 0; n <= m.n_pending(); ++n) again.insert(m.names_after(n));
       };
     }
-    auto store = SlotStore::open(std::make_unique<Medium>(medium));
-    if (!store) return wrong("cannot be opened: " + store.error().message);
-    judge(store.value(), progress);
+    SlotStore store = SlotStore::open(std::make_unique<Medium>(medium));
+    if (!store.problem().empty()) return wrong("cannot be opened: " + store.problem());
+    judge(store, progress);
     for (const Names& left : again) recover(left, progress, false);
   }
 
@@ -182,6 +189,9 @@ class Visitor {
     }
     if (is_new && scenario_.old_one != scenario_.new_one && store.load_previous().value() != scenario_.old_one) {
       return wrong("the file before is lost");
+    }
+    if (store.epoch().value() != (is_new ? scenario_.new_epoch : scenario_.old_epoch)) {
+      return wrong("another security epoch holds");
     }
   }
 
@@ -199,16 +209,15 @@ Tally visit() {
   for (const Scenario& scenario : scenarios()) {
     CrashMedium medium(scenario.before);
     Visitor visitor(scenario, tally);
-    auto store = SlotStore::open(std::make_unique<Kind>(medium));
-    EXPECT_TRUE(store);
+    SlotStore store = SlotStore::open(std::make_unique<Kind>(medium));
     Progress progress{.may_be_new = scenario.work == Work::kUndo};
     medium.watch = [&](const CrashMedium& m) { visitor.cut(m, progress); };
     if (scenario.work == Work::kUndo) {
-      EXPECT_TRUE(store.value().undo());
+      EXPECT_TRUE(store.undo());
     } else {
-      EXPECT_TRUE(store.value().stage(scenario.new_one)) << scenario.name;
+      EXPECT_TRUE(store.stage(scenario.new_one)) << scenario.name;
       progress.may_be_new = scenario.work == Work::kConfirm;
-      EXPECT_TRUE(progress.may_be_new ? store.value().confirm() : store.value().reject()) << scenario.name;
+      EXPECT_TRUE(progress.may_be_new ? store.confirm(scenario.new_epoch) : store.reject()) << scenario.name;
     }
     progress.must_be_new = progress.may_be_new;
     visitor.cut(medium, progress);

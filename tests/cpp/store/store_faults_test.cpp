@@ -11,6 +11,7 @@
 #include <sys/ioctl.h>
 #include <sys/mman.h>
 #include <sys/mount.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -200,6 +201,71 @@ TEST_F(StoreFaults, EveryFailingCallLeavesTheOldFileOrTheNewOneAndIsSaid) {
   EXPECT_EQ(n_open_files(), n_files);
   std::printf("%d runs with a failing call\n", n_runs);
   EXPECT_GE(n_runs, 1'500);
+}
+
+// A file system that came up read-only after an error: what is there measures, and a flash is refused with the reason.
+TEST_F(StoreFaults, AReadOnlyMediumAtStartIsReadAndRefusesAFlash) {
+  prepare(folder_, {"start", {3, 4}, true, read_both, {}});
+  test::arm({.at = 1, .is_forever = true, .error = EROFS, .is_of_writing = true});
+  auto opened = SlotStore::open(folder_);
+  const bool is_open = opened.has_value();
+  const auto now = is_open ? opened.value().load() : Result<Bytes>(Bytes{});
+  const auto before = is_open ? opened.value().load_previous() : Result<Bytes>(Bytes{});
+  const Status can_write = is_open ? opened.value().can_write() : Status(Unit{});
+  const Status staged = is_open ? opened.value().stage(table(9)) : Status(Unit{});
+  test::disarm();
+  ASSERT_TRUE(is_open);
+  SlotStore store = std::move(opened).value();
+  EXPECT_EQ(now.value(), table(4));
+  EXPECT_EQ(before.value(), table(3));
+  for (const Status& refused : {can_write, staged}) {
+    ASSERT_FALSE(refused);
+    EXPECT_EQ(refused.error().kind, ErrorKind::kStorage);
+    EXPECT_NE(refused.error().message.find("Read-only file system"), std::string::npos) << refused.error().message;
+  }
+  EXPECT_NE(store.problem().find("nothing can be flashed"), std::string::npos) << store.problem();
+  EXPECT_TRUE(test::install(store, table(9))) << "it is writable again";
+  EXPECT_EQ(store.load().value(), table(9));
+}
+
+// Somebody planted what is no calibration under the store's names: links that lead out, pipes, folders.
+TEST_F(StoreFaults, WhatIsPlantedUnderTheStoresNamesIsNeverFollowedNorWaitedFor) {
+  const std::string outside = folder_ + "_outside";
+  int n_plants = 0;
+  for (const std::string name : {"calibration-5.safetensors", "incoming.tmp", "trial.safetensors"}) {
+    for (const std::string kind : {"symlink", "dangling", "hardlink", "pipe", "folder"}) {
+      fs::remove_all(folder_);
+      fs::create_directories(folder_);
+      prepare(folder_, {"planted", {3, 4}, false, read_both, {}});
+      std::ofstream(outside) << "precious";
+      const std::string path = folder_ + "/" + name;
+      if (kind == "symlink") fs::create_symlink(outside, path);
+      if (kind == "dangling") fs::create_symlink(outside + "_nowhere", path);
+      if (kind == "hardlink") fs::create_hard_link(outside, path);
+      ASSERT_EQ(kind == "pipe" ? ::mkfifo(path.c_str(), 0600) : 0, 0);
+      if (kind == "folder") fs::create_directories(path + "/with_something_in_it");
+      SCOPED_TRACE(testing::Message() << kind << " at " << name);
+      SlotStore store = SlotStore::open(folder_).value();
+      const bool is_slot = name == "calibration-5.safetensors";
+      const auto now = store.load();
+      // What a hard link leads to is read as it is; its signature tells that it is no calibration.
+      EXPECT_EQ(now && now.value() == table(4), !is_slot);
+      EXPECT_EQ(now.has_value(), !is_slot || kind == "hardlink");
+      EXPECT_EQ(store.load_previous().value(), table(is_slot ? 4 : 3));
+      const Status installed = test::install(store, table(9));
+      // A folder is not ours to remove; all else gives way.
+      EXPECT_EQ(installed.has_value(), is_slot || kind != "folder");
+      EXPECT_EQ(store.load().value(), table(installed ? 9 : 4));
+      EXPECT_FALSE(fs::exists(outside + "_nowhere"));
+      std::string kept;
+      std::getline(std::ifstream(outside) >> std::ws, kept);
+      EXPECT_EQ(kept, "precious");
+      ++n_plants;
+    }
+  }
+  fs::remove(outside);
+  std::printf("%d plants\n", n_plants);
+  EXPECT_GE(n_plants, 12);
 }
 
 TEST_F(StoreFaults, AProcessThatDiesAtAnyCallLeavesTheOldFileOrTheNewOne) {

@@ -25,8 +25,8 @@ bool is_struck() {
 
 // `call` as it is, or what the strike makes of it; `failed` is its return value then.
 template <typename Call>
-auto counted(Call call, decltype(call()) failed) {
-  if (!g_is_armed) return call();
+auto counted(Call call, decltype(call()) failed, bool is_writing = true) {
+  if (!g_is_armed || (g_strike.is_of_writing && !is_writing)) return call();
   ++g_n_calls;
   if (is_struck() && g_strike.n_bytes < 0 && !g_strike.is_after) {
     if (g_strike.error == 0) g_strike.stop();
@@ -71,7 +71,8 @@ int open(const char* path, int flags, ...) {
   va_start(more, flags);
   const mode_t mode = (flags & O_CREAT) != 0 ? va_arg(more, mode_t) : 0;
   va_end(more);
-  return counted([&] { return static_cast<int>(::syscall(SYS_openat, AT_FDCWD, path, flags, mode)); }, -1);
+  return counted([&] { return static_cast<int>(::syscall(SYS_openat, AT_FDCWD, path, flags, mode)); }, -1,
+                 (flags & O_CREAT) != 0);
 }
 
 int openat(int folder, const char* path, int flags, ...) {
@@ -79,7 +80,8 @@ int openat(int folder, const char* path, int flags, ...) {
   va_start(more, flags);
   const mode_t mode = (flags & O_CREAT) != 0 ? va_arg(more, mode_t) : 0;
   va_end(more);
-  return counted([&] { return static_cast<int>(::syscall(SYS_openat, folder, path, flags, mode)); }, -1);
+  return counted([&] { return static_cast<int>(::syscall(SYS_openat, folder, path, flags, mode)); }, -1,
+                 (flags & O_CREAT) != 0);
 }
 
 int faccessat(int folder, const char* path, int mode, int /*flags*/) noexcept {
@@ -93,7 +95,7 @@ ssize_t write(int fd, const void* bytes, size_t n) {
 
 ssize_t read(int fd, void* bytes, size_t n) {
   const size_t some = shortened(n);
-  return counted([&] { return static_cast<ssize_t>(::syscall(SYS_read, fd, bytes, some)); }, ssize_t{-1});
+  return counted([&] { return static_cast<ssize_t>(::syscall(SYS_read, fd, bytes, some)); }, ssize_t{-1}, false);
 }
 
 int fsync(int fd) {
@@ -115,7 +117,7 @@ int unlinkat(int folder, const char* path, int flags) noexcept {
 }
 
 int fstat(int fd, struct stat* status) noexcept {
-  return counted([&] { return ::fstatat(fd, "", status, AT_EMPTY_PATH); }, -1);
+  return counted([&] { return ::fstatat(fd, "", status, AT_EMPTY_PATH); }, -1, false);
 }
 
 }  // extern "C"

@@ -13,6 +13,7 @@ struct Strike {
   int error = 0;                       // errno of the failing call; 0: `stop` is called instead
   int n_bytes = -1;                    // a read or write that moves no more than this; -1: none
   std::function<void()> stop = [] {};  // does not return
+  bool is_of_writing = false;          // calls that only look at the medium are neither counted nor struck
   bool has_no_sync = false;            // fsync only counts: what it costs is not the point
 };
 

@@ -40,6 +40,8 @@ inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board, boo
       .meta("resolution", std::to_string(board.camera.width_px) + "x" + std::to_string(board.camera.height_px))
       .meta("sensor_serial", "*")
       .meta("gel_serial", "*")
+      .meta("version", "1")
+      .meta("security_epoch", "0")
       .meta("created_utc", "2026-11-21T00:00:00Z")
       .meta("operator.n_x", std::to_string(nodes.n_x))
       .meta("operator.n_y", std::to_string(nodes.n_y))

@@ -20,7 +20,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def file() -> container.CalibrationFile:
-    return container.pack({"rest.image": np.arange(8, dtype=np.uint8)}, {"board": "any"})
+    return container.pack(
+        {"rest.image": np.arange(8, dtype=np.uint8)},
+        {"board": "any", "format": "ruffini-calibration", "format_version": "1"},
+    )
 
 
 def test_a_key_signs_and_only_its_owner_can_read_it(folder: Path, file: container.CalibrationFile) -> None:
@@ -82,3 +85,12 @@ def test_what_is_no_key_is_named(folder: Path) -> None:
     (folder / "lab.pub").write_text("ab" * 32)
     with pytest.raises(InputError, match="cannot be written"):
         keys.enrol("lab", folder / "lab.key" / "below a file")
+
+
+def test_an_owner_says_what_a_file_may_follow(file: container.CalibrationFile) -> None:
+    keys.make("lab")
+    changes = {"version": "7", "security_epoch": "2", "sensor_serial": "0042", "allow_older": "1"}
+    signed = container.unpack(keys.sign(file, "lab", changes).data)
+    assert keys.verify(signed) == "lab"
+    assert {key: signed.metadata[key] for key in changes} == changes
+    assert keys.verify(keys.sign(signed, None, {"version": "8"})) == "development key"
