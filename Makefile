@@ -18,7 +18,7 @@ SUITE ?= bookworm
 # Seconds for each fuzzer.
 FUZZ_S ?= 60
 
-.PHONY: help setup build run test lint lint-python lint-cpp werror sanitize fuzz soak mutants bench aarch64 fresh clean
+.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz soak mutants bench aarch64 fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -36,15 +36,20 @@ run: build  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the d
 	@.venv/bin/ruffini demo --board '$(BOARD)' --out '$(OUT)' $(if $(INPUT),--input '$(INPUT)') $(if $(PRESSES),--presses '$(PRESSES)')
 
 test: build  ## all tests that need no hardware
+	@.ci/setup browser
+	@npm --prefix host/page --silent test
 	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) --dist loadfile tests
 
-lint: lint-python lint-cpp werror  ## formatters, linters, types, and a build where warnings are errors
+lint: lint-python lint-page lint-cpp werror  ## formatters, linters, types, and a build where warnings are errors
 
 lint-python: setup  ## ruff and mypy --strict
 	@$(PYTHON) -m ruff check --config host/pyproject.toml host tests
 	@$(PYTHON) -m ruff format --check --config host/pyproject.toml host tests
 	@$(PYTHON) -m mypy --config-file host/pyproject.toml host/ruffini
+
+lint-page: build  ## types of the page, strict
+	@npm --prefix host/page --silent run check
 
 lint-cpp: build  ## clang-format on all C++, clang-tidy on the core
 	@.ci/setup lint

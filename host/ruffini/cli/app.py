@@ -29,6 +29,7 @@ from ruffini.cli import (
     skin,
     touch,
     train,
+    view,
     wrench,
 )
 
@@ -44,6 +45,7 @@ app.command("info")(device.info)
 app.command("monitor")(device.monitor)
 app.command("record")(device.record)
 app.command("snapshot")(device.snapshot)
+app.command("view")(view.view)
 app.command("track")(offline.track)
 app.command("depth")(offline.depth)
 app.command("field")(offline.field)

@@ -54,7 +54,7 @@ class Connection:
 
     def __init__(self, port: str, *, hello_timeout_s: float = HELLO_TIMEOUT_S) -> None:
         self.port, self._first_port = port, port
-        self._serial = _open(port)
+        self._serial = open_port(port)
         self._subscribed: dict[str, int] = {}
         self.schema = Schema.own()
         self.decoder = Decoder()
@@ -96,7 +96,7 @@ class Connection:
             for port in dict.fromkeys([self._first_port, *candidate_ports()]):
                 self.port, self.decoder = port, Decoder()
                 with contextlib.suppress(NoDeviceError):
-                    self._serial = _open(port)
+                    self._serial = open_port(port)
                     hello = self._say_hello(REOPEN_HELLO_S)
                     if hello.device_serial == serial:
                         self.hello = hello
@@ -308,7 +308,14 @@ class Connection:
         return flashing.undo(self)
 
 
-def _open(port: str) -> Any:
+def open_port(port: str) -> Any:
+    """The serial port, ours alone; reads wait 20 ms at most.
+
+    Raises
+    ------
+    NoDeviceError
+        It is missing or busy.
+    """
     import serial
 
     try:

@@ -49,6 +49,16 @@ class Schema:
         """WRENCH for 4, None for a type that this schema does not know."""
         return self._type_names.get(number)
 
+    def is_result(self, number: int) -> bool:
+        """Is it a message of which only the newest counts: about a frame of the camera, or STATUS?"""
+        cls = self._class(number)
+        return cls is not None and ("stamp" in cls.DESCRIPTOR.fields_by_name or self.type_name(number) == "STATUS")
+
+    def _class(self, number: int) -> Any:
+        """MESSAGE_TYPE_AB_CD is the message AbCd; None where the schema has no such message."""
+        name = self.type_name(number)
+        return self._classes.get("ruffini." + name.title().replace("_", "")) if name else None
+
     def decode(self, type_number: int, payload: bytes) -> Message | None:
         """The message of a packet; None for an unknown type.
 
@@ -57,15 +67,13 @@ class Schema:
         InputError
             The payload is not that message.
         """
-        name = self.type_name(type_number)
-        # MESSAGE_TYPE_AB_CD is the message AbCd.
-        cls = self._classes.get("ruffini." + name.title().replace("_", "")) if name else None
+        cls = self._class(type_number)
         if cls is None:
             return None
         try:
             message: Message = cls.FromString(payload)
         except DecodeError as error:
-            raise InputError(f"a {name} packet cannot be decoded: {error}") from error
+            raise InputError(f"a {self.type_name(type_number)} packet cannot be decoded: {error}") from error
         return message
 
     def enum_number(self, enum: str, name: str) -> int:

@@ -1,0 +1,62 @@
+// One line of a sensor, seen from the page: its worker, and what was asked through it.
+
+import type { FromWorker, Hello, Snapshot, ToWorker } from "./messages";
+
+export interface LineEvents {
+  onHello(hello: Hello): void;
+  onSnapshot(snapshot: Snapshot): void;
+  onOpen(): void;
+  /** One sentence; empty: all is well. */
+  onProblem(text: string): void;
+}
+
+export interface Answer {
+  isOk: boolean;
+  text: string;
+  reply: Record<string, unknown>;
+}
+
+export class Line {
+  port = "";
+  isOpen = false;
+  private readonly worker = new Worker(new URL("worker.js", document.baseURI), { type: "module" });
+  private readonly answers = new Map<number, (answer: Answer) => void>();
+  private nAsked = 0;
+
+  constructor(private readonly events: LineEvents) {
+    this.worker.onmessage = ({ data }: MessageEvent<FromWorker>) => this.hear(data);
+    this.worker.onerror = (event) => events.onProblem(`The page has a fault: ${event.message}`);
+  }
+
+  tell(message: ToWorker, transfer: Transferable[] = []): void {
+    this.worker.postMessage(message, transfer);
+  }
+
+  /** Always resolves: with what the sensor says, or why it says nothing. */
+  command(name: string, value: Record<string, unknown> = {}): Promise<Answer> {
+    const id = ++this.nAsked;
+    return new Promise((resolve) => {
+      this.answers.set(id, resolve);
+      this.tell({ kind: "command", id, name, value });
+    });
+  }
+
+  private hear(message: FromWorker): void {
+    if (message.kind === "hello") this.events.onHello(message.hello);
+    else if (message.kind === "snapshot") this.events.onSnapshot(message.snapshot);
+    else if (message.kind === "problem") this.events.onProblem(message.text);
+    else if (message.kind === "line") {
+      this.isOpen = message.isOpen;
+      if (message.port) this.port = message.port;
+      if (message.isOpen) this.events.onOpen();
+      else this.events.onProblem(message.text);
+    } else {
+      this.answers.get(message.id)?.(message);
+      this.answers.delete(message.id);
+    }
+  }
+
+  close(): void {
+    this.tell({ kind: "close" });
+  }
+}

@@ -1,0 +1,258 @@
+// The page: lines, panels, keys.
+
+import { type Answer, Line } from "./line";
+import type { Hello, Snapshot } from "./messages";
+import { screenshot } from "./screenshot";
+import { button, make } from "./views/dom";
+import type { Tint } from "./views/field3d";
+import { Health } from "./views/health";
+import { Panel } from "./views/panel";
+import { UNITS } from "./views/units";
+
+const TINTS: Tint[] = ["normal", "slip", "plain"];
+const DEPTH_EVERY = 4; // a depth map is larger than all the rest of its frame
+const IMAGE_EVERY = 6;
+
+/** One line with the panels of its sensors. */
+interface Strand {
+  line: Line;
+  panels: Map<number, Panel>;
+  health: Health;
+  hello: Hello | undefined;
+  waiting: Snapshot | undefined; // comes on the screen with the next frame of it
+  nDrawn: number;
+  openedMs: number | undefined; // when its line was opened
+  firstFrameMs: number | undefined; // from then to the first results on the screen
+}
+
+const strands: Strand[] = [];
+const main = document.querySelector("main")!;
+const notice = document.querySelector<HTMLElement>("#notice")!;
+const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
+let unit = 0;
+let tint = 0;
+let isFrozen = false;
+let isCamera = false;
+let isLocked = false;
+
+function say(text: string, isBad = false): void {
+  notice.textContent = text;
+  notice.classList.toggle("bad", isBad);
+  notice.hidden = !text;
+}
+
+function subscription(): Record<string, number> {
+  return { wrench: 1, field: 1, contacts: 1, depth: DEPTH_EVERY, status: 1, learned: 1, ...(isCamera ? { image: IMAGE_EVERY } : {}) };
+}
+
+function addStrand(): Strand {
+  const health = new Health();
+  const strand: Strand = { line: undefined as unknown as Line, panels: new Map(), health, hello: undefined, waiting: undefined, nDrawn: 0, openedMs: undefined, firstFrameMs: undefined };
+  strand.line = new Line({
+    onHello: (hello) => greet(strand, hello),
+    onSnapshot: (snapshot) => {
+      strand.waiting = snapshot;
+    },
+    onOpen: () => (strand.openedMs ??= performance.now()),
+    onProblem: (text) => {
+      say(text, true);
+      for (const panel of strand.panels.values()) panel.element.classList.toggle("lost", text !== "");
+      publish();
+    },
+  });
+  strand.line.tell({ kind: "subscribe", every: subscription() });
+  strands.push(strand);
+  return strand;
+}
+
+function greet(strand: Strand, hello: Hello): void {
+  strand.hello = hello;
+  // Who comes back as it was keeps its charts and its scale.
+  const isSame = hello.sensors.every((info) => JSON.stringify(strand.panels.get(info.sensor)?.info) === JSON.stringify(info));
+  if (!isSame || strand.panels.size !== hello.sensors.length) {
+    for (const panel of strand.panels.values()) panel.close();
+    strand.panels.clear();
+    for (const info of hello.sensors) {
+      const panel = new Panel(info, UNITS[unit]!, isStill);
+      panel.setTint(TINTS[tint]!);
+      strand.panels.set(info.sensor, panel);
+      main.append(panel.element);
+    }
+    main.append(strand.health.element);
+  }
+  for (const panel of strand.panels.values()) panel.element.classList.remove("lost");
+  main.dataset["panels"] = String(document.querySelectorAll("section.sensor").length);
+  const names = strands.flatMap((s) => (s.hello ? [`${s.hello.sensors.map((i) => i.board).join(" + ")} ${s.hello.serial}`] : []));
+  document.querySelector("#who")!.textContent = names.join(" · ");
+  document.title = `ruffini: ${names.join(", ")}`;
+  paint();
+  publish();
+}
+
+function draw(): void {
+  requestAnimationFrame(draw);
+  for (const strand of strands) {
+    if (strand.waiting && !isFrozen) {
+      show(strand, strand.waiting);
+      strand.waiting = undefined;
+      strand.line.tell({ kind: "shown" });
+    }
+    for (const panel of strand.panels.values()) panel.field?.draw();
+  }
+}
+
+function show(strand: Strand, snapshot: Snapshot): void {
+  for (const [id, news] of snapshot.sensors) strand.panels.get(id)?.show(news);
+  if (snapshot.status) strand.health.showStatus(snapshot.status, [...strand.panels.values()].flatMap((panel) => panel.info.stages));
+  strand.health.showLine(snapshot.health);
+  for (const event of snapshot.events) say(event.text || event.what, event.severity > 0);
+  strand.nDrawn++;
+  if (snapshot.sensors.length) strand.firstFrameMs ??= performance.now() - (strand.openedMs ?? 0);
+  publish(snapshot);
+}
+
+/** What tests read: numbers as they are shown, not pixels. */
+function publish(snapshot?: Snapshot): void {
+  const state = strands.map((strand) => ({
+    port: strand.line.port,
+    serial: strand.hello?.serial,
+    firmware: strand.hello?.firmware,
+    nDrawn: strand.nDrawn,
+    firstFrameMs: strand.firstFrameMs,
+    health: snapshot?.health,
+    status: snapshot?.status,
+    sensors: Object.fromEntries(
+      [...strand.panels].map(([id, { info, latest, maps, charts, field }]) => [
+        id,
+        {
+          board: info.board,
+          flags: latest.flags,
+          isSimulated: latest.isSimulated,
+          isReplay: latest.isReplay,
+          wrench: latest.wrench,
+          contacts: latest.contacts?.contacts,
+          field: latest.field && { frame: latest.field.frame, nX: latest.field.nX, nY: latest.field.nY, sum: sums(latest.field.force), hasSigma: Boolean(latest.field.sigma) },
+          depth: latest.depth && { frame: latest.depth.frame, deepest: latest.depth.depth.reduce((a, b) => Math.min(a, b), 0) },
+          maps: Object.fromEntries(Object.entries(maps.maps).map(([name, map]) => [name, map.shown])),
+          nArrows: field?.nArrows,
+          nChartPoints: charts.nPoints,
+        },
+      ]),
+    ),
+  }));
+  Object.assign(window, { __state: { notice: notice.textContent, lines: state } });
+}
+
+function sums(force: Float32Array): number[] {
+  const out = [0, 0, 0];
+  force.forEach((f, i) => (out[i % 3]! += f));
+  return out;
+}
+
+// ---- what a person can do -------------------------------------------------------------------------
+
+function zero(): void {
+  say("Learning the rest image: keep everything off the pad.");
+  void Promise.all(strands.map(({ line }) => line.command("zero", { nFrames: 0 }))).then(tellAnswers);
+}
+
+function tellAnswers(answers: Answer[]): void {
+  const refused = answers.find((a) => !a.isOk);
+  say(refused ? refused.text : (answers[0]?.text ?? ""), Boolean(refused));
+  publish();
+}
+
+function freeze(): void {
+  isFrozen = !isFrozen;
+  document.body.classList.toggle("frozen", isFrozen);
+  say(isFrozen ? "Frozen: the sensor goes on. Press space to go on." : "");
+}
+
+function nextUnit(): void {
+  unit = (unit + 1) % UNITS.length;
+  for (const panel of panels()) panel.setUnit(UNITS[unit]!);
+}
+
+function nextTint(): void {
+  tint = (tint + 1) % TINTS.length;
+  for (const panel of panels()) panel.setTint(TINTS[tint]!);
+}
+
+function lockScale(): void {
+  isLocked = !isLocked;
+  for (const panel of panels()) if (panel.field) panel.field.isScaleLocked = isLocked;
+}
+
+function toggleCamera(): void {
+  isCamera = !isCamera;
+  for (const { line } of strands) line.tell({ kind: "subscribe", every: subscription() });
+  if (!isCamera) for (const panel of panels()) panel.maps.maps["camera"]!.absent("press C");
+}
+
+function toggleTheme(): void {
+  const root = document.documentElement;
+  root.dataset["theme"] = isDark() ? "light" : "dark";
+  paint();
+}
+
+function isDark(): boolean {
+  return getComputedStyle(document.documentElement).getPropertyValue("color-scheme") === "dark";
+}
+
+/** Canvases know nothing of style sheets. */
+function paint(): void {
+  const background = getComputedStyle(document.documentElement).getPropertyValue("--stage").trim();
+  for (const panel of panels()) {
+    panel.field?.setBackground(background);
+    panel.charts.rebuild(UNITS[unit]!);
+  }
+}
+
+function panels(): Panel[] {
+  return strands.flatMap((strand) => [...strand.panels.values()]);
+}
+
+function help(): void {
+  document.querySelector<HTMLDialogElement>("#help")!.showModal();
+}
+
+const BUTTONS = [
+  button("Zero", "Z", "learn the untouched pad anew", zero),
+  button("Freeze", " ", "hold the picture (space)", freeze),
+  button("Scale", "L", "lock the length of the arrows", lockScale),
+  button("Tint", "I", "colour the surface by normal force, by slip, not at all", nextTint),
+  button("Units", "U", "newtons, millinewtons, grams of force", nextUnit),
+  button("Camera", "C", "show the camera's picture", toggleCamera),
+  button("View", "V", "look from where you looked at first", () => panels().forEach((panel) => panel.field?.reset())),
+  button("Screenshot", "S", "save what is shown as a PNG", () => void screenshot(main)),
+  button("Theme", "T", "dark or light", toggleTheme),
+  button("Help", "?", "what the keys do", help),
+];
+
+document.querySelector("nav")!.append(...BUTTONS);
+document.querySelector("#keys")!.append(
+  ...BUTTONS.flatMap((b) => [make("dt", {}, make("kbd", {}, b.dataset["key"] === " " ? "space" : b.dataset["key"]!)), make("dd", {}, b.title.replace(/ \(key.*/, ""))]),
+);
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+  if (event.key === " " && event.target instanceof HTMLButtonElement) return; // presses that button
+  const found = BUTTONS.find((b) => b.dataset["key"] === event.key.toLowerCase());
+  if (!found) return;
+  event.preventDefault();
+  found.click();
+});
+
+async function start(): Promise<void> {
+  say("Connecting ...");
+  const schema = new Uint8Array(await (await fetch("ruffini.desc")).arrayBuffer());
+  const lines = (await (await fetch("lines.json")).json()) as { id: number }[];
+  for (const { id } of lines) {
+    const url = new URL(`line/${id}`, location.href);
+    url.protocol = url.protocol.replace("http", "ws");
+    addStrand().line.tell({ kind: "websocket", url: url.href, schema });
+  }
+  publish();
+}
+
+start().catch((error: unknown) => say(`The viewer's server does not answer: ${String(error)}`, true));
+requestAnimationFrame(draw);

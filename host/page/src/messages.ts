@@ -1,0 +1,72 @@
+// What the page and the worker that owns a line say to each other.
+
+import type { SensorInfo } from "./board";
+import type { Contacts, Depth, Field, Image, Learned, Wrench } from "./results";
+import type { Counters } from "./wire/framing";
+
+export type ToWorker =
+  | { kind: "websocket"; url: string; schema: Uint8Array }
+  | { kind: "streams"; readable: ReadableStream<Uint8Array>; writable: WritableStream<Uint8Array>; schema: Uint8Array }
+  | { kind: "command"; id: number; name: string; value: Record<string, unknown> }
+  | { kind: "subscribe"; every: Record<string, number> }
+  | { kind: "shown" } // the last snapshot is on the screen: the next one may come
+  | { kind: "close" };
+
+export interface Hello {
+  serial: string;
+  firmware: string;
+  session: number;
+  sensors: SensorInfo[];
+}
+
+/** The newest of everything that came since the snapshot before. */
+export interface SensorNews {
+  wrench?: Wrench;
+  field?: Field;
+  depth?: Depth;
+  contacts?: Contacts;
+  image?: Image;
+  learned?: Learned;
+  flags?: string[]; // of the newest stamp
+  isSimulated?: boolean;
+  isReplay?: boolean;
+  /** Every wrench since then for the charts: capture time, six values, row by row. */
+  trace: Float64Array;
+}
+
+export interface Status {
+  frameRateHz: number;
+  uptimeS: number;
+  health: string[];
+  drops: [string, number][];
+  saturations: number;
+  temperatures: [string, number][]; // degrees Celsius
+  stages: [string, number, number][]; // mean and largest, ms
+}
+
+export interface LineHealth {
+  counters: Counters;
+  nUndecodable: number;
+  bytesPerS: number;
+  perS: [string, number][]; // messages by type
+  notSent: number; // results that a newer one replaced in the server because this page was slow
+  notShown: number; // results that a newer one replaced before they were drawn
+  delays: number[]; // histogram of how much later than the fastest a WRENCH came, bins of DELAY_BIN_MS
+}
+
+export const DELAY_BIN_MS = 2;
+export const N_DELAY_BINS = 16; // the last one holds all that is later
+
+export interface Snapshot {
+  sensors: [number, SensorNews][];
+  status?: Status;
+  events: { severity: number; what: string; text: string }[];
+  health: LineHealth;
+}
+
+export type FromWorker =
+  | { kind: "hello"; hello: Hello }
+  | { kind: "problem"; text: string }
+  | { kind: "line"; isOpen: boolean; port: string; text: string }
+  | { kind: "snapshot"; snapshot: Snapshot }
+  | { kind: "reply"; id: number; isOk: boolean; text: string; reply: Record<string, unknown> };

@@ -1,0 +1,187 @@
+// The host's side of a conversation (proto/README.md): HELLO, SCHEMA where it is not ours, commands until they are answered.
+
+import { Decoder, encodeCommandFrame, type Frame, PROTOCOL_VERSION } from "./wire/framing";
+import { type Decoded, Schema } from "./wire/schema";
+
+const HELLO_EVERY_MS = 500;
+const HELLO_PATIENCE = 6; // unanswered HELLOs until the person is told
+const REPLY_MS = 500;
+const REPLY_TRIES = 12;
+const COMMIT_MS = 30_000; // the device proves and stores a whole file
+
+export interface Events {
+  /** A sensor answered, or answered again; its schema is known. */
+  onHello(hello: Decoded, schema: Schema): void;
+  onMessage(frame: Frame, name: string, message: Decoded): void;
+  /** One sentence for a person; empty: all is well. */
+  onProblem(text: string): void;
+}
+
+/** What was asked for and not answered, or answered with a refusal. */
+export class CommandError extends Error {}
+
+interface Waiting {
+  accept(reply: Decoded): void;
+}
+
+/** One open line. `feed` what comes, `stop` when it is over. */
+export class Session {
+  readonly decoder = new Decoder();
+  /** Messages that are not what their type says. */
+  nUndecodable = 0;
+  /** Broken frames that a server threw away before they came here. */
+  nBrokenBefore = 0;
+  private schema: Schema;
+  private isGreeted = false;
+  private nAsked = 0;
+  private sequence = 0;
+  private requestId = 1 + Math.floor(Math.random() * 0xffffff);
+  private readonly waiting = new Map<number, Waiting>();
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  private isStopped = false;
+  private pendingHello: Decoded | undefined;
+
+  constructor(
+    private readonly send: (data: Uint8Array) => void,
+    private readonly own: Schema,
+    private readonly ownSha256: Uint8Array | undefined,
+    private readonly events: Events,
+  ) {
+    this.schema = own;
+    this.greet();
+  }
+
+  stop(): void {
+    this.isStopped = true;
+    clearTimeout(this.timer);
+  }
+
+  /** Ask who is there, until somebody answers. */
+  private greet(): void {
+    if (this.isStopped || this.isGreeted) return;
+    if (this.nAsked++ >= HELLO_PATIENCE) this.events.onProblem(this.silence());
+    this.send(new Uint8Array(1)); // ends whatever a predecessor left half sent
+    const name = this.pendingHello ? "SCHEMA" : "HELLO";
+    this.send(encodeCommandFrame(this.own.typeNumber(name)!, new Uint8Array(), this.sequence++));
+    this.timer = setTimeout(() => this.greet(), HELLO_EVERY_MS);
+  }
+
+  private silence(): string {
+    const { malformed, bad_crc } = this.decoder.counters;
+    const nBroken = malformed + bad_crc + this.nBrokenBefore;
+    if (nBroken === 0) return "Nothing answers on this line: is ruffinid running, and is it this port?";
+    return (
+      `What comes on this line is not protocol version ${PROTOCOL_VERSION} of ruffini (${nBroken} broken frames): ` +
+      "another device, or firmware of another version: update the host tools or the sensor."
+    );
+  }
+
+  feed(data: Uint8Array): void {
+    for (const frame of this.decoder.feed(data)) this.receive(frame);
+  }
+
+  private receive(frame: Frame): void {
+    const name = this.schema.typeName(frame.type);
+    if (!name) return; // a type of the future
+    const message = this.schema.decode(frame.type, frame.payload);
+    if (!message) {
+      this.nUndecodable++;
+    } else if (name === "HELLO") {
+      this.receiveHello(message);
+    } else if (name === "SCHEMA") {
+      this.receiveSchema(message);
+    } else if (name === "REPLY") {
+      this.waiting.get(message["requestId"] as number)?.accept(message);
+    } else if (this.isGreeted) {
+      this.events.onMessage(frame, name, message);
+    }
+  }
+
+  private receiveHello(hello: Decoded): void {
+    if (hello["protocolVersion"] !== PROTOCOL_VERSION) {
+      this.events.onProblem(
+        `The sensor speaks protocol version ${hello["protocolVersion"]}, this page version ${PROTOCOL_VERSION}: update the older one.`,
+      );
+      this.stop();
+      return;
+    }
+    if (this.isGreeted) {
+      this.events.onHello(hello, this.schema);
+      return;
+    }
+    const isOurs = this.ownSha256 !== undefined && isEqual(hello["schemaSha256"] as Uint8Array, this.ownSha256);
+    if (isOurs) {
+      this.begin(hello, this.own);
+      return;
+    }
+    const isFirst = this.pendingHello === undefined;
+    this.pendingHello = hello;
+    if (isFirst) {
+      clearTimeout(this.timer);
+      this.greet();
+    }
+  }
+
+  private receiveSchema(message: Decoded): void {
+    if (!this.pendingHello || this.isGreeted) return;
+    try {
+      this.begin(this.pendingHello, new Schema(message["fileDescriptorSet"] as Uint8Array));
+    } catch {
+      this.events.onProblem("The schema that the sensor sends cannot be read: update its firmware.");
+    }
+  }
+
+  private begin(hello: Decoded, schema: Schema): void {
+    clearTimeout(this.timer);
+    this.schema = schema;
+    this.isGreeted = true;
+    this.events.onProblem("");
+    this.events.onHello(hello, schema);
+  }
+
+  /** One command, repeated under the same id until it is answered. Rejects with CommandError, also on a refusal. */
+  command(name: string, value: Record<string, unknown> = {}): Promise<Decoded> {
+    const id = this.requestId;
+    this.requestId = (this.requestId % 0xffffffff) + 1;
+    const payload = this.schema.encode("Command", { requestId: id, action: { case: name, value } });
+    const type = this.schema.typeNumber("COMMAND")!;
+    return new Promise((resolve, reject) => {
+      let tries = 0;
+      let timer: ReturnType<typeof setTimeout>;
+      const end = (): void => {
+        clearTimeout(timer);
+        this.waiting.delete(id);
+      };
+      const ask = (): void => {
+        if (this.isStopped || tries++ >= REPLY_TRIES) {
+          end();
+          reject(new CommandError(`No reply to ${name}: is the sensor still there?`));
+          return;
+        }
+        this.send(new Uint8Array(1));
+        this.send(encodeCommandFrame(type, payload, this.sequence++));
+        timer = setTimeout(ask, name === "flashCommit" ? COMMIT_MS : REPLY_MS);
+      };
+      this.waiting.set(id, {
+        accept: (reply) => {
+          end();
+          if (reply["code"] === 0) resolve(reply);
+          else reject(new CommandError(String(reply["text"]) || `The sensor refuses ${name}.`));
+        },
+      });
+      ask();
+    });
+  }
+
+  /** Ask for each n-th message of a type; types that the sensor does not know are left out. */
+  subscribe(every: Record<string, number>): Promise<Decoded> {
+    const subscriptions = Object.entries(every)
+      .map(([name, n]) => ({ type: this.schema.typeNumber(name.toUpperCase()), every: n }))
+      .filter(({ type }) => type !== undefined);
+    return this.command("subscribe", { subscriptions });
+  }
+}
+
+function isEqual(a: Uint8Array, b: Uint8Array): boolean {
+  return a.length === b.length && a.every((byte, i) => byte === b[i]);
+}

@@ -1,0 +1,181 @@
+// One sensor: its numbers, its field, its maps, its contacts, its charts.
+
+import type { SensorInfo } from "../board";
+import type { SensorNews } from "../messages";
+import { type Contact, INVALID, NOT_MEASURED, VALID, type Wrench } from "../results";
+import { Charts } from "./charts";
+import { fillTable, make, words } from "./dom";
+import { Field3d, type Tint } from "./field3d";
+import { Maps } from "./maps";
+import { ABSENT, short, text, type Unit, VALIDITY_WORDS } from "./units";
+
+const NAMES = ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"];
+const SLIP_WORDS = [ABSENT, "sticks", "begins to slip", "slides"];
+const CONTACT_HEAD = ["#", "x, y mm", "force", "area mm²", "slip", "more"];
+
+export class Panel {
+  readonly element = make("section", { class: "sensor" });
+  readonly field: Field3d | undefined;
+  readonly maps: Maps;
+  readonly charts: Charts;
+  latest: SensorNews = { trace: new Float64Array() };
+  private readonly badges = make("span", { class: "badges" });
+  private readonly cells = NAMES.map((name) => new Cell(name));
+  private readonly contacts = make("tbody");
+  private readonly learned = make("p", { class: "learned" });
+  private readonly scale = make("p", { class: "scale" });
+  private readonly legend = make("p", { class: "scale legend" });
+
+  constructor(
+    readonly info: SensorInfo,
+    private unit: Unit,
+    isStill: boolean,
+  ) {
+    this.maps = new Maps(info);
+    this.charts = new Charts(unit);
+    const stage = make("div", { class: "stage", tabindex: "0", "aria-label": "Force field in three dimensions" });
+    try {
+      this.field = new Field3d(info, isStill);
+      stage.append(this.field.canvas, this.scale, this.legend);
+    } catch {
+      stage.classList.add("absent");
+      stage.append(make("p", {}, "This browser shows no WebGL: the field in three dimensions is missing, all else works. Turn hardware acceleration on, or take another browser."));
+    }
+    const c = info.calibration;
+    const state = c.isPresent ? `calibrated: ${c.kinds.join(", ")}${c.createdUtc ? `, ${c.createdUtc}` : ""}` : "not calibrated: forces are not measured";
+    const head = make("tr", {}, ...CONTACT_HEAD.map((name) => make("th", {}, name)));
+    this.element.append(
+      make("header", {}, make("h2", {}, info.product), this.badges, make("p", { class: "calibration" }, state)),
+      make("div", { class: "wrench" }, ...this.cells.map((cell) => cell.element)),
+      make("div", { class: "middle" }, stage, this.maps.element),
+      make("div", { class: "lower" }, make("div", { class: "contacts" }, make("table", {}, make("caption", {}, "Contacts"), make("thead", {}, head), this.contacts), this.learned), this.charts.element),
+    );
+    this.showContacts([]);
+    this.setTint("normal");
+  }
+
+  setUnit(unit: Unit): void {
+    this.unit = unit;
+    this.charts.rebuild(unit);
+    if (this.latest.wrench) this.showWrench(this.latest.wrench);
+  }
+
+  setTint(tint: Tint): void {
+    if (this.field) this.field.tint = tint;
+    const tints = { normal: "surface: normal force, dark to bright", slip: "surface: blue sticks, orange slips", plain: "surface: plain" };
+    this.legend.textContent = this.info.fieldForces ? `arrows: hue = direction of shear · ${tints[tint]} · depth ×4` : "arrow: force at the contact";
+  }
+
+  show(news: SensorNews): void {
+    Object.assign(this.latest, news);
+    this.showBadges(news);
+    if (news.contacts) {
+      this.maps.showContacts(news.contacts);
+      this.field?.showContacts(news.contacts);
+      this.showContacts(news.contacts.contacts);
+    }
+    if (news.wrench) this.showWrench(news.wrench);
+    if (news.field) {
+      this.field?.showField(news.field);
+      this.maps.showField(news.field, this.unit);
+    }
+    if (news.depth) this.maps.showDepth(news.depth);
+    if (news.image) this.maps.showImage(news.image);
+    if (news.learned) this.showLearned(news.learned);
+    this.charts.add(news.trace);
+    this.charts.draw();
+    this.field?.draw();
+    this.showScale();
+  }
+
+  private showScale(): void {
+    if (!this.field) return;
+    const { perN, name } = this.unit;
+    const all = `whole force: ${short(this.field.wrenchFullScaleN * perN)} ${name}`;
+    const node = `longest arrow: ${short(this.field.nodeFullScaleN * perN * 1e3)} m${name} · `;
+    this.scale.textContent = `${this.info.fieldForces ? node : ""}${all}${this.field.isScaleLocked ? " (locked)" : ""}`;
+  }
+
+  private showBadges(news: SensorNews): void {
+    const list: [string, string][] = [];
+    if (news.isSimulated) list.push(["SIMULATED", "simulated"]);
+    if (news.isReplay) list.push(["REPLAY", "simulated"]);
+    for (const flag of news.flags ?? []) list.push([words(flag), "flag"]);
+    if (this.info.calibration.isDevelopmentKey) list.push(["development key", "note"]);
+    if (this.info.calibration.isOnTrial) list.push(["calibration on trial", "note"]);
+    const said = list.map(([name]) => name).join();
+    if (this.badges.dataset["said"] === said) return;
+    this.badges.dataset["said"] = said;
+    this.badges.replaceChildren(...list.map(([name, kind]) => make("span", { class: `badge ${kind}` }, name)));
+  }
+
+  private showWrench(wrench: Wrench): void {
+    this.cells.forEach((cell, i) => {
+      const [per, name] = i < 3 ? [this.unit.perN, this.unit.name] : [this.unit.perNm, this.unit.momentName];
+      cell.show(wrench.values[i]! * per, (wrench.sigma?.[i] ?? NaN) * per, name, wrench.validity[i]!);
+    });
+    this.field?.showWrench(wrench);
+  }
+
+  private showContacts(list: Contact[]): void {
+    const { perN, name } = this.unit;
+    if (!list.length) {
+      this.contacts.replaceChildren(make("tr", {}, make("td", { colspan: String(CONTACT_HEAD.length), class: "none" }, "nothing touches")));
+      return;
+    }
+    const rows = list.map((c) => {
+      const force = c.force.map((f) => short(f * perN)).join(", ");
+      const slip = c.slipState ? `${SLIP_WORDS[c.slipState] ?? "?"}, ${short(c.shearRatio)} of ${short(c.friction)}` : ABSENT;
+      const place = `${short(c.center[0] * 1e3)}, ${short(c.center[1] * 1e3)}`;
+      return [String(c.id), place, `${force} ${name}`, short(c.areaM2 * 1e6), slip, this.more(c)];
+    });
+    fillTable(this.contacts, rows);
+  }
+
+  private more(c: Contact): string {
+    const { perN, name } = this.unit;
+    const said: string[] = [];
+    if (c.validity === INVALID) said.push("invalid");
+    else if (c.validity !== VALID) said.push(VALIDITY_WORDS[c.validity]!);
+    if (!Number.isNaN(c.slipMarginN)) said.push(`${short(c.slipMarginN * perN)} ${name} left`);
+    if (c.reachesBorder) said.push("reaches the border: part of it is not seen");
+    if (!Number.isNaN(c.gelDepthM)) said.push(`${short(c.gelDepthM * 1e3)} mm deep`);
+    if (!Number.isNaN(c.shoreA)) said.push(`${c.shoreA.toFixed(0)} Shore A`);
+    if (c.tool) said.push(`roll ${degrees(c.tool.rollRad)}, pitch ${degrees(c.tool.pitchRad)}`);
+    return said.join(" · ");
+  }
+
+  private showLearned(learned: NonNullable<SensorNews["learned"]>): void {
+    const said = learned.isValid ? learned.quantities.map(([name, value]) => `${words(name)} ${value}`).join(" · ") : "invalid";
+    this.learned.textContent = `Network, of frame ${learned.frame}, ${text(learned.latencyS * 1e3, 0)} ms later: ${said}`;
+  }
+
+  close(): void {
+    this.field?.close();
+    this.element.remove();
+  }
+}
+
+function degrees(rad: number): string {
+  return `${text((rad * 180) / Math.PI, 1)}°`;
+}
+
+/** One number with its unit, how sure it is, and a word where it must not be used. */
+class Cell {
+  readonly element: HTMLElement;
+  private readonly value = make("output", {}, ABSENT);
+  private readonly unit = make("span", { class: "unit" });
+  private readonly note = make("span", { class: "note" });
+
+  constructor(name: string) {
+    this.element = make("div", { class: "cell", id: "" }, make("b", {}, name), this.value, this.unit, this.note);
+    this.element.removeAttribute("id");
+  }
+
+  show(value: number, sigma: number, unit: string, validity: number): void {
+    this.value.textContent = validity === NOT_MEASURED ? ABSENT : text(value, 3);
+    this.unit.textContent = validity === VALID ? unit : "";
+    this.note.textContent = validity === VALID ? (Number.isNaN(sigma) ? "" : `± ${text(sigma, 3)}`) : (VALIDITY_WORDS[validity] ?? "invalid");
+    this.element.dataset["validity"] = String(validity);
+  }
+}

@@ -1,0 +1,168 @@
+// Owns one line: frames, messages and the conversation are dealt with here, the page gets the newest results.
+
+import { sensorInfo } from "./board";
+import type { FromWorker, SensorNews, ToWorker } from "./messages";
+import type { Counters } from "./wire/framing";
+import { Model } from "./model";
+import { CommandError, Session } from "./session";
+import { type Decoded, Schema } from "./wire/schema";
+
+const AGAIN_MS = 1000; // between two tries to reach the server
+
+const post = (message: FromWorker, transfer: Transferable[] = []): void => self.postMessage(message, { transfer });
+
+let own: Schema;
+let ownSha256: Uint8Array | undefined;
+let session: Session | undefined;
+let model: Model | undefined;
+let every: Record<string, number> = {};
+let send: ((data: Uint8Array) => void) | undefined;
+let lineCounters: Counters | undefined; // of the server, where one stands between: here only its own losses show
+let notSent = 0;
+let isDrawn = true;
+let isClosed = false;
+
+function open(write: (data: Uint8Array) => void): void {
+  close();
+  send = write;
+  session = new Session((data) => send?.(data), own, ownSha256, {
+    onHello,
+    onMessage: (frame, name, message) => {
+      model?.keep(frame, name, message);
+      offer();
+    },
+    onProblem: (text) => post({ kind: "problem", text }),
+  });
+}
+
+function close(): void {
+  session?.stop();
+  session = undefined;
+  model = undefined;
+  send = undefined;
+}
+
+function onHello(hello: Decoded, schema: Schema): void {
+  model ??= new Model(schema, () => performance.now());
+  const sensors = (hello["sensors"] as Decoded[]).map(sensorInfo);
+  const { deviceSerial, firmwareVersion, sessionId } = hello as unknown as Record<string, string | number>;
+  post({
+    kind: "hello",
+    hello: { serial: String(deviceSerial), firmware: String(firmwareVersion), session: Number(sessionId), sensors },
+  });
+  subscribe();
+}
+
+function subscribe(): void {
+  if (!session || !Object.keys(every).length) return;
+  session.subscribe(every).catch((error: unknown) => post({ kind: "problem", text: textOf(error) }));
+}
+
+function textOf(error: unknown): string {
+  return error instanceof CommandError ? error.message : `The page has a fault: ${String(error)}`;
+}
+
+function receive(data: Uint8Array): void {
+  model?.countBytes(data.length);
+  session?.feed(data);
+}
+
+/** The newest results, where the page has drawn the ones before. */
+function offer(): void {
+  if (!isDrawn || !session || !model) return;
+  model.nUndecodable += session.nUndecodable;
+  session.nUndecodable = 0;
+  const snapshot = model.take(lineCounters ?? session.decoder.counters, notSent);
+  if (!snapshot) return;
+  isDrawn = false;
+  post({ kind: "snapshot", snapshot }, snapshot.sensors.flatMap(([, news]) => buffersOf(news)));
+}
+
+function buffersOf(news: SensorNews): Transferable[] {
+  const { field, depth, image } = news;
+  const arrays = [field?.force, field?.displacement, field?.sigma, field?.slip, depth?.depth, image?.rgba, news.trace];
+  return arrays.filter((a) => a !== undefined).map((a) => a.buffer as ArrayBuffer);
+}
+
+function openSocket(url: string): void {
+  const socket = new WebSocket(url);
+  socket.binaryType = "arraybuffer";
+  let nSeen = 0;
+  socket.onmessage = ({ data }: MessageEvent<ArrayBuffer | string>) => {
+    if (typeof data === "string") {
+      hearServer(JSON.parse(data) as Record<string, unknown>, socket);
+      return;
+    }
+    receive(new Uint8Array(data));
+    socket.send(JSON.stringify({ seen: ++nSeen }));
+  };
+  socket.onclose = () => {
+    close();
+    if (isClosed) return;
+    post({ kind: "line", isOpen: false, port: "", text: "The viewer's server has gone: start `ruffini view` again." });
+    setTimeout(() => openSocket(url), AGAIN_MS);
+  };
+}
+
+function hearServer(told: Record<string, unknown>, socket: WebSocket): void {
+  if (told["kind"] === "health") {
+    const { bad_crc, malformed, oversize, incomplete, lost, echo, not_shown } = told as unknown as Counters & { not_shown: number };
+    lineCounters = { bad_crc, malformed, oversize, incomplete, lost, echo };
+    notSent = not_shown;
+    if (session) session.nBrokenBefore = malformed + bad_crc;
+  }
+  if (told["kind"] !== "line") return;
+  const isOpen = told["open"] === true;
+  post({ kind: "line", isOpen, port: String(told["port"]), text: String(told["text"]) });
+  if (isOpen) open((data) => socket.readyState === WebSocket.OPEN && socket.send(data as Uint8Array<ArrayBuffer>));
+  else close();
+}
+
+async function openStreams(readable: ReadableStream<Uint8Array>, writable: WritableStream<Uint8Array>): Promise<void> {
+  const writer = writable.getWriter();
+  open((data) => void writer.write(data).catch(() => undefined));
+  const reader = readable.getReader();
+  try {
+    for (;;) {
+      const { done, value } = await reader.read();
+      if (done) break;
+      receive(value);
+    }
+  } catch {
+    // the sensor was unplugged: said below
+  }
+  close();
+  post({ kind: "line", isOpen: false, port: "", text: "The sensor was unplugged: plug it in again." });
+}
+
+self.onmessage = async ({ data }: MessageEvent<ToWorker>) => {
+  if (data.kind === "websocket" || data.kind === "streams") {
+    own = new Schema(data.schema);
+    // Without a secure context there is no SHA-256: then the sensor's schema is asked for.
+    ownSha256 = crypto.subtle && new Uint8Array(await crypto.subtle.digest("SHA-256", data.schema as Uint8Array<ArrayBuffer>));
+    if (data.kind === "websocket") openSocket(data.url);
+    else void openStreams(data.readable, data.writable);
+  } else if (data.kind === "shown") {
+    isDrawn = true;
+    offer();
+  } else if (data.kind === "subscribe") {
+    every = data.every;
+    subscribe();
+  } else if (data.kind === "command") {
+    await run(data.id, data.name, data.value);
+  } else {
+    isClosed = true;
+    close();
+    self.close();
+  }
+};
+
+async function run(id: number, name: string, value: Record<string, unknown>): Promise<void> {
+  try {
+    if (!session) throw new CommandError("No sensor is connected.");
+    const reply = await session.command(name, value);
+    post({ kind: "reply", id, isOk: true, text: String(reply["text"]), reply: { flashState: reply["flashState"], nextOffset: Number(reply["nextOffset"]), value: Number(reply["value"]) } });
+  } catch (error) {
+    post({ kind: "reply", id, isOk: false, text: textOf(error), reply: {} });
+  }
+}

@@ -1,0 +1,57 @@
+"""`ruffini view`."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Annotated
+
+import typer
+
+from ruffini.cli.common import Settings, note
+
+HTTP_PORT = 8451
+
+
+def view(
+    http_port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of this computer for the page (0 = any that is free).")
+    ] = HTTP_PORT,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address and open nothing.")] = False,
+    demo: Annotated[
+        bool, typer.Option("--demo", help="Without a sensor: a SIMULATED pad that is pressed again and again.")
+    ] = False,
+    board: Annotated[str, typer.Option("--board", help="Of --demo: whose twin.")] = "gelslim",
+) -> None:
+    """The live force field in a browser; several sensors: --port A,B."""
+    import asyncio
+    import signal
+    import webbrowser
+
+    from ruffini.device.connection import candidate_ports
+    from ruffini.errors import NoDeviceError
+    from ruffini.view.server import page_folder, serve
+
+    page_folder()
+
+    def ready(address: str) -> None:
+        print(address, flush=True)
+        note("stop with Ctrl-C")
+        if not no_browser:
+            webbrowser.open(address)
+
+    async def until_stopped(ports: list[str]) -> None:
+        stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        await serve(ports, http_port, ready, stop)
+
+    with contextlib.ExitStack() as stack:
+        if demo:
+            from ruffini.view.demo import running_demo
+
+            ports = [stack.enter_context(running_demo(board))]
+        else:
+            ports = Settings.port.split(",") if Settings.port else candidate_ports()
+        if not ports:
+            raise NoDeviceError("no sensor found: plug one in, name its port with --port, or try --demo")
+        asyncio.run(until_stopped(ports))

@@ -1,0 +1,174 @@
+"""`ruffini view`: the page, and a WebSocket for each sensor's line, on this computer alone.
+
+A WebSocket carries the device's frames as they are in proto/README.md, in binary messages; the page's commands come
+back alike. Text messages are JSON of the server's own: {"kind": "line"} says whether the line is open,
+{"kind": "health"} what came over it; the page answers each binary message with {"seen": n}, its number. No more than
+two are on their way at a time: what is newer than those waits here, and the newest replaces what is older.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from aiohttp import WSMsgType, web
+
+from ruffini.errors import InputError, RuffiniError
+from ruffini.native import native_folder
+from ruffini.view.line import SharedLine
+from ruffini.view.outbox import Outbox
+from ruffini.wire import Decoder
+
+HOST = "127.0.0.1"
+IN_FLIGHT = 2  # binary messages that the page has not seen yet
+MAX_COMMAND_BYTES = 8192  # two frames
+# Nothing from elsewhere, neither scripts nor pictures.
+POLICY = (
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; connect-src 'self' "
+    "ws://127.0.0.1:* ws://localhost:*; worker-src 'self'; frame-ancestors 'none'; base-uri 'none'"
+)
+LINES: web.AppKey[list[SharedLine]] = web.AppKey("lines", list[SharedLine])
+
+
+def page_folder() -> Path:
+    """Where the built page is.
+
+    Raises
+    ------
+    RuffiniError
+        It was not built.
+    """
+    folder = native_folder() / "page"
+    if not (folder / "index.html").is_file():
+        raise RuffiniError(f"{folder}: the page was not built: run `make build`")
+    return folder
+
+
+@web.middleware
+async def _only_from_here(request: web.Request, handler: Any) -> web.StreamResponse:
+    """Another site's page must not talk to a sensor through the browser of who visits it."""
+    name = urlsplit(f"//{request.host}").hostname
+    origin = request.headers.get("Origin")
+    if name not in (HOST, "localhost") or (origin and urlsplit(origin).netloc != request.host):
+        raise web.HTTPForbidden(text="the viewer answers its own page alone")
+    response: web.StreamResponse = await handler(request)
+    if not response.prepared:
+        response.headers["Content-Security-Policy"] = POLICY
+        response.headers["Cache-Control"] = "no-cache"
+    return response
+
+
+async def _index(_: web.Request) -> web.FileResponse:
+    return web.FileResponse(page_folder() / "index.html")
+
+
+async def _schema(_: web.Request) -> web.FileResponse:
+    return web.FileResponse(native_folder() / "ruffini.desc")
+
+
+async def _lines(request: web.Request) -> web.Response:
+    lines = request.app[LINES]
+    return web.json_response([{"id": i, "port": line.port} for i, line in enumerate(lines)])
+
+
+async def _socket(request: web.Request) -> web.WebSocketResponse:
+    lines = request.app[LINES]
+    number = int(request.match_info["line"])
+    if number >= len(lines):
+        raise web.HTTPNotFound(text=f"there is no line {number}")
+    socket = web.WebSocketResponse(heartbeat=10, max_msg_size=MAX_COMMAND_BYTES, compress=False)
+    await socket.prepare(request)
+    line, box, seen = lines[number], Outbox(), asyncio.Semaphore(IN_FLIGHT)
+    line.boxes[box] = {}
+    box.put_text("line", line.state())
+    sender = asyncio.create_task(_send_all(socket, box, seen))
+    try:
+        await _receive_all(socket, line, box, seen)
+    finally:
+        sender.cancel()
+        await line.leave(box)
+    return socket
+
+
+async def _send_all(socket: web.WebSocketResponse, box: Outbox, seen: asyncio.Semaphore) -> None:
+    with contextlib.suppress(ConnectionError):
+        while True:
+            await seen.acquire()
+            texts, data = await box.take()
+            for text in texts:
+                await socket.send_str(text)
+            if data:
+                await socket.send_bytes(data)
+            else:
+                seen.release()
+
+
+async def _receive_all(socket: web.WebSocketResponse, line: SharedLine, box: Outbox, seen: asyncio.Semaphore) -> None:
+    decoder, n_seen = Decoder(from_host=True), 0
+    async for message in socket:
+        if message.type is WSMsgType.BINARY:
+            for frame in decoder.feed(message.data):
+                await line.send(box, frame)
+        elif message.type is WSMsgType.TEXT:
+            with contextlib.suppress(ValueError, TypeError, KeyError, RecursionError):
+                # One at a time: a page cannot ask for more than is its due.
+                if json.loads(message.data)["seen"] == n_seen + 1:
+                    n_seen += 1
+                    seen.release()
+
+
+def make_app(lines: list[SharedLine]) -> web.Application:
+    """Routes and lines; the lines are opened when it starts and closed when it ends."""
+    app = web.Application(middlewares=[_only_from_here])
+    app[LINES] = lines
+    app.router.add_get("/", _index)
+    app.router.add_get("/ruffini.desc", _schema)
+    app.router.add_get("/lines.json", _lines)
+    app.router.add_get(r"/line/{line:\d{1,3}}", _socket)
+    app.router.add_static("/", page_folder())
+
+    async def hold_lines(_: web.Application) -> Any:
+        health = []
+        async with contextlib.AsyncExitStack() as stack:
+            for line in lines:
+                await line.start()
+                stack.push_async_callback(line.close)
+                health.append(asyncio.create_task(line.tell_health()))
+            yield
+            for task in health:
+                task.cancel()
+
+    app.cleanup_ctx.append(hold_lines)
+    return app
+
+
+async def serve(ports: list[str], http_port: int, ready: Callable[[str], None], stop: asyncio.Event) -> None:
+    """Serve the page until `stop`; `ready` gets its address. HTTP port 0: any that is free.
+
+    Raises
+    ------
+    NoDeviceError
+        A serial port is missing or busy.
+    InputError
+        The HTTP port is taken.
+    """
+    runner = web.AppRunner(make_app([SharedLine(port) for port in ports]), access_log=None, shutdown_timeout=1)
+    try:
+        await runner.setup()
+        site = web.TCPSite(runner, HOST, http_port)
+        try:
+            await site.start()
+        except OSError as error:
+            raise InputError(
+                f"port {http_port} of {HOST} is taken ({error.strerror}): is another viewer running? "
+                "Choose another one with --http-port, or 0 for any"
+            ) from error
+        ready(f"http://{HOST}:{runner.addresses[0][1]}/")
+        await stop.wait()
+    finally:
+        await runner.cleanup()

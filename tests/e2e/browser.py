@@ -1,0 +1,100 @@
+"""Debian's Chromium and the viewer's server, for tests of the page."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from ruffini.view.server import serve
+
+CHROMIUM = "/usr/bin/chromium"
+SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+PATIENCE_S = 20.0
+
+
+@contextlib.contextmanager
+def chromium() -> Iterator[Browser]:
+    """One browser; `make test` installs it."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE_GL)
+        yield browser
+        browser.close()
+
+
+@contextlib.contextmanager
+def viewer(*ports: str) -> Iterator[str]:
+    """The server in a thread of its own; yields its address."""
+    loop, stop, ready, told = asyncio.new_event_loop(), asyncio.Event(), threading.Event(), list[str]()
+    problem: list[BaseException] = []
+
+    def say(address: str) -> None:
+        told.append(address)
+        ready.set()
+
+    def run() -> None:
+        try:
+            loop.run_until_complete(serve(list(ports), 0, say, stop))
+        except BaseException as error:
+            problem.append(error)
+        finally:
+            ready.set()
+            loop.close()
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    ready.wait(PATIENCE_S)
+    if problem:
+        raise problem[0]
+    try:
+        yield told[0]
+    finally:
+        with contextlib.suppress(RuntimeError):  # it has ended itself
+            loop.call_soon_threadsafe(stop.set)
+        thread.join(PATIENCE_S)
+
+
+def state_of(page: Page) -> dict[str, Any]:
+    """What the page says that it shows."""
+    return page.evaluate("JSON.parse(JSON.stringify(window.__state ?? {lines: []}))")  # type: ignore[no-any-return]
+
+
+def wait_for(page: Page, what: str, accept: Callable[[dict[str, Any]], bool], timeout_s: float = PATIENCE_S) -> Any:
+    """The page's state, once it is accepted."""
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline:
+        state = state_of(page)
+        with contextlib.suppress(KeyError, IndexError, TypeError):
+            if accept(state):
+                return state
+        page.wait_for_timeout(50)
+    raise AssertionError(f"the page never showed {what}: {state}")
+
+
+def sensor_of(state: dict[str, Any], line: int = 0, sensor: int = 0) -> Any:
+    """One sensor in the page's state."""
+    return state["lines"][line]["sensors"][str(sensor)]
+
+
+def colours_in(page: Page, selector: str) -> int:
+    """How many different colours a canvas shows: 1 is an empty one."""
+    return int(
+        page.eval_on_selector(
+            selector,
+            """canvas => {
+              const copy = document.createElement("canvas");
+              [copy.width, copy.height] = [canvas.width, canvas.height];
+              const context = copy.getContext("2d");
+              context.drawImage(canvas, 0, 0);
+              const pixels = context.getImageData(0, 0, copy.width, copy.height).data;
+              const seen = new Set();
+              for (let i = 0; i < pixels.length; i += 4) seen.add(pixels[i] << 16 | pixels[i + 1] << 8 | pixels[i + 2]);
+              return seen.size;
+            }""",
+        )
+    )

@@ -1,0 +1,273 @@
+"""The page in a real browser, on the real daemon: numbers against the truth, lines that break, pages that are slow."""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import os
+import socket
+import threading
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from broken_line import BrokenLine
+from browser import chromium, colours_in, sensor_of, state_of, viewer, wait_for
+from playwright.sync_api import Browser, Page
+from test_bad_input import run_host
+from tiny_sensor import Twin
+
+from ruffini.demo.daemon import running_daemon
+from ruffini.device import Connection
+from ruffini.errors import NoDeviceError
+from ruffini.sim.contact import Indenter, Pose
+from ruffini.sim.scenario import Scenario
+from ruffini.sim.serve import Steered, TwinServer
+from ruffini.view.outbox import Outbox
+from ruffini.view.server import page_folder
+from ruffini.wire import Frame, Schema, encode_message
+from ruffini.wire.framing import cobs_encode, crc32c
+
+MM = 1e-3
+MAX_PAGE_BYTES = 350_000  # gzip, all of it
+VALID = 1
+NUMBER = Schema.own().type_numbers
+MINUS = "\u2212"  # as wide as a plus
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def page(browser: Browser) -> Iterator[Page]:
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    yield page
+    page.close()
+    assert faults == []
+
+
+@pytest.fixture(scope="module")
+def pressed(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Steered]]:
+    """A calibrated sensor on a pty with a ball held in its pad."""
+    folder = tmp_path_factory.mktemp("pressed")
+    steered = Steered(twin.unit, Indenter("sphere", 3 * MM))
+    assert twin.board.folder is not None
+    with (
+        TwinServer(twin.unit.renderer(), steered, Scenario(), folder / "twin"),
+        running_daemon(twin.board.folder, f"twin:{folder / 'twin'}", folder / "store") as port,
+    ):
+        with Connection(port) as sensor:
+            sensor.flash(twin.calibration)
+            sensor.subscribe(wrench=1)
+            for frame, message in sensor.stream(timeout_s=10):
+                if frame.type == NUMBER["WRENCH"] and message.validity[2] == VALID:  # rest is learned
+                    break
+        steered.move_to(Pose(MM, 0.5 * MM, 0.6 * MM))
+        yield port, steered
+
+
+@pytest.fixture
+def sent(monkeypatch: pytest.MonkeyPatch) -> dict[int, list[float]]:
+    """By frame, the wrench that the server handed on, N and N m."""
+    out: dict[int, list[float]] = {}
+    put, schema = Outbox.put, Schema.own()
+
+    def heard(box: Outbox, frame: Frame, own: Schema) -> None:
+        if schema.type_name(frame.type) == "WRENCH":
+            m: Any = schema.decode(frame.type, frame.payload)
+            forces = [m.force_x_un, m.force_y_un, m.force_z_un]
+            torques = [m.torque_x_un_um, m.torque_y_un_um, m.torque_z_un_um]
+            out[m.stamp.frame] = [f * 1e-6 for f in forces] + [t * 1e-12 for t in torques]
+        put(box, frame, own)
+
+    monkeypatch.setattr(Outbox, "put", heard)
+    return out
+
+
+def test_what_is_shown_is_what_was_sent_and_near_the_truth(
+    pressed: tuple[str, Steered], page: Page, sent: dict[int, list[float]]
+) -> None:
+    port, steered = pressed
+    with viewer(port) as address:
+        page.goto(address)
+        first = wait_for(page, "a frame", lambda s: s["lines"][0]["firstFrameMs"])["lines"][0]["firstFrameMs"]
+        print(f"first frame drawn {first:.0f} ms after the line was opened")
+        wait_for(page, "a press", lambda s: sensor_of(s)["wrench"]["values"][2] < -0.3 and sensor_of(s)["field"])
+        page.wait_for_timeout(1500)
+        page.keyboard.press("Space")
+        sensor = sensor_of(wait_for(page, "a still", lambda s: "Frozen" in page.inner_text("#notice")))
+        truth = steered.wrench
+        page.wait_for_timeout(300)
+        assert sensor_of(state_of(page))["wrench"] == sensor["wrench"]
+        colours = colours_in(page, ".stage canvas"), colours_in(page, ".maps figure:nth-child(1) canvas")
+    assert sensor["board"] == "tiny"
+    assert sensor["isSimulated"]
+    assert not sensor["isReplay"]
+    assert sensor["flags"] == []
+    wrench = sensor["wrench"]
+    assert wrench["validity"] == [VALID] * 6
+    assert wrench["values"][2] == pytest.approx(truth[2], rel=0.25)
+    assert wrench["values"] == pytest.approx(sent[wrench["frame"]], abs=1e-12)
+    if sensor["field"]["frame"] == wrench["frame"]:  # what is drawn sums to the number beside it
+        assert sensor["field"]["sum"] == pytest.approx(wrench["values"][:3], abs=2e-6)
+    assert [sensor["maps"][name] for name in ("normal", "shear", "depth")] == ["values"] * 3
+    assert sensor["maps"]["camera"] == "press C"
+    assert sensor["nArrows"] > 3
+    assert len(sensor["contacts"]) == 1
+    assert sensor["contacts"][0]["center"] == pytest.approx([MM, 0.5 * MM], abs=MM)
+    assert min(colours) > 50
+    assert page.inner_text(".cell:nth-child(3) output") == f"{wrench['values'][2]:.3f}".replace("-", MINUS)
+    assert page.inner_text(".badges .simulated") == "SIMULATED"
+    assert page.inner_text("#who") == "tiny 0000"
+
+
+def test_keys_zero_the_pad_change_units_and_ask_for_the_camera(pressed: tuple[str, Steered], page: Page) -> None:
+    port, _ = pressed
+    with viewer(port) as address:
+        page.goto(address)
+        before = wait_for(page, "a press", lambda s: sensor_of(s)["wrench"]["values"][2] < -0.3)
+        page.keyboard.press("u")
+        page.wait_for_function("document.querySelector('.cell .unit').textContent === 'mN'")
+        said = float(page.inner_text(".cell:nth-child(3) output").replace(MINUS, "-"))
+        assert said == pytest.approx(1e3 * sensor_of(before)["wrench"]["values"][2], rel=0.2)
+        page.keyboard.press("c")
+        wait_for(page, "the camera", lambda s: sensor_of(s)["maps"]["camera"] == "values")
+        page.keyboard.press("z")
+        # The ball that is held is rest from now on.
+        wait_for(page, "no press", lambda s: abs(sensor_of(s)["wrench"]["values"][2]) < 0.1)
+        with page.expect_download() as download:
+            page.keyboard.press("s")
+        assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
+        page.keyboard.press("?")
+        assert page.is_visible("#help")
+
+
+def test_a_sensor_that_is_unplugged_is_said_and_comes_back_by_itself(
+    pressed: tuple[str, Steered], page: Page, tmp_path: Path
+) -> None:
+    port, _ = pressed
+    with BrokenLine(port, tmp_path) as line, viewer(line.port) as address:
+        page.goto(address)
+        wait_for(page, "frames", lambda s: sensor_of(s)["nChartPoints"] > 5)
+        line.unplug()
+        wait_for(page, "the loss", lambda s: "plug the sensor in" in s["notice"] or "cannot be opened" in s["notice"])
+        assert page.is_visible("section.sensor.lost")
+        last = sensor_of(state_of(page))["wrench"]["frame"]
+        line.plug_in()
+        state = wait_for(page, "later frames", lambda s: sensor_of(s)["wrench"]["frame"] > last)
+        assert state["notice"] == ""
+        assert not page.is_visible("section.sensor.lost")
+
+
+def test_broken_pieces_are_counted_and_never_shown(
+    pressed: tuple[str, Steered], page: Page, sent: dict[int, list[float]], tmp_path: Path
+) -> None:
+    port, _ = pressed
+    with BrokenLine(port, tmp_path) as line, viewer(line.port) as address:
+        page.goto(address)
+        wait_for(page, "frames", lambda s: sensor_of(s)["nChartPoints"] > 5)
+        line.loss = 0.05
+        state = wait_for(page, "broken frames", lambda s: s["lines"][0]["health"]["counters"]["bad_crc"] > 3)
+        wrench = sensor_of(state)["wrench"]
+        assert wrench["values"] == pytest.approx(sent[wrench["frame"]], abs=1e-12)
+
+
+def test_a_page_that_is_slow_gets_the_newest_and_no_backlog(
+    pressed: tuple[str, Steered], page: Page, sent: dict[int, list[float]]
+) -> None:
+    port, _ = pressed
+    with viewer(port) as address:
+        page.goto(address)
+        wait_for(page, "frames", lambda s: sensor_of(s)["nChartPoints"] > 5)
+        page.evaluate("() => { const end = performance.now() + 3000; while (performance.now() < end); }")
+        newest = max(sent)
+        state = wait_for(page, "the newest", lambda s: sensor_of(s)["wrench"]["frame"] >= newest, 2.0)
+        assert state["lines"][0]["health"]["notShown"] > 20
+
+
+class OtherDevice:
+    """Something on a pty that says the same again and again."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        self.port = os.ttyname(slave)
+        self._slave = slave
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._say, daemon=True)
+
+    def __enter__(self) -> OtherDevice:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        os.close(self._slave)
+        os.close(self._master)
+
+    def _say(self) -> None:
+        os.set_blocking(self._master, False)
+        while not self._stop.wait(0.05):
+            with contextlib.suppress(BlockingIOError):
+                os.write(self._master, self._data)
+            with contextlib.suppress(BlockingIOError):
+                os.read(self._master, 4096)
+
+
+def of_version_2() -> bytes:
+    body = bytes([2, 0, 1, 255]) + bytes(8)
+    return cobs_encode(body + crc32c(body).to_bytes(4, "little")) + b"\0"
+
+
+def hello(**fields: object) -> bytes:
+    message = Schema.own().new("Hello", **fields).SerializeToString()
+    return encode_message(1, message, sensor=255, sequence=0, flags=0)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (of_version_2(), "is not protocol version 1"),
+        (hello(protocol_version=3), "speaks protocol version 3"),
+        (b"", "Nothing answers on this line"),
+    ],
+)
+def test_who_does_not_speak_our_protocol_is_said_to(page: Page, data: bytes, words: str) -> None:
+    with OtherDevice(data) as other, viewer(other.port) as address:
+        page.goto(address)
+        wait_for(page, words, lambda s: words in page.inner_text("#notice"))
+
+
+def test_a_port_that_is_missing_or_taken_is_named(pressed: tuple[str, Steered]) -> None:
+    port, _ = pressed
+    with pytest.raises(NoDeviceError, match="/dev/nothing"), viewer("/dev/nothing"):
+        pass
+    with viewer(port), pytest.raises(NoDeviceError, match="busy"), viewer(port):
+        pass
+
+
+def test_a_taken_http_port_is_said_and_nothing_starts(pressed: tuple[str, Steered]) -> None:
+    port, _ = pressed
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        number = taken.getsockname()[1]
+        code, _, said = run_host("view", "--no-browser", "--http-port", str(number), port=port)
+    assert code == 2
+    assert f"port {number} of 127.0.0.1 is taken" in said
+    assert "--http-port" in said
+
+
+def test_the_page_is_light() -> None:
+    files = {path.name: len(gzip.compress(path.read_bytes(), 9)) for path in page_folder().iterdir()}
+    print(f"page: {sum(files.values()) / 1e3:.0f} kB gzip, limit {MAX_PAGE_BYTES / 1e3:.0f} kB: {files}")
+    assert 50_000 < sum(files.values()) <= MAX_PAGE_BYTES
