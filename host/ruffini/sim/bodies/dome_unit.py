@@ -110,7 +110,8 @@ class DomeRig:
         self._tool: ToolContact | None = None
         self._rest_points = self.sheet.rest_points()
         self._nodes = BoardNodes(unit.board, self._rest_points[:, :2])
-        self._to_board, self._at_board = self._board_nodes()
+        places, self._at_board = self._board_nodes()
+        self._to_board = patch.at_places(*places[self._at_board].T)
 
     def _board_nodes(self) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Places of the board's nodes on the dome seen from above, (n, 2) metres, and which lie on it, (n,)."""
@@ -186,9 +187,7 @@ class DomeRig:
         """Zero at nodes beside the dome."""
         grid, shell = self.unit.board.grid, self.sheet.shell
         out = np.zeros((grid.n_y * grid.n_x, 3))
-        places = self._to_board[self._at_board]
-        matrix = shell.patch.at_places(places[:, 0], places[:, 1])
-        out[self._at_board] = matrix @ (self.state.place - shell.rest)
+        out[self._at_board] = self._to_board @ (self.state.place - shell.rest)
         return out.reshape(grid.n_y, grid.n_x, 3)
 
     def nodal_state(self) -> npt.NDArray[np.uint8]:

@@ -119,29 +119,31 @@ class Shell:
     def _stressed(self, frame: _Frame, resultants: Array, normal_r: Array, long_r: Array) -> Array:
         """The part of the tangent that comes from second variations; `resultants` are times the areas."""
         n1, n2 = self.patch.values[1], self.patch.values[2]
-        m, q = n1.shape[0], n1.shape[1]
+        m, q = n1.shape[:2]
         n, moment = resultants[..., :3], resultants[..., 3:] * _TWICE
         first = n[..., :1] * n1 + n[..., 2:3] * n2
         second = n[..., 1:2] * n2 + n[..., 2:3] * n1
-        scalar = np.einsum("eqa,eqb->eab", n1, first) + np.einsum("eqa,eqb->eab", n2, second)
-        out = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
+        scalar = n1.swapaxes(1, 2) @ first + n2.swapaxes(1, 2) @ second
+        out = np.zeros((m, 16, 3, 16, 3))
+        for i in range(3):
+            out[:, :, i, :, i] = scalar
         # Minus moment : b_rs, b_rs = N_ij,r a3_s + N_ij,s a3_r + a_ij . a3_rs.
-        p = np.einsum("eqk,keqa->eqa", moment, self.patch.values[3:6])
-        along = np.einsum("eqa,ij->eqiaj", p, np.eye(3)).reshape(m, q, 3, 48)
-        v = np.einsum("eqk,eqki->eqi", moment, frame.second)
+        v = (moment[..., None, :] @ frame.second)[..., 0, :]
         area, across = frame.area[..., None], (v * frame.normal).sum(axis=-1, keepdims=True)
         u = (v - across * frame.normal) / area
+        for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+            skew = (u[..., k, None] * n1).swapaxes(1, 2) @ n2
+            skew -= skew.swapaxes(1, 2)
+            out[:, :, i, :, j] -= skew
+            out[:, :, j, :, i] += skew
+        out = out.reshape(m, 48, 48)
+        p = sum(moment[..., k, None] * self.patch.values[3 + k] for k in range(3))
+        cross = (p.swapaxes(1, 2) @ normal_r.reshape(m, q, -1)).reshape(m, 48, 48)
         area_r = (frame.normal[..., None, :] @ long_r)[..., 0, :]
         v_r = (v[..., None, :] @ long_r)[..., 0, :]
-        turned = np.einsum("kij,eqk->eqij", _LEVI, u)
-        skew = np.einsum("eqa,eqb->eqab", n1, n2)
-        skew -= skew.swapaxes(-1, -2)
-        out -= np.einsum("eqab,eqij->eaibj", skew, turned, optimize=True)
-        out = out.reshape(m, 48, 48)
-        cross = _gram(along, normal_r) - _gram((v_r / area**2)[:, :, None], area_r[:, :, None])
+        cross -= _gram(((v_r - 1.5 * across * area_r) / area**2)[:, :, None], area_r[:, :, None])
         out -= cross + cross.swapaxes(-1, -2)
         out += _gram((across / area**2)[..., None] * long_r, long_r)
-        out -= _gram((3 * across / area**2)[..., None] * area_r[:, :, None], area_r[:, :, None])
         return np.asarray(out)
 
 
@@ -160,8 +162,9 @@ def _first_variations(values: Array, frame: _Frame) -> tuple[Array, Array, Array
         return np.asarray((f[..., :, None] * vector[..., None, :]).reshape(m, q, 48))
 
     strain_r = np.stack([times(n1, frame.a1), times(n2, frame.a2), times(n1, frame.a2) + times(n2, frame.a1)], axis=2)
-    long_r = np.einsum("kij,eqj,eqa->eqkai", _LEVI, frame.a2, n1, optimize=True)
-    long_r += np.einsum("kji,eqj,eqa->eqkai", _LEVI, frame.a1, n2, optimize=True)
+    # d(a1 x a2) along control point a's coordinate i, its three parts k one after the other.
+    first, second = (np.stack([f @ _LEVI[k] for k in range(3)], axis=2) for f in (-frame.a2, frame.a1))
+    long_r = first[:, :, :, None] * n1[:, :, None, :, None] + second[:, :, :, None] * n2[:, :, None, :, None]
     long_r = long_r.reshape(m, q, 3, 48)
     area_r = frame.normal[..., None, :] @ long_r
     normal_r = (long_r - frame.normal[..., None] * area_r) / frame.area[..., None, None]
