@@ -1,5 +1,6 @@
 // A network by OpenCV's dnn, on one core. The only file that needs it.
 #include <algorithm>
+#include <exception>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/dnn.hpp>
@@ -23,7 +24,7 @@ class DnnNetwork : public Network {
       if (said.total() != out.size() || said.type() != CV_32F || !said.isContinuous()) return false;
       std::copy_n(said.ptr<float>(), out.size(), out.begin());
       return true;
-    } catch (const cv::Exception&) {
+    } catch (const std::exception&) {  // OpenCV's, or a size that no memory has
       return false;
     }
   }
@@ -45,7 +46,7 @@ extern "C" ruffini::Network* ruffini_open_network(const char* path) {
   try {
     cv::dnn::Net net = cv::dnn::readNetFromONNX(path);
     return net.empty() ? nullptr : new ruffini::DnnNetwork(std::move(net));
-  } catch (const cv::Exception&) {
+  } catch (const std::exception&) {
     return nullptr;
   }
 }

@@ -126,6 +126,9 @@ void Inference::look(const FrameLease& lease, const LearnedStamp& stamp) {
   out.period_us = result_us_ == 0 ? 0 : since(result_us_, end_us);
   result_us_ = end_us;
   if (!out.is_valid) health_.invalid.fetch_add(1, std::memory_order_relaxed);
+  health_.took_us.store(out.took_us, std::memory_order_relaxed);
+  health_.latency_us.store(out.latency_us, std::memory_order_relaxed);
+  health_.period_us.store(out.period_us, std::memory_order_relaxed);
   health_.results.fetch_add(1, std::memory_order_relaxed);
   results_.publish();
 }

@@ -40,6 +40,9 @@ struct NetworkHealth {
   std::atomic<uint64_t> results{0};
   std::atomic<uint64_t> invalid{0};
   std::atomic<uint64_t> skipped{0};
+  std::atomic<uint32_t> took_us{0};  // these three of the last result
+  std::atomic<uint32_t> latency_us{0};
+  std::atomic<uint32_t> period_us{0};
 };
 
 }  // namespace ruffini

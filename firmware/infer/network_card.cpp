@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <optional>
@@ -18,7 +19,9 @@ constexpr uint64_t kMetadataProps = 14;
 constexpr uint64_t kVarint = 0;
 constexpr uint64_t kBytes = 2;
 constexpr uint64_t kMaxEntryBytes = 4'096;
-constexpr size_t kMaxNameLength = 23;  // Quantity.name in ruffini.options
+constexpr size_t kMaxEntries = 64;
+constexpr uint64_t kMaxNetworkBytes = uint64_t{1} << 30;  // VGG16 as published has 0.54e9
+constexpr size_t kMaxNameLength = 23;                     // Quantity.name in ruffini.options
 constexpr const char* kPrefix = "ruffini.";
 
 std::optional<uint64_t> read_varint(std::istream& in) {
@@ -43,7 +46,7 @@ std::optional<std::string> read_text(std::istream& in, uint64_t field) {
   return text;
 }
 
-// False where the file is no message of protobuf.
+// False where the file is no message of protobuf, or says more of itself than any network of ours.
 bool read_metadata(std::istream& in, uint64_t n_bytes, std::map<std::string, std::string>& out) {
   while (const auto tag = read_varint(in)) {
     if ((*tag & 7) == kVarint) {
@@ -61,6 +64,7 @@ bool read_metadata(std::istream& in, uint64_t n_bytes, std::map<std::string, std
     const auto value = read_text(in, 2);
     if (!key || !value || in.tellg() != end) return false;
     if (key->rfind(kPrefix, 0) == 0) out[key->substr(std::string(kPrefix).size())] = *value;
+    if (out.size() > kMaxEntries) return false;
   }
   return in.eof();
 }
@@ -73,6 +77,20 @@ std::vector<std::string> split(const std::string& text) {
     begin = end + 1;
   }
   return parts;
+}
+
+// What a file says of itself, for a terminal and for a message of the wire, whose texts are UTF-8.
+std::string plain(std::string text) {
+  constexpr size_t kShown = 40;
+  if (text.size() > kShown) text = text.substr(0, kShown) + "...";
+  std::replace_if(text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+  return text;
+}
+
+bool is_name(const std::string& text) {
+  return !text.empty() && text.size() <= kMaxNameLength && std::all_of(text.begin(), text.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_';
+  });
 }
 
 bool to_numbers(const std::string& text, std::vector<int64_t>& out) {
@@ -101,12 +119,17 @@ std::string sha256_of(std::istream& in) {
 }  // namespace
 
 Result<NetworkCard> read_network_card(const std::string& path, const BoardSettings& board) {
-  std::ifstream in(path, std::ios::binary | std::ios::ate);
+  std::error_code problem;  // a pipe would be waited for, forever
+  const bool is_file = std::filesystem::is_regular_file(path, problem);
+  std::ifstream in(is_file ? path : std::string(), std::ios::binary | std::ios::ate);
   if (!in) {
     return Error{ErrorKind::kUnavailable,
                  path + ": no such network: put it there, or leave [learned] out of board.toml"};
   }
   const auto n_bytes = static_cast<uint64_t>(std::max<std::streamoff>(in.tellg(), 0));
+  if (n_bytes > kMaxNetworkBytes) {
+    return Error{ErrorKind::kBadInput, path + ": is larger than 1 GiB: export a smaller network"};
+  }
   in.seekg(0);
   std::map<std::string, std::string> said;
   NetworkCard card;
@@ -115,15 +138,14 @@ Result<NetworkCard> read_network_card(const std::string& path, const BoardSettin
   }
   const std::string size = std::to_string(board.camera.width_px) + "x" + std::to_string(board.camera.height_px);
   if (said["board"] != board.name || said["optics"] != board.camera.optics || said["resolution"] != size) {
-    return Error{ErrorKind::kRefused, path + ": is for board " + said["board"] + ", optics " + said["optics"] + ", " +
-                                          said["resolution"] + ", this is " + board.name + ", " + board.camera.optics +
-                                          ", " + size + ": train its own"};
+    return Error{ErrorKind::kRefused, path + ": is for board " + plain(said["board"]) + ", optics " +
+                                          plain(said["optics"]) + ", " + plain(said["resolution"]) + ", this is " +
+                                          board.name + ", " + board.camera.optics + ", " + size + ": train its own"};
   }
   card.names = split(said["outputs"]);
   const bool has_ranges = to_numbers(said["low"], card.low) && to_numbers(said["high"], card.high);
-  const auto is_named = [](const std::string& name) { return !name.empty() && name.size() <= kMaxNameLength; };
   if (!has_ranges || card.names.size() > kMaxLearned || card.low.size() != card.names.size() ||
-      card.high.size() != card.names.size() || !std::all_of(card.names.begin(), card.names.end(), is_named)) {
+      card.high.size() != card.names.size() || !std::all_of(card.names.begin(), card.names.end(), is_name)) {
     return Error{ErrorKind::kBadInput, path + ": outputs, low and high of its metadata do not fit: export it again"};
   }
   in.clear();

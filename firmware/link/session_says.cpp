@@ -121,6 +121,9 @@ void Session::tell_network(ruffini_Status& m) const {
   m.network.results = network.results;
   m.network.invalid = network.invalid;
   m.network.skipped = network.skipped;
+  m.network.took_us = network.took_us;
+  m.network.latency_us = network.latency_us;
+  m.network.period_us = network.period_us;
   if (state == NetworkState::kRuns) copy_bytes(m.network.sha256, {network.sha256.begin(), network.sha256.end()});
   if (state != NetworkState::kFailed) return;
   copy_text(m.network.problem, network.problem.data());

@@ -94,6 +94,30 @@ def test_monitor_shows_what_it_last_said(asking: Sensor, tmp_path: Path) -> None
             assert " of frame 2, " in last
 
 
+def test_info_shows_how_it_fares(asking: Sensor, tmp_path: Path) -> None:
+    store, said = tmp_path / "store", {}
+    store.mkdir()
+    for name, file in (("runs", "means.onnx"), ("fails", "small.onnx")):
+        shutil.copy(NETWORKS / file, store / "net.onnx")
+        with start(asking, store, "--lockstep", "--linger") as daemon:
+            with Connection(daemon.port) as host:
+                host.subscribe(wrench=1)
+                while host.status().frames_processed < N_FRAMES:
+                    pass
+            for words in ([], ["--json"]):
+                done = CliRunner().invoke(app, ["--port", daemon.port, "info", *words])
+                assert done.exit_code == 0, done.output
+                said[name, bool(words)] = done.stdout
+    network = json.loads(said["runs", True])["network"]
+    assert (network["state"], network["results"], network["problem"]) == ("runs", N_FRAMES, "")
+    assert 0 < network["took_s"] <= network["latency_s"]
+    assert network["rate_hz"] > 0
+    assert f"network: runs, {network['rate_hz']:.1f} Hz, takes " in said["runs", False]
+    assert f"{N_FRAMES} results, 1 invalid, 0 frames skipped" in said["runs", False]
+    assert json.loads(said["fails", True])["network"]["state"] == "failed"
+    assert "network: failed: the network does not run on this board's frames" in said["fails", False]
+
+
 def nothing(path: Path) -> None:
     """No file at all."""
 

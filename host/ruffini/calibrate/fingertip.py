@@ -202,6 +202,7 @@ def fit_fingertip(board: Board, presses_at: Path, baseline_mm: float, progress: 
     InputError
         There are too few presses, a file is not as it should be, or PyTorch is not installed.
     """
+    eyes = Eyes.of(board, baseline_mm)
     presses = read_presses(board, presses_at, only, lambda done: progress(0.3 * done))
     scale = Scale.of(board)
     presses = [press for press in presses if scale.used(press.told).any()]
@@ -210,7 +211,6 @@ def fit_fingertip(board: Board, presses_at: Path, baseline_mm: float, progress: 
         raise InputError(
             f"{presses_at} has {len(presses)} presses of {least:g} to {most:g} N: {2 * N_FOLDS} are needed"
         )
-    eyes = Eyes.of(board, baseline_mm)
     pins = Pins.of(eyes, presses)
     touch_mm = TOUCH_FACTOR * max(_motion_at_rest(eyes, pins, press) for press in presses)
     bench, modes = Bench(eyes, pins, scale, presses, touch_mm), []

@@ -34,8 +34,18 @@ class Eyes:
 
     @classmethod
     def of(cls, board: Board, baseline_mm: float) -> Eyes:
-        """As board.toml has them; the distance between them is not in it."""
-        camera = board.camera
+        """As board.toml has them; the distance between them is not in it.
+
+        Raises
+        ------
+        InputError
+            They would not fit in the fingertip.
+        """
+        camera, most_mm = board.camera, board.pad.size_x_um * 1e-3
+        if not 0.1 <= baseline_mm <= most_mm:  # nor is NaN
+            raise InputError(
+                f"--baseline-mm {baseline_mm:g}: the eyes are 0.1 to {most_mm:g} mm apart, as wide as the fingertip"
+            )
         return cls(
             camera.focal_mpx * 1e-3, (camera.center_x_mpx * 1e-3, camera.center_y_mpx * 1e-3), camera.width_px // 2,
             camera.standoff_um * 1e-3, baseline_mm, board.pad.size_x_um * 5e-4,

@@ -62,9 +62,12 @@ def devices(json_: JsonFlag = False) -> None:
 
 
 def info(json_: JsonFlag = False) -> None:
-    """Who the sensor is and what it is calibrated for."""
+    """Who the sensor is, what it is calibrated for, and how its learned network fares."""
+    from ruffini.device import NetworkState
+
     with open_sensor() as sensor:
-        hello = sensor.hello
+        hello, status = sensor.hello, sensor.status()
+    network = NetworkState.from_status(status)
     rows = []
     for s in hello.sensors:
         c = s.calibration
@@ -91,7 +94,7 @@ def info(json_: JsonFlag = False) -> None:
         )
     result = {
         "port": sensor.port, "serial": hello.device_serial, "firmware": hello.firmware_version,
-        "protocol": hello.protocol_version, "sensors": rows,
+        "protocol": hello.protocol_version, "sensors": rows, "network": None if network is None else asdict(network),
     }  # fmt: skip
     lines = [f"{sensor.port}  serial {hello.device_serial}  firmware {hello.firmware_version}"]
     for r in rows:
@@ -106,6 +109,8 @@ def info(json_: JsonFlag = False) -> None:
             + ("  DEVELOPMENT KEY" if c["development_key"] else "")
             + ("  ON TRIAL" if c["on_trial"] else "")
         )
+    if network is not None:
+        lines.append(f"    network: {network.text()}")
     emit(result, json_, "\n".join(lines))
 
 

@@ -17,7 +17,7 @@ def fingertip(
         typer.Option("--presses", help="Folder of presses: each frames/ and press.csv (calibrate/README.md says how)."),
     ],
     out: Annotated[Path, typer.Option("--out", help="Calibration file to write.")],
-    baseline_mm: Annotated[float, typer.Option("--baseline-mm", min=0.1, help="Distance between the eyes.")],
+    baseline_mm: Annotated[float, typer.Option("--baseline-mm", help="Distance between the eyes.")],
     only: Annotated[str, typer.Option(help="Pattern of the folders below --presses that are used.")] = "*",
     json_: JsonFlag = False,
 ) -> None:

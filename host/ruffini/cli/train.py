@@ -21,6 +21,15 @@ class Plans(StrEnum):
     EIGHTH = "eighth"
 
 
+def _set_threads(threads: int) -> None:
+    """Of PyTorch. Raises InputError where it is not installed."""
+    try:
+        import torch
+    except ImportError as error:
+        raise InputError("PyTorch is not installed: pip install 'ruffini[train]'") from error
+    torch.set_num_threads(threads)
+
+
 app = typer.Typer(no_args_is_help=True, help="Train networks on the digital twin (pip install 'ruffini[train]').")
 
 
@@ -40,16 +49,12 @@ def displacement(
     json_: JsonFlag = False,
 ) -> None:
     """A U-Net from pictures to the displacement of all nodes, the iFEM 2.0 paper's way; ONNX for OpenCV."""
-    try:
-        import torch
-    except ImportError as error:
-        raise InputError("PyTorch is not installed: pip install 'ruffini[train]'") from error
+    _set_threads(threads)
     from ruffini.boards import find_board
     from ruffini.train.export import export
     from ruffini.train.fit import Plan, Trainer
     from ruffini.train.presses import make_samples
 
-    torch.set_num_threads(threads)
     found = find_board(board)
     with progress_bar("presses") as progress:
         rest, samples = make_samples(found, presses, seed, progress=progress)
@@ -89,14 +94,10 @@ def stereo(
     json_: JsonFlag = False,
 ) -> None:
     """The stereo paper's network: force, place and angles from two views; ONNX for the board and OpenCV."""
-    try:
-        import torch
-    except ImportError as error:
-        raise InputError("PyTorch is not installed: pip install 'ruffini[train]'") from error
+    _set_threads(threads)
     from ruffini.boards import find_board
     from ruffini.train.stereo_run import Wish, train
 
-    torch.set_num_threads(threads)
     wish = Wish(presses, only, out, mode, None if plan is None else plan.value, weights, passes, seed, most_n)
     run = train(find_board(board), wish, note, progress_bar)
     r, tag = run.result, ", SIMULATED" if run.result["simulated"] else ""

@@ -1,6 +1,6 @@
 """A sensor on a serial line."""
 
 from ruffini.device.connection import Connection, connect
-from ruffini.device.results import Contacts, Field, Learned, Wrench
+from ruffini.device.results import Contacts, Field, Learned, NetworkState, Wrench
 
-__all__ = ["Connection", "Contacts", "Field", "Learned", "Wrench", "connect"]
+__all__ = ["Connection", "Contacts", "Field", "Learned", "NetworkState", "Wrench", "connect"]

@@ -260,6 +260,14 @@ class Connection:
         """Ask who the sensor is now."""
         self.hello = self._say_hello(REPLY_TIMEOUT_S * TRIES, TRIES)
 
+    def status(self) -> Any:
+        """How it fares now; raises NoDeviceError where it does not say."""
+        for _ in range(TRIES):
+            self._send("STATUS")
+            if (said := self._wait_for("STATUS", REPLY_TIMEOUT_S, lambda _: True)) is not None:
+                return said
+        raise NoDeviceError(f"{self.port}: no word of how the sensor fares: is it busy with something else?")
+
     def subscribe(self, **every: int) -> None:
         """Ask for each n-th message of a type, e.g. subscribe(wrench=1, field=2); replaces what was asked before.
 

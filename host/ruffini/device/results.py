@@ -12,6 +12,7 @@ from ruffini.wire.covariance import COVARIANCE_SIZE, full_covariance
 from ruffini.wire.dense import decode_dense
 
 Array = npt.NDArray[np.float64]
+NETWORK_STATES = {0: "loading", 1: "runs", 2: "failed"}
 NOT_MEASURED, VALID, UNCALIBRATED, INVALID = range(4)
 SLIP_STATES = {1: "sticks", 2: "incipient", 3: "slides"}
 
@@ -215,6 +216,47 @@ class Learned:
         rate_hz = 1e6 / m.period_us if m.period_us else 0.0
         return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, {q.name: q.value for q in m.quantities},
                    m.validity == VALID, m.took_us * 1e-6, m.latency_us * 1e-6, rate_hz)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class NetworkState:
+    """How a board's learned network fares; times of the last result, rate_hz 0 before the second.
+
+    state : loading, runs or failed; then `problem` says why.
+    """
+
+    state: str
+    problem: str
+    sha256: str
+    results: int
+    invalid: int
+    skipped: int
+    took_s: float
+    latency_s: float
+    rate_hz: float
+
+    @classmethod
+    def from_status(cls, m: Any) -> NetworkState | None:
+        """Of STATUS; None where the board asks for no network, or the firmware is older than those fields."""
+        fields = m.DESCRIPTOR.fields_by_name
+        if "network" not in fields or "period_us" not in fields["network"].message_type.fields_by_name:
+            return None
+        if not m.HasField("network"):
+            return None
+        n = m.network
+        rate_hz = 1e6 / n.period_us if n.period_us else 0.0
+        return cls(NETWORK_STATES.get(n.state, "unknown"), n.problem, n.sha256.hex(), n.results, n.invalid, n.skipped,
+                   n.took_us * 1e-6, n.latency_us * 1e-6, rate_hz)  # fmt: skip
+
+    def text(self) -> str:
+        """One line."""
+        if self.state != "runs":
+            return self.state + (f": {self.problem}" if self.problem else "")
+        if not self.results:
+            return f"runs, no result yet, {self.sha256[:12]}"
+        counts = f"{self.results} results, {self.invalid} invalid, {self.skipped} frames skipped, {self.sha256[:12]}"
+        times = f"{self.rate_hz:.1f} Hz, takes {1e3 * self.took_s:.0f} ms, {1e3 * self.latency_s:.0f} ms behind"
+        return f"runs, {times}; {counts}"
 
 
 RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "CONTACTS": Contacts, "IMAGE": Image,

@@ -81,6 +81,8 @@ TEST_F(InferenceTest, AResultCarriesItsFramesStampAndTheNumbers) {
   EXPECT_EQ(inference_->take(), nullptr);
   EXPECT_EQ(health_.state, NetworkState::kRuns);
   EXPECT_EQ(health_.sha256[31], 'h');
+  EXPECT_EQ(health_.took_us, said->took_us);
+  EXPECT_EQ(health_.latency_us, said->latency_us);
   EXPECT_EQ(n_free(), kBuffersInAll);
 }
 

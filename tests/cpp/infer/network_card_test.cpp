@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <filesystem>
@@ -75,6 +76,40 @@ TEST_F(NetworkCardTest, NamesAndRangesMustFit) {
                                  {"blue_un,green_um", ",reen_um,blue_un"}}) {
     EXPECT_FALSE(read_with(from, to)) << to;
   }
+}
+
+// What a card says goes to a terminal and into a message, whose texts must be UTF-8.
+TEST_F(NetworkCardTest, NamesAreOfPlainLettersAndErrorsToo) {
+  for (const char* name : {"blue un", "blue\x1b[m", "blue\xff\xfe.", "Blue_un"}) {
+    EXPECT_FALSE(read_with("blue_un", std::string(name).substr(0, 7))) << name;
+  }
+  const auto card = read_with("round", "\x1b[2J\xff");
+  ASSERT_FALSE(card);
+  EXPECT_NE(card.error().message.find("is for board ?[2J?,"), std::string::npos) << card.error().message;
+}
+
+// A network says a dozen things of itself. Field 14, of 15 bytes: key "ruffini.x???", value "".
+TEST_F(NetworkCardTest, AFileThatSaysNoEndOfThingsIsNotKeptInMemory) {
+  std::string more;
+  for (int i = 0; i < 100; ++i)
+    more += std::string("\x72\x0f\x0a\x0bruffini.") + std::to_string(100 + i) + "\x12" + '\0';
+  const std::string whole = bytes_of(file_of("means.onnx"));
+  EXPECT_TRUE(read(whole + more.substr(0, 17 * 20)));
+  const auto card = read(whole + more);
+  ASSERT_FALSE(card);
+  EXPECT_NE(card.error().message.find("no network of ruffini"), std::string::npos);
+}
+
+TEST_F(NetworkCardTest, AFileOfAnEndlessSizeIsNotReadAndAPipeNotWaitedFor) {
+  EXPECT_TRUE(read(bytes_of(file_of("means.onnx"))));
+  std::filesystem::resize_file(path_, (uint64_t{1} << 30) + 1);  // a hole: it takes no room
+  const auto card = read_network_card(path_, board_);
+  ASSERT_FALSE(card);
+  EXPECT_NE(card.error().message.find("1 GiB"), std::string::npos);
+  std::filesystem::remove(path_);
+  ASSERT_EQ(::mkfifo(path_.c_str(), 0600), 0);
+  EXPECT_EQ(read_network_card(path_, board_).error().kind, ErrorKind::kUnavailable);
+  EXPECT_EQ(read_network_card(testing::TempDir(), board_).error().kind, ErrorKind::kUnavailable);
 }
 
 // Cut anywhere, or with any byte changed: a card or an error, and no number of outputs that the rest does not have.

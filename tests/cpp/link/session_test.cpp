@@ -249,6 +249,9 @@ TEST_F(SessionTest, StatusSaysHowALearnedNetworkFares) {
   network.results = 5;
   network.invalid = 2;
   network.skipped = 7;
+  network.took_us = 11;
+  network.latency_us = 13;
+  network.period_us = 17;
   EXPECT_EQ(status().network.state, ruffini_NetworkState_NETWORK_STATE_LOADING);
   network.state = NetworkState::kRuns;
   ruffini_Status said = status();
@@ -258,6 +261,9 @@ TEST_F(SessionTest, StatusSaysHowALearnedNetworkFares) {
   EXPECT_EQ(said.network.results, 5U);
   EXPECT_EQ(said.network.invalid, 2U);
   EXPECT_EQ(said.network.skipped, 7U);
+  EXPECT_EQ(said.network.took_us, 11U);
+  EXPECT_EQ(said.network.latency_us, 13U);
+  EXPECT_EQ(said.network.period_us, 17U);
   EXPECT_EQ(said.health & ruffini_HealthBit_HEALTH_NETWORK, 0U);
   std::copy_n("no such file", 12, network.problem.begin());
   network.state = NetworkState::kFailed;

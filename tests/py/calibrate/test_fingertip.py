@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from typer.testing import CliRunner
 
 from ruffini.boards import find_board
 from ruffini.calibrate import fingertip
@@ -14,6 +15,7 @@ from ruffini.calibrate.fingertip import Bench, Eyes, ModeFit, Pins, Scale, fit_f
 from ruffini.calibrate.tip_field import field_of
 from ruffini.calibrate.tip_presses import FACES, Press, face_area, read_press, told_of
 from ruffini.calibrate.tip_turns import Samples, turned
+from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.core.pipeline import TipRow
 from ruffini.errors import InputError
@@ -82,6 +84,14 @@ def test_dots_of_both_eyes_are_paired_and_a_wrong_distance_is_refused(tips: Arra
     np.testing.assert_array_equal(order[pairs[:, 1]], pairs[:, 0])
     with pytest.raises(InputError, match="distance between the eyes"):
         Eyes.of(BOARD, 19.0).pairs(left, right)
+
+
+@pytest.mark.parametrize("baseline_mm", [0.0, -10.0, 44.1, float("nan"), float("inf")])
+def test_eyes_that_are_not_in_the_fingertip_are_one_sentence(baseline_mm: float, tmp_path: Path) -> None:
+    words = ["cal", "fingertip", "--board", str(BOARD.folder), "--presses", str(tmp_path), "--out", "x"]
+    done = CliRunner().invoke(app, [*words, "--baseline-mm", str(baseline_mm)])
+    assert isinstance(done.exception, InputError)
+    assert str(done.exception).startswith(f"--baseline-mm {baseline_mm:g}: the eyes are 0.1 to 44 mm apart")
 
 
 def test_shifts_become_displacements(tips: Array) -> None:
