@@ -69,7 +69,7 @@ def wait_for(page: Page, what: str, accept: Callable[[dict[str, Any]], bool], ti
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
         state = state_of(page)
-        with contextlib.suppress(KeyError, IndexError, TypeError):
+        with contextlib.suppress(KeyError, IndexError, TypeError, ValueError):
             if accept(state):
                 return state
         page.wait_for_timeout(50)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -21,7 +22,30 @@ from ruffini.sim.scenario import Scenario
 from ruffini.sim.settings import load_twin
 from ruffini.sim.unit import TwinUnit
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
 N_UNTOUCHED = 120
+
+
+@pytest.fixture(scope="module")
+def chrome() -> Iterator[Browser]:
+    """Debian's Chromium; `make test` installs it."""
+    from browser import chromium
+
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def page(chrome: Browser) -> Iterator[Page]:
+    """A page in which no script fails."""
+    page = chrome.new_page(viewport={"width": 1200, "height": 900})
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    yield page
+    page.close()
+    assert faults == []
 
 
 @pytest.fixture(scope="session")

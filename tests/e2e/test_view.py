@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 from broken_line import BrokenLine
-from browser import chromium, colours_in, sensor_of, state_of, viewer, wait_for
-from playwright.sync_api import Browser, Page
+from browser import colours_in, sensor_of, state_of, viewer, wait_for
+from playwright.sync_api import Page
 from test_bad_input import run_host
 from tiny_sensor import Twin
 
@@ -35,22 +35,6 @@ MAX_PAGE_BYTES = 350_000  # gzip, all of it
 VALID = 1
 NUMBER = Schema.own().type_numbers
 MINUS = "\u2212"  # as wide as a plus
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def page(browser: Browser) -> Iterator[Page]:
-    page = browser.new_page(viewport={"width": 1200, "height": 900})
-    faults: list[str] = []
-    page.on("pageerror", lambda error: faults.append(str(error)))
-    yield page
-    page.close()
-    assert faults == []
 
 
 @pytest.fixture(scope="module")

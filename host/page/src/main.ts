@@ -3,6 +3,7 @@
 import { type Answer, Line } from "./line";
 import type { Hello, Snapshot } from "./messages";
 import { screenshot } from "./screenshot";
+import { NO_SERIAL, serialOf, SerialSource } from "./serial";
 import { button, make } from "./views/dom";
 import type { Tint } from "./views/field3d";
 import { Health } from "./views/health";
@@ -102,7 +103,10 @@ function draw(): void {
 }
 
 function show(strand: Strand, snapshot: Snapshot): void {
-  for (const [id, news] of snapshot.sensors) strand.panels.get(id)?.show(news);
+  for (const [id, news] of snapshot.sensors) {
+    if (!isCamera) delete news.image; // asked for by another page
+    strand.panels.get(id)?.show(news);
+  }
   if (snapshot.status) strand.health.showStatus(snapshot.status, [...strand.panels.values()].flatMap((panel) => panel.info.stages));
   strand.health.showLine(snapshot.health);
   for (const event of snapshot.events) say(event.text || event.what, event.severity > 0);
@@ -186,7 +190,7 @@ function lockScale(): void {
 function toggleCamera(): void {
   isCamera = !isCamera;
   for (const { line } of strands) line.tell({ kind: "subscribe", every: subscription() });
-  if (!isCamera) for (const panel of panels()) panel.maps.maps["camera"]!.absent("press C");
+  if (!isCamera) for (const panel of panels()) panel.maps.hideImage();
 }
 
 function toggleTheme(): void {
@@ -217,6 +221,7 @@ function help(): void {
 }
 
 const BUTTONS = [
+  button("Connect", "K", "open a sensor's serial port from this page (WebSerial)", () => void connect()),
   button("Zero", "Z", "learn the untouched pad anew", zero),
   button("Freeze", " ", "hold the picture (space)", freeze),
   button("Scale", "L", "lock the length of the arrows", lockScale),
@@ -242,17 +247,40 @@ document.addEventListener("keydown", (event) => {
   found.click();
 });
 
+/** Open a sensor without the viewer's server. */
+async function connect(): Promise<void> {
+  const serial = serialOf(navigator);
+  if (!serial) return say(NO_SERIAL, true);
+  let port;
+  try {
+    port = await serial.requestPort();
+  } catch {
+    return; // the person chose none
+  }
+  await new SerialSource(port, addStrand().line, await schema, serial, (text) => say(text, true)).open();
+}
+
+async function fetchSchema(): Promise<Uint8Array> {
+  return new Uint8Array(await (await fetch("ruffini.desc")).arrayBuffer());
+}
+
+/** The lines that the viewer's server has; none where the page comes from elsewhere. */
+async function fetchLines(): Promise<{ id: number }[]> {
+  const answer = await fetch("lines.json");
+  return answer.ok ? ((await answer.json()) as { id: number }[]) : [];
+}
+
 async function start(): Promise<void> {
   say("Connecting ...");
-  const schema = new Uint8Array(await (await fetch("ruffini.desc")).arrayBuffer());
-  const lines = (await (await fetch("lines.json")).json()) as { id: number }[];
-  for (const { id } of lines) {
+  for (const { id } of await fetchLines()) {
     const url = new URL(`line/${id}`, location.href);
     url.protocol = url.protocol.replace("http", "ws");
-    addStrand().line.tell({ kind: "websocket", url: url.href, schema });
+    addStrand().line.tell({ kind: "websocket", url: url.href, schema: await schema });
   }
+  if (!strands.length) say(serialOf(navigator) ? "Press Connect and choose the sensor's port." : NO_SERIAL);
   publish();
 }
 
-start().catch((error: unknown) => say(`The viewer's server does not answer: ${String(error)}`, true));
+const schema = fetchSchema();
+start().catch((error: unknown) => say(`The page cannot be loaded as a whole: ${String(error)}`, true));
 requestAnimationFrame(draw);

@@ -18,9 +18,9 @@ def view(
     ] = HTTP_PORT,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address and open nothing.")] = False,
     demo: Annotated[
-        bool, typer.Option("--demo", help="Without a sensor: a SIMULATED pad that is pressed again and again.")
-    ] = False,
-    board: Annotated[str, typer.Option("--board", help="Of --demo: whose twin.")] = "gelslim",
+        str | None,
+        typer.Option(metavar="BOARD", help="Without a sensor: this board's SIMULATED pad, pressed again and again."),
+    ] = None,
 ) -> None:
     """The live force field in a browser; several sensors: --port A,B."""
     import asyncio
@@ -49,9 +49,9 @@ def view(
         if demo:
             from ruffini.view.demo import running_demo
 
-            ports = [stack.enter_context(running_demo(board))]
+            ports = [stack.enter_context(running_demo(demo))]
         else:
             ports = Settings.port.split(",") if Settings.port else candidate_ports()
         if not ports:
-            raise NoDeviceError("no sensor found: plug one in, name its port with --port, or try --demo")
+            raise NoDeviceError("no sensor found: plug one in, name its port with --port, or try --demo BOARD")
         asyncio.run(until_stopped(ports))

@@ -67,10 +67,6 @@ async def _index(_: web.Request) -> web.FileResponse:
     return web.FileResponse(page_folder() / "index.html")
 
 
-async def _schema(_: web.Request) -> web.FileResponse:
-    return web.FileResponse(native_folder() / "ruffini.desc")
-
-
 async def _lines(request: web.Request) -> web.Response:
     lines = request.app[LINES]
     return web.json_response([{"id": i, "port": line.port} for i, line in enumerate(lines)])
@@ -127,7 +123,6 @@ def make_app(lines: list[SharedLine]) -> web.Application:
     app = web.Application(middlewares=[_only_from_here])
     app[LINES] = lines
     app.router.add_get("/", _index)
-    app.router.add_get("/ruffini.desc", _schema)
     app.router.add_get("/lines.json", _lines)
     app.router.add_get(r"/line/{line:\d{1,3}}", _socket)
     app.router.add_static("/", page_folder())

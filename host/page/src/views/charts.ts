@@ -50,7 +50,7 @@ export class Charts {
         legend: { show: true, live: false },
         scales: { x: { time: false }, y: { range: (_, low, high) => room(low, high) } },
         axes: [
-          { ...axis, size: 24, values: (_, splits) => splits.map((s) => `${s.toFixed(0)} s`) },
+          { ...axis, size: 24, values: (_, splits) => splits.map((s) => `${Number.isInteger(s) ? s : s.toFixed(1)} s`) },
           { ...axis, size: 54 },
         ],
         series: [

@@ -85,8 +85,10 @@ export class Field3d {
   /** What a body looks like that does not send its surface. */
   private body(): THREE.Object3D {
     const { shape, padX, padY, thickness } = this.info;
-    const material = new THREE.MeshStandardMaterial({ color: 0x7a8699, transparent: true, opacity: 0.55, side: THREE.DoubleSide });
+    const material = new THREE.MeshStandardMaterial({ color: 0x8d99ab, side: THREE.DoubleSide });
     if (shape.kind === "tube") {
+      // What touches behind it is seen through it.
+      Object.assign(material, { transparent: true, opacity: 0.6, depthWrite: false });
       return new THREE.Mesh(new THREE.CylinderGeometry(shape.radius, shape.radius, shape.length, 48, 1, true).rotateX(Math.PI / 2), material);
     }
     if (shape.kind === "dome") {

@@ -3,9 +3,12 @@
 import type { SensorInfo } from "../board";
 import { type Contacts, type Depth, type Field, type Image, NOT_MEASURED, UNCALIBRATED, VALID } from "../results";
 import { type Rgb, sequential, wheel } from "./colours";
+import { make } from "./dom";
 import { ABSENT, short, type Unit, VALIDITY_WORDS } from "./units";
 
 const HATCH_PX = 10;
+const NOTHING_YET = "nothing yet";
+const WHEEL_ENDS = ["+x", "+y", "−x", "−y", "+x"];
 
 /** One picture with a title, a bar of its colours and what its ends mean. */
 export class PadMap {
@@ -16,6 +19,7 @@ export class PadMap {
   private readonly bar = document.createElement("canvas");
   /** What is shown, for tests: "" until something is. */
   shown = "";
+  private isAbsent = true;
 
   constructor(title: string, aspect: number, barOf: "sequential" | "wheel" | "none") {
     const caption = document.createElement("figcaption");
@@ -27,7 +31,9 @@ export class PadMap {
     this.canvas.setAttribute("aria-label", title);
     this.element.append(caption, this.canvas);
     if (barOf !== "none") this.element.append(this.colourBar(barOf));
-    this.absent(VALIDITY_WORDS[NOT_MEASURED]!);
+    if (barOf === "wheel") this.element.append(make("div", { class: "ends" }, ...WHEEL_ENDS.map((end) => make("span", {}, end))));
+    this.absent(NOTHING_YET);
+    new ResizeObserver(() => this.isAbsent && this.hatch()).observe(this.canvas);
   }
 
   private colourBar(kind: "sequential" | "wheel"): HTMLCanvasElement {
@@ -50,6 +56,11 @@ export class PadMap {
     this.shown = word;
     this.range.textContent = ABSENT;
     this.element.classList.add("absent");
+    this.isAbsent = true;
+    this.hatch();
+  }
+
+  private hatch(): void {
     const { canvas } = this;
     this.fit();
     const context = canvas.getContext("2d")!;
@@ -65,7 +76,7 @@ export class PadMap {
     context.fillStyle = "rgb(128 128 128)";
     context.font = "600 15px system-ui, sans-serif";
     context.textAlign = "center";
-    context.fillText(word, canvas.width / 2, canvas.height / 2);
+    context.fillText(this.shown, canvas.width / 2, canvas.height / 2);
   }
 
   /** Colours of nX x nY cells; `range` says what the ends of the bar are. */
@@ -93,6 +104,7 @@ export class PadMap {
 
   private paste(from: HTMLCanvasElement, range: string, word: string): void {
     this.shown = word || "values";
+    this.isAbsent = false;
     this.element.classList.toggle("absent", word !== "");
     this.range.textContent = word ? `${word} · ${range}` : range;
     this.fit();
@@ -146,7 +158,13 @@ export class Maps {
     if (info.stages.some((stage) => stage === "poisson" || stage === "photometric")) add("depth", "Depth", "sequential");
     else if (info.fieldForces) add("depth", "Depth at the nodes", "sequential");
     add("camera", "Camera", "none");
+    this.hideImage();
+  }
+
+  /** The camera's picture is not asked for. */
+  hideImage(): void {
     this.maps["camera"]!.absent("press C");
+    this.maps["camera"]!.element.hidden = true;
   }
 
   showContacts(contacts: Contacts): void {
@@ -172,7 +190,7 @@ export class Maps {
     for (let i = 2; i < field.force.length; i += 3) most = Math.max(most, -field.force[i]!);
     const full = Math.max(most, 1e-4);
     const rgb: Rgb = [0, 0, 0];
-    const range = `0 … ${short(full * unit.perN * 1e3)} m${unit.name} a node`;
+    const range = `0 … ${short(full * unit.perN * 1e3)} m${unit.name}`;
     this.maps["normal"]!.show(field.nX, field.nY, range, wordOf(validity), (i) => sequential(-field.force[3 * i + 2]! / full, rgb));
   }
 
@@ -184,7 +202,7 @@ export class Maps {
     let most = 1e-4;
     for (let i = 0; i < field.force.length; i += 3) most = Math.max(most, Math.hypot(field.force[i]!, field.force[i + 1]!));
     const out: Rgb = [0, 0, 0];
-    const range = `up to ${short(most * unit.perN * 1e3)} m${unit.name}, hue = direction from x to y`;
+    const range = `0 … ${short(most * unit.perN * 1e3)} m${unit.name}`;
     this.maps["shear"]!.show(field.nX, field.nY, range, wordOf(validity), (i) => {
       const [fx, fy] = [field.force[3 * i]!, field.force[3 * i + 1]!];
       const hue = wheel(Math.atan2(fy, fx));
@@ -231,6 +249,7 @@ export class Maps {
   }
 
   showImage(image: Image): void {
+    this.maps["camera"]!.element.hidden = false;
     this.maps["camera"]!.showPicture(image);
   }
 }

@@ -44,12 +44,24 @@ export class Panel {
     const c = info.calibration;
     const state = c.isPresent ? `calibrated: ${c.kinds.join(", ")}${c.createdUtc ? `, ${c.createdUtc}` : ""}` : "not calibrated: forces are not measured";
     const head = make("tr", {}, ...CONTACT_HEAD.map((name) => make("th", {}, name)));
-    this.element.append(
+    if (!info.fieldForces) this.element.classList.add("bodily");
+    const contacts = make(
+      "div",
+      { class: "contacts" },
+      make("table", {}, make("caption", {}, "Contacts"), make("thead", {}, head), this.contacts),
+      this.learned,
+    );
+    // Maps fill the side of a field; of a body there are few.
+    const [side, lower] = info.fieldForces ? [[], [contacts]] : [[contacts], []];
+    const inside = make(
+      "div",
+      { class: "inside" },
       make("header", {}, make("h2", {}, info.product), this.badges, make("p", { class: "calibration" }, state)),
       make("div", { class: "wrench" }, ...this.cells.map((cell) => cell.element)),
-      make("div", { class: "middle" }, stage, this.maps.element),
-      make("div", { class: "lower" }, make("div", { class: "contacts" }, make("table", {}, make("caption", {}, "Contacts"), make("thead", {}, head), this.contacts), this.learned), this.charts.element),
+      make("div", { class: "middle" }, stage, make("div", { class: "side" }, this.maps.element, ...side)),
+      make("div", { class: "lower" }, ...lower, this.charts.element),
     );
+    this.element.append(inside);
     this.showContacts([]);
     this.setTint("normal");
   }
@@ -91,9 +103,10 @@ export class Panel {
   private showScale(): void {
     if (!this.field) return;
     const { perN, name } = this.unit;
-    const all = `whole force: ${short(this.field.wrenchFullScaleN * perN)} ${name}`;
-    const node = `longest arrow: ${short(this.field.nodeFullScaleN * perN * 1e3)} m${name} · `;
-    this.scale.textContent = `${this.info.fieldForces ? node : ""}${all}${this.field.isScaleLocked ? " (locked)" : ""}`;
+    const whole = `${short(this.field.wrenchFullScaleN * perN)} ${name}`;
+    const node = `${short(this.field.nodeFullScaleN * perN * 1e3)} m${name} at a node, `;
+    const said = this.info.fieldForces ? `longest arrow: ${node}${whole} in all` : `longest arrow: ${whole}`;
+    this.scale.textContent = `${said}${this.field.isScaleLocked ? " (locked)" : ""}`;
   }
 
   private showBadges(news: SensorNews): void {

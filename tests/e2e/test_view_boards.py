@@ -1,0 +1,115 @@
+"""The page with every kind of board, told by a sensor that only talks: what is shown, and what must not be."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import pytest
+from browser import colours_in, sensor_of, state_of, viewer, wait_for
+from google.protobuf import descriptor_pb2
+from playwright.sync_api import Page
+from told_sensor import Teller, ToldSensor, info_of, told_field, told_skin, told_tip, told_tray, told_uncertain
+
+from ruffini.boards import find_board
+from ruffini.wire import Schema
+
+ABSENT = "\u2013"
+
+
+def boards() -> list[Any]:
+    """Every kind of sensor: board, what it says, nodes, what the page must then show."""
+    tube = find_board("eltac").skin
+    assert tube is not None
+    return [
+        pytest.param("gelslim", told_field(31, 25), (31, 25), ["normal", "shear", "sigma"], id="field"),
+        pytest.param("ftouch", told_tray, None, [], id="wrench only"),
+        pytest.param("eltac", told_skin(tube.radius_um), None, [], id="skin"),
+        pytest.param("stereo-fingertip", told_tip, None, [], id="fingertip"),
+    ]
+
+
+@pytest.mark.parametrize(("name", "teller", "grid", "maps"), boards())
+def test_every_kind_of_board_is_shown_from_what_it_says_about_itself(
+    page: Page, name: str, teller: Teller, grid: tuple[int, int] | None, maps: list[str]
+) -> None:
+    board = find_board(name)
+    with ToldSensor([info_of(board, grid=grid)], teller) as sensor, viewer(sensor.port) as address:
+        page.goto(address)
+        state = wait_for(page, "frames", lambda s: s["lines"][0]["nDrawn"] > 3 and sensor_of(s)["wrench"])
+        page.wait_for_timeout(200)
+        colours = colours_in(page, ".stage canvas")
+    shown = sensor_of(state)
+    assert shown["board"] == name
+    assert [m for m, word in shown["maps"].items() if word == "values"] == maps
+    wrench: Any = teller(shown["wrench"]["frame"], Schema.own().new("Stamp"))["WRENCH"]
+    assert shown["wrench"]["validity"] == list(wrench.validity)
+    assert shown["wrench"]["values"][2] == pytest.approx(wrench.force_z_un * 1e-6)
+    for i, validity in enumerate(wrench.validity):
+        said = page.inner_text(f".cell:nth-child({i + 1}) output")
+        assert (said == ABSENT) == (validity == 0)
+        assert (shown["wrench"]["values"][i] is None) == (validity == 0)
+    assert shown["wrench"]["sigma"][2] == pytest.approx(5e-3)
+    assert colours > 50
+    assert page.inner_text("h2 >> nth=0") == board.board.product
+
+
+def test_what_is_invalid_or_uncalibrated_is_marked_and_in_no_chart(page: Page) -> None:
+    board = find_board("gelsight-mini")
+    with ToldSensor([info_of(board, grid=(20, 16))], told_uncertain) as sensor, viewer(sensor.port) as address:
+        page.goto(address)
+        wait_for(page, "frames", lambda s: s["lines"][0]["nDrawn"] > 3 and sensor_of(s)["field"])
+        notes = [page.inner_text(f".cell:nth-child({i}) .note") for i in range(1, 7)]
+        badges = page.inner_text(".badges")
+        state = sensor_of(state_of(page))
+    assert notes == ["invalid", "invalid", "uncalibrated", "not measured", "not measured", "invalid"]
+    assert "uncalibrated z" in badges
+    assert "dark" in badges
+    assert (state["maps"]["normal"], state["maps"]["shear"]) == ("uncalibrated", "invalid")
+
+
+def test_two_pads_of_one_line_and_two_lines_stand_side_by_side(page: Page) -> None:
+    board = find_board("gelslim")
+    pads = [info_of(board, i, (31, 25)) for i in range(2)]
+    with (
+        ToldSensor(pads, told_field(31, 25), serial="left") as left,
+        ToldSensor([info_of(find_board("ftouch"))], told_tray, serial="right") as right,
+        viewer(left.port, right.port) as address,
+    ):
+        page.goto(address)
+        state = wait_for(page, "both", lambda s: min(line["nDrawn"] for line in s["lines"]) > 2)
+        wait_for(page, "both pads", lambda s: sensor_of(s, 0, 1)["wrench"] and sensor_of(s, 1, 0)["wrench"])
+        assert page.locator("section.sensor").count() == 3
+    assert [line["serial"] for line in state["lines"]] == ["left", "right"]
+
+
+def test_an_older_schema_is_fetched_and_decoded(page: Page) -> None:
+    """A sensor whose schema is another one: fields that this page knows are shown, those it lacks are absent."""
+    files = descriptor_pb2.FileDescriptorSet.FromString(Schema.own().bytes)
+    field = next(m for m in files.file[0].message_type if m.name == "Field")
+    for part in [f for f in field.field if f.name in ("sigma", "sigma_validity", "slip")]:
+        field.field.remove(part)
+    schema = files.SerializeToString()
+    sensor = ToldSensor([info_of(find_board("gelslim"), grid=(31, 25))], told_field(31, 25), schema=schema)
+    with sensor, viewer(sensor.port) as address:
+        page.goto(address)
+        state = wait_for(page, "a field", lambda s: sensor_of(s)["field"])
+    assert sensor_of(state)["maps"]["normal"] == "values"
+    assert sensor_of(state)["maps"]["sigma"] == "not measured"
+
+
+def test_1200_nodes_come_as_fast_as_they_are_sent_and_the_newest_is_shown(page: Page) -> None:
+    """Fields of 1,200 nodes, 60 a second; how many are drawn on this computer's software renderer is printed."""
+    sensor = ToldSensor([info_of(find_board("gelslim"), grid=(40, 30))], told_field(40, 30), rate_hz=60)
+    with sensor, viewer(sensor.port) as address:
+        page.goto(address)
+        before = wait_for(page, "fields", lambda s: sensor_of(s)["field"] and s["lines"][0]["nDrawn"] > 2)
+        start, n_before = time.monotonic(), sensor.n_frames
+        page.wait_for_timeout(3000)
+        state, n_sent, elapsed_s = state_of(page), sensor.n_frames, time.monotonic() - start
+        assert sensor_of(state)["field"]["frame"] > n_before
+    drawn = state["lines"][0]["nDrawn"] - before["lines"][0]["nDrawn"]
+    behind = n_sent - sensor_of(state)["field"]["frame"]
+    print(
+        f"{(n_sent - n_before) / elapsed_s:.0f} fields/s sent, {drawn / elapsed_s:.0f} drawn/s, {behind} frames behind"
+    )
