@@ -6,6 +6,8 @@ export interface LineEvents {
   onHello(hello: Hello): void;
   onSnapshot(snapshot: Snapshot): void;
   onOpen(): void;
+  /** A recording was ended: here is the file. */
+  onRecorded(blob: Blob, nMessages: number): void;
   /** One sentence; empty: all is well. */
   onProblem(text: string): void;
 }
@@ -44,6 +46,7 @@ export class Line {
   private hear(message: FromWorker): void {
     if (message.kind === "hello") this.events.onHello(message.hello);
     else if (message.kind === "snapshot") this.events.onSnapshot(message.snapshot);
+    else if (message.kind === "recorded") this.events.onRecorded(message.blob, message.nMessages);
     else if (message.kind === "problem") this.events.onProblem(message.text);
     else if (message.kind === "line") {
       this.isOpen = message.isOpen;

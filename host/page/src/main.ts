@@ -2,7 +2,7 @@
 
 import { type Answer, Line } from "./line";
 import type { Hello, Snapshot } from "./messages";
-import { screenshot } from "./screenshot";
+import { save, screenshot } from "./screenshot";
 import { NO_SERIAL, serialOf, SerialSource } from "./serial";
 import { button, make } from "./views/dom";
 import type { Tint } from "./views/field3d";
@@ -35,6 +35,7 @@ let tint = 0;
 let isFrozen = false;
 let isCamera = false;
 let isLocked = false;
+let isRecording = false;
 
 function say(text: string, isBad = false): void {
   notice.textContent = text;
@@ -53,6 +54,13 @@ function addStrand(): Strand {
     onHello: (hello) => greet(strand, hello),
     onSnapshot: (snapshot) => {
       strand.waiting = snapshot;
+    },
+    onRecorded: (blob, nMessages) => {
+      isRecording = false;
+      document.body.classList.remove("recording");
+      save(blob, "mcap");
+      say(`Recorded ${nMessages} messages, ${(blob.size / 1e6).toFixed(1)} MB.`);
+      publish();
     },
     onOpen: () => (strand.openedMs ??= performance.now()),
     onProblem: (text) => {
@@ -172,6 +180,32 @@ function freeze(): void {
   say(isFrozen ? "Frozen: the sensor goes on. Press space to go on." : "");
 }
 
+function record(): void {
+  if (!strands.some((strand) => strand.hello)) return say("Nothing to record: no sensor is connected.", true);
+  isRecording = !isRecording;
+  document.body.classList.toggle("recording", isRecording);
+  for (const { line } of strands) line.tell({ kind: "record", isOn: isRecording });
+  if (isRecording) say("Recording. Press R again to save it.");
+}
+
+/** Show a recording instead of what is there. */
+function openFile(file: File): void {
+  for (const strand of strands.splice(0)) {
+    strand.line.close();
+    for (const panel of strand.panels.values()) panel.close();
+    strand.health.element.remove();
+  }
+  say("");
+  addStrand().line.tell({ kind: "file", file });
+}
+
+const chooser = document.querySelector<HTMLInputElement>("#file")!;
+chooser.addEventListener("change", () => {
+  const file = chooser.files?.[0];
+  if (file) openFile(file);
+  chooser.value = ""; // the same one may be chosen again
+});
+
 function nextUnit(): void {
   unit = (unit + 1) % UNITS.length;
   for (const panel of panels()) panel.setUnit(UNITS[unit]!);
@@ -229,6 +263,8 @@ const BUTTONS = [
   button("Units", "U", "newtons, millinewtons, grams of force", nextUnit),
   button("Camera", "C", "show the camera's picture", toggleCamera),
   button("View", "V", "look from where you looked at first", () => panels().forEach((panel) => panel.field?.reset())),
+  button("Record", "R", "record to an MCAP file, until pressed again", record),
+  button("Open", "O", "show a recording (MCAP); or drop it on the page", () => chooser.click()),
   button("Screenshot", "S", "save what is shown as a PNG", () => void screenshot(main)),
   button("Theme", "T", "dark or light", toggleTheme),
   button("Help", "?", "what the keys do", help),
@@ -245,6 +281,13 @@ document.addEventListener("keydown", (event) => {
   if (!found) return;
   event.preventDefault();
   found.click();
+});
+
+document.addEventListener("dragover", (event) => event.preventDefault());
+document.addEventListener("drop", (event) => {
+  event.preventDefault();
+  const file = event.dataTransfer?.files[0];
+  if (file) openFile(file);
 });
 
 /** Open a sensor without the viewer's server. */

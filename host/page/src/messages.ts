@@ -9,6 +9,8 @@ export type ToWorker =
   | { kind: "streams"; readable: ReadableStream<Uint8Array>; writable: WritableStream<Uint8Array>; schema: Uint8Array }
   | { kind: "command"; id: number; name: string; value: Record<string, unknown> }
   | { kind: "subscribe"; every: Record<string, number> }
+  | { kind: "file"; file: Blob } // a recording in the place of a line
+  | { kind: "record"; isOn: boolean }
   | { kind: "shown" } // the last snapshot is on the screen: the next one may come
   | { kind: "close" };
 
@@ -69,4 +71,5 @@ export type FromWorker =
   | { kind: "problem"; text: string }
   | { kind: "line"; isOpen: boolean; port: string; text: string }
   | { kind: "snapshot"; snapshot: Snapshot }
+  | { kind: "recorded"; blob: Blob; nMessages: number }
   | { kind: "reply"; id: number; isOk: boolean; text: string; reply: Record<string, unknown> };

@@ -6,12 +6,16 @@ const MARGIN_PX = 12;
 export async function screenshot(root: HTMLElement): Promise<void> {
   const canvas = compose(root);
   const blob = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve));
-  if (!blob) return;
+  if (blob) save(blob, "png");
+}
+
+/** Give a file to the person, named by the time. */
+export function save(blob: Blob, ending: string): void {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(blob);
-  link.download = `ruffini-${new Date().toISOString().replace(/[:.]/g, "-")}.png`;
+  link.download = `ruffini-${new Date().toISOString().replace(/[:.]/g, "-")}.${ending}`;
   link.click();
-  URL.revokeObjectURL(link.href);
+  setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
 }
 
 function compose(root: HTMLElement): HTMLCanvasElement {

@@ -2,8 +2,10 @@
 
 import { sensorInfo } from "./board";
 import type { FromWorker, SensorNews, ToWorker } from "./messages";
-import type { Counters } from "./wire/framing";
+import { type Counters, Decoder, REPLAY } from "./wire/framing";
 import { Model } from "./model";
+import { Recording } from "./recording";
+import { Replay } from "./replay";
 import { CommandError, Session } from "./session";
 import { type Decoded, Schema } from "./wire/schema";
 
@@ -19,6 +21,9 @@ let every: Record<string, number> = {};
 let send: ((data: Uint8Array) => void) | undefined;
 let lineCounters: Counters | undefined; // of the server, where one stands between: here only its own losses show
 let notSent = 0;
+let fileDecoder: Decoder | undefined;
+let recording: Recording | undefined;
+let lastHello: { schema: Schema; payload: Uint8Array } | undefined;
 let isDrawn = true;
 let isClosed = false;
 
@@ -28,6 +33,8 @@ function open(write: (data: Uint8Array) => void): void {
   session = new Session((data) => send?.(data), own, ownSha256, {
     onHello,
     onMessage: (frame, name, message) => {
+      const captureUs = message["stamp"]?.["captureUs"] as bigint | undefined;
+      recording?.addMessage(name, frame.sequence, frame.payload, captureUs);
       model?.keep(frame, name, message);
       offer();
     },
@@ -43,6 +50,12 @@ function close(): void {
 }
 
 function onHello(hello: Decoded, schema: Schema): void {
+  lastHello = { schema, payload: schema.encode("Hello", hello) };
+  greet(hello, schema);
+  subscribe();
+}
+
+function greet(hello: Decoded, schema: Schema): void {
   model ??= new Model(schema, () => performance.now());
   const sensors = (hello["sensors"] as Decoded[]).map(sensorInfo);
   const { deviceSerial, firmwareVersion, sessionId } = hello as unknown as Record<string, string | number>;
@@ -50,7 +63,6 @@ function onHello(hello: Decoded, schema: Schema): void {
     kind: "hello",
     hello: { serial: String(deviceSerial), firmware: String(firmwareVersion), session: Number(sessionId), sensors },
   });
-  subscribe();
 }
 
 function subscribe(): void {
@@ -65,14 +77,56 @@ function textOf(error: unknown): string {
 function receive(data: Uint8Array): void {
   model?.countBytes(data.length);
   session?.feed(data);
+  recording?.addRaw(data);
+  if (recording?.isFull) {
+    post({ kind: "problem", text: "The recording is as large as this page can hold: it was ended and is being saved." });
+    void endRecording();
+  }
+}
+
+function beginRecording(): void {
+  if (lastHello) recording = new Recording(lastHello.schema, lastHello.payload);
+}
+
+async function endRecording(): Promise<void> {
+  const ended = recording;
+  recording = undefined;
+  if (ended) post({ kind: "recorded", blob: await ended.finish(), nMessages: ended.nMessages });
+}
+
+/** A file in the place of a line. */
+async function play(file: Blob): Promise<void> {
+  try {
+    const replay = await Replay.open(file);
+    const decoder = (fileDecoder = new Decoder());
+    model = new Model(replay.schema, () => performance.now());
+    greet(replay.hello, replay.schema);
+    const feed = (data: Uint8Array): void => {
+      model?.countBytes(data.length);
+      for (const frame of decoder.feed(data)) {
+        const name = replay.schema.typeName(frame.type);
+        const message = name && replay.schema.decode(frame.type, frame.payload);
+        // Whatever it was when it was recorded, it is not now.
+        if (message) model?.keep({ ...frame, flags: frame.flags | REPLAY }, name, message);
+      }
+      offer();
+    };
+    const hasEnded = await replay.play(feed, () => isClosed);
+    if (hasEnded) post({ kind: "problem", text: "The recording is over. Drop it on the page again to see it once more." });
+  } catch (error) {
+    post({ kind: "problem", text: `This recording cannot be shown: ${error instanceof Error ? error.message : String(error)}.` });
+  }
 }
 
 /** The newest results, where the page has drawn the ones before. */
 function offer(): void {
-  if (!isDrawn || !session || !model) return;
-  model.nUndecodable += session.nUndecodable;
-  session.nUndecodable = 0;
-  const snapshot = model.take(lineCounters ?? session.decoder.counters, notSent);
+  const decoder = session?.decoder ?? fileDecoder;
+  if (!isDrawn || !decoder || !model) return;
+  if (session) {
+    model.nUndecodable += session.nUndecodable;
+    session.nUndecodable = 0;
+  }
+  const snapshot = model.take(lineCounters ?? decoder.counters, notSent);
   if (!snapshot) return;
   isDrawn = false;
   post({ kind: "snapshot", snapshot }, snapshot.sensors.flatMap(([, news]) => buffersOf(news)));
@@ -142,6 +196,11 @@ self.onmessage = async ({ data }: MessageEvent<ToWorker>) => {
     ownSha256 = crypto.subtle && new Uint8Array(await crypto.subtle.digest("SHA-256", data.schema as Uint8Array<ArrayBuffer>));
     if (data.kind === "websocket") openSocket(data.url);
     else void openStreams(data.readable, data.writable);
+  } else if (data.kind === "file") {
+    await play(data.file);
+  } else if (data.kind === "record") {
+    if (data.isOn) beginRecording();
+    else await endRecording();
   } else if (data.kind === "shown") {
     isDrawn = true;
     offer();

@@ -26,8 +26,9 @@ def record_stream(
 ) -> dict[str, int]:
     """Record until `n_frames` wrenches came (0: until interrupted or the line is lost for `resume_s`).
 
-    Every message goes to topic /ruffini/<type>; all received bytes to /ruffini/raw, for bit-exact
-    replay; each time without line is a metadata record "gap". The file is finished and valid whatever ends it.
+    Every message goes to topic /ruffini/<type>, the sensor's HELLO first; all received bytes to /ruffini/raw, for
+    bit-exact replay; each time without line is a metadata record "gap". The file is finished and valid whatever ends
+    it.
 
     Returns
     -------
@@ -63,6 +64,9 @@ def record_stream(
             writer.add_metadata("gap", {"lost_s": f"{gap.lost_s:.3f}", "missing_frames": frames, "text": str(gap)})
             on_gap(gap)
 
+        # First of all what sensor this is: a file must be readable without it.
+        hello = sensor.hello.SerializeToString()
+        writer.add_message(_channel(writer, "HELLO", sensor.schema.bytes), log_time=0, data=hello, publish_time=0)
         sensor.raw_sink = keep_raw
         sensor.subscribe(wrench=1, field=1, depth=1, contacts=1, markers=1, learned=1, status=1, image=image_every)
         frame_s = time.monotonic()

@@ -1,0 +1,88 @@
+"""Recordings and the page: what it records others read, what `ruffini record` wrote it shows, others it refuses."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from browser import sensor_of, viewer, wait_for
+from mcap.reader import make_reader
+from playwright.sync_api import Page
+from tiny_sensor import N_FRAMES, Sensor, start
+from told_sensor import ToldSensor, info_of, told_field
+
+from ruffini.boards import find_board
+from ruffini.device import Connection
+from ruffini.record import record_stream
+from ruffini.wire import Decoder, Schema
+
+
+def open_file(page: Page, path: Path) -> None:
+    page.set_input_files("#file", path)
+
+
+@pytest.fixture
+def told() -> ToldSensor:
+    return ToldSensor([info_of(find_board("gelslim"), grid=(31, 25))], told_field(31, 25))
+
+
+def test_what_the_page_records_others_read_and_it_shows_again(page: Page, told: ToldSensor, tmp_path: Path) -> None:
+    path = tmp_path / "page.mcap"
+    with told, viewer(told.port) as address:
+        page.goto(address)
+        wait_for(page, "frames", lambda s: sensor_of(s)["nChartPoints"] > 3)
+        page.keyboard.press("r")
+        page.wait_for_timeout(1500)
+        with page.expect_download() as download:
+            page.keyboard.press("r")
+        download.value.save_as(path)
+        schema, frames, messages = Schema.own(), Counter[str | None](), Counter[str]()
+        decoder = Decoder()
+        with path.open("rb") as stream:
+            for kind, channel, message in make_reader(stream).iter_messages():
+                if channel.topic == "/ruffini/raw":
+                    frames.update(schema.type_name(f.type) for f in decoder.feed(message.data))
+                else:
+                    assert kind is not None
+                    assert kind.encoding == "protobuf"
+                    messages[kind.name] += 1
+        assert messages["ruffini.Hello"] == 1
+        assert messages["ruffini.Field"] > 5
+        assert abs(messages["ruffini.Field"] - frames["FIELD"]) <= 1
+        assert decoder.counters.bad_crc == decoder.counters.malformed == 0
+        open_file(page, path)
+        state = wait_for(page, "the recording", lambda s: sensor_of(s)["isReplay"] and sensor_of(s)["field"])
+    assert len(state["lines"]) == 1
+    assert sensor_of(state)["board"] == "gelslim"
+    assert sensor_of(state)["isSimulated"]
+
+
+def test_what_ruffini_record_wrote_is_shown_to_its_end(page: Page, sensor: Sensor, tmp_path: Path) -> None:
+    path = tmp_path / "host.mcap"
+    with start(sensor, tmp_path / "store", "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        host.flash(sensor.calibration)
+        counts = record_stream(host, path)
+    assert counts["WRENCH"] == N_FRAMES
+    assert "HELLO" not in counts
+    with ToldSensor([], told_field(2, 2)) as silent, viewer(silent.port) as address:
+        page.goto(address)
+        page.wait_for_function("window.__state")
+        open_file(page, path)
+        state = wait_for(page, "the last frame", lambda s: sensor_of(s)["wrench"]["frame"] == N_FRAMES - 1)
+        wait_for(page, "the end", lambda s: "The recording is over" in s["notice"])
+    shown = sensor_of(state)
+    assert shown["board"] == "tiny"
+    assert shown["isSimulated"]
+    assert shown["wrench"]["validity"] == [1] * 6
+    assert shown["wrench"]["values"][2] < -0.1
+
+
+def test_a_file_that_is_cut_or_none_is_refused_with_a_sentence(page: Page, told: ToldSensor, tmp_path: Path) -> None:
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + bytes(500))
+    with told, viewer(told.port) as address:
+        page.goto(address)
+        page.wait_for_function("window.__state")
+        open_file(page, path)
+        wait_for(page, "the reason", lambda s: "cannot be shown: it is no MCAP file" in page.inner_text("#notice"))
