@@ -271,7 +271,9 @@ int ruffini_get_tip(const ruffini_pipeline* pipeline, int64_t* row) {
   for (const bool each : {t.is_touched, t.is_known, t.is_in_range}) *row++ = each ? 1 : 0;
   for (const int64_t each : {t.force_un, t.way_um, t.x_um, t.y_um, t.roll_urad, t.pitch_urad, t.area_um2})
     *row++ = each;
-  std::copy(t.sigma.begin(), t.sigma.end(), row);
+  row = std::copy(t.sigma.begin(), t.sigma.end(), row);
+  *row++ = t.flat_um2;
+  *row = t.flat_sigma_um2;
   return 0;
 }
 

@@ -94,8 +94,8 @@ RUFFINI_API int ruffini_get_covariance(const ruffini_pipeline* pipeline, int64_t
 /* Touches of a glowing skin, hardest first, [8][11]: identity, x y um, area um^2, brightness, pressing force uN and its
  * sigma, sigma of the place um, that force as a vector x y z uN. *n of them. 1 with ruffini_error() without a skin. */
 RUFFINI_API int ruffini_get_touches(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n);
-/* What presses on a fingertip, [17]: touched, known, in range; force uN, way um, x y um, roll pitch urad, area um^2;
- * sigma of these seven. 1 with ruffini_error() where it is not calibrated. */
+/* What presses on a fingertip, [19]: touched, known, in range; force uN, way um, x y um, roll pitch urad, area um^2;
+ * sigma of these seven; flat area um^2 and its sigma. 1 with ruffini_error() where it is not calibrated. */
 RUFFINI_API int ruffini_get_tip(const ruffini_pipeline* pipeline, int64_t* row);
 /* Number of its taxels, 0 without; light over that at rest less 1, and age of the light, both Q12. */
 RUFFINI_API int ruffini_skin_state(const ruffini_pipeline* pipeline, int32_t* n_taxels, int64_t* light_age);

@@ -59,6 +59,9 @@ Result<Fingertip> Fingertip::load(const Calibration& c) {
     if (!net) return net.error();
     out.nets_.push_back(std::move(net).value());
   }
+  auto area = TipArea::load(c);
+  if (!area) return area.error();
+  out.area_ = std::move(area).value();
   const auto n = static_cast<int64_t>(kQuantities);
   const auto zero = c.tensor("fingertip.zero", Tensor::Type::kI32, {n});
   const auto scale = c.tensor("fingertip.scale", Tensor::Type::kI32, {n});
@@ -133,7 +136,20 @@ TipTouch Fingertip::run(std::span<const Marker> markers, Eyes eyes, SaturationCo
   if (kSureArea * touch.sigma[6] <= area_um2) touch.area_um2 = area_um2;
   touch.place_q14 = field_.middle();
   turn_back(value, touch);
+  if (area_ && eyes == Eyes::kBoth) tell_areas(touch);
   return touch;
+}
+
+// Where the network is not sure of the face's area, the table's word is told if that is.
+void Fingertip::tell_areas(TipTouch& touch) {
+  const TipAreas areas = area_->run(field_, touch.axis_1e6, touch.force_un, touch.way_um);
+  touch.flat_um2 = areas.flat_um2;
+  touch.flat_sigma_um2 = areas.flat_sigma_um2;
+  if (touch.area_um2 != 0 || !touch.is_known || areas.face_um2 == 0 ||
+      kSureArea * areas.face_sigma_um2 > areas.face_um2)
+    return;
+  touch.area_um2 = areas.face_um2;
+  touch.sigma[6] = areas.face_sigma_um2;
 }
 
 }  // namespace ruffini

@@ -1,7 +1,8 @@
 // What presses on a round fingertip whose pins two eyes follow: a tool that came down along its own axis.
 //
 //   features about the touched place (tip_field.h) -> small network (tip_net.h) -> force, way, the tool's axis t' and
-//   place o' in the turned frame, side of the square of its face's area, and how sure of each. Turned back:
+//   place o' in the turned frame, side of the square of its face's area, and how sure of each; beside it the areas of
+//   tip_area.h, whose word about the face is told where the network's is not sure. Turned back:
 //   t = R^T t', roll = atan2(-t_y, |(t_x, t_z)|), pitch = atan2(t_x, t_z), (x, y, .) = T^T R^T o', T = pitch after roll
 //
 // Deviations: 2^q in a straight line between whole q, times `trust`. Frame thread; no allocation after load().
@@ -15,6 +16,7 @@
 
 #include "base/fixed.h"
 #include "base/result.h"
+#include "estimators/tip_area.h"
 #include "estimators/tip_field.h"
 #include "estimators/tip_net.h"
 #include "store/calibration.h"
@@ -31,7 +33,9 @@ struct TipTouch {
   int64_t y_um = 0;
   int64_t roll_urad = 0;  // of the fingertip under the tool, about x, then pitch about y
   int64_t pitch_urad = 0;
-  int64_t area_um2 = 0;                // of the tool's face; 0: not known, its deviation is above a fifth
+  int64_t area_um2 = 0;  // of the tool's face; 0: not known, its deviation is above a fifth
+  int64_t flat_um2 = 0;  // of the wall that lies in the tool's plane; 0: not measured
+  int64_t flat_sigma_um2 = 0;
   std::array<int64_t, 7> sigma{};      // of the above; of the area um^2
   std::array<int64_t, 3> axis_1e6{};   // t, out of the fingertip
   std::array<int64_t, 3> place_q14{};  // the middle of what is pressed, as a direction from the sphere's
@@ -54,7 +58,10 @@ class Fingertip {
   explicit Fingertip(TipField field) : field_(std::move(field)) {}
   void turn_back(const Numbers& value, TipTouch& touch) const;
 
+  void tell_areas(TipTouch& touch);
+
   TipField field_;
+  std::optional<TipArea> area_;
   std::vector<TipNet> nets_;  // one for each of Eyes
   Numbers zero_{};            // uN, um, um, um, 1e-6, 1e-6, um
   Numbers scale_{};

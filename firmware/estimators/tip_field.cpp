@@ -148,6 +148,24 @@ bool TipField::find_middle() {
   return middle_[2] > 0;
 }
 
+TipField::Vector TipField::at(const Vector& g) const {
+  Vector sum{};
+  int64_t weight = kFloor;
+  for (const Pin& pin : pin_) {
+    if (pin.marker[0] < 0) continue;
+    const int64_t x = pin.turned[0] - g[0], y = pin.turned[1] - g[1], z = pin.turned[2] - g[2];
+    const int64_t step = (x * x + y * y + z * z) >> 13;  // of Q28
+    if (step >= kKernelSteps) continue;
+    const int64_t k = kernel_[static_cast<size_t>(step)];
+    weight += k;
+    for (size_t i = 0; i < 3; ++i) sum[i] += k * pin.moved[i];
+  }
+  for (int64_t& each : sum) each = floor_div(2 * each + weight, 2 * weight);
+  return sum;
+}
+
+TipField::Vector TipField::turned_to_top(const Vector& v) const { return turned(turn_, v); }
+
 void TipField::sample() {
   for (Pin& pin : pin_) {
     pin.moved = turned(turn_, pin.moved);
@@ -155,18 +173,7 @@ void TipField::sample() {
   }
   auto out = features_.begin();
   for (const Vector& g : place_) {
-    Vector sum{};
-    int64_t weight = kFloor;
-    for (const Pin& pin : pin_) {
-      if (pin.marker[0] < 0) continue;
-      const int64_t x = pin.turned[0] - g[0], y = pin.turned[1] - g[1], z = pin.turned[2] - g[2];
-      const int64_t step = (x * x + y * y + z * z) >> 13;  // of Q28
-      if (step >= kKernelSteps) continue;
-      const int64_t k = kernel_[static_cast<size_t>(step)];
-      weight += k;
-      for (size_t i = 0; i < 3; ++i) sum[i] += k * pin.moved[i];
-    }
-    for (const int64_t each : sum) *out++ = static_cast<int32_t>(floor_div(2 * each + weight, 2 * weight));
+    for (const int64_t each : at(g)) *out++ = static_cast<int32_t>(each);
   }
   for (size_t i = 0; i < 2; ++i) *out++ = static_cast<int32_t>(round_shift(middle_[i] * kPlaceWeight, kUnit));
 }

@@ -46,6 +46,9 @@ class TipField {
   [[nodiscard]] size_t n_features() const { return features_.size(); }
   [[nodiscard]] const Matrix& turn() const { return turn_; }      // R
   [[nodiscard]] const Vector& middle() const { return middle_; }  // c
+  // The field at a direction about the top, and R times a vector.
+  [[nodiscard]] Vector at(const Vector& direction) const;
+  [[nodiscard]] Vector turned_to_top(const Vector& v) const;
 
  private:
   struct Pin {

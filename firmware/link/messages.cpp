@@ -216,6 +216,8 @@ void MessageEncoder::tell_tip(const TipTouch& tip, ruffini_Contact& out) {
                                      tip.sigma[4], tip.sigma[5], tip.sigma[6] / 1'000};
   std::transform(sigma.begin(), sigma.end(), out.tool_sigma,
                  [&](int64_t v) { return static_cast<uint32_t>(as_32(v)); });
+  out.flat_area_um2_k = static_cast<uint32_t>(tip.flat_um2 / 1'000);
+  out.flat_area_sigma_um2_k = static_cast<uint32_t>(tip.flat_sigma_um2 / 1'000);
 }
 
 size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) {

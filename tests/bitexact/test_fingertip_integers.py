@@ -79,7 +79,20 @@ def tensors(rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
         out[f"weight{i}"] = rng.normal(0, size, (3, widths[i + 1], widths[i]))
         if i:
             out[f"bias{i}"] = rng.normal(0, 2**15, (3, widths[i + 1]))
+    out |= area_tables(rng)
     return {f"fingertip.{name}": np.round(v).astype(np.int32) for name, v in out.items()}
+
+
+def area_tables(rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
+    """24 rays of half a millimetre on a dome of 22 mm, and a table that often tells a face."""
+    angle, way = np.meshgrid(np.arange(24) * np.pi / 12, np.arange(21) / 44, indexing="ij")
+    ray = np.stack([np.sin(way) * np.cos(angle), np.sin(way) * np.sin(angle), np.cos(way)], axis=-1)
+    counts = [3, 2, 4, 3]
+    face = np.stack([rng.uniform(3e4, 2e5, np.prod(counts)), rng.uniform(500, 20_000, np.prod(counts)),
+                     rng.uniform(30_000, 65_536, np.prod(counts))], axis=1)  # fmt: skip
+    steps = [[100_000, 400_000, 3], [-500, 1500, 2], [900, 800, 4], [700, 900, 3]]
+    return {"ray": ray * 2**14, "cell": np.linspace(8e3, 1.4e6, 21), "tip": np.array([328_000]),
+            "face_axis": np.array(steps), "face": face}  # fmt: skip
 
 
 def opened(tables: dict[str, npt.NDArray[Any]]) -> Pipeline:
@@ -110,7 +123,7 @@ def hostile(rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_every_number_is_the_mirrors(seed: int, make: Callable[..., dict[str, npt.NDArray[Any]]]) -> None:
     tables = make(np.random.default_rng(seed))
-    own, touched = mirror(tables), 0
+    own, touched, flat, told = mirror(tables), 0, 0, 0
     with opened(tables) as path:
         learn(path)
         for depth, a, b in ((0, 0, 0), (150, 4, 1), (600, -9, 3), (1400, 2, -12), (2000, 14, 8)):
@@ -131,9 +144,13 @@ def test_every_number_is_the_mirrors(seed: int, make: Callable[..., dict[str, np
                 is_held = own.n_saturated > before
                 assert said.force_z_validity == (INVALID if is_unseen or is_held else VALID)
                 touched += row[0]
+                flat += row[17] > 0
+                told += row[9] > 0 and blind is None
         assert own.n_saturated == said.saturations
         assert (own.n_saturated > 0) == (make is hostile)
     assert touched >= 9
+    assert flat >= 3
+    assert told >= 1 or make is hostile
 
 
 @pytest.mark.parametrize(("limit", "is_known"), [((30_000, 30_000), True), ((1, 30_000), False), ((30_000, 1), False)])
@@ -170,6 +187,9 @@ def test_pins_of_another_fingertip_are_another_pad() -> None:
         ("fingertip.scale", 0, "scale"),
         ("fingertip.length", (1 << 20) + 1, "length"),
         ("fingertip.limit", (1 << 20) + 1, "limit"),
+        ("fingertip.ray", (1 << 14) + 1, "ray"),
+        ("fingertip.cell", 0, "cell"),
+        ("fingertip.face", -1, "face"),
     ],
 )
 def test_tables_out_of_range_are_refused(name: str, value: int, says: str) -> None:
@@ -179,7 +199,9 @@ def test_tables_out_of_range_are_refused(name: str, value: int, says: str) -> No
         opened(tables)
 
 
-@pytest.mark.parametrize("name", ["rest", "gain", "weight3", "bias1", "near", "trust", "limit"])
+@pytest.mark.parametrize(
+    "name", ["rest", "gain", "weight3", "bias1", "near", "trust", "limit", "cell", "tip", "face_axis", "face"]
+)
 def test_a_table_that_is_missing_or_misshapen_is_refused(name: str) -> None:
     for spoil in (lambda v: None, lambda v: v[..., :-1]):
         tables = tensors(np.random.default_rng(6))

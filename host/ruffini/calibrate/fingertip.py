@@ -19,6 +19,7 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
 from ruffini.calibrate.tip_eyes import Eyes
+from ruffini.calibrate.tip_face import FaceTable, bears_all_round, fit_face, radii
 from ruffini.calibrate.tip_field import field_of, pressed
 from ruffini.calibrate.tip_presses import AREA, FORCE, PITCH, ROLL, WAY, Press, X, Y, axes, read_presses
 from ruffini.calibrate.tip_turns import Samples, turned
@@ -171,11 +172,35 @@ def folds(bench: Bench, mode: int, angles: Array, mirrors: tuple[bool, ...]) -> 
     return Fold(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
+def _face(bench: Bench, straight: Fold, said: Array) -> FaceTable | None:
+    """By what was said of presses left out; said (t, 7) as of `told_by`, of the frames of `straight`, by both eyes."""
+    eyes, pins = bench.eyes, bench.pins
+    gain, tip_mm, row, inputs = eyes.gains(pins.place)[0], tip_radius_mm(bench), 0, []
+    for press in bench.presses:
+        rest, shifts = taken(press, pins.rest)
+        shifts = shifts[bench.scale.used(press.told)]
+        moved = eyes.place(rest[None] + shifts) - eyes.place(rest)[None]
+        shift = eyes.project(pins.place + moved) - eyes.project(pins.place)
+        seen = np.einsum("ncd,tnd->tnc", gain, shift.transpose(0, 2, 1, 3).reshape(len(shift), -1, 4))
+        for frame in seen[pressed(seen, pins.normal).max(axis=1) >= bench.touch_mm]:
+            axis = axes(*np.deg2rad(said[row, 4:6]))[:, 2]
+            key = radii(frame, pins.normal, straight.turn[row], axis, eyes.radius_mm, tip_mm)
+            inputs.append([said[row, 0], said[row, 1], *key])
+            row += 1
+    is_whole = bears_all_round(straight.told, eyes.radius_mm)
+    return fit_face(np.array(inputs), straight.told[:, AREA], is_whole, straight.press)
+
+
+def tip_radius_mm(bench: Bench) -> float:
+    """Of the sphere on which the pins' tips stand."""
+    return float(np.linalg.norm(bench.pins.place + np.array([0, 0, bench.eyes.radius_mm]), axis=1).mean())
+
+
 @dataclass(frozen=True)
 class ModeFit:
     """One way of seeing. trust (7,): true over stated deviations of presses left out; near (k,): weights of the
     components' squares in how far features are from those of the fit; limits (2,): of that, and of what the components
-    leave of a feature, mm; left_out : mean errors of presses left out.
+    leave of a feature, mm; left_out : mean errors of presses left out; face : of both eyes, if enough presses tell it.
     """
 
     network: TipNetwork
@@ -183,6 +208,7 @@ class ModeFit:
     near: Array
     limits: Array
     left_out: dict[str, float]
+    face: FaceTable | None = None
 
 
 @dataclass(frozen=True)
@@ -221,6 +247,7 @@ def fit_fingertip(board: Board, presses_at: Path, baseline_mm: float, progress: 
         "n_presses": len(presses),
         "n_pins": len(pins.place),
         "mean_error_of_presses_left_out": {name: mode.left_out for name, mode in zip(MODES, modes, strict=True)},
+        "face": None if modes[0].face is None else modes[0].face.report,
     }
     return TipFit(bench, modes, report)
 
@@ -230,25 +257,34 @@ def _fit_mode(bench: Bench, mode: int) -> ModeFit:
     angles = np.arange(n_turns) * 2 * np.pi / n_turns
     every = folds(bench, mode, angles, (False, True))
     straight = folds(bench, mode, angles[:1], (False,))
-    off, sigma = _left_out(every, straight, len(bench.presses), bench.scale)
+    off, sigma, rows = _left_out(every, straight, len(bench.presses), bench.scale)
     network = train(every.features, every.labels, rounds=N_ROUNDS, noise=NOISE_MM)
     near = 1 / network.components(every.features).var(axis=0)
     left_out = {q: round(float(e), 4) for q, e in zip(QUANTITIES, np.abs(off).mean(axis=0), strict=True)}
     trust = np.sqrt(np.mean((off / sigma) ** 2, axis=0))
-    return ModeFit(network, trust, near, KNOWN_FACTOR * _furthest(network, near, every.features), left_out)
+    face = None
+    if mode == 0:
+        said = np.zeros_like(off)
+        said[rows] = off
+        face = _face(bench, straight, said + told_by(straight.labels, straight.turn, bench.scale))
+    return ModeFit(network, trust, near, KNOWN_FACTOR * _furthest(network, near, every.features), left_out, face)
 
 
-def _left_out(every: Fold, straight: Fold, n: int, scale: Scale) -> tuple[Array, Array]:
-    """Errors and stated deviations (t, 7) of presses that their network has not seen, in the units of QUANTITIES."""
+def _left_out(every: Fold, straight: Fold, n: int, scale: Scale) -> tuple[Array, Array, npt.NDArray[np.intp]]:
+    """Errors and stated deviations (t, 7) of presses that their network has not seen, in the units of QUANTITIES.
+
+    And which frames of `straight` they are of.
+    """
     part = np.random.default_rng(0).permutation(n) % N_FOLDS
-    off, sigma = [], []
+    off, sigma, rows = [], [], []
     for fold in range(N_FOLDS):
         kept, left = every.of(np.flatnonzero(part != fold)), straight.of(np.flatnonzero(part == fold))
         network = train(kept.features, kept.labels, rounds=N_ROUNDS, noise=NOISE_MM)
         mean, deviation = network(left.features)
         off.append(told_by(mean, left.turn, scale) - told_by(left.labels, left.turn, scale))
+        rows.append(np.flatnonzero(np.isin(straight.press, np.flatnonzero(part == fold))))
         sigma.append(deviation * scale.one * [1, 1, 1, 1, *2 * [np.rad2deg(1.0)], 1])
-    return np.concatenate(off), np.concatenate(sigma)
+    return np.concatenate(off), np.concatenate(sigma), np.concatenate(rows)
 
 
 def _furthest(network: TipNetwork, near: Array, features: Array) -> Array:
@@ -269,10 +305,10 @@ def _motion_at_rest(eyes: Eyes, pins: Pins, press: Press) -> float:
     return float(pressed(seen, pins.normal).max())
 
 
-def calibration(board: Board, fit: TipFit) -> CalibrationFile:
-    """The file of a fit."""
+def calibration(board: Board, fit: TipFit, more: dict[str, Any] | None = None) -> CalibrationFile:
+    """The file of a fit; `more` goes beside its report."""
     from ruffini.calibrate.tip_tables import tables
 
-    meta = {**base_metadata(board), "kinds": "fingertip", "residuals": json.dumps(fit.report)}
+    meta = {**base_metadata(board), "kinds": "fingertip", "residuals": json.dumps({**fit.report, **(more or {})})}
     meta["fingertip.most_un"] = str(round(MOST * fit.bench.scale.full_n * 1e6))
     return pack(tables(fit), meta)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.calibrate.tip_face import FaceTable, cells, rays
 from ruffini.calibrate.tip_field import kernel, places
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ def _whole(values: npt.ArrayLike) -> npt.NDArray[np.int32]:
 
 def tables(fit: TipFit) -> dict[str, npt.NDArray[Any]]:
     """Tensors by name."""
-    from ruffini.calibrate.fingertip import GATE_PX, TO_BOARD
+    from ruffini.calibrate.fingertip import GATE_PX, TO_BOARD, tip_radius_mm
 
     bench, modes, radius = fit.bench, fit.modes, fit.bench.eyes.radius_mm
     nets = [mode.network for mode in modes]
@@ -42,4 +43,15 @@ def tables(fit: TipFit) -> dict[str, npt.NDArray[Any]]:
     for layer in range(3):
         out[f"weight{layer + 1}"] = [net.weights[layer] * Q16 for net in nets]
         out[f"bias{layer + 1}"] = [net.biases[layer] * Q16 for net in nets]
+    if modes[0].face is not None:
+        out |= face_tables(modes[0].face, radius, tip_radius_mm(bench))
     return {f"fingertip.{name}": _whole(values) for name, values in out.items()}
+
+
+def face_tables(face: FaceTable, radius_mm: float, tip_mm: float) -> dict[str, npt.ArrayLike]:
+    """Those of firmware/estimators/tip_area.h."""
+    to_board = np.array([1e6, 1e3, 256, 256])[:, None] * [1, 1, 0] + [0, 0, 1]
+    return {
+        "ray": rays(radius_mm) * Q14, "cell": cells() * 1e6, "tip": [tip_mm * PER_MM],
+        "face_axis": np.maximum(face.axis * to_board, [[-(2**30), 1, 2]]), "face": face.values * [1e3, Q16, Q16],
+    }  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import isqrt
 from typing import Any
 
@@ -33,6 +34,43 @@ def atan2_urad(y: int, x: int) -> int:
         sign = 1 if y > 0 else -1
         x, y, angle = x + sign * (y >> i), y - sign * (x >> i), angle + sign * step
     return (angle + 500) // 1000
+
+
+def areas(t: dict[str, Ints], field: Callable[[Ints], Ints], axis: Ints, force: int, way: int) -> list[int]:
+    """Flat area and its deviation, face's area and its deviation, um^2: firmware/estimators/tip_area.h."""
+    rays, tip, cell = t["ray"], int(t["tip"][0]), t["cell"]
+    n_rays, n_rings = rays.shape[:2]
+    h = np.array([
+        [int((axis * (round_shift(tip * g, 14) + field(g))).sum()) // 1_000_000 for g in ray] for ray in rays
+    ])  # fmt: skip
+    order = sorted((-int(h[k, i]), k * n_rings + i) for k in range(n_rays) for i in range(n_rings))
+    area = total = 0
+    for minus, index in order:
+        if area >= 6_000_000:
+            break
+        area += int(cell[index % n_rings])
+        total -= int(cell[index % n_rings]) * minus
+    top = total // area
+
+    def above(height: int) -> int:
+        return int((cell * (h > height)).sum())
+
+    flat, change = above(top - 4800), above(top - 4800 - 1120) - above(top - 4800 + 1120)
+    ridge = 2 + h[:, 2:19].argmax(axis=1)
+    bend = 3 + (2 * h[:, 3:19] - h[:, 5:21] - h[:, 1:17]).argmax(axis=1)
+    radius = [isqrt((int((r * np.roll(r, -1)).sum()) << 16) // n_rays) for r in (bend, ridge)]
+    values, parts = t["face"].reshape(*t["face_axis"][:, 2], 3), []
+    for i, at in enumerate((force, way, *radius)):
+        zero, step, count = t["face_axis"][i].tolist()
+        place = min(max(at - zero, 0), step * (count - 1))
+        low = min(place // step, count - 2)
+        parts.append(((place - low * step) << 12) // step)
+        values = values.take([low, low + 1], axis=i)
+    for part in reversed(parts):  # the last input first
+        values = values[..., 0, :] + round_shift((values[..., 1, :] - values[..., 0, :]) * part, 12)
+    area_1e3, part_q16, whole_q16 = values.tolist()
+    face = [area_1e3 * 1000, max(area_1e3 * part_q16 * 1000 >> 16, 1)] if whole_q16 >= 45_875 else [0, 0]
+    return [flat, max(change // 2, int(cell[-1])), *face]
 
 
 class Fingertip:
@@ -80,12 +118,14 @@ class Fingertip:
         part = (c[:, None] * c[None, :] + (ONE + c[2]) // 2) // (ONE + c[2])
         r = np.array([[ONE - part[0, 0], -part[0, 1], -c[0]], [-part[0, 1], ONE - part[1, 1], -c[1]], c])
         v, n = round_shift(u @ r.T, 14), round_shift(normal @ r.T, 14)
-        out = []
-        for g in self.t["place"]:
+
+        def kernel_mean(g: Ints) -> Ints:
             step = ((n - g) ** 2).sum(axis=1) >> 13
             k = np.where(step < 2048, self.t["kernel"][np.minimum(step, 2047)], 0)
-            weight_sum = int(k.sum()) + (1 << 15) // 20
-            out += rounded_div((k[:, None] * v).sum(axis=0), weight_sum).tolist()
+            return np.asarray(rounded_div((k[:, None] * v).sum(axis=0), int(k.sum()) + (1 << 15) // 20))
+
+        self.kernel_mean = kernel_mean
+        out = [v for g in self.t["place"] for v in kernel_mean(g).tolist()]
         out += round_shift(c[:2] * 8000, 14).tolist()
         return np.array(out), r, c
 
@@ -107,7 +147,7 @@ class Fingertip:
         """A row as of ruffini_get_tip."""
         found = self.field(moved_q16, eyes)
         if found is None:
-            return [0, 1, 1] + [0] * 14
+            return [0, 1, 1] + [0] * 16
         features, r, _ = found
         out, is_known = self.network(features, eyes)
         value = self._held(self.t["zero"] + round_shift(out[:7] * self.t["scale"], 16), 1 << 30).tolist()
@@ -121,13 +161,21 @@ class Fingertip:
         sigma = np.maximum(self._held(np.array(sigma), 1 << 28), 1).tolist()
         force = max(value[0], 0)
         place, tilt = (isqrt((sigma[a] ** 2 + sigma[a + 1] ** 2) // 2) for a in (2, 4))
-        row = [1, int(is_known), int(force <= self.most_un), force, value[1], *self._turned_back(value, r)]
+        *turned, axis = self._turned_back(value, r)
+        row = [1, int(is_known), int(force <= self.most_un), force, value[1], *turned]
         area_sigma = 2 * abs(value[6]) * sigma[6]
         area = value[6] ** 2 if 5 * area_sigma <= value[6] ** 2 else 0
-        return [*row, area, sigma[0], sigma[1], place, place, tilt, tilt, area_sigma]
+        flat = [0, 0]
+        if "ray" in self.t and eyes == 0:
+            *flat, face, face_sigma = areas(
+                self.t, self.kernel_mean, round_shift(r @ np.array(axis), 14), force, value[1]
+            )
+            if not area and is_known and face and 5 * face_sigma <= face:
+                area, area_sigma = face, face_sigma
+        return [*row, area, sigma[0], sigma[1], place, place, tilt, tilt, area_sigma, *flat]
 
     @staticmethod
-    def _turned_back(value: list[int], r: Ints) -> list[int]:
+    def _turned_back(value: list[int], r: Ints) -> list[Any]:
         def root(a: int, b: int) -> int:
             return max(isqrt(max(MILLION**2 - a * a - b * b, 0)), 1)
 
@@ -145,4 +193,4 @@ class Fingertip:
         level = rounded_div(sin_pitch * at[0] + cos_pitch * at[2], MILLION)
         x = rounded_div(cos_pitch * at[0] - sin_pitch * at[2], MILLION)
         y = rounded_div(cos_roll * at[1] - t[1] * level, MILLION)
-        return [x, y, atan2_urad(-t[1], cos_roll), atan2_urad(t[0], t[2])]
+        return [x, y, atan2_urad(-t[1], cos_roll), atan2_urad(t[0], t[2]), t]

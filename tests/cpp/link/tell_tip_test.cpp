@@ -18,10 +18,14 @@ TEST(TellTip, AToolsPlaceTurnAndHowSureTheyAreHaveTheirOwnFields) {
                             .roll_urad = -52'000,
                             .pitch_urad = 174'533,
                             .area_um2 = 28'000'000,
+                            .flat_um2 = 51'234'000,
+                            .flat_sigma_um2 = 2'345'999,
                             .sigma = {9'000, 11, 120, 130, 4'000, 5'000, 640'000},
                             .axis_1e6 = {0, -600'000, 800'000}},
                            said);
   EXPECT_EQ(said.force_sigma_un, 9'000u);
+  EXPECT_EQ(said.flat_area_um2_k, 51'234u);
+  EXPECT_EQ(said.flat_area_sigma_um2_k, 2'345u);
   ASSERT_EQ(said.normal_force_un_count, 3);
   EXPECT_EQ(said.normal_force_un[1], 240'000) << "into the fingertip, against the tool's axis";
   EXPECT_EQ(said.normal_force_un[2], -320'000);

@@ -171,7 +171,7 @@ def play(board: Board, file: CalibrationFile, recorded: Recorded, blind: int | N
             tip = core.tip()
             at.append(i)
             known.append(bool(tip.is_touched) and frame.force_z_validity == 1)
-            number = np.array(tip[3:], dtype=float)
+            number = np.array(tip[3:17], dtype=float)
             number *= [1e-6, 1e-3, 1e-3, 1e-3, *2 * [np.rad2deg(1e-6)], 1e-6] * 2
             rows.append(number[:7])
             sigma.append(number[7:])
