@@ -54,6 +54,9 @@ def auto(
     from ruffini.demo.auto_tasks import task_of
 
     found = find_board(board)
+    if "fingertip" in found.pipeline.stages:
+        _fingertip(found, rig, out, previous, quick=quick, force=force, json_=json_)
+        return
     task = task_of(found)
     before = None if previous is None else keys.read_verified(previous)
     if before is not None:
@@ -74,6 +77,36 @@ def auto(
         result, json_,
         f"{found.name}, {mark}{after['touches']} touches that were not collected, against {after['against']}: "
         f"{headline(result)} (up to {after['largest_force_n']:.2f} N); {n_presses} presses, "
+        f"{sum(result['seconds'].values()):.0f} s; {folder / 'auto.html'}",
+    )  # fmt: skip
+
+
+def _fingertip(
+    board: Board, rig: str, out: Path | None, previous: Path | None, *, quick: bool, force: bool, json_: bool
+) -> None:
+    """A fingertip is turned under several tools: only the twin's bench does that by itself."""
+    from ruffini.calibrate import container
+    from ruffini.demo.auto_tip import TipAuto, eyes_apart_mm
+
+    if rig != SIMULATED:
+        raise InputError(
+            f"board {board.name!r} is pressed by several tools while it is turned under them, which no machine of "
+            "`cal auto` does: record such presses and use `ruffini cal fingertip`; --rig sim plays it on the twin"
+        )
+    before = None if previous is None else container.read(previous)
+    if before is not None:
+        container.check_board(before, board)
+    folder = Path(tempfile.mkdtemp(prefix="ruffini-auto-")) if out is None else out
+    folder.mkdir(parents=True, exist_ok=True)
+    result = TipAuto(board, folder, eyes_apart_mm(board), note, quick, force, before).run()
+    after, mean = result["after"], result["after"]["mean"]
+    was = "" if result["before"] is None else f"{1e-3 * result['before']['error']:.3f} N before, now "
+    emit(
+        result, json_,
+        f"{board.name}, SIMULATED, {after['touches']} presses of no fit, {after['told']} of {after['frames']} frames "
+        f"told, against {after['against']}: force off by {was}{mean['force_n']:.3f} N, way {mean['way_mm']:.3f} mm, "
+        f"angles {mean['roll_deg']:.2f} and {mean['pitch_deg']:.2f} degrees, place {mean['x_mm']:.2f} and "
+        f"{mean['y_mm']:.2f} mm; {result['presses']['fitted']} presses fitted, "
         f"{sum(result['seconds'].values()):.0f} s; {folder / 'auto.html'}",
     )  # fmt: skip
 

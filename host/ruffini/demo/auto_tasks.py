@@ -85,9 +85,6 @@ def task_of(board: Board) -> Task:
     if "contact_model" in stages:
         raise InputError(f"board {board.name!r} is fitted on presses of indenters of known shape, size and hardness, "
                          "which `cal auto` does not plan: use `ruffini cal contact`")  # fmt: skip
-    if "fingertip" in stages:
-        raise InputError(f"board {board.name!r} is fitted on presses of several tools at many angles, which `cal auto` "
-                         "does not plan: use `ruffini cal fingertip`")  # fmt: skip
     for task in TASKS:
         if task.stage in stages and (task.stage != "operator" or has_depth(board)):
             return task
