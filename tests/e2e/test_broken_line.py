@@ -124,6 +124,27 @@ def test_who_listens_goes_on_after_an_unplug_and_is_told_what_is_missing(sensor:
     assert [m.metadata["missing_frames"] for m in stored] == [str(gap.n_frames)]
 
 
+def test_a_line_that_spoils_frames_is_said_to_be_bad_once(sensor: Sensor, tmp_path: Path) -> None:
+    said: list[str] = []
+    with (
+        start(sensor, tmp_path / "store", "--loop") as daemon,
+        BrokenLine(daemon.port, tmp_path) as line,
+        Connection(line.port) as host,
+    ):
+        host.on_damage = said.append
+        host.subscribe(wrench=1, field=1)
+        stream = host.stream(timeout_s=5)
+        for _ in range(20):
+            assert next(stream, None) is not None
+        assert said == []
+        line.loss = 0.2
+        deadline = time.monotonic() + 20
+        while host.decoder.counters.damaged < 20 and time.monotonic() < deadline:
+            next(stream, None)
+    assert len(said) == 1
+    assert "do not steer" in said[0]
+
+
 def test_a_sensor_that_was_started_again_says_so_and_another_one_is_not_taken_for_it(
     sensor: Sensor, tmp_path: Path
 ) -> None:

@@ -151,6 +151,7 @@ def monitor(
     from ruffini.errors import NoDeviceError
 
     with open_sensor() as sensor:
+        sensor.on_damage = note
         sensor.subscribe(wrench=1, contacts=1, learned=1)
         count = 0
         numbers = sensor.schema.type_numbers
@@ -212,6 +213,7 @@ def record(
         raise InputError(f"{out} exists: choose another name, or give --force")
     with open_sensor() as sensor:
         note(f"recording {sensor.port} to {out}, stop with Ctrl-C")
+        sensor.on_damage = note
         counts = record_stream(
             sensor, out, n_frames=n, image_every=image_every, resume_s=resume,
             on_gap=lambda gap: note(f"{sensor.port}: {gap}"),

@@ -13,6 +13,7 @@ from typing import Any
 from ruffini.device import flashing
 from ruffini.errors import LineLostError, NoDeviceError, RefusedError, RuffiniError, SeveralDevicesError
 from ruffini.wire import Decoder, Frame, Schema, encode_message
+from ruffini.wire.damage import DamageWatch
 
 HELLO_TIMEOUT_S = 2.0
 REPLY_TIMEOUT_S, TRIES = 0.5, 12
@@ -23,6 +24,10 @@ SILENCE_S = 5.0  # without a frame: the camera stands still
 MAX_BACKLOG = 4096  # messages kept while a command waits for its reply
 DEVICE = 255
 YOUNG_TYPES = ("learned",)  # that a device in use may not know yet
+DAMAGED = (
+    "two frames came damaged within six minutes: do not steer by these forces until the cable is seen to "
+    "(one damaged frame in 4 billion is taken for a good one)"
+)
 ASK_AGAIN = 0  # the request id of a reply to what came damaged
 
 
@@ -61,6 +66,8 @@ class Connection:
         self.messages: deque[tuple[Frame, Any]] = deque(maxlen=MAX_BACKLOG)
         self.raw_sink: Callable[[bytes], None] | None = None
         self.n_retries = 0  # commands that were sent again
+        self.damage = DamageWatch()
+        self.on_damage: Callable[[str], None] = lambda _: None  # told when the line becomes too bad to steer by
         self._sequence = 0
         self._request_id = int.from_bytes(os.urandom(3), "little") + 1
         try:
@@ -128,6 +135,8 @@ class Connection:
             message = self.schema.decode(frame.type, frame.payload)
             if message is not None:
                 self.messages.append((frame, message))
+        if self.damage.update(self.decoder.counters.damaged, time.monotonic()):
+            self.on_damage(f"{self.port}: {DAMAGED}")
 
     def stream(
         self,

@@ -112,6 +112,11 @@ class Counters:
     lost: int = 0
     echo: int = 0
 
+    @property
+    def damaged(self) -> int:
+        """Frames that the line spoilt."""
+        return self.bad_crc + self.malformed + self.oversize
+
 
 @dataclass
 class Decoder:

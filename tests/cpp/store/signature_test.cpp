@@ -5,6 +5,8 @@
 #include <unistd.h>
 
 #include <array>
+#include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -74,6 +76,42 @@ TEST(Signature, EveryFlippedBitIsRefused) {
     bytes[bit / 8] ^= flip;
   }
   EXPECT_TRUE(judge(bytes) && *judge(bytes));
+}
+
+Bytes file_of_16_kib() {
+  constexpr size_t kBytes = 16'384;
+  const auto with = [](size_t n) {
+    return test::CalibrationBytes()
+        .meta("kinds", "rest")
+        .tensor("rest.image", "U8", {static_cast<int>(n)}, Bytes(n, 0x35))
+        .bytes();
+  };
+  const size_t n = kBytes - with(8'192).size() + 8'192;
+  return test::sign(with(n));
+}
+
+// RUFFINI_SOAK: all 131,072 bits; else one of each byte.
+TEST(Signature, OfATableOf16KibibytesEveryBitAndEveryLengthIsRefused) {
+  Bytes bytes = file_of_16_kib();
+  ASSERT_EQ(bytes.size(), 16'384U);
+  ASSERT_TRUE(judge(bytes) && *judge(bytes));
+  size_t n_bits = 0;
+  const size_t step = std::getenv("RUFFINI_SOAK") != nullptr ? 1 : 9;  // 9 and not 8: each of the eight in its turn
+  for (size_t bit = 0; bit < 8 * bytes.size(); bit += step) {
+    const auto flip = static_cast<uint8_t>(1U << bit % 8);
+    bytes[bit / 8] ^= flip;
+    const auto signer = judge(bytes);
+    ASSERT_FALSE(signer && *signer) << "bit " << bit;
+    bytes[bit / 8] ^= flip;
+    ++n_bits;
+  }
+  for (size_t n = 0; n <= bytes.size() + 64; ++n) {
+    Bytes other = bytes;
+    other.resize(n);
+    const auto signer = judge(other);
+    ASSERT_EQ(signer && *signer, n == bytes.size()) << n << " bytes";
+  }
+  std::printf("a table of 16 KiB: %zu flipped bits and %zu other lengths, all refused\n", n_bits, bytes.size() + 64);
 }
 
 TEST(Signature, AnotherKeysSignatureIsRefused) {
