@@ -17,6 +17,7 @@ constexpr std::string_view kSuffix = ".safetensors";
 constexpr char kIncoming[] = "incoming.tmp";
 constexpr char kTrial[] = "trial.safetensors";
 constexpr size_t kKept = 2;
+constexpr uint64_t kLast = UINT64_MAX - 1;  // so that one more can be counted
 
 using Slot = SlotStore::Slot;
 
@@ -33,8 +34,7 @@ std::optional<Slot> slot_of(const std::string& name) {
   const char* at = std::from_chars(name.data() + kPrefix.size(), end, slot.generation).ptr;
   const std::string_view rest(at, static_cast<size_t>(end - at));
   if (rest.substr(0, kEpoch.size()) == kEpoch) std::from_chars(at + kEpoch.size(), end, slot.epoch);
-  // The next one must have a number, too.
-  return name_of(slot) == name && slot.generation < UINT64_MAX ? std::optional(slot) : std::nullopt;
+  return name_of(slot) == name && slot.generation <= kLast ? std::optional(slot) : std::nullopt;
 }
 
 // The highest that any of them carries, so that a file that follows cannot lower it.
@@ -100,7 +100,19 @@ Result<std::vector<uint8_t>> SlotStore::load_nth(size_t n) const {
   return medium_->read(name_of(found.value()[n]), ReadFrom::kAnywhere);
 }
 
+// What comes into force next, after those that there are.
+Result<Slot> SlotStore::next_slot(const std::vector<Slot>& found, uint32_t epoch) const {
+  const Slot next{found.empty() ? 1 : found.front().generation + 1, std::max(epoch, reached(found))};
+  if (next.generation <= kLast) return next;
+  return Error{ErrorKind::kStorage,
+               medium_->path(name_of(found.front())) +
+                   ": no number is left above this one, and no device counts so far: remove the file"};
+}
+
 Status SlotStore::stage(std::span<const uint8_t> bytes) {
+  const auto found = slots();
+  if (!found) return found.error();
+  if (const auto next = next_slot(found.value(), 0); !next) return next.error();
   Status done = write_checked(bytes);
   if (done) done = medium_->rename(kIncoming, kTrial);
   if (done) done = medium_->sync_folder();
@@ -114,9 +126,9 @@ Status SlotStore::stage(std::span<const uint8_t> bytes) {
 Status SlotStore::confirm(uint32_t epoch) {
   const auto found = slots();
   if (!found) return found.error();
-  const Slot next{found.value().empty() ? 1 : found.value().front().generation + 1,
-                  std::max(epoch, reached(found.value()))};
-  Status done = medium_->rename(kTrial, name_of(next));
+  const auto next = next_slot(found.value(), epoch);
+  if (!next) return next.error();
+  Status done = medium_->rename(kTrial, name_of(next.value()));
   if (done) done = medium_->sync_folder();
   // Only now: until then a power cut may leave the file before this one in force.
   for (size_t i = kKept - 1; done && i < found.value().size(); ++i) {
@@ -131,8 +143,9 @@ Status SlotStore::reject() { return medium_->remove(kTrial); }
 Status SlotStore::undo() {
   const auto found = slots();
   if (!found) return found.error();
-  const Slot next{found.value()[0].generation + 1, reached(found.value())};
-  const Status done = medium_->rename(name_of(found.value()[1]), name_of(next));
+  const auto next = next_slot(found.value(), 0);
+  if (!next) return next.error();
+  const Status done = medium_->rename(name_of(found.value()[1]), name_of(next.value()));
   return done ? medium_->sync_folder() : done;
 }
 

@@ -63,6 +63,7 @@ class SlotStore {
  private:
   explicit SlotStore(std::unique_ptr<Storage> medium) : medium_(std::move(medium)) {}
   [[nodiscard]] Result<std::vector<Slot>> slots() const;
+  [[nodiscard]] Result<Slot> next_slot(const std::vector<Slot>& found, uint32_t epoch) const;
   [[nodiscard]] Result<std::vector<uint8_t>> load_nth(size_t n) const;
   [[nodiscard]] Status write_checked(std::span<const uint8_t> bytes);
   // Whether it was there.

@@ -175,6 +175,21 @@ TEST_F(SlotStoreTest, NamesThatItWouldNotGiveAreNotRead) {
   EXPECT_TRUE(has("calibration-007.safetensors")) << "not ours to remove";
 }
 
+// Somebody put a file there under the last number that there is: a new one could be called in force and not be so.
+TEST_F(SlotStoreTest, WhereNoNumberIsLeftNothingIsTaken) {
+  SlotStore store = open();
+  ASSERT_TRUE(install(store, Bytes(10, 1)));
+  std::ofstream(folder_ / "calibration-18446744073709551614.safetensors") << "last";
+  EXPECT_EQ(store.load().value(), (Bytes{'l', 'a', 's', 't'}));
+  for (const Status& done : {store.stage(Bytes(20, 2)), store.undo()}) {
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().kind, ErrorKind::kStorage);
+    EXPECT_NE(done.error().message.find("18446744073709551614"), std::string::npos) << done.error().message;
+  }
+  EXPECT_FALSE(has("trial.safetensors"));
+  EXPECT_EQ(store.load_previous().value(), Bytes(10, 1));
+}
+
 TEST_F(SlotStoreTest, ATrialWhoseFolderIsNotSyncedIsNone) {
   SlotStore store = open();
   g_fault = Fault::kFolderSync;
