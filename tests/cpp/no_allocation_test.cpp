@@ -16,10 +16,7 @@
 #include "hw/system.h"
 #include "hw/thermometer.h"
 #include "link/serial_port.h"
-#include "support/dot_picture.h"
-#include "support/glowing_skin.h"
-#include "support/test_board.h"
-#include "support/test_calibration.h"
+#include "support/scenes.h"
 
 namespace {
 
@@ -76,50 +73,10 @@ uint64_t watching_clock() {
   return clock_calls.fetch_add(1, std::memory_order_relaxed);
 }
 
-struct Scene {
-  BoardSettings board;
-  std::vector<uint8_t> calibration;
-  std::vector<uint8_t> rest;
-  std::vector<uint8_t> pressed;
-};
-
-// Dots at rest, then moved and coloured.
-Scene dots() {
-  Scene scene{.board = test::round_board(), .calibration = {}, .rest = {}, .pressed = {}};
-  scene.board.stages = known_stages();
-  scene.calibration = test::diagonal_calibration(scene.board);
-  auto dots = test::nominal_dots(scene.board);
-  scene.rest = test::DotPicture{}.bgr(dots, 1);
-  for (test::Place& p : dots) p.x += 2;
-  scene.pressed = test::DotPicture{}.bgr(dots, 2);
-  const int width = scene.board.camera.width_px;
-  const int height = scene.board.camera.height_px;
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      const int dx = x - width / 2;
-      const int dy = y - height / 2;
-      if (dx * dx + dy * dy > height * height / 16) continue;
-      uint8_t* pixel = &scene.pressed[static_cast<size_t>((y * width + x) * 3)];
-      pixel[0] = static_cast<uint8_t>(std::clamp(pixel[0] + dx, 0, 255));
-      pixel[1] = static_cast<uint8_t>(std::clamp(pixel[1] + dy, 0, 255));
-    }
-  }
-  return scene;
-}
-
-// Openings that glow, two of them more where the skin is touched.
-Scene glow() {
-  const BoardSettings board = test::glowing_board();
-  return {.board = board,
-          .calibration = test::skin_calibration(board),
-          .rest = test::glowing_picture(board, {}, 0),
-          .pressed = test::glowing_picture(board, {20, 51}, 2)};
-}
-
 // A contact that comes and goes.
 class DrawnCamera : public Camera {
  public:
-  explicit DrawnCamera(const Scene& scene)
+  explicit DrawnCamera(const test::Scene& scene)
       : n_rest_(static_cast<uint64_t>(scene.board.n_rest_frames)), rest_(scene.rest), pressed_(scene.pressed) {}
   CaptureStatus capture(FramePool::Buffer& buffer) override {
     if (n_ == kFrames) return CaptureStatus::kEnd;
@@ -148,7 +105,7 @@ struct Outcome {
 };
 
 // Runs the daemon in lockstep with a host that reads everything.
-Outcome run_daemon(const Scene& scene, bool plants, const NetworkLoader& network = {}) {
+Outcome run_daemon(const test::Scene& scene, bool plants, const NetworkLoader& network = {}) {
   const BoardSettings& board = scene.board;
   auto file = CalibrationFile::load(scene.calibration);
   EXPECT_TRUE(file) << (file ? "" : file.error().message);
@@ -214,7 +171,7 @@ Outcome run_daemon(const Scene& scene, bool plants, const NetworkLoader& network
 }
 
 TEST(FrameThread, AllocatesNothingInAThousandFramesWithEverythingSubscribed) {
-  const Outcome out = run_daemon(dots(), false);
+  const Outcome out = run_daemon(test::dots(), false);
   EXPECT_EQ(out.frames, kFrames);
   EXPECT_EQ(out.allocations, 0U);
   EXPECT_GT(out.largest_field, out.smallest_field + 50) << "no contact was seen: the second pass did not run";
@@ -226,7 +183,7 @@ TEST(FrameThread, AllocatesNothingInAThousandFramesWithEverythingSubscribed) {
 }
 
 TEST(FrameThread, AllocatesNothingOnASkinWithTwoTouches) {
-  const Outcome out = run_daemon(glow(), false);
+  const Outcome out = run_daemon(test::glow(), false);
   EXPECT_EQ(out.frames, kFrames);
   EXPECT_EQ(out.allocations, 0U);
   EXPECT_GT(out.largest_contacts, out.smallest_contacts + 50) << "no touch was seen";
@@ -243,7 +200,7 @@ class Allocating : public Network {
 };
 
 TEST(FrameThread, AllocatesNothingBesideALearnedNetwork) {
-  const Outcome out = run_daemon(glow(), false, []() -> Result<LoadedNetwork> {
+  const Outcome out = run_daemon(test::glow(), false, []() -> Result<LoadedNetwork> {
     return LoadedNetwork{{{"last"}, {0}, {255}, {}}, std::make_unique<Allocating>()};
   });
   EXPECT_EQ(out.frames, kFrames);
@@ -251,7 +208,7 @@ TEST(FrameThread, AllocatesNothingBesideALearnedNetwork) {
   EXPECT_EQ(out.messages[ruffini_MessageType_MESSAGE_TYPE_LEARNED], kFrames);
 }
 
-TEST(FrameThread, APlantedAllocationIsSeen) { EXPECT_EQ(run_daemon(dots(), true).allocations, 1U); }
+TEST(FrameThread, APlantedAllocationIsSeen) { EXPECT_EQ(run_daemon(test::dots(), true).allocations, 1U); }
 
 }  // namespace
 }  // namespace ruffini

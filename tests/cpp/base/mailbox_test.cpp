@@ -58,5 +58,24 @@ TEST(IndexMailbox, TwoThreadsNeitherLoseNorDouble) {
   for (size_t i = 0; i < seen.size(); ++i) ASSERT_EQ(seen[i] + back[i], 1) << i;
 }
 
+// Both sides sleep for the other one, over and over: a wake-up that is lost would hang here.
+TEST(IndexMailbox, WhoSleepsIsAlwaysWoken) {
+  constexpr int kPosts = 20'000;
+  IndexMailbox box;
+  int64_t sum = 0;
+  std::thread taker([&] {
+    for (int n = 0; n < kPosts; ++n) {
+      box.wait_full();
+      sum += box.take().value();
+    }
+  });
+  for (int i = 0; i < kPosts; ++i) {
+    EXPECT_EQ(box.post(i), std::nullopt);
+    box.wait_empty();
+  }
+  taker.join();
+  EXPECT_EQ(sum, int64_t{kPosts} * (kPosts - 1) / 2);
+}
+
 }  // namespace
 }  // namespace ruffini

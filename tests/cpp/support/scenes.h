@@ -1,0 +1,55 @@
+// Boards with a calibration, and what their camera sees at rest and pressed.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "support/dot_picture.h"
+#include "support/glowing_skin.h"
+#include "support/test_board.h"
+#include "support/test_calibration.h"
+
+namespace ruffini::test {
+
+struct Scene {
+  BoardSettings board;
+  std::vector<uint8_t> calibration;
+  std::vector<uint8_t> rest;
+  std::vector<uint8_t> pressed;
+};
+
+// Dots at rest, then moved and coloured.
+inline Scene dots() {
+  Scene scene{.board = round_board(), .calibration = {}, .rest = {}, .pressed = {}};
+  scene.board.stages = known_stages();
+  scene.calibration = diagonal_calibration(scene.board);
+  auto dots = nominal_dots(scene.board);
+  scene.rest = DotPicture{}.bgr(dots, 1);
+  for (Place& p : dots) p.x += 2;
+  scene.pressed = DotPicture{}.bgr(dots, 2);
+  const int width = scene.board.camera.width_px;
+  const int height = scene.board.camera.height_px;
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const int dx = x - width / 2;
+      const int dy = y - height / 2;
+      if (dx * dx + dy * dy > height * height / 16) continue;
+      uint8_t* pixel = &scene.pressed[static_cast<size_t>((y * width + x) * 3)];
+      pixel[0] = static_cast<uint8_t>(std::clamp(pixel[0] + dx, 0, 255));
+      pixel[1] = static_cast<uint8_t>(std::clamp(pixel[1] + dy, 0, 255));
+    }
+  }
+  return scene;
+}
+
+// Openings that glow, two of them more where the skin is touched.
+inline Scene glow() {
+  const BoardSettings board = glowing_board();
+  return {.board = board,
+          .calibration = skin_calibration(board),
+          .rest = glowing_picture(board, {}, 0),
+          .pressed = glowing_picture(board, {20, 51}, 2)};
+}
+
+}  // namespace ruffini::test
