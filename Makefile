@@ -17,6 +17,8 @@ OUT ?= out/$(if $(INPUT),$(BOARD),run)
 SUITE ?= bookworm
 # Seconds for each fuzzer.
 FUZZ_S ?= 60
+# 1: make fuzz adds its executions to tests/ledger.toml.
+LEDGER ?=
 
 .PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz soak mutants bench aarch64 fresh clean
 help:  ## this list
@@ -73,18 +75,20 @@ sanitize: setup  ## C++ tests under ASan + UBSan, then under TSan
 	@RUFFINI_CRASH_STEP=64 $(BUILD)/tsan/ruffini_device_tests --gtest_brief=1
 
 MUTATIONS ?= 1000000
-fuzz: setup  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the session, FUZZ_S seconds for each parser
+fuzz: build  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the session, FUZZ_S seconds for each parser; LEDGER=1 counts them
 	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_fuzz_session)
 	@$(BUILD)/asan/ruffini_fuzz_session proto/vectors/frames.txt $(MUTATIONS)
 	@.ci/setup lint
-	@$(call compile,$(BUILD)/libfuzzer,-DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ -DRUFFINI_DAEMON=OFF -DRUFFINI_TESTS=OFF -DRUFFINI_LIBFUZZER=ON \
-	  -DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined$(comma)fuzzer-no-link $(SANITIZE_FLAGS)',\
-	  ruffini_fuzz_frame ruffini_fuzz_dense ruffini_fuzz_calibration ruffini_fuzz_board)
-	@.ci/fuzz-parsers $(BUILD) $(FUZZ_S)
+	@$(call compile,$(BUILD)/libfuzzer,-DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ -DRUFFINI_TESTS=OFF -DRUFFINI_LIBFUZZER=ON \
+	  -DCMAKE_C_FLAGS='-fsanitize=address$(comma)undefined$(comma)fuzzer-no-link $(SANITIZE_FLAGS)' \
+	  -DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined$(comma)fuzzer-no-link $(SANITIZE_FLAGS)',ruffini_fuzz_targets)
+	@LEDGER='$(LEDGER)' .ci/fuzz-parsers $(BUILD) $(FUZZ_S)
 
-soak: build  ## the long runs of what `make test` does in short: every crash state and every power cut of the calibration store, broken lines
+soak: build  ## the long runs of what `make test` does in short: every crash state, power cut and spoilt bit of the calibration store, a million frames, broken lines
 	@RUFFINI_CRASH_STEP=1 $(BUILD)/ruffini_device_tests --gtest_filter='CrashStates.*'
 	@RUFFINI_SOAK=1 $(BUILD)/ruffini_store_faults_test --gtest_brief=1
+	@RUFFINI_SOAK=1 $(BUILD)/ruffini_device_tests --gtest_filter='Signature.*' --gtest_brief=1
+	@RUFFINI_SOAK=1 $(BUILD)/ruffini_frame_loop_test --gtest_brief=1
 	@RUFFINI_SOAK=1 $(PYTHON) -m pytest -c host/pyproject.toml -q -s tests/e2e/test_broken_line.py
 
 mutants: build  ## seeded bugs in store, link and host: each must be seen by its layer of tests

@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cstdio>
 #include <random>
 #include <unordered_map>
 #include <unordered_set>

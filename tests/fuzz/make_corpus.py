@@ -1,0 +1,90 @@
+"""Where each fuzzer begins: real inputs, one file each, in FOLDER/<target>; then the inputs that once broke something.
+
+python tests/fuzz/make_corpus.py FOLDER
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from ruffini.boards import find_board
+from ruffini.calibrate import container
+from ruffini.wire.framing import cobs_decode
+from ruffini.wire.messages import Schema
+
+ROOT = Path(__file__).parents[2]
+TARGETS = ("frame", "dense", "calibration", "board", "session", "slots", "message", "card", "host")
+MESSAGES = (11, 1, 3, 4, 7, 10, 12, 13)  # MessageType of each message of message_target.cpp, in its order
+TYPE_AT, PAYLOAD_AT, CRC_BYTES = 2, 12, 4  # in a decoded frame
+
+# What session_target.cpp does, step by step: its case, then its arguments.
+UPLOAD, GOOD_FRAMES, BAD_FRAMES, POLL = [4, 0], [7, 0xA5], [7, 0x1F], [5, 16, 0]
+READ, UNDO, QUERY, HANG_UP = [6, 0xFF, 0xFF], [3, 8, 1], [3, 9, 2], [10]
+SESSIONS = {
+    "confirmed": UPLOAD + GOOD_FRAMES + POLL + READ,
+    "reverted": UPLOAD + BAD_FRAMES + POLL + READ,
+    "undone": UPLOAD + GOOD_FRAMES + POLL + UPLOAD + GOOD_FRAMES + POLL + UNDO + GOOD_FRAMES + QUERY + READ,
+    "undone-on-trial": UPLOAD + UNDO + READ,
+    "hang-up": UPLOAD + HANG_UP + GOOD_FRAMES + POLL + READ,
+    "signed-and-spoilt": [4, 1, 1, 9, 0, 0, 7, *READ],
+    "telemetry": [3, 0, 5, 3, 4, 1, 5, 1, 6, 1, 8, 0, 2, 9, 9, 8, 1, 1, 7, 9, 0, 3, 5, 255, 255, *READ],
+    "chunks": [3, 4, 1, 0, 9, 0, 7, 3, 5, 2, 0, 0, 9, 3, 6, 3, *READ],
+}
+# What slots_target.cpp finds: calls that work, number of files, then the name and the content of each.
+SLOTS = {
+    "empty": [255, 0],
+    "two": [255, 2, 5, 7, 1, 5, 6, 1],
+    "trial": [255, 2, 5, 7, 1, 0, 1],
+    "spoilt": [255, 2, 5, 7, 3, 1, 0, 99, 0, 4, 5, 6, 1],
+    "cut": [255, 1, 5, 7, 3, 1, 0, 99, 0, 255],
+    "epoch": [255, 2, 4, 9, 2, 1, 5, 3, 1],
+    "few-calls": [3, 1, 5, 7, 1],
+}
+
+
+def unstuffed(data: bytes) -> bytes:
+    """A frame without its COBS, which is right."""
+    return cobs_decode(data.rstrip(b"\0")) or b""
+
+
+def main(folder: Path) -> None:
+    for target in TARGETS:
+        (folder / target).mkdir(parents=True, exist_ok=True)
+    types = sorted(Schema.own().type_numbers.values())
+    for i, line in enumerate((ROOT / "proto/vectors/frames.txt").read_text().splitlines()):
+        if line.startswith("#"):
+            continue
+        data = bytes.fromhex(line.split(" | ")[1])
+        (folder / "frame" / f"{i:03d}").write_bytes(data)
+        (folder / "host" / f"{i:03d}").write_bytes(b"\0" + data)
+        raw = unstuffed(data) if data.count(0) == 1 else b""
+        if len(raw) >= PAYLOAD_AT + CRC_BYTES and raw[TYPE_AT] in MESSAGES:
+            kind = bytes([MESSAGES.index(raw[TYPE_AT])])
+            (folder / "message" / f"{i:03d}").write_bytes(kind + raw[PAYLOAD_AT:-CRC_BYTES])
+        if len(raw) >= PAYLOAD_AT + CRC_BYTES and raw[TYPE_AT] in types:
+            how = 128 + (types.index(raw[TYPE_AT]) - 128) % len(types)
+            (folder / "host" / f"payload-{i:03d}").write_bytes(bytes([how]) + raw[PAYLOAD_AT:-CRC_BYTES])
+    for i, line in enumerate((ROOT / "proto/vectors/dense.txt").read_text().splitlines()):
+        if not line.startswith("#") and line.split(" | ")[5] != "error":
+            values = np.array(line.split(" | ")[5].split(","), np.int64).astype("<i4")
+            (folder / "dense" / f"{i:03d}").write_bytes(bytes([int(line.split(" | ")[3]) - 1]) + values.tobytes())
+    for board in (ROOT / "boards").glob("*/board.toml"):
+        (folder / "board" / board.parent.name).write_bytes(board.read_bytes())
+    for network in (ROOT / "tests/data/networks").glob("*.onnx"):
+        shutil.copy(network, folder / "card")
+    tensors = {"operator.entry": np.ones((4, 32), np.int16), "operator.shift": np.zeros((4, 1), np.uint8)}
+    metadata = {**container.base_metadata(find_board("gelslim")), "operator.out_shift": "4"}
+    (folder / "calibration" / "small").write_bytes(container.pack(tensors, metadata).data)
+    for steps, target in ((SESSIONS, "session"), (SLOTS, "slots")):
+        for name, step in steps.items():
+            (folder / target / name).write_bytes(bytes(step))
+    for found in (ROOT / "tests/fuzz/found").glob("*/*"):
+        shutil.copy(found, folder / found.parent.name)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
