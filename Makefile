@@ -75,13 +75,14 @@ sanitize: setup  ## C++ tests under ASan + UBSan, then under TSan
 	@RUFFINI_CRASH_STEP=64 $(BUILD)/tsan/ruffini_device_tests --gtest_brief=1
 
 MUTATIONS ?= 1000000
-fuzz: build  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the session, FUZZ_S seconds for each parser; LEDGER=1 counts them
+fuzz: build  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the session and to both sides' decoders, FUZZ_S seconds for each parser; LEDGER=1 counts them
 	@$(call compile,$(BUILD)/asan,-DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined $(SANITIZE_FLAGS)',ruffini_fuzz_session)
 	@$(BUILD)/asan/ruffini_fuzz_session proto/vectors/frames.txt $(MUTATIONS)
 	@.ci/setup lint
 	@$(call compile,$(BUILD)/libfuzzer,-DCMAKE_C_COMPILER=clang -DCMAKE_CXX_COMPILER=clang++ -DRUFFINI_TESTS=OFF -DRUFFINI_LIBFUZZER=ON \
 	  -DCMAKE_C_FLAGS='-fsanitize=address$(comma)undefined$(comma)fuzzer-no-link $(SANITIZE_FLAGS)' \
 	  -DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined$(comma)fuzzer-no-link $(SANITIZE_FLAGS)',ruffini_fuzz_targets)
+	@$(PYTHON) tests/fuzz/differential.py $(MUTATIONS)
 	@LEDGER='$(LEDGER)' .ci/fuzz-parsers $(BUILD) $(FUZZ_S)
 
 soak: build  ## the long runs of what `make test` does in short: every crash state, power cut and spoilt bit of the calibration store, a million frames, broken lines
