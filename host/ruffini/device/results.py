@@ -1,4 +1,7 @@
-"""Results of the stream in SI units."""
+"""Results of the stream in SI units.
+
+Every `from_message` raises InputError where the parts of a message do not fit each other: no device of ours sends that.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.errors import InputError
 from ruffini.wire.covariance import COVARIANCE_SIZE, full_covariance
 from ruffini.wire.dense import decode_dense
 
@@ -19,6 +23,11 @@ SLIP_STATES = {1: "sticks", 2: "incipient", 3: "slides"}
 
 def _dense(message: Any) -> npt.NDArray[np.int32]:
     return decode_dense(message.codec, message.n_x, message.n_y, message.n_components, message.data)
+
+
+def _fits(holds: bool, what: str) -> None:
+    if not holds:
+        raise InputError(f"{what} does not fit: update the host tools, or see what speaks on this line")
 
 
 def _has(message: Any, part: str) -> bool:
@@ -51,6 +60,7 @@ class Wrench:
         )
         values = raw * np.array([1e-6] * 3 + [1e-12] * 3)
         validity = tuple(m.validity) or (NOT_MEASURED,) * 6
+        _fits(len(validity) == 6, f"a WRENCH with {len(validity)} validities")
         values[np.array(validity) == NOT_MEASURED] = np.nan
         stated = getattr(m, "covariance_validity", NOT_MEASURED)  # older schemas have none
         covariance = (
@@ -84,6 +94,9 @@ class Field:
         lsb = m.force_lsb_un * 1e-6
         displacement = _dense(m.displacement) * (m.displacement_lsb_nm * 1e-9) if m.HasField("displacement") else None
         slip, sigma = (_dense(getattr(m, part)) if _has(m, part) else None for part in ("slip", "sigma"))
+        parts = [part.shape for part in (displacement, sigma) if part is not None]
+        _fits(steps.shape[2] == 3 and all(shape == steps.shape for shape in parts), "a FIELD of several sizes")
+        _fits(slip is None or slip.shape == (*steps.shape[:2], 1), "a FIELD and its slip")
         return cls(
             m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, steps * lsb, steps, lsb, displacement,
             tuple(m.validity), None if slip is None else slip[..., 0], None if sigma is None else sigma * lsb,
@@ -173,7 +186,9 @@ class Depth:
 
     @classmethod
     def from_message(cls, m: Any) -> Depth:
-        depth = _dense(m.depth)[..., 0] * (m.depth_lsb_nm * 1e-9)
+        values = _dense(m.depth)
+        _fits(values.shape[2] == 1, "a DEPTH of several components")
+        depth = values[..., 0] * (m.depth_lsb_nm * 1e-9)
         return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, depth, m.validity)
 
 
@@ -189,6 +204,7 @@ class Image:
 
     @classmethod
     def from_message(cls, m: Any) -> Image:
+        _fits(len(m.data) == m.height_px * m.width_px * 3, f"an IMAGE of {len(m.data)} bytes")
         pixels = np.frombuffer(m.data, np.uint8).reshape(m.height_px, m.width_px, 3)
         return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, pixels, m.step_px)
 

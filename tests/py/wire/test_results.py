@@ -7,7 +7,8 @@ import pytest
 from golden import read_vectors
 from google.protobuf import descriptor_pb2
 
-from ruffini.device.results import NOT_MEASURED, VALID, Contacts, Field, Wrench
+from ruffini.device.results import NOT_MEASURED, VALID, Contacts, Depth, Field, Image, Wrench
+from ruffini.errors import InputError
 from ruffini.wire import Decoder
 from ruffini.wire.messages import Schema
 
@@ -133,3 +134,24 @@ def test_parts_of_the_flow() -> None:
     assert contact.flow_parts.curl_free == pytest.approx(41.5e-6)
     assert contact.flow_parts.divergence_free == pytest.approx(120e-6)
     assert contact.flow_parts.twist == pytest.approx(-0.0523)
+
+
+def test_parts_that_do_not_fit_each_other_are_an_error_with_a_remedy() -> None:
+    schema = Schema.own()
+    four = {"n_x": 2, "n_y": 2, "data": bytes(1)}
+    nodes = {**four, "n_components": 3}
+    hostile = {
+        Wrench: schema.new("Wrench", validity=[1] * 7),
+        Image: schema.new("Image", width_px=2, height_px=2, data=bytes(11)),
+        Depth: schema.new("Depth", depth={**four, "n_components": 2}),
+    }
+    fields = [
+        {"force": {**four, "n_components": 2}},
+        {"force": nodes, "displacement": {**nodes, "n_x": 1}},
+        {"force": nodes, "sigma": {**nodes, "n_components": 1}},
+        {"force": nodes, "slip": {**nodes, "n_components": 3}},
+    ]
+    for result, message in [*hostile.items(), *((Field, schema.new("Field", **f)) for f in fields)]:
+        with pytest.raises(InputError, match="does not fit: update the host tools"):
+            result.from_message(message)
+    assert Field.from_message(schema.new("Field", force=nodes)).force.shape == (2, 2, 3)
