@@ -58,13 +58,6 @@ def face_area(shape: str, radius_mm: float) -> float:
     return FACES.get(shape, float("nan")) * radius_mm**2
 
 
-def without_calibration(board: Board) -> Board:
-    """The board with nothing but its pins followed."""
-    pipeline = board.pipeline.model_copy(update={"stages": ["difference", "markers"]})
-    text = board.text.replace('"markers", "fingertip"', '"markers"')
-    return board.model_copy(update={"pipeline": pipeline, "text": text})
-
-
 def told_of(folder: Path, n_frames: int) -> tuple[str, Array]:
     """The tool's shape and what the bench knew of each frame, (t, 7).
 
@@ -101,7 +94,7 @@ def read_press(board: Board, folder: Path) -> Press:
     frames = Frames(folder / "frames")
     tool, told = told_of(folder, len(frames))
     rest, moved = np.zeros(0), []
-    with Pipeline(without_calibration(board)) as path:
+    with Pipeline(board) as path:  # nothing is calibrated: pins are followed
         for picture in frames:
             if not path.process(picture).has_reference:
                 continue

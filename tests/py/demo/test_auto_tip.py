@@ -18,7 +18,7 @@ from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
 from ruffini.calibrate.tip_eyes import Eyes
 from ruffini.calibrate.tip_face import cells, rays
 from ruffini.calibrate.tip_field import kernel, places
-from ruffini.calibrate.tip_presses import axes, without_calibration
+from ruffini.calibrate.tip_presses import axes
 from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.demo import auto_tip
@@ -32,6 +32,7 @@ from ruffini.sim.settings import load_twin
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "stereo-fingertip")
 N_REST = BOARD.pipeline.n_rest_frames + 2
 WAYS = (400, 900, 1400)  # um
+VALID, INVALID, VIEW_LOST = 1, 3, 16384
 REPORT: dict[str, Any] = {
     "n_presses": 30,
     "mean_error_of_presses_left_out": {
@@ -109,7 +110,7 @@ def record(dome: Renderer, folder: Path) -> None:
 
 def tables(recording: Path) -> CalibrationFile:
     """Tables of a network that says something, on this dome's pins."""
-    with Pipeline(without_calibration(BOARD)) as path:
+    with Pipeline(BOARD) as path:
         for i in range(N_REST):
             path.process(cv2.imread(str(recording / "frames" / f"{i:04d}.png")))
         rest = path.markers()[0]
@@ -163,3 +164,34 @@ def test_made_fitted_flashed_and_judged_over_the_line(
     monkeypatch.setattr(auto_tip, "fit_fingertip", lambda *_, **__: SimpleNamespace(report=spoilt))
     with pytest.raises(RefusedError, match=r"not flashed.*presses: 3 presses, at least 10"):
         TipAuto(BOARD, tmp_path, 10.0, lambda _: None, is_quick=True).run()
+
+
+@pytest.mark.parametrize(("eyes", "is_seen"), [((0,), True), ((1,), False), ((0, 1), False)])
+def test_a_thing_before_some_pins_is_flagged_and_the_other_eye_goes_on(
+    dome: Renderer, tmp_path: Path, eyes: tuple[int, ...], *, is_seen: bool
+) -> None:
+    """The left eye alone looks at this dent along its way: what it cannot feel is invalid, not zero."""
+    record(dome, tmp_path / "press")
+    file, width = tables(tmp_path / "press"), BOARD.camera.width_px // 2
+    for covered in ((), eyes):
+        with Pipeline(BOARD, file.data) as core:
+            for i in range(N_REST + len(WAYS)):
+                picture = cv2.imread(str(tmp_path / "press" / "frames" / f"{i:04d}.png"))
+                for eye in covered if i >= N_REST else ():
+                    cv2.circle(picture, (width // 2 + width * eye, 120), 20, (0, 0, 0), -1)
+                said = core.process(picture)
+            core_says = bool(core.tip().is_touched)
+    assert said.flags & VIEW_LOST
+    assert core_says == is_seen
+    if not said.saturations:  # tables that no fit gives
+        assert said.force_z_validity == (VALID if is_seen else INVALID)
+
+
+def test_pins_that_are_smeared_in_both_eyes_are_invalid(dome: Renderer, tmp_path: Path) -> None:
+    record(dome, tmp_path / "press")
+    with Pipeline(BOARD, tables(tmp_path / "press").data) as core:
+        for i in range(N_REST + len(WAYS)):
+            picture = cv2.imread(str(tmp_path / "press" / "frames" / f"{i:04d}.png"))
+            said = core.process(cv2.GaussianBlur(picture, (15, 15), 0) if i >= N_REST else picture)
+    assert said.flags & VIEW_LOST
+    assert said.force_z_validity == INVALID
