@@ -6,7 +6,7 @@ N inputs (a million), mutated from the golden vectors: half of them bytes on the
 quarter node values. Of a line all frames, their fields and the counters are compared; of node values all numbers. Of
 a message both must make the same of it, but for what only the firmware refuses: it has limits (ruffini.options),
 takes no number that its field cannot hold, where Python's protobuf cuts it off, and no field of another wire type,
-which Python passes over as unknown.
+which Python passes over as unknown (and no group).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ LIMITS = (
     "wrong size",
     "incorrect fixed length",
 )
-STRICTER = ("integer too large", "varint overflow", "wrong wire type")
+STRICTER = ("integer too large", "varint overflow", "wrong wire type", "invalid wire_type")
 
 
 class Frames(Decoder):
