@@ -6,5 +6,6 @@ const root = fileURLToPath(new URL("../..", import.meta.url));
 export default defineConfig({
   root,
   server: { fs: { allow: [root] } },
-  test: { globals: true, include: ["tests/page/**/*.test.ts"], cache: false },
+  // No test is about time: a busy computer fails none.
+  test: { globals: true, testTimeout: 120_000, include: ["tests/page/**/*.test.ts"], cache: false },
 });

@@ -118,7 +118,7 @@ def test_keys_zero_the_pad_change_units_and_ask_for_the_camera(pressed: tuple[st
         page.goto(address)
         before = wait_for(page, "a press", lambda s: sensor_of(s)["wrench"]["values"][2] < -0.3)
         page.keyboard.press("u")
-        page.wait_for_function("document.querySelector('.cell .unit').textContent === 'mN'")
+        wait_for(page, "millinewtons", lambda s: page.inner_text(".cell .unit >> nth=0") == "mN")
         said = float(page.inner_text(".cell:nth-child(3) output").replace(MINUS, "-"))
         assert said == pytest.approx(1e3 * sensor_of(before)["wrench"]["values"][2], rel=0.2)
         page.keyboard.press("c")

@@ -67,7 +67,7 @@ def test_what_ruffini_record_wrote_is_shown_to_its_end(page: Page, sensor: Senso
     assert "HELLO" not in counts
     with ToldSensor([], told_field(2, 2)) as silent, viewer(silent.port) as address:
         page.goto(address)
-        page.wait_for_function("window.__state")
+        wait_for(page, "itself", lambda s: "notice" in s)
         open_file(page, path)
         state = wait_for(page, "the last frame", lambda s: sensor_of(s)["wrench"]["frame"] == N_FRAMES - 1)
         wait_for(page, "the end", lambda s: "The recording is over" in s["notice"])
@@ -83,6 +83,6 @@ def test_a_file_that_is_cut_or_none_is_refused_with_a_sentence(page: Page, told:
     path.write_bytes(b"\x89MCAP0\r\n" + bytes(500))
     with told, viewer(told.port) as address:
         page.goto(address)
-        page.wait_for_function("window.__state")
+        wait_for(page, "itself", lambda s: "notice" in s)
         open_file(page, path)
         wait_for(page, "the reason", lambda s: "cannot be shown: it is no MCAP file" in page.inner_text("#notice"))

@@ -51,19 +51,17 @@ test("of a spoilt file nothing is shown that was not recorded", async () => {
     return pieces.flatMap((hex) => decoder.feed(Uint8Array.from(Buffer.from(hex, "hex")))).map((f) => hexOf(f.payload));
   };
   const good = decoded(PIECES.map(hexOf));
-  let [nRefused, nShown] = [0, 0];
+  let nRefused = 0;
   for (let round = 0; round < 300; round++) {
     const spoilt = bytes.slice();
     spoilt[next() % spoilt.length]! ^= 1 << (next() % 8);
     try {
       const shown = decoded(await played(new Blob([spoilt])));
       expect(shown.filter((payload) => !good.includes(payload))).toEqual([]);
-      nShown += shown.length;
     } catch (error) {
       expect(error).toBeInstanceOf(Error);
       nRefused++;
     }
   }
-  expect(nRefused).toBeGreaterThan(10);
-  expect(nShown).toBeGreaterThan(16);
+  expect(nRefused).toBeGreaterThan(250); // the chunk has a CRC; what is outside of it says nothing that is shown
 });

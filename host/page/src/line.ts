@@ -6,6 +6,7 @@ export interface LineEvents {
   onHello(hello: Hello): void;
   onSnapshot(snapshot: Snapshot): void;
   onOpen(): void;
+  onFlashing(part: number, text: string, isOver: boolean, isOk: boolean): void;
   /** A recording was ended: here is the file. */
   onRecorded(blob: Blob, nMessages: number): void;
   /** One sentence; empty: all is well. */
@@ -47,6 +48,7 @@ export class Line {
     if (message.kind === "hello") this.events.onHello(message.hello);
     else if (message.kind === "snapshot") this.events.onSnapshot(message.snapshot);
     else if (message.kind === "recorded") this.events.onRecorded(message.blob, message.nMessages);
+    else if (message.kind === "flashing") this.events.onFlashing(message.part, message.text, message.isOver, message.isOk);
     else if (message.kind === "problem") this.events.onProblem(message.text);
     else if (message.kind === "line") {
       this.isOpen = message.isOpen;

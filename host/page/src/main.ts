@@ -6,6 +6,7 @@ import { save, screenshot } from "./screenshot";
 import { NO_SERIAL, serialOf, SerialSource } from "./serial";
 import { button, make } from "./views/dom";
 import type { Tint } from "./views/field3d";
+import { FlashDialog } from "./views/flash_dialog";
 import { Health } from "./views/health";
 import { Panel } from "./views/panel";
 import { UNITS } from "./views/units";
@@ -27,6 +28,7 @@ interface Strand {
 }
 
 const strands: Strand[] = [];
+const flashDialog = new FlashDialog();
 const main = document.querySelector("main")!;
 const notice = document.querySelector<HTMLElement>("#notice")!;
 const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -54,6 +56,10 @@ function addStrand(): Strand {
     onHello: (hello) => greet(strand, hello),
     onSnapshot: (snapshot) => {
       strand.waiting = snapshot;
+    },
+    onFlashing: (part, text, isOver, isOk) => {
+      flashDialog.show(part, text, isOk);
+      if (isOver) flashDialog.end();
     },
     onRecorded: (blob, nMessages) => {
       isRecording = false;
@@ -138,6 +144,7 @@ function publish(snapshot?: Snapshot): void {
         id,
         {
           board: info.board,
+          calibration: info.calibration,
           flags: latest.flags,
           isSimulated: latest.isSimulated,
           isReplay: latest.isReplay,
@@ -186,6 +193,24 @@ function record(): void {
   document.body.classList.toggle("recording", isRecording);
   for (const { line } of strands) line.tell({ kind: "record", isOn: isRecording });
   if (isRecording) say("Recording. Press R again to save it.");
+}
+
+const calibrations = document.querySelector<HTMLInputElement>("#calibration")!;
+calibrations.addEventListener("change", () => {
+  const file = calibrations.files?.[0];
+  calibrations.value = "";
+  if (file) askToFlash(file);
+});
+
+function askToFlash(file: File): void {
+  const [strand, other] = strands.filter(({ hello }) => hello);
+  if (!strand) return say("No sensor is connected.", true);
+  if (other) return say("Several sensors are shown: flash them one at a time, each in a viewer of its own.", true);
+  const { serial, sensors } = strand.hello!;
+  const { isPresent, createdUtc } = sensors[0]!.calibration;
+  const before = isPresent ? `It takes the place of the calibration of ${createdUtc || "an unknown day"}, which the sensor keeps.` : "The sensor has no calibration yet.";
+  const what = `${file.name}, ${(file.size / 1e6).toFixed(2)} MB, onto ${sensors[0]!.board} ${serial}. ${before}`;
+  flashDialog.ask(what, () => strand.line.tell({ kind: "flash", file }));
 }
 
 /** Show a recording instead of what is there. */
@@ -265,6 +290,7 @@ const BUTTONS = [
   button("View", "V", "look from where you looked at first", () => panels().forEach((panel) => panel.field?.reset())),
   button("Record", "R", "record to an MCAP file, until pressed again", record),
   button("Open", "O", "show a recording (MCAP); or drop it on the page", () => chooser.click()),
+  button("Flash", "F", "put a calibration file onto the sensor; asks before it does", () => calibrations.click()),
   button("Screenshot", "S", "save what is shown as a PNG", () => void screenshot(main)),
   button("Theme", "T", "dark or light", toggleTheme),
   button("Help", "?", "what the keys do", help),

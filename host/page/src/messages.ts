@@ -11,6 +11,7 @@ export type ToWorker =
   | { kind: "subscribe"; every: Record<string, number> }
   | { kind: "file"; file: Blob } // a recording in the place of a line
   | { kind: "record"; isOn: boolean }
+  | { kind: "flash"; file: Blob }
   | { kind: "shown" } // the last snapshot is on the screen: the next one may come
   | { kind: "close" };
 
@@ -71,5 +72,6 @@ export type FromWorker =
   | { kind: "problem"; text: string }
   | { kind: "line"; isOpen: boolean; port: string; text: string }
   | { kind: "snapshot"; snapshot: Snapshot }
+  | { kind: "flashing"; part: number; text: string; isOver: boolean; isOk: boolean }
   | { kind: "recorded"; blob: Blob; nMessages: number }
   | { kind: "reply"; id: number; isOk: boolean; text: string; reply: Record<string, unknown> };

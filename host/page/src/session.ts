@@ -7,7 +7,6 @@ const HELLO_EVERY_MS = 500;
 const HELLO_PATIENCE = 6; // unanswered HELLOs until the person is told
 const REPLY_MS = 500;
 const REPLY_TRIES = 12;
-const COMMIT_MS = 30_000; // the device proves and stores a whole file
 
 export interface Events {
   /** A sensor answered, or answered again; its schema is known. */
@@ -139,8 +138,20 @@ export class Session {
     this.events.onHello(hello, schema);
   }
 
+  /** Ask again who is there: what it is calibrated with may have changed. */
+  askWho(): void {
+    this.send(encodeCommandFrame(this.own.typeNumber("HELLO")!, new Uint8Array(), this.sequence++));
+  }
+
   /** One command, repeated under the same id until it is answered. Rejects with CommandError, also on a refusal. */
-  command(name: string, value: Record<string, unknown> = {}): Promise<Decoded> {
+  async command(name: string, value: Record<string, unknown> = {}, waitMs = REPLY_MS, tries = REPLY_TRIES): Promise<Decoded> {
+    const reply = await this.ask(name, value, waitMs, tries);
+    if (reply["code"] !== 0) throw new CommandError(String(reply["text"]) || `The sensor refuses ${name}.`);
+    return reply;
+  }
+
+  /** Likewise, whatever the answer; a try without one lasts `waitMs`. */
+  ask(name: string, value: Record<string, unknown>, waitMs: number, nTries: number): Promise<Decoded> {
     const id = this.requestId;
     this.requestId = (this.requestId % 0xffffffff) + 1;
     const payload = this.schema.encode("Command", { requestId: id, action: { case: name, value } });
@@ -152,24 +163,23 @@ export class Session {
         clearTimeout(timer);
         this.waiting.delete(id);
       };
-      const ask = (): void => {
-        if (this.isStopped || tries++ >= REPLY_TRIES) {
+      const send = (): void => {
+        if (this.isStopped || tries++ >= nTries) {
           end();
           reject(new CommandError(`No reply to ${name}: is the sensor still there?`));
           return;
         }
         this.send(new Uint8Array(1));
         this.send(encodeCommandFrame(type, payload, this.sequence++));
-        timer = setTimeout(ask, name === "flashCommit" ? COMMIT_MS : REPLY_MS);
+        timer = setTimeout(send, waitMs);
       };
       this.waiting.set(id, {
         accept: (reply) => {
           end();
-          if (reply["code"] === 0) resolve(reply);
-          else reject(new CommandError(String(reply["text"]) || `The sensor refuses ${name}.`));
+          resolve(reply);
         },
       });
-      ask();
+      send();
     });
   }
 

@@ -3,6 +3,7 @@
 import { sensorInfo } from "./board";
 import type { FromWorker, SensorNews, ToWorker } from "./messages";
 import { type Counters, Decoder, REPLAY } from "./wire/framing";
+import { flash } from "./flashing";
 import { Model } from "./model";
 import { Recording } from "./recording";
 import { Replay } from "./replay";
@@ -198,6 +199,8 @@ self.onmessage = async ({ data }: MessageEvent<ToWorker>) => {
     else void openStreams(data.readable, data.writable);
   } else if (data.kind === "file") {
     await play(data.file);
+  } else if (data.kind === "flash") {
+    await flashFile(data.file);
   } else if (data.kind === "record") {
     if (data.isOn) beginRecording();
     else await endRecording();
@@ -215,6 +218,17 @@ self.onmessage = async ({ data }: MessageEvent<ToWorker>) => {
     self.close();
   }
 };
+
+async function flashFile(file: Blob): Promise<void> {
+  const say = (part: number, text: string): void => post({ kind: "flashing", part, text, isOver: false, isOk: true });
+  try {
+    if (!session) throw new CommandError("No sensor is connected.");
+    await flash(session, new Uint8Array(await file.arrayBuffer()), say);
+    post({ kind: "flashing", part: 1, text: "It is in force. `ruffini cal undo` puts back what was before.", isOver: true, isOk: true });
+  } catch (error) {
+    post({ kind: "flashing", part: 0, text: textOf(error), isOver: true, isOk: false });
+  }
+}
 
 async function run(id: number, name: string, value: Record<string, unknown>): Promise<void> {
   try {
