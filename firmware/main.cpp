@@ -1,5 +1,6 @@
 // ruffinid: composition root. Everything else is in the folders beside this file (README.md).
 #include <fmt/format.h>
+#include <sys/mman.h>
 
 #include <CLI/CLI.hpp>
 #include <array>
@@ -12,6 +13,7 @@
 #include "capture/replay_camera.h"
 #include "capture/twin_camera.h"
 #include "daemon.h"
+#include "hw/doctor.h"
 #include "hw/system.h"
 #include "hw/thermometer.h"
 #include "link/serial_port.h"
@@ -68,29 +70,66 @@ struct Arguments {
   std::string factory;
   bool accepts_development_key = false;
   bool is_loop = false;
+  bool locks_memory = false;
+  bool is_doctor = false;
+  bool is_json = false;
   ruffini::DaemonOptions daemon;
 };
 
+ruffini::Result<ruffini::BoardSettings> load_board(const Arguments& arguments) {
+  namespace fs = std::filesystem;
+  return ruffini::load_board(fs::exists(fs::path(arguments.board) / "board.toml")
+                                 ? arguments.board
+                                 : (fs::path(arguments.boards_dir) / arguments.board).string());
+}
+
+ruffini::Result<std::unique_ptr<ruffini::Camera>> open_camera(const Arguments& arguments,
+                                                              const ruffini::BoardSettings& board) {
+  const bool is_lockstep = arguments.daemon.is_lockstep;
+  if (arguments.camera.rfind("twin:", 0) == 0)
+    return ruffini::open_twin(arguments.camera.substr(5), is_lockstep, board);
+  if (arguments.camera.rfind("replay:", 0) == 0) {
+    return ruffini::open_replay({arguments.camera.substr(7), is_lockstep, arguments.is_loop}, board);
+  }
+  return ruffini::Error{ruffini::ErrorKind::kBadInput,
+                        "--camera " + arguments.camera + ": give replay:PATH or twin:SOCKET"};
+}
+
+// Everything that a start needs, looked at; the camera is opened as a start would.
+int doctor(const Arguments& arguments) {
+  using ruffini::CheckState;
+  std::vector<ruffini::Check> checks = ruffini::examine({"", arguments.link, arguments.store});
+  const auto board = load_board(arguments);
+  if (board) {
+    checks.push_back({"board", CheckState::kOk, board.value().name, ""});
+    const auto camera = open_camera(arguments, board.value());
+    checks.push_back({"frames", camera ? CheckState::kOk : CheckState::kFailed,
+                      camera ? arguments.camera : camera.error().message, ""});
+  } else {
+    checks.push_back({"board", CheckState::kFailed, board.error().message, ""});
+  }
+  fmt::print("{}", arguments.is_json ? ruffini::as_json(checks) : ruffini::as_text(checks));
+  return ruffini::has_failed(checks) ? 1 : 0;
+}
+
 int run(const Arguments& arguments) {
   namespace fs = std::filesystem;
-  const std::string folder = fs::exists(fs::path(arguments.board) / "board.toml")
-                                 ? arguments.board
-                                 : (fs::path(arguments.boards_dir) / arguments.board).string();
-  auto board = ruffini::load_board(folder);
+  if (arguments.is_doctor) return doctor(arguments);
+  auto board = load_board(arguments);
   if (!board) return fail(board.error());
   constexpr size_t kMaxSerialBytes = sizeof ruffini_Hello::device_serial - 1;
   if (arguments.serial.size() > kMaxSerialBytes) {
     return fail({ruffini::ErrorKind::kBadInput,
                  fmt::format("--serial {}: give at most {} bytes", arguments.serial, kMaxSerialBytes)});
   }
-  const bool is_twin = arguments.camera.rfind("twin:", 0) == 0;
-  if (!is_twin && arguments.camera.rfind("replay:", 0) != 0) {
-    return fail({ruffini::ErrorKind::kBadInput, "--camera " + arguments.camera + ": give replay:PATH or twin:SOCKET"});
+  // What is touched from here on stays in memory: no frame waits for the card.
+  if (arguments.locks_memory && ::mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0) {
+    return fail({ruffini::ErrorKind::kUnavailable,
+                 "--lock-memory: not allowed: set LimitMEMLOCK=infinity in the "
+                 "service, or ulimit -l unlimited"});
   }
   const bool is_lockstep = arguments.daemon.is_lockstep;
-  auto camera = is_twin
-                    ? ruffini::open_twin(arguments.camera.substr(5), is_lockstep, board.value())
-                    : ruffini::open_replay({arguments.camera.substr(7), is_lockstep, arguments.is_loop}, board.value());
+  auto camera = open_camera(arguments, board.value());
   if (!camera) return fail(camera.error());
   auto store = ruffini::SlotStore::open(arguments.store);
   if (!store) return fail(store.error());
@@ -165,6 +204,9 @@ int main(int argc, char** argv) {
   app.add_option("--factory", arguments.factory, "calibration for where the store has none that can be used");
   app.add_flag("--development-key", arguments.accepts_development_key,
                "take the public development key's, too, though keys are enrolled");
+  app.add_flag("--lock-memory", arguments.locks_memory, "no page that was used leaves memory");
+  app.add_flag("--doctor", arguments.is_doctor, "say what is missing on this computer, with the remedy; exit code 1");
+  app.add_flag("--json", arguments.is_json, "what --doctor says as one JSON object");
   app.add_flag("--lockstep", arguments.daemon.is_lockstep, "every frame in order, none dropped");
   app.add_flag("--loop", arguments.is_loop, "start the recording again at its end");
   app.add_flag("--wait-for-host", arguments.daemon.waits_for_host, "start when a host has subscribed");

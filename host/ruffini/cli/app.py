@@ -16,6 +16,7 @@ from ruffini.cli import (
     dark,
     demo,
     device,
+    doctor,
     evaluate,
     experiment,
     fingertip,
@@ -29,6 +30,7 @@ from ruffini.cli import (
     skin,
     touch,
     train,
+    udev,
     view,
     wrench,
 )
@@ -72,5 +74,7 @@ app.add_typer(evaluate.app, name="eval")
 app.add_typer(board.app, name="board")
 app.add_typer(train.app, name="train")
 app.add_typer(key.app, name="key")
+app.add_typer(udev.app, name="udev")
+app.command("doctor")(doctor.doctor)
 app.command("demo")(demo.demo)
 app.command("reproduce")(experiment.reproduce)
