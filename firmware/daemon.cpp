@@ -198,7 +198,7 @@ void Daemon::link_loop() {
       std::this_thread::sleep_for(kReopenPause);
       reopen_line();
     }
-    if (has_said_all()) return;
+    if (has_said_all() || !lost_.empty()) return;
   }
 }
 
@@ -206,6 +206,7 @@ bool Daemon::serve_once(int wait_ms) {
   const uint64_t now_us = around_.clock.now_us();
   if (now_us - warmth_us_ > kWarmthUs) {
     read_temperature();
+    if (options_.lost && lost_.empty()) lost_ = options_.lost();
     warmth_us_ = now_us;
   }
   session_.poll(now_us);

@@ -5,6 +5,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <thread>
@@ -26,6 +27,9 @@ struct DaemonOptions {
   bool lingers = false;         // keep the link after the recording's end
   uint64_t max_frames = 0;      // 0 = no limit
   NetworkLoader network{};      // empty: none
+  // Asked about once a second by the link thread: a sentence where what is round the sensor is not as at the start, and
+  // forces would be wrong. The daemon then ends with it; empty: never.
+  std::function<std::string()> lost{};
 };
 
 // All that the daemon knows of the world; the medium is the calibrator's.
@@ -52,8 +56,8 @@ class Daemon {
   bool serve_once(int wait_ms);
   // Link thread: after a lost line. True when it is usable again.
   bool reopen_line() { return around_.link->reopen(); }
-  // After run().
-  [[nodiscard]] const Camera& camera() const { return *around_.camera; }
+  // After run(): why it ended, in one sentence; empty where it came to its proper end.
+  [[nodiscard]] std::string problem() const { return lost_.empty() ? around_.camera->problem() : lost_; }
 
  private:
   void capture_loop();
@@ -86,6 +90,7 @@ class Daemon {
   uint64_t moved_us_;       // the last time that something went out
   uint64_t owed_us_;        // the last time that something was still to go out
   uint64_t warmth_us_;      // of the last reading of the thermometer
+  std::string lost_;        // what options_.lost said
   const std::atomic<bool>* stop_ = nullptr;
   std::atomic<bool> is_done_{false};
   std::atomic<bool> is_frame_over_{false};

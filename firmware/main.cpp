@@ -10,10 +10,12 @@
 #include <filesystem>
 
 #include "board/parse.h"
+#include "capture/libcamera_camera.h"
 #include "capture/replay_camera.h"
 #include "capture/twin_camera.h"
 #include "daemon.h"
 #include "hw/doctor.h"
+#include "hw/pad_hardware.h"
 #include "hw/system.h"
 #include "hw/thermometer.h"
 #include "link/serial_port.h"
@@ -65,7 +67,7 @@ struct Arguments {
   std::string camera;
   std::string link;
   std::string store;
-  std::string serial = "0000";
+  std::string serial;
   std::string keys;
   std::string factory;
   bool accepts_development_key = false;
@@ -86,13 +88,15 @@ ruffini::Result<ruffini::BoardSettings> load_board(const Arguments& arguments) {
 ruffini::Result<std::unique_ptr<ruffini::Camera>> open_camera(const Arguments& arguments,
                                                               const ruffini::BoardSettings& board) {
   const bool is_lockstep = arguments.daemon.is_lockstep;
-  if (arguments.camera.rfind("twin:", 0) == 0)
+  if (arguments.camera.rfind("libcamera:", 0) == 0) return ruffini::open_libcamera(arguments.camera.substr(10), board);
+  if (arguments.camera.rfind("twin:", 0) == 0) {
     return ruffini::open_twin(arguments.camera.substr(5), is_lockstep, board);
+  }
   if (arguments.camera.rfind("replay:", 0) == 0) {
     return ruffini::open_replay({arguments.camera.substr(7), is_lockstep, arguments.is_loop}, board);
   }
   return ruffini::Error{ruffini::ErrorKind::kBadInput,
-                        "--camera " + arguments.camera + ": give replay:PATH or twin:SOCKET"};
+                        "--camera " + arguments.camera + ": give libcamera:NAME, replay:PATH or twin:SOCKET"};
 }
 
 // Everything that a start needs, looked at; the camera is opened as a start would.
@@ -128,12 +132,19 @@ int run(const Arguments& arguments) {
                  "--lock-memory: not allowed: set LimitMEMLOCK=infinity in the "
                  "service, or ulimit -l unlimited"});
   }
+  auto pad = ruffini::PadHardware::open(board.value());
+  if (!pad) return fail(pad.error());
+  if (!pad.value().dark().empty()) fmt::print(stderr, "ruffinid: {}\n", pad.value().dark());
   const bool is_lockstep = arguments.daemon.is_lockstep;
   auto camera = open_camera(arguments, board.value());
   if (!camera) return fail(camera.error());
-  auto store = ruffini::SlotStore::open(arguments.store);
+  const std::string serial = !arguments.serial.empty()            ? arguments.serial
+                             : pad.value().board_serial().empty() ? "0000"
+                                                                  : pad.value().board_serial();
+  auto store = ruffini::SlotStore::open(pad.value().store_folder(arguments.store));
   if (!store) return fail(store.error());
   ruffini::DaemonOptions options = arguments.daemon;
+  options.lost = [&pad] { return pad.value().lost(); };
   if (!board.value().learned.network.empty()) {
     const std::string path = (fs::path(arguments.store) / board.value().learned.network).string();
     options.network = [path, settings = board.value()] { return ruffini::load_network(path, settings); };
@@ -148,7 +159,7 @@ int run(const Arguments& arguments) {
   auto keys = arguments.keys.empty() ? ruffini::Result<ruffini::KeyRing>(ruffini::KeyRing())
                                      : ruffini::KeyRing::load(arguments.keys, arguments.accepts_development_key);
   if (!keys) return fail(keys.error());
-  ruffini::Calibrator calibrator(board.value(), arguments.serial, std::move(store).value(), exchange,
+  ruffini::Calibrator calibrator(board.value(), serial, std::move(store).value(), exchange,
                                  has_trial ? ruffini::TrialRule() : ruffini::TrialRule{0, 0}, std::move(keys).value());
   if (!arguments.factory.empty()) {
     auto factory = ruffini::read_file(arguments.factory);
@@ -167,7 +178,7 @@ int run(const Arguments& arguments) {
   ruffini::SystemRandom random;
   std::array<uint8_t, sizeof(uint32_t)> session{};
   random.fill(session);
-  const ruffini::DeviceIdentity identity{.serial = arguments.serial,
+  const ruffini::DeviceIdentity identity{.serial = serial,
                                          .version = RUFFINI_VERSION,
                                          .session_id = std::bit_cast<uint32_t>(session),
                                          .sensor = 0,
@@ -181,7 +192,7 @@ int run(const Arguments& arguments) {
   ruffini::Daemon daemon(board.value(), std::move(path).value(), std::move(around), calibrator, exchange, identity,
                          options);
   daemon.run(stop_requested);
-  const std::string lost = daemon.camera().problem();
+  const std::string lost = daemon.problem();
   return lost.empty() || stop_requested ? 0 : fail({ruffini::ErrorKind::kUnavailable, lost});
 }
 
@@ -194,12 +205,14 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", RUFFINI_VERSION);
   app.add_option("--board", arguments.board, "board name, or a folder with a board.toml")->required();
   app.add_option("--boards-dir", arguments.boards_dir, "where board names are looked up");
-  app.add_option("--camera", arguments.camera,
-                 "replay:PATH, a video file or a folder of images; twin:SOCKET of `ruffini sim serve`")
+  app.add_option(
+         "--camera", arguments.camera,
+         "libcamera:NAME, a part of a camera's id, or nothing; replay:PATH, a video file or a folder of images; "
+         "twin:SOCKET of `ruffini sim serve`")
       ->required();
   app.add_option("--link", arguments.link, "serial device, pty, or pty:SYMLINK")->required();
   app.add_option("--store", arguments.store, "folder that keeps the calibration")->required();
-  app.add_option("--serial", arguments.serial, "serial number of this unit");
+  app.add_option("--serial", arguments.serial, "serial number of this unit; empty: what its EEPROM says");
   app.add_option("--keys", arguments.keys, "folder of public keys (NAME.pub) whose calibrations are taken");
   app.add_option("--factory", arguments.factory, "calibration for where the store has none that can be used");
   app.add_flag("--development-key", arguments.accepts_development_key,

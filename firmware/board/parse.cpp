@@ -12,6 +12,7 @@
 namespace ruffini {
 namespace {
 
+constexpr size_t kMaxLineLength = 31;  // of a GPIO line, as the kernel has it
 constexpr size_t kMaxPathLength = 128;
 constexpr int64_t kMaxLengthUm = 500'000;  // half a metre: no tactile pad is larger
 
@@ -25,6 +26,39 @@ void read_camera(BoardReader& in, CameraSettings& camera) {
   camera.center_x_mpx = in.integer("center_x_mpx", 0, 4'096'000);
   camera.center_y_mpx = in.integer("center_y_mpx", 0, 4'096'000);
   camera.standoff_um = in.integer("standoff_um", 1'000, kMaxLengthUm);
+}
+
+void read_exposure(BoardReader& in, BoardSettings& board) {
+  if (!in.has_section("exposure")) return;
+  in.section("exposure");
+  board.exposure.time_us = in.integer("time_us", 10, 1'000'000);
+  board.exposure.gain_1e3 = in.integer("gain_1e3", 1'000, 64'000);
+  board.exposure.red_1e3 = in.integer("red_1e3", 100, 32'000);
+  board.exposure.blue_1e3 = in.integer("blue_1e3", 100, 32'000);
+  if (board.exposure.time_us * board.camera.rate_mhz > 1'000'000'000) {
+    in.fail("exposure.time_us is longer than a frame at camera.rate_mhz");
+  }
+}
+
+void read_light(BoardReader& in, LightSettings& light) {
+  if (!in.has_section("light")) return;
+  in.section("light");
+  light.chip = in.text("chip", kMaxPathLength);
+  light.line = in.text("line", kMaxLineLength);
+}
+
+// Addresses below 8 and above 0x77 are the bus's own.
+void read_eeprom(BoardReader& in, EepromSettings& eeprom) {
+  if (!in.has_section("eeprom")) return;
+  in.section("eeprom");
+  eeprom.bus = in.text("bus", kMaxPathLength);
+  if (eeprom.bus.rfind('/', 0) != 0) in.fail("eeprom.bus must begin with /");
+  if (in.has("board_address")) eeprom.board_address = in.integer("board_address", 8, 0x77);
+  if (in.has("gel_address")) eeprom.gel_address = in.integer("gel_address", 8, 0x77);
+  eeprom.address_bytes = static_cast<int>(in.integer("address_bytes", 1, 2));
+  if (eeprom.board_address == eeprom.gel_address) {
+    in.fail("[eeprom] needs board_address or gel_address, and not the same for both");
+  }
 }
 
 void read_pad(BoardReader& in, BoardSettings& board) {
@@ -336,6 +370,9 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
   board.product = in.text("product", 128);
   board.not_measured = in.texts("not_measured", kMaxNotMeasured);
   read_camera(in, board.camera);
+  read_exposure(in, board);
+  read_light(in, board.light);
+  read_eeprom(in, board.eeprom);
   read_pad(in, board);
   read_markers(in, board.markers);
   read_skin(in, board.skin);

@@ -105,6 +105,16 @@ struct SkinSettings {
 };
 inline constexpr int kMaxAveragedFrames = 10;
 
+// What the camera is told instead of its automatics; all 0: it is left to them.
+struct ExposureSettings {
+  int64_t time_us = 0;
+  int64_t gain_1e3 = 0;
+  int64_t red_1e3 = 0;  // gains of the channels over green
+  int64_t blue_1e3 = 0;
+
+  [[nodiscard]] bool is_manual() const { return time_us != 0; }
+};
+
 // A thermometer of Linux (hw/thermometer.h); both empty: none.
 struct TemperatureSettings {
   std::string place;  // what STATUS calls it
@@ -116,11 +126,26 @@ struct LearnedSettings {
   std::string network;
 };
 
+// The pad's lamps, switched on while ruffinid runs; an empty line: they have a switch of their own.
+struct LightSettings {
+  std::string chip;
+  std::string line;
+};
+
+// Memories on I2C that say which board and which gel these are (hw/identity.h); an empty bus: none; address 0: not that.
+struct EepromSettings {
+  std::string bus;
+  int64_t board_address = 0;
+  int64_t gel_address = 0;
+  int address_bytes = 1;  // 1 up to 256 bytes of memory, 2 above
+};
+
 struct BoardSettings {
   std::string name;
   std::string product;
   std::vector<std::string> not_measured;
   CameraSettings camera;
+  ExposureSettings exposure;
   PadSettings pad;
   GridSize grid;  // nodes over the whole pad
   int n_layers = 0;
@@ -130,6 +155,8 @@ struct BoardSettings {
   DepthSettings depth;
   ContactSettings contact;
   SkinSettings skin;
+  LightSettings light;
+  EepromSettings eeprom;
   TemperatureSettings temperature;
   LearnedSettings learned;
   int64_t force_lsb_un = 0;

@@ -17,9 +17,9 @@ FIRMWARE_MAY_INCLUDE: dict[str, set[str]] = {
     "estimators": {"base", "board", "image", "solve", "store"},
     "frame_path": {"base", "board", "image", "solve", "estimators", "store"},
     "capi": {"base", "board", "store", "frame_path", "image", "solve", "estimators"},
-    "capture": {"base", "board"},
+    "capture": {"base", "board", "hw"},
     "store": {"base", "board"},
-    "hw": {"base"},
+    "hw": {"base", "board"},
     "infer": {"base", "board", "capture"},
     "link": {"base", "board", "store", "infer", "frame_path", "image", "solve", "estimators"},
     "daemon": {

@@ -1,4 +1,4 @@
-"""ruffini-gadget on a folder that stands for /sys. The kernel's own configfs: tests/vm."""
+"""ruffini-gadget on a folder that stands for /sys."""
 
 from __future__ import annotations
 

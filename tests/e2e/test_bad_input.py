@@ -88,7 +88,8 @@ CAMERAS: dict[str, tuple[Callable[[Sensor, Path], str], int, str]] = {
     "folder without images": (lambda s, f: f"replay:{f}", 3, "holds no PNG or JPEG"),
     "wrong frame size": (other_size, 2, "frames are 60x50"),
     "recording of another board": (other_board, 2, 'recorded with board "another"'),
-    "unknown camera": (lambda s, f: "webcam:0", 2, "give replay:PATH"),
+    "camera that is not there": (lambda s, f: "libcamera:NoSuchCamera", 3, "NoSuchCamera"),
+    "unknown camera": (lambda s, f: "webcam:0", 2, "give libcamera:NAME"),
 }
 
 

@@ -8,8 +8,11 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from ruffini.boards.hardware import Eeprom, Exposure, Learned, Light, Temperature
+from ruffini.boards.section import PRINTABLE, Listed, Text
+from ruffini.boards.section import Section as Section
 from ruffini.errors import InputError
 
 STAGES = (
@@ -24,17 +27,8 @@ MIN_TEXTURE_PX = 64  # of the image: the coarsest templates of the flow
 MIN_TARGET_PX, MAX_TARGET_PX = 16, 200  # radius in the image
 
 LengthUm = Annotated[int, Field(ge=0, le=MAX_LENGTH_UM)]
-PRINTABLE = r"^[ -~]+$"  # escapes can spell what the file itself may not hold
-Text = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
-Listed = Annotated[str, Field(min_length=1, max_length=23, pattern=PRINTABLE)]
 MAX_BYTES = 8_000  # of the file: HELLO carries it
 MAX_CALIBRATION_KB = 131_072  # the most that one upload may carry
-
-
-class Section(BaseModel):
-    """A table of the file: unknown keys are errors, nothing is converted."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class BoardIdentity(Section):
@@ -182,31 +176,6 @@ class FieldSettings(Section):
     force_lsb_un: Annotated[int, Field(ge=1, le=1_000)]
 
 
-class Temperature(Section):
-    """[temperature]: a thermometer of Linux."""
-
-    place: Listed
-    path: Annotated[str, Field(min_length=1, max_length=128, pattern=PRINTABLE)]
-
-    @model_validator(mode="after")
-    def _fits(self) -> Temperature:
-        if not self.path.startswith("/"):
-            raise ValueError("temperature.path must begin with /")
-        return self
-
-
-class Learned(Section):
-    """[learned]: a network beside the frame path, by its file in the device's store."""
-
-    network: Text
-
-    @model_validator(mode="after")
-    def _fits(self) -> Learned:
-        if "/" in self.network:
-            raise ValueError("learned.network must be a name without /")
-        return self
-
-
 class Memory(Section):
     """[memory]."""
 
@@ -232,6 +201,9 @@ class Board(Section):
     schema_version: Annotated[int, Field(alias="schema", ge=1, le=1)]
     board: BoardIdentity
     camera: Camera
+    exposure: Exposure | None = None
+    light: Light | None = None
+    eeprom: Eeprom | None = None
     pad: Pad
     grid: Grid
     window: Window
@@ -402,6 +374,8 @@ class Board(Section):
         rows, columns = self.observed
         if rows.stop - rows.start < 2 or columns.stop - columns.start < 2:
             raise ValueError("[window] holds fewer than 2 node lines: widen it or refine [grid]")
+        if self.exposure is not None and self.exposure.time_us * camera.rate_mhz > 1_000_000_000:
+            raise ValueError("exposure.time_us is longer than a frame at camera.rate_mhz")
         self._check_markers()
         self._check_fingertip()
         self._check_gauge()

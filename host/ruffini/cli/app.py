@@ -17,6 +17,7 @@ from ruffini.cli import (
     demo,
     device,
     doctor,
+    eeprom,
     evaluate,
     experiment,
     fingertip,
@@ -71,6 +72,7 @@ app.add_typer(cal.app, name="cal")
 app.add_typer(sim.app, name="sim")
 app.add_typer(bench.app, name="bench")
 app.add_typer(evaluate.app, name="eval")
+board.app.add_typer(eeprom.app, name="eeprom")
 app.add_typer(board.app, name="board")
 app.add_typer(train.app, name="train")
 app.add_typer(key.app, name="key")

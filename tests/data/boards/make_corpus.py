@@ -55,6 +55,8 @@ below_um = 2000
 diameter_um = 3000
 threshold_1e3 = 500
 """
+EXPOSURE = "[exposure]\ngain_1e3 = 2000\nred_1e3 = 1500\nblue_1e3 = 1700\n"
+EEPROM = '[eeprom]\nbus = "/dev/i2c-1"\naddress_bytes = 2\n'
 WITHOUT_LIGHT = '["difference", "markers", "displacement", "operator", "support", "wrench", "contacts"]'
 WITH_CONTACT_MODEL = '["difference", "markers", "feature_wrench", "contact_model"]'
 WITH_TARGETS = '["difference", "targets", "feature_wrench"]'
@@ -153,6 +155,10 @@ GOOD: dict[str, Change] = {
     "lists-at-their-limits": put("board.not_measured", str(["x" * 23] * 8).replace("'", '"')),
     "memory": lambda t: t + "[memory]\ncalibration_kb = 64\n",
     "temperature": append(f'[temperature]\nplace = "gel"\npath = "/{"a" * 127}"\n'),
+    "exposure": append(f"{EXPOSURE}time_us = 16666\n"),
+    "light": append(f'[light]\nchip = "gpiochip0"\nline = "{"L" * 31}"\n'),
+    "eeprom": append(f"{EEPROM}board_address = 80\ngel_address = 81\n"),
+    "eeprom-of-the-gel": append(f"{EEPROM}gel_address = 119\n"),
     "learned": append('[learned]\nnetwork = "net.onnx"\n'),
     "limits": all_of(
         put("pad.poisson_1e4", "4999"), put("grid.n_layers", "32"), put("contact.threshold_un", "100000000")
@@ -233,6 +239,16 @@ BAD: dict[str, tuple[Change, str]] = {
     "temperature-relative-path": (append('[temperature]\nplace = "gel"\npath = "temp1_input"\n'), "begin with /"),
     "temperature-long-place": (append(f'[temperature]\nplace = "{"a" * 24}"\npath = "/t"\n'), "place"),
     "temperature-long-path": (append(f'[temperature]\nplace = "gel"\npath = "/{"a" * 128}"\n'), "path"),
+    "exposure-without-time": (append(EXPOSURE), "time_us"),
+    "exposure-longer-than-a-frame": (append(f"{EXPOSURE}time_us = 16667\n"), "longer than a frame"),
+    "exposure-below-one": (append(f"{EXPOSURE}time_us = 9\n"), "time_us"),
+    "exposure-gain": (append(f"{EXPOSURE.replace('2000', '999')}time_us = 900\n"), "gain_1e3"),
+    "light-without-line": (append('[light]\nchip = "gpiochip0"\n'), "line"),
+    "light-long-line": (append(f'[light]\nchip = "gpiochip0"\nline = "{"L" * 32}"\n'), "line"),
+    "eeprom-of-nothing": (append(EEPROM), "needs board_address or gel_address"),
+    "eeprom-twice": (append(f"{EEPROM}board_address = 80\ngel_address = 80\n"), "not the same"),
+    "eeprom-reserved-address": (append(f"{EEPROM}gel_address = 7\n"), "gel_address"),
+    "eeprom-relative-bus": (append(f"{EEPROM.replace('/dev/', '')}gel_address = 80\n"), "begin with /"),
     "learned-without-network": (append("[learned]\n"), "network"),
     "learned-in-a-folder": (append('[learned]\nnetwork = "../net.onnx"\n'), "without /"),
     "memory-empty": (lambda t: t + "[memory]\n", "calibration_kb"),

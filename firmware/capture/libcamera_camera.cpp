@@ -1,0 +1,446 @@
+#include "capture/libcamera_camera.h"
+
+#include <libcamera/libcamera.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <condition_variable>
+#include <cstdlib>
+#include <ctime>
+#include <future>
+#include <map>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "capture/pixels.h"
+#include "hw/frame_memory.h"
+
+namespace ruffini {
+namespace {
+
+namespace lc = libcamera;
+using std::chrono::milliseconds;
+using SteadyClock = std::chrono::steady_clock;
+
+constexpr unsigned kRequests = 4;
+constexpr milliseconds kWait{100};     // for one frame; then the daemon looks whether it is to stop
+constexpr milliseconds kStall{1'000};  // without frames: the stream is started again
+constexpr milliseconds kStopTime{2'000};
+constexpr int kSettlingFrames = 10;  // after a start, until new controls are in force in every pipeline
+constexpr int kMaxDrifted = 300;     // frames in a row that are not as [exposure] asks
+constexpr int kMaxRestarts = 3;      // in a row, without a frame between
+
+struct Format {
+  lc::PixelFormat format;
+  PixelLayout layout;
+};
+// Dearest first. libcamera names formats as DRM does: from the highest bits down, so RGB888 is B, G, R in memory.
+const std::array<Format, 5>& formats() {
+  static const std::array<Format, 5> kFormats = {{{lc::formats::RGB888, PixelLayout::kBgr},
+                                                  {lc::formats::BGR888, PixelLayout::kRgb},
+                                                  {lc::formats::XRGB8888, PixelLayout::kBgrx},
+                                                  {lc::formats::YUYV, PixelLayout::kYuyv},
+                                                  {lc::formats::NV12, PixelLayout::kNv12}}};
+  return kFormats;
+}
+
+YuvRule rule_of(const std::optional<lc::ColorSpace>& space) {
+  if (!space) return kFull601;
+  const bool is_full = space->range == lc::ColorSpace::Range::Full;
+  if (space->ycbcrEncoding == lc::ColorSpace::YcbcrEncoding::Rec709) return is_full ? kFull709 : kLimited709;
+  return is_full ? kFull601 : kLimited601;
+}
+
+int64_t clock_ns(clockid_t clock) {
+  timespec now{};
+  ::clock_gettime(clock, &now);
+  return int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+}
+
+bool is_within(double value, double wanted, double part) { return std::abs(value - wanted) <= part * wanted; }
+
+// Everything of libcamera, so that it can be left alone as a whole where a call does not come back.
+struct Session {
+  lc::CameraManager manager;
+  std::shared_ptr<lc::Camera> camera;
+  std::unique_ptr<lc::CameraConfiguration> configuration;
+  std::unique_ptr<lc::FrameBufferAllocator> allocator;
+  std::vector<std::unique_ptr<lc::FrameBuffer>> own_buffers;
+  std::map<const lc::FrameBuffer*, FrameMapping> mappings;
+  std::vector<std::unique_ptr<lc::Request>> requests;
+  bool is_acquired = false;
+  bool is_running = false;
+
+  std::mutex mutex;  // of what follows
+  std::condition_variable changed;
+  std::array<lc::Request*, kRequests> done{};
+  size_t n_done = 0;
+  bool is_gone = false;
+
+  // libcamera's thread.
+  void complete(lc::Request* request) {
+    if (request->status() == lc::Request::RequestCancelled) return;
+    const std::lock_guard lock(mutex);
+    if (n_done < done.size()) done[n_done++] = request;
+    changed.notify_one();
+  }
+  void disconnect() {
+    const std::lock_guard lock(mutex);
+    is_gone = true;
+    changed.notify_one();
+  }
+
+  ~Session() {
+    requests.clear();
+    mappings.clear();
+    own_buffers.clear();
+    allocator.reset();
+    if (camera) {
+      camera->requestCompleted.disconnect();
+      camera->disconnected.disconnect();
+      if (is_acquired) camera->release();
+      camera.reset();
+    }
+    manager.stop();
+  }
+};
+
+class LibcameraCamera : public Camera {
+ public:
+  explicit LibcameraCamera(const BoardSettings& board) : board_(board), session_(std::make_unique<Session>()) {}
+  LibcameraCamera(LibcameraCamera&&) = delete;
+  ~LibcameraCamera() override {
+    if (session_ && session_->is_running) stop_in_time();
+  }
+
+  Status open(const std::string& name) {
+    if (session_->manager.start() != 0) return unavailable("libcamera", "did not start: does /dev/media* exist?");
+    if (Status found = find(name); !found) return found;
+    if (Status configured = configure(); !configured) return configured;
+    if (Status made = make_buffers(); !made) return made;
+    if (Status asked = ask_controls(); !asked) return asked;
+    session_->camera->requestCompleted.connect(session_.get(), &Session::complete);
+    session_->camera->disconnected.connect(session_.get(), &Session::disconnect);
+    if (!start()) return unavailable(id_, "did not start: is another program using it? dmesg says more");
+    return Unit{};
+  }
+
+  CaptureStatus capture(FramePool::Buffer& buffer) override {
+    if (!problem_.empty()) return CaptureStatus::kEnd;
+    lc::Request* request = newest();
+    if (request == nullptr) return without_frame();
+    n_restarts_ = 0;
+    last_frame_ = SteadyClock::now();
+    const CaptureStatus status = take(*request, buffer);
+    give_back(request);
+    return status;
+  }
+  [[nodiscard]] std::string problem() const override { return problem_; }
+  [[nodiscard]] bool is_simulated() const override { return is_simulated_; }
+  [[nodiscard]] bool is_replay() const override { return false; }
+
+ private:
+  static Error unavailable(const std::string& what, const std::string& why) {
+    return {ErrorKind::kUnavailable, "camera " + what + " " + why};
+  }
+
+  Status find(const std::string& name) {
+    std::string ids;
+    std::vector<std::shared_ptr<lc::Camera>> fitting;
+    for (const auto& camera : session_->manager.cameras()) {
+      ids += (ids.empty() ? "" : ", ") + camera->id();
+      if (camera->id().find(name) != std::string::npos) fitting.push_back(camera);
+    }
+    if (ids.empty()) return unavailable(name, "is not there: libcamera sees none. Look at its cable, then `cam -l`");
+    if (fitting.empty()) return unavailable(name, "is not there: libcamera sees " + ids);
+    if (fitting.size() > 1) {
+      return Error{ErrorKind::kBadInput, "several cameras: choose one with --camera libcamera:NAME of " + ids};
+    }
+    session_->camera = fitting.front();
+    id_ = session_->camera->id();
+    // The pipeline that makes its pictures up is no camera. vimc, the kernel's, is its peer.
+    is_simulated_ = id_.rfind("Virtual", 0) == 0 || id_.find("vimc") != std::string::npos;
+    if (session_->camera->acquire() != 0) {
+      return unavailable(id_, "is used by another program: end that one (fuser /dev/media*)");
+    }
+    session_->is_acquired = true;
+    return Unit{};
+  }
+
+  Status configure() {
+    session_->configuration = session_->camera->generateConfiguration({lc::StreamRole::VideoRecording});
+    if (!session_->configuration || session_->configuration->empty()) return unavailable(id_, "offers no video");
+    lc::StreamConfiguration& stream = session_->configuration->at(0);
+    const lc::Size size(static_cast<unsigned>(board_.camera.width_px), static_cast<unsigned>(board_.camera.height_px));
+    const std::vector<lc::PixelFormat> offered = stream.formats().pixelformats();
+    std::string seen;
+    for (const lc::PixelFormat& format : offered) seen += " " + format.toString();
+    for (const Format& wanted : formats()) {
+      if (std::find(offered.begin(), offered.end(), wanted.format) == offered.end()) continue;
+      stream.pixelFormat = wanted.format;
+      stream.size = size;
+      stream.bufferCount = kRequests;
+      if (session_->configuration->validate() == lc::CameraConfiguration::Invalid) continue;
+      seen += "; " + stream.toString();
+      if (stream.pixelFormat != wanted.format || stream.size != size) continue;
+      layout_ = wanted.layout;
+      rule_ = rule_of(stream.colorSpace);
+      if (session_->camera->configure(session_->configuration.get()) != 0) continue;
+      return Unit{};
+    }
+    return Error{ErrorKind::kBadInput, "camera " + id_ + " has no mode of " + size.toString() +
+                                           " that board.toml asks for: it offers" + seen};
+  }
+
+  [[nodiscard]] std::vector<lc::FrameBuffer::Plane> planes(const lc::SharedFD& fd) const {
+    const lc::StreamConfiguration& stream = session_->configuration->at(0);
+    if (layout_ != PixelLayout::kNv12) return {{fd, 0, stream.frameSize}};
+    const unsigned luma = stream.stride * stream.size.height;
+    return {{fd, 0, luma}, {fd, luma, luma / 2}};
+  }
+
+  // Own memory in DMA heaps is cached, so read fast; a pipeline without heaps brings its own, or takes a memfd.
+  Status make_buffers() {
+    lc::Stream* stream = session_->configuration->at(0).stream();
+    std::vector<lc::FrameBuffer*> buffers;
+    bool is_dma = true;
+    for (unsigned i = 0; i < kRequests; ++i) {
+      Result<FrameMemory> memory = allocate_frame_memory(session_->configuration->at(0).frameSize);
+      if (!memory) return memory.error();
+      is_dma = is_dma && memory.value().is_dma;
+      const int number = memory.value().fd.get();
+      const lc::SharedFD fd(number);  // a duplicate; of a number that is no lvalue it would be the owner
+      session_->own_buffers.push_back(std::make_unique<lc::FrameBuffer>(planes(fd)));
+      buffers.push_back(session_->own_buffers.back().get());
+    }
+    if (!is_dma) {
+      session_->allocator = std::make_unique<lc::FrameBufferAllocator>(session_->camera);
+      if (session_->allocator->allocate(stream) >= static_cast<int>(kRequests)) {
+        session_->own_buffers.clear();
+        buffers.clear();
+        for (const auto& buffer : session_->allocator->buffers(stream)) buffers.push_back(buffer.get());
+      }
+    }
+    for (lc::FrameBuffer* buffer : buffers) {
+      size_t n_bytes = 0;
+      for (const auto& plane : buffer->planes()) n_bytes = std::max<size_t>(n_bytes, plane.offset + plane.length);
+      const auto at = session_->mappings.emplace(buffer, FrameMapping(buffer->planes()[0].fd.get(), n_bytes));
+      session_->requests.push_back(session_->camera->createRequest());
+      if (at.first->second.data() == nullptr || !session_->requests.back() ||
+          session_->requests.back()->addBuffer(stream, buffer) != 0) {
+        return unavailable(id_, "takes no frame memory: is memory free?");
+      }
+    }
+    return Unit{};
+  }
+
+  // A control of this camera by its name: names outlived the numbers from release to release.
+  [[nodiscard]] const lc::ControlId* control(const std::string& name) const {
+    for (const auto& [id, info] : session_->camera->controls()) {
+      if (id->name() == name) return id;
+    }
+    return nullptr;
+  }
+  bool ask(const char* name, const lc::ControlValue& value) {
+    const lc::ControlId* id = control(name);
+    if (id != nullptr) controls_.set(id->id(), value);
+    return id != nullptr;
+  }
+
+  Status ask_controls() {
+    const int64_t period_us = 1'000'000'000 / board_.camera.rate_mhz;
+    const std::array<int64_t, 2> limits = {period_us, period_us};
+    // The virtual pipeline knows the control, and gives a thousand frames a second all the same.
+    is_paced_here_ = !ask("FrameDurationLimits", lc::ControlValue(lc::Span<const int64_t, 2>(limits))) || is_simulated_;
+    period_ = std::chrono::microseconds(period_us);
+    const ExposureSettings& exposure = board_.exposure;
+    if (!exposure.is_manual()) return Unit{};
+    // Up to 0.4 one switch for both; from 0.5 on a mode for each (1: manual).
+    ask("AeEnable", lc::ControlValue(false));
+    ask("ExposureTimeMode", lc::ControlValue(int32_t{1}));
+    ask("AnalogueGainMode", lc::ControlValue(int32_t{1}));
+    ask("AwbEnable", lc::ControlValue(false));
+    const std::array<float, 2> colours = {static_cast<float>(exposure.red_1e3) / 1'000,
+                                          static_cast<float>(exposure.blue_1e3) / 1'000};
+    std::string missing;
+    if (!ask("ExposureTime", lc::ControlValue(static_cast<int32_t>(exposure.time_us)))) missing += " ExposureTime";
+    if (!ask("AnalogueGain", lc::ControlValue(static_cast<float>(exposure.gain_1e3) / 1'000)))
+      missing += " AnalogueGain";
+    if (!ask("ColourGains", lc::ControlValue(lc::Span<const float, 2>(colours)))) missing += " ColourGains";
+    if (missing.empty()) return Unit{};
+    return Error{ErrorKind::kBadInput, "camera " + id_ + " cannot be told" + missing +
+                                           ": leave [exposure] out of board.toml, or use another camera"};
+  }
+
+  bool start() {
+    n_settling_ = kSettlingFrames;
+    has_sequence_ = false;
+    last_frame_ = SteadyClock::now();
+    if (session_->camera->start(&controls_) != 0) return false;
+    session_->is_running = true;
+    for (const auto& request : session_->requests) give_back(request.get());
+    return true;
+  }
+
+  void give_back(lc::Request* request) {
+    if (request->status() != lc::Request::RequestPending) request->reuse(lc::Request::ReuseBuffers);
+    session_->camera->queueRequest(request);
+  }
+
+  // Waits for a frame; older ones that wait, too, go back to the camera.
+  lc::Request* newest() {
+    if (is_paced_here_) {
+      std::this_thread::sleep_until(due_);
+      due_ = std::max(due_ + period_, SteadyClock::now());
+    }
+    std::array<lc::Request*, kRequests> taken{};
+    size_t n = 0;
+    {
+      std::unique_lock lock(session_->mutex);
+      session_->changed.wait_for(lock, kWait, [&] { return session_->n_done > 0 || session_->is_gone; });
+      std::swap(taken, session_->done);
+      std::swap(n, session_->n_done);
+    }
+    for (size_t i = 0; i + 1 < n; ++i) give_back(taken[i]);
+    return n == 0 ? nullptr : taken[n - 1];
+  }
+
+  CaptureStatus without_frame() {
+    if (session_->is_gone) return end("was unplugged");
+    if (SteadyClock::now() - last_frame_ < kStall) return CaptureStatus::kNothing;
+    if (++n_restarts_ > kMaxRestarts) return end("gives no frames, though it was started again: dmesg says more");
+    if (!stop_in_time()) return end("does not stop: it is left to the kernel, which may need a reboot");
+    {
+      const std::lock_guard lock(session_->mutex);
+      session_->n_done = 0;
+    }
+    for (const auto& request : session_->requests) request->reuse(lc::Request::ReuseBuffers);
+    if (!start()) return end("gave no frames and did not start again: dmesg says more");
+    return CaptureStatus::kNothing;
+  }
+
+  CaptureStatus end(const char* why) {
+    problem_ = "camera " + id_ + " " + why;
+    return CaptureStatus::kEnd;
+  }
+
+  // A stop that does not come back is left alone, with all that it may still touch.
+  bool stop_in_time() {
+    session_->is_running = false;
+    std::promise<void> promise;
+    const std::future<void> stopped = promise.get_future();
+    std::thread([camera = session_->camera, p = std::move(promise)]() mutable {
+      camera->stop();
+      p.set_value();
+    }).detach();
+    if (stopped.wait_for(kStopTime) == std::future_status::ready) return true;
+    left_alone_ = session_.release();
+    return false;
+  }
+
+  CaptureStatus take(lc::Request& request, FramePool::Buffer& buffer) {
+    lc::FrameBuffer* frame = request.buffers().begin()->second;
+    const lc::FrameMetadata& about = frame->metadata();
+    // Of a camera without a rate those that come too soon are not missing.
+    const uint32_t step = has_sequence_ && !is_paced_here_ ? about.sequence - sequence_ : 1;
+    has_sequence_ = true;
+    sequence_ = about.sequence;
+    number_ += step;
+    buffer.number = number_;
+    buffer.capture_us = middle_us(request.metadata(), about);
+    if (n_settling_ > 0 && board_.exposure.is_manual()) {
+      --n_settling_;
+      return CaptureStatus::kNothing;
+    }
+    if (about.status != lc::FrameMetadata::FrameSuccess) return CaptureStatus::kInvalidFrame;
+    if (const std::string drift = drift_of(request.metadata()); !drift.empty()) {
+      if (++n_drifted_ >= kMaxDrifted) {
+        problem_ = "camera " + id_ + " has " + drift + ": give [exposure] numbers that it can keep";
+        return CaptureStatus::kEnd;
+      }
+      return CaptureStatus::kInvalidFrame;
+    }
+    n_drifted_ = 0;
+    copy(*frame, buffer.pixels.data());
+    return CaptureStatus::kFrame;
+  }
+
+  // libcamera: stamps are of the start of the first row's exposure, by the clock that counts in sleep, too; some
+  // pipelines give the kernel's monotonic time. A stamp ahead of that can only be the former.
+  static uint64_t middle_us(const lc::ControlList& said, const lc::FrameMetadata& about) {
+    int64_t stamp_ns = said.get(lc::controls::SensorTimestamp).value_or(static_cast<int64_t>(about.timestamp));
+    const int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
+    if (stamp_ns <= 0) stamp_ns = now_ns;
+    if (stamp_ns > now_ns) stamp_ns -= clock_ns(CLOCK_BOOTTIME) - now_ns;
+    const int64_t exposure_us = said.get(lc::controls::ExposureTime).value_or(0);
+    return static_cast<uint64_t>(std::max<int64_t>(stamp_ns / 1'000 + exposure_us / 2, 0));
+  }
+
+  // What the frame was really taken with, where that is not what [exposure] asks; what is not told is not judged.
+  [[nodiscard]] std::string drift_of(const lc::ControlList& said) const {
+    const ExposureSettings& asked = board_.exposure;
+    if (!asked.is_manual()) return {};
+    // A sensor's steps: rows of exposure, sixteenths of gain.
+    constexpr double kPart = 0.02;
+    if (const auto time = said.get(lc::controls::ExposureTime);
+        time && !is_within(*time, static_cast<double>(asked.time_us), kPart)) {
+      return "an exposure of " + std::to_string(*time) + " us, asked " + std::to_string(asked.time_us);
+    }
+    if (const auto gain = said.get(lc::controls::AnalogueGain);
+        gain && !is_within(double{*gain} * 1'000, static_cast<double>(asked.gain_1e3), 2 * kPart)) {
+      return "a gain of " + std::to_string(*gain) + ", asked " + std::to_string(asked.gain_1e3) + " thousandths";
+    }
+    const auto colours = said.get(lc::controls::ColourGains);
+    if (colours && (!is_within(double{(*colours)[0]} * 1'000, static_cast<double>(asked.red_1e3), kPart) ||
+                    !is_within(double{(*colours)[1]} * 1'000, static_cast<double>(asked.blue_1e3), kPart))) {
+      return "colour gains of " + std::to_string((*colours)[0]) + " (red), " + std::to_string((*colours)[1]) +
+             " (blue), asked " + std::to_string(asked.red_1e3) + ", " + std::to_string(asked.blue_1e3) + " thousandths";
+    }
+    return {};
+  }
+
+  void copy(const lc::FrameBuffer& frame, uint8_t* out) const {
+    const lc::StreamConfiguration& stream = session_->configuration->at(0);
+    const FrameMapping& mapping = session_->mappings.at(&frame);
+    RawFrame raw;
+    for (size_t i = 0; i < std::min(frame.planes().size(), raw.planes.size()); ++i) {
+      raw.planes[i] = mapping.data() + frame.planes()[i].offset;
+      raw.strides[i] = static_cast<ptrdiff_t>(stream.stride);
+    }
+    mapping.begin_read();
+    to_bgr(layout_, rule_, raw, board_.camera.width_px, board_.camera.height_px, out);
+    mapping.end_read();
+  }
+
+  BoardSettings board_;
+  std::unique_ptr<Session> session_;
+  Session* left_alone_ = nullptr;  // never deleted: the kernel may still write there
+  std::string id_;
+  std::string problem_;
+  bool is_simulated_ = false;
+  PixelLayout layout_ = PixelLayout::kBgr;
+  YuvRule rule_ = kFull601;
+  lc::ControlList controls_{lc::controls::controls};
+  bool is_paced_here_ = false;
+  SteadyClock::duration period_{};
+  SteadyClock::time_point due_{};
+  SteadyClock::time_point last_frame_{};
+  int n_settling_ = 0;
+  int n_drifted_ = 0;
+  int n_restarts_ = 0;
+  bool has_sequence_ = false;
+  uint32_t sequence_ = 0;
+  uint64_t number_ = 0;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Camera>> open_libcamera(const std::string& name, const BoardSettings& board) {
+  auto camera = std::make_unique<LibcameraCamera>(board);
+  if (Status opened = camera->open(name); !opened) return opened.error();
+  return std::unique_ptr<Camera>(std::move(camera));
+}
+
+}  // namespace ruffini

@@ -1,0 +1,12 @@
+// In the place of libcamera_camera.cpp where libcamera was not there to build with.
+#include "capture/libcamera_camera.h"
+
+namespace ruffini {
+
+Result<std::unique_ptr<Camera>> open_libcamera(const std::string& name, const BoardSettings& /*board*/) {
+  return Error{ErrorKind::kUnavailable, "--camera libcamera:" + name +
+                                            ": this ruffinid was built without libcamera: install libcamera-dev (0.3 "
+                                            "or newer: Debian 13, or bookworm-backports) and build it again"};
+}
+
+}  // namespace ruffini

@@ -1,0 +1,74 @@
+#include "hw/pad_hardware.h"
+
+#include <utility>
+
+namespace ruffini {
+
+Result<PadHardware> PadHardware::open(const BoardSettings& board) {
+  std::unique_ptr<I2cBus> bus;
+  if (!board.eeprom.bus.empty()) {
+    auto opened = open_i2c(board.eeprom.bus);
+    if (!opened) return opened.error();
+    bus = std::move(opened).value();
+  }
+  auto pad = open(board, std::move(bus));
+  if (!pad || board.light.line.empty()) return pad;
+  auto lamps = open_output_line(board.light.chip, board.light.line);
+  if (lamps && lamps.value()->set(true)) {
+    pad.value().lamps_ = std::move(lamps).value();
+  } else {
+    pad.value().dark_ =
+        "the lamps stay dark: " + (lamps ? std::string("their line cannot be set") : lamps.error().message);
+  }
+  return pad;
+}
+
+PadHardware::~PadHardware() {
+  if (lamps_ != nullptr) static_cast<void>(lamps_->set(false));  // nobody is left to hear that it failed
+}
+
+Result<PadHardware> PadHardware::open(const BoardSettings& board, std::unique_ptr<I2cBus> bus) {
+  PadHardware pad;
+  pad.bus_ = std::move(bus);
+  pad.eeprom_ = board.eeprom;
+  const auto read = [&](int64_t address, IdentityKind kind) {
+    return read_identity(*pad.bus_, static_cast<uint8_t>(address), board.eeprom.address_bytes, kind);
+  };
+  if (pad.bus_ == nullptr) return pad;
+  if (board.eeprom.board_address != 0) {
+    auto found = read(board.eeprom.board_address, IdentityKind::kBoard);
+    if (!found) return found.error();
+    if (!found.value().name.empty() && found.value().name != board.name) {
+      return Error{ErrorKind::kRefused, "the board's EEPROM says that this is a \"" + found.value().name +
+                                            "\", not \"" + board.name + "\": start ruffinid with --board " +
+                                            found.value().name};
+    }
+    pad.board_serial_ = found.value().serial;
+  }
+  if (board.eeprom.gel_address != 0) {
+    auto found = read(board.eeprom.gel_address, IdentityKind::kGel);
+    if (!found) return found.error();
+    pad.gel_serial_ = found.value().serial;
+  }
+  return pad;
+}
+
+std::string PadHardware::store_folder(const std::string& store) const {
+  return gel_serial_.empty() ? store : store + "/gel-" + gel_serial_;
+}
+
+std::string PadHardware::lost() {
+  if (gel_serial_.empty()) return {};
+  const auto found =
+      read_identity(*bus_, static_cast<uint8_t>(eeprom_.gel_address), eeprom_.address_bytes, IdentityKind::kGel);
+  if (found) {
+    was_silent_ = false;
+    if (found.value().serial == gel_serial_) return {};
+    return "gel " + gel_serial_ + " was taken for " + found.value().serial +
+           ": ruffinid starts again with its calibration";
+  }
+  if (!std::exchange(was_silent_, true)) return {};
+  return "gel " + gel_serial_ + " is gone: " + found.error().message;
+}
+
+}  // namespace ruffini
