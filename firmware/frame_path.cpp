@@ -14,6 +14,10 @@ namespace {
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
 constexpr int kDriftFrames = 8;
 
+bool is_listed(const BoardSettings& board, const char* stage) {
+  return std::find(board.stages.begin(), board.stages.end(), stage) != board.stages.end();
+}
+
 constexpr size_t kForceZAlone = 11;  // of the covariance's upper triangle by rows: (2, 2)
 
 }  // namespace
@@ -44,6 +48,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
     timed(Stage::kContactModel, [&] { run_contact_model(); });
     run_fingertip();
     timed(Stage::kHelmholtz, [&] { run_helmholtz(); });
+    timed(Stage::kContactDepth, [&] { run_contact_depth(); });
   }
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
@@ -268,6 +273,17 @@ void FramePath::run_helmholtz() {
   state_.helmholtz = helmholtz_->run(contact_profile_->flow(), state_.profile, state_.saturations);
 }
 
+// Zero where nothing touches.
+void FramePath::run_contact_depth() {
+  if (!contact_depth_) return;
+  FrameState& s = state_;
+  if (s.modelled.is_touched) {
+    contact_depth_->run(*contact_profile_, s.profile, contact_model_->inputs(), s.poisson.depth, s.saturations);
+  } else {
+    std::fill(s.poisson.depth.begin(), s.poisson.depth.end(), DisplacementUm{});
+  }
+}
+
 // Touches are contacts of an unrolled skin, whose z is out of it everywhere.
 void FramePath::run_skin(const FrameView& frame, uint64_t capture_us) {
   state_.skin = skin_->run(frame, capture_us, state_.saturations);
@@ -352,7 +368,8 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
     : board_(board),
       calibration_(std::move(calibration)),
       clock_(clock),
-      depth_grid_{board.camera.width_px / board.depth.step_px, board.camera.height_px / board.depth.step_px},
+      depth_step_px_(is_listed(board, "contact_depth") ? ContactDepth::step_px(board) : board.depth.step_px),
+      depth_grid_{board.camera.width_px / depth_step_px_, board.camera.height_px / depth_step_px_},
       nodes_(board),
       rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
       light_(board.camera.width_px, board.camera.height_px),

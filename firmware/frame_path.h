@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/result.h"
+#include "estimators/contact_depth.h"
 #include "estimators/contact_model.h"
 #include "estimators/contact_profile.h"
 #include "estimators/depth_gauge.h"
@@ -83,6 +84,9 @@ class FramePath {
   [[nodiscard]] const BoardSettings& board() const { return board_; }
   [[nodiscard]] const NodeGrid& nodes() const { return nodes_; }
   [[nodiscard]] GridSize depth_grid() const { return depth_grid_; }
+  [[nodiscard]] int depth_step_px() const { return depth_step_px_; }
+  // Of a depth map that is touched; 0: not stated.
+  [[nodiscard]] int64_t depth_sigma_um() const { return contact_depth_ ? contact_depth_->sigma_um() : 0; }
   [[nodiscard]] const Skin* skin() const { return skin_ ? &*skin_ : nullptr; }
   [[nodiscard]] bool has_contact_model() const { return contact_model_.has_value(); }
   // Of the flow; nullptr without the stage.
@@ -129,6 +133,7 @@ class FramePath {
   [[nodiscard]] int n_features() const;
   void run_contact_model();
   void run_helmholtz();
+  void run_contact_depth();
   // frame_path_verdict.cpp
   void judge_input();
   bool are_markers_lost();
@@ -145,6 +150,7 @@ class FramePath {
   std::shared_ptr<const CalibrationFile> calibration_;
   ClockFunction clock_;
   std::array<bool, kStageCount> is_on_{};
+  int depth_step_px_;
   GridSize depth_grid_;
   NodeGrid nodes_;
   Rest rest_;
@@ -171,6 +177,7 @@ class FramePath {
   std::optional<ContactProfile> contact_profile_;
   std::optional<ContactModel> contact_model_;
   std::optional<Helmholtz> helmholtz_;
+  std::optional<ContactDepth> contact_depth_;
   Warmth warmth_;
   uint32_t calibration_id_ = 0;
   ContactFinder contacts_;

@@ -37,7 +37,9 @@ Status FramePath::load_contact_model(const Calibration& c) {
     return Error{ErrorKind::kBadInput,
                  "calibration file: contact_model without wrench: make it again with `ruffini cal contact --log`"};
   }
-  return keep(ContactModel::load(c), contact_model_);
+  if (Status model = keep(ContactModel::load(c), contact_model_); !model) return model;
+  if (!has(Stage::kContactDepth) || !c.has_kind("contact_depth")) return Unit{};
+  return keep(ContactDepth::load(c, board_), contact_depth_);
 }
 
 // Which tables the calibration brings, and whether they fit this board.

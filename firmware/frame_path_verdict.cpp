@@ -90,6 +90,7 @@ void FramePath::judge_contact_model() {
     return is_wrong() || c.is_strange ? Validity::kInvalid : Validity::kValid;
   };
   s.contact_depth = verdict(c.is_touched);
+  if (contact_depth_) s.depth_validity = verdict(true);
   s.hardness = verdict(c.is_touched && c.has_hardness);
 }
 

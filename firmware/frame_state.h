@@ -67,6 +67,7 @@ enum class Stage : uint8_t {
   kContactModel,
   kFingertip,
   kHelmholtz,
+  kContactDepth,
   kCount
 };
 inline constexpr size_t kStageCount = static_cast<size_t>(Stage::kCount);
@@ -97,7 +98,7 @@ struct FrameState {
     std::vector<CellSlope> slope;  // depth grid
   } photometric;
   struct {
-    std::vector<DisplacementUm> depth;  // depth grid
+    std::vector<DisplacementUm> depth;  // depth grid; of the stage contact_depth, where there is that
   } poisson;
   struct {
     std::vector<NodeDisplacement> node;  // observed nodes

@@ -79,7 +79,7 @@ int ruffini_layout(const ruffini_pipeline* pipeline, ruffini_layout_t* out) {
           .height_px = board.camera.height_px,
           .depth_n_x = path.depth_grid().n_x,
           .depth_n_y = path.depth_grid().n_y,
-          .depth_step_px = board.depth.step_px,
+          .depth_step_px = path.depth_step_px(),
           .node_n_x = x.count,
           .node_n_y = y.count,
           .node_first_x = x.first,

@@ -35,7 +35,7 @@ typedef struct {
   uint64_t saturations; /* since ruffini_open */
   int64_t wrench[6];    /* uN, uN um */
   int32_t n_contacts;
-  uint64_t stage_ns[15];
+  uint64_t stage_ns[16];
 } ruffini_result_t;
 
 RUFFINI_API const char* ruffini_version(void);

@@ -257,9 +257,9 @@ const ModelledContact& ContactModel::run(const Profile& profile, const Wrench& w
   }
   contact_.mean_flow_um = round_shift(profile.flow_q4, 4);
   contact_.moment_by_flow_unmm = round_shift(profile.flow_q4 * moment_per_flow_, 4);
-  const Inputs x = inputs_of(profile, -wrench.force_z_un);
-  tell_size(x, profile, saturations);
-  if (is_believed && !contact_.is_covered && !contact_.is_over_range) remember(x, profile, wrench, saturations);
+  inputs_ = inputs_of(profile, -wrench.force_z_un);
+  tell_size(inputs_, profile, saturations);
+  if (is_believed && !contact_.is_covered && !contact_.is_over_range) remember(inputs_, profile, wrench, saturations);
   tell_press();
   return contact_;
 }

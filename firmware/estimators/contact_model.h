@@ -63,6 +63,7 @@ class ContactModel {
   static constexpr int64_t kRangeUm = 2'500;  // paper, section V-A
   static constexpr size_t kBands = 10;        // of Shore A
   static constexpr int64_t kLeastFrames = 3;
+  using Inputs = std::array<int64_t, kInputs>;
 
   // Kind "contact_model" of the calibration. Errors: kBadInput.
   [[nodiscard]] static Result<ContactModel> load(const Calibration& calibration);
@@ -73,10 +74,11 @@ class ContactModel {
   // Nothing was touched before.
   void forget() { press_ = {}; }
   [[nodiscard]] const ModelledContact& contact() const { return contact_; }
+  // x of the last frame that was touched.
+  [[nodiscard]] const Inputs& inputs() const { return inputs_; }
 
  private:
   static constexpr size_t kSizes = 4;
-  using Inputs = std::array<int64_t, kInputs>;
   // Sums of a line by least squares.
   struct Line {
     int64_t x = 0;
@@ -126,6 +128,7 @@ class ContactModel {
   int64_t depth_sigma_um_ = 0;
   int64_t moment_per_flow_ = 0;  // uN mm a um
   Press press_;
+  Inputs inputs_{};
   ModelledContact contact_;
 };
 

@@ -148,8 +148,9 @@ size_t MessageEncoder::depth(const FramePath& path, const FrameStamp& stamp) {
   m.has_stamp = true;
   m.stamp = to_proto(stamp, s.flags);
   m.depth_lsb_nm = kDisplacementLsbNm;
-  m.step_px = static_cast<uint32_t>(path.board().depth.step_px);
+  m.step_px = static_cast<uint32_t>(path.depth_step_px());
   m.validity = to_proto(s.depth_validity);
+  m.sigma_um = static_cast<uint32_t>(path.depth_sigma_um());
   std::transform(s.poisson.depth.begin(), s.poisson.depth.end(), values_.begin(),
                  [](DisplacementUm d) { return int32_t{d.raw()}; });
   m.has_depth = true;

@@ -28,6 +28,7 @@ Progress = Callable[[float], None]
 
 PX = 65536.0
 LEAST_STEP_MM = 0.02
+WHOLLY = 0.99  # of the nodes about a patch touch
 LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
 FACES = {"triangle": 3**0.5, "square": 4.0, "flat": float(np.pi)}  # of planar indenters, over the radius squared
 HERTZIAN = ("sphere",)
@@ -43,6 +44,7 @@ class Press:
 
     flow (t, n) shifts of the patches, px; radial (t, 16), size and fall: the core's profile; center (t, 2) um;
     force (t, 6) N and N m less the reading at rest; travel (t,), gel (t,) mm and area (t,) mm2, of what the log knows.
+    surface (t, patches) mm how deep the gel is at each patch, and whether the patch touches: None of a bench.
     """
 
     name: str
@@ -60,6 +62,8 @@ class Press:
     travel_mm: Array
     gel_mm: Array
     area_mm2: Array
+    surface_mm: Array | None = None
+    under: npt.NDArray[np.bool_] | None = None
 
     @property
     def is_hertzian(self) -> bool:
@@ -106,7 +110,7 @@ class Press:
     def of_bench(self) -> Press:
         """The same press without what only a simulation knows of it."""
         nothing = np.full_like(self.gel_mm, np.nan)
-        return replace(self, gel_mm=nothing, area_mm2=nothing)
+        return replace(self, gel_mm=nothing, area_mm2=nothing, surface_mm=None, under=None)
 
 
 def read_presses(paths: list[Path], board: Board, *, progress: Progress = lambda _: None) -> list[Press]:
@@ -172,7 +176,33 @@ def read_press(folder: Path, run: dict[str, object], board: Board) -> Press:
         profiles[at, N_RINGS + 2 : N_RINGS + 4].astype(np.float64), good[at],
         (force - zero_of(force[: touched[0]]))[at], travel[at] * 1e3,
         rig.get("gel_depth_m", nothing)[at] * 1e3, rig.get("area_m2", nothing)[at] * 1e6,
+        *_surface(folder / "truth.npz", board, at),
     )  # fmt: skip
+
+
+def _surface(
+    path: Path, board: Board, frames: npt.NDArray[np.intp]
+) -> tuple[Array, npt.NDArray[np.bool_]] | tuple[None, None]:
+    """What a simulation knows of the gel at the patches; nothing of a bench, or where it is beside the pad's nodes."""
+    m = board.markers
+    if m is None or not path.is_file():
+        return None, None
+    with np.load(path, allow_pickle=False) as truth:
+        z_mm, touches = truth["displacement"][frames][..., 2] * -1e3, truth["contact"][frames].astype(np.float64)
+    n_y, n_x = z_mm.shape[1:]
+    x = (m.first_x_um + m.pitch_x_um * np.arange(m.n_x)) / board.pad.size_x_um * (n_x - 1)
+    y = (m.first_y_um + m.pitch_y_um * np.arange(m.n_y)) / board.pad.size_y_um * (n_y - 1)
+
+    def at_patches(values: Array) -> Array:
+        along = _linear(n_y, y) @ values @ _linear(n_x, x).T
+        return np.asarray(along.reshape(len(values), -1))
+
+    return at_patches(z_mm), np.asarray(at_patches(touches) > WHOLLY)
+
+
+def _linear(n: int, at: Array) -> Array:
+    """Weights (k, n) of values at 0..n-1 for the values between."""
+    return np.asarray(np.maximum(1 - np.abs(np.arange(n)[None, :] - at[:, None]), 0))
 
 
 def _seen(folder: Path, board: Board) -> tuple[Array, Integers, npt.NDArray[np.bool_]]:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
+from ruffini.calibrate.contact_depth import JudgedMap, depth_tables, fit_contact_depth
 from ruffini.calibrate.contact_log import LEAST_SHORE, PX, Press
 from ruffini.calibrate.contact_model import (
     INPUT_STEP,
@@ -37,6 +38,7 @@ Progress = Any
 
 QUANTITIES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")  # of a board's not_measured
 MOST_FOLDS = 7  # of sizes
+MAP_FOLDS = 3  # of those, for the depth map: each takes as long as all the others
 LOW, HIGH = 20.0, 80.0  # of Shore A, where hardness is judged
 N_BANDS, BAND = 10, 10.0
 LEAST_SIGMA = 1.0  # Shore A
@@ -89,6 +91,7 @@ class ContactFit:
     by_shape: LeftOut
     weights: Array  # of the kind's signs
     most_failing: float  # of `fails` over a press: above, no model holds
+    depth_map: JudgedMap | None  # where the log knows the gel's surface
     refused: dict[str, dict[str, float]]  # part of the presses for which none holds, of sizes or shapes not in the fit
 
     @property
@@ -102,7 +105,9 @@ class ContactFit:
             "left_out_sizes": self.by_size.report(self.weights),
             "left_out_shapes": self.by_shape.report(self.weights),
             "reference_crosstalk": {"x": self.model.wrench.crosstalk[0], "y": self.model.wrench.crosstalk[1]},
-            "refused": self.refused, "most_failing": self.most_failing, "n_presses": len(self.by_size.presses),
+            "refused": self.refused,
+            "depth_map": self.depth_map.report() if self.depth_map else None,
+            "most_failing": self.most_failing, "n_presses": len(self.by_size.presses),
         }  # fmt: skip
 
 
@@ -112,7 +117,7 @@ def fit_contact(board: Board, presses: list[Press], progress: Progress) -> Conta
     sizes = sorted({p.radius_mm for p in [*log.presses, *log.failing]})
     parts = [(part[0], part[-1]) for part in np.array_split(sizes, min(MOST_FOLDS, len(sizes)))]
     shapes = list(dict.fromkeys(p.shape for p in log.presses if not p.is_hertzian))
-    n = len(parts) + len(shapes) + 2
+    n = len(parts) + len(shapes) + 3
     model = fit_model(board, log)
     progress(1 / n)
     by_size = _left_out(board, log, [partial(_is_of_size, *part) for part in parts],
@@ -120,8 +125,9 @@ def fit_contact(board: Board, presses: list[Press], progress: Progress) -> Conta
     by_shape = _left_out(board, log, [partial(_is_of_shape, shape) for shape in shapes],
                          lambda done: progress((1 + len(parts) + done) / n))  # fmt: skip
     limit, refused = _judge_fails(log, model, sizes)
-    progress(1.0)
-    return ContactFit(model, by_size, by_shape, kind_weights(by_size), limit, refused)
+    folds = [partial(_is_of_size, *part) for part in parts[:: max(1, len(parts) // MAP_FOLDS)]]
+    depth_map = fit_contact_depth(board, log.presses, folds, lambda done: progress((n - 1 + done) / n))
+    return ContactFit(model, by_size, by_shape, kind_weights(by_size), limit, depth_map, refused)
 
 
 def _is_of_size(least_mm: float, most_mm: float, press: Press) -> bool:
@@ -199,9 +205,12 @@ def tables(board: Board, fit: ContactFit, features: Features) -> tuple[Tensors, 
     found, said = wrench_tables(_wrench_fit(board, fit), features)
     del found["wrench.forward"], found["wrench.tolerance"]
     depth = np.concatenate([s[:, 0] for s in left.sizes])
+    mapped: tuple[Tensors, dict[str, str]] = ({}, {})
+    if fit.depth_map is not None:
+        mapped = depth_tables(board, fit.depth_map, left.presses)
     report = fit.report() | {"wrench": json.loads(said["residuals"]), "tables_err": _table_errors(tensors, nets, fit)}
-    return tensors | found, {
-        **said, "residuals": json.dumps(report),
+    return tensors | found | mapped[0], {
+        **said, **mapped[1], "residuals": json.dumps(report),
         "contact_model.most_strange_q8": str(round(fit.most_strange * 256)),
         "contact_model.most_failing_q12": str(round(fit.most_failing * 2**12)),
         "contact_model.least_fall_q16": str(round(TOUCH_FALL * 65536)),

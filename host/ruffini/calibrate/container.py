@@ -25,6 +25,7 @@ MAX_RANK = 8
 KINDS = {
     "camera",
     "contact",
+    "contact_depth",
     "contact_model",
     "dark",
     "fingertip",

@@ -66,6 +66,14 @@ def _text(out: Path, fit: ContactFit, tables_err: dict[str, float]) -> str:
                 f"{r['gel_depth_mm']:>8.3f}{r['press_depth_mm']:>9.3f}{r['shore_a']:>9.2f}"
                 f"{100 * r['kind_right']:>6.0f}%"
             )
+    if (depth_map := said["depth_map"]) is not None:
+        each = ", ".join(f"{shape} {under:.2f}" for shape, under in depth_map["under_mm"].items())
+        beside = depth_map["beside_mm"]["all"]
+        lines.append(
+            f"  depth map on sizes that were not fitted, RMSE in mm where they touch: {each}; beside {beside:.2f}"
+        )
+    else:
+        lines.append("  no depth map: the log does not know the gel's surface")
     for name, parts in said["refused"].items():
         each = ", ".join(f"{100 * part:.0f} % of {what} that were not fitted" for what, part in parts.items())
         lines.append(f"  no model holds for {name}: refused {each}")

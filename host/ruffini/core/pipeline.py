@@ -42,6 +42,7 @@ NO_TEMPERATURE = -(2**31)
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement",
     "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model", "fingertip", "helmholtz",
+    "contact_depth",
 )  # fmt: skip
 
 

@@ -176,20 +176,27 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Depth:
-    """u_z along the pixels' rays on the depth grid, (n_y, n_x), metres."""
+    """u_z along the pixels' rays on the depth grid, (n_y, n_x), metres.
+
+    `sigma` metres, standard deviation where something touches; None where the sensor does not state it. `step_px`:
+    pixels from cell to cell.
+    """
 
     capture_s: float
     frame: int
     flags: int
     depth: Array
     validity: int
+    step_px: int
+    sigma: float | None
 
     @classmethod
     def from_message(cls, m: Any) -> Depth:
         values = _dense(m.depth)
         _fits(values.shape[2] == 1, "a DEPTH of several components")
         depth = values[..., 0] * (m.depth_lsb_nm * 1e-9)
-        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, depth, m.validity)
+        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, depth, m.validity, m.step_px,
+                   getattr(m, "sigma_um", 0) * 1e-6 or None)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -66,12 +66,16 @@ class ContactProfile:
         """Displacements of the patches, 1/16 um."""
         return round_shift(moved * self._scale, 20).reshape(*self._shape, 2)
 
-    def run(self, moved: I64, lost: I64) -> Profile:
-        flow = self.flow(moved)
+    def fall(self, flow: I64) -> I64:
+        """Smoothed fall of the density at the patches, Q16."""
         raw = np.zeros(self._shape, np.int64)
         raw[1:-1, 1:-1] = ((flow[1:-1, 2:, 0] - flow[1:-1, :-2, 0]) << 15) // self._pitch[0]
         raw[1:-1, 1:-1] += ((flow[2:, 1:-1, 1] - flow[:-2, 1:-1, 1]) << 15) // self._pitch[1]
-        fall = _smoothed(raw)
+        return _smoothed(raw)
+
+    def run(self, moved: I64, lost: I64) -> Profile:
+        flow = self.flow(moved)
+        fall = self.fall(flow)
         largest = max(int(fall.max()), 0)
         at = [f + p * np.arange(n) for f, p, n in zip(self._first, self._pitch, self._n, strict=True)]
         middle = self._center(fall, largest, at)
@@ -131,6 +135,12 @@ def log2_q10(x: int) -> int:
         out = 2 * out + (rest >> 31)
         rest >>= rest >> 31
     return out
+
+
+def inputs_of(profile: Profile, press_un: int) -> list[int]:
+    size = max(profile.size, 1)
+    shape = div_half_up(np.array(profile.radial) << 14, size).tolist()
+    return [*shape, log2_q10(size), log2_q10(press_un // 1000)]
 
 
 class Perceptron:
@@ -195,8 +205,7 @@ class ContactModel:
             if is_believed and not is_covered:
                 self._press = Press()
             return [0] * 14
-        size = max(profile.size, 1)
-        x = [*div_half_up(np.array(profile.radial) << 14, size).tolist(), log2_q10(size), log2_q10(press_un // 1000)]
+        x = inputs_of(profile, press_un)
         y = self._nets["size"](x)
 
         def held(value: int) -> int:

@@ -142,6 +142,9 @@ GOOD: dict[str, Change] = {
     "helmholtz": all_of(
         put("markers.polarity", '"texture"'), put("pipeline.stages", WITH_CONTACT_MODEL[:-1] + ', "helmholtz"]')
     ),
+    "contact-depth": all_of(
+        put("markers.polarity", '"texture"'), put("pipeline.stages", WITH_CONTACT_MODEL[:-1] + ', "contact_depth"]')
+    ),
     "contact-model": all_of(put("markers.polarity", '"texture"'), put("pipeline.stages", WITH_CONTACT_MODEL)),
     "few-stages": put("pipeline.stages", '["difference", "photometric", "poisson"]'),
     "no-markers": all_of(
@@ -389,6 +392,20 @@ BAD: dict[str, tuple[Change, str]] = {
             put("pipeline.stages", WITH_CONTACT_MODEL[:-1] + ', "helmholtz"]'),
         ),
         "four times",
+    ),
+    "contact-depth-of-nothing": (
+        all_of(put("markers.polarity", '"texture"'), put("pipeline.stages", '["markers", "contact_depth"]')),
+        "contact_model",
+    ),
+    "contact-depth-and-photometric": (
+        all_of(
+            put("markers.polarity", '"texture"'),
+            put(
+                "pipeline.stages",
+                '["markers", "photometric", "poisson", "feature_wrench", "contact_model", "contact_depth"]',
+            ),
+        ),
+        "both say the depth",
     ),
     "contact-model-of-dots": (put("pipeline.stages", WITH_CONTACT_MODEL), "contact_model"),
     "contact-model-and-contacts": (

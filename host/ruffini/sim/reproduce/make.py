@@ -52,6 +52,7 @@ ONLY_READ = (
     "feature_wrench",
     "contact_model",
     "helmholtz",
+    "contact_depth",
 )  # change no picture, younger than the first frozen boards
 RING_LEFT = 0.6  # of the ringing of a bench that has touched, from frame to frame
 
