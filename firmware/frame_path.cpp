@@ -14,10 +14,6 @@ namespace {
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
 constexpr int kDriftFrames = 8;
 
-bool is_listed(const BoardSettings& board, const char* stage) {
-  return std::find(board.stages.begin(), board.stages.end(), stage) != board.stages.end();
-}
-
 constexpr size_t kForceZAlone = 11;  // of the covariance's upper triangle by rows: (2, 2)
 
 }  // namespace
@@ -368,7 +364,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
     : board_(board),
       calibration_(std::move(calibration)),
       clock_(clock),
-      depth_step_px_(is_listed(board, "contact_depth") ? ContactDepth::step_px(board) : board.depth.step_px),
+      depth_step_px_(ContactDepth::is_of(board) ? ContactDepth::step_px(board) : board.depth.step_px),
       depth_grid_{board.camera.width_px / depth_step_px_, board.camera.height_px / depth_step_px_},
       nodes_(board),
       rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),

@@ -38,7 +38,7 @@ Status FramePath::load_contact_model(const Calibration& c) {
                  "calibration file: contact_model without wrench: make it again with `ruffini cal contact --log`"};
   }
   if (Status model = keep(ContactModel::load(c), contact_model_); !model) return model;
-  if (!has(Stage::kContactDepth) || !c.has_kind("contact_depth")) return Unit{};
+  if (!ContactDepth::is_of(board_) || !c.has_kind("contact_depth")) return Unit{};
   return keep(ContactDepth::load(c, board_), contact_depth_);
 }
 

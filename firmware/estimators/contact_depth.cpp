@@ -35,6 +35,13 @@ int64_t bilinear(Value value, const Between& x, const Between& y) {
 
 }  // namespace
 
+bool ContactDepth::is_of(const BoardSettings& board) {
+  const auto has = [&](const char* stage) {
+    return std::find(board.stages.begin(), board.stages.end(), stage) != board.stages.end();
+  };
+  return has("contact_depth") && !has("photometric");
+}
+
 int ContactDepth::step_px(const BoardSettings& board) {
   const int64_t pitch_um = std::min(board.markers.pitch_x_um, board.markers.pitch_y_um);
   const int64_t pitch_px = pitch_um * board.camera.focal_mpx / (1'000 * board.camera.standoff_um);
@@ -132,9 +139,9 @@ void ContactDepth::refine(std::span<const int32_t> fall, const Profile& profile,
       x[5] = floor_sqrt(dx * dx + dy * dy);
       int64_t ratio_q12 = 0;
       net_.run(tanh_, x, {&ratio_q12, 1}, saturations);
-      const int64_t depth = round_shift(std::clamp<int64_t>(ratio_q12, 0, kMostRatioQ12) * profile.size_q4, 12);
-      depth_q4_[i] = std::min(depth, kMostDepthQ4);
-      if (depth > kMostDepthQ4) ++saturations.count;
+      const int64_t depth = round_shift(std::clamp(ratio_q12, -kMostRatioQ12, kMostRatioQ12) * profile.size_q4, 12);
+      depth_q4_[i] = std::clamp(depth, -kMostDepthQ4, kMostDepthQ4);
+      if (depth != depth_q4_[i]) ++saturations.count;
     }
   }
 }

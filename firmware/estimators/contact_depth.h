@@ -5,7 +5,7 @@
 //   inputs  of a patch: a, a smoothed by (1 2 1) both ways twice and eight times, the largest a, all over the profile's
 //                      size (Q10); fall of the density over that size (Q16 over Q4, Q8); distance from the contact's
 //                      middle, um; then the inputs of the contact model, which are of the whole frame
-//   depth   perceptron `contact_depth.net` of these over the profile's size, Q12, not below 0
+//   depth   perceptron `contact_depth.net` of these, over the profile's size, Q12; the gel bulges beside a contact
 //   map     of cells of the image, `step_px` wide: a cell looks at the place P = (p - c) H / f of the undeformed pad;
 //                      what is seen there lay at X = P - d(X), d the flow (two rounds), and is as deep as there, bilinear
 //
@@ -35,6 +35,8 @@ class ContactDepth {
   static constexpr size_t kOfPatch = 6;
   static constexpr size_t kInputs = kOfPatch + ContactModel::kInputs;
 
+  // Whether the board has the stage contact_depth, and no depth from light.
+  [[nodiscard]] static bool is_of(const BoardSettings& board);
   // Cells are as wide as the patches are apart, and not smaller than [depth] step_px.
   [[nodiscard]] static int step_px(const BoardSettings& board);
   [[nodiscard]] static GridSize cells(const BoardSettings& board);

@@ -5,6 +5,7 @@
 RUN is a run of `ruffini sim reproduce`. For 640 x 480 the same frames are made twice as large. Times are the stages'
 own clock; the least and the median of the pressed frames.
 Then the same with the stage helmholtz, which takes the paper's sensor from 30 to 5 frames a second (section III-C).
+The stage contact_depth runs where the calibration has its tables.
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ def doubled(board: Board) -> Board:
 
 def decomposed(board: Board) -> Board:
     """The same board with the stage helmholtz."""
-    listed = '"contact_model"]'
+    listed = '"contact_model", "contact_depth"]'
     if listed not in board.text:
-        raise SystemExit(f"board {board.name!r}: its stages do not end with contact_model")
-    return parse_board(board.text.replace(listed, '"contact_model", "helmholtz"]').encode(), board.name)
+        raise SystemExit(f"board {board.name!r}: its stages do not end with contact_model and contact_depth")
+    return parse_board(board.text.replace('"contact_depth"]', '"helmholtz", "contact_depth"]').encode(), board.name)
 
 
 def times_ms(board: Board, file: container.CalibrationFile, recording: Path) -> dict[str, tuple[float, float]]:

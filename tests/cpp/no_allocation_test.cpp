@@ -101,6 +101,8 @@ struct Outcome {
   size_t largest_field = 0;
   size_t smallest_contacts = SIZE_MAX;
   size_t largest_contacts = 0;
+  size_t smallest_depth = SIZE_MAX;
+  size_t largest_depth = 0;
   std::array<uint64_t, kMessageTypes> messages{};
 };
 
@@ -150,6 +152,9 @@ Outcome run_daemon(const test::Scene& scene, bool plants, const NetworkLoader& n
         } else if (frame->header.type == ruffini_MessageType_MESSAGE_TYPE_CONTACTS) {
           out.smallest_contacts = std::min(out.smallest_contacts, size);
           out.largest_contacts = std::max(out.largest_contacts, size);
+        } else if (frame->header.type == ruffini_MessageType_MESSAGE_TYPE_DEPTH) {
+          out.smallest_depth = std::min(out.smallest_depth, size);
+          out.largest_depth = std::max(out.largest_depth, size);
         }
       }
     }
@@ -187,6 +192,14 @@ TEST(FrameThread, AllocatesNothingOnASkinWithTwoTouches) {
   EXPECT_EQ(out.frames, kFrames);
   EXPECT_EQ(out.allocations, 0U);
   EXPECT_GT(out.largest_contacts, out.smallest_contacts + 50) << "no touch was seen";
+}
+
+TEST(FrameThread, AllocatesNothingWithAContactModelAndItsDepthMap) {
+  const Outcome out = run_daemon(test::texture(), false);
+  EXPECT_EQ(out.frames, kFrames);
+  EXPECT_EQ(out.allocations, 0U);
+  EXPECT_GT(out.largest_contacts, out.smallest_contacts + 50) << "no contact was seen";
+  EXPECT_GT(out.largest_depth, out.smallest_depth + 20) << "no depth was told";
 }
 
 // Allocates as OpenCV does, in its own thread.

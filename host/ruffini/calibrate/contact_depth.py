@@ -7,7 +7,8 @@ surface, which a twin's does (SIMULATED) and a bench's does not:
     net      a perceptron of what that says about a patch, of the density there and of what the contact model sees; of
              each frame some patches that touch and some that do not
 
-How far off it is gets measured on sizes that were left out.
+How far off it is gets measured on presses that were left out: sizes of those that only go down, and every other one
+of those that are moved sideways, so that the fit never lacks either.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
+from ruffini.calibrate.contact_flow import fall_of, flow_um, patch_places, smoothed
 from ruffini.calibrate.contact_log import Press
 from ruffini.calibrate.contact_model import INPUT_STEP, seen_of
 from ruffini.calibrate.contact_wrench import ContactWrench, fit_contact_wrench
@@ -50,9 +52,9 @@ class DepthMap:
     net: Perceptron
 
     def __call__(self, board: Board, frame: Frame) -> Array:
-        """Depth of each patch (n_y, n_x), mm."""
+        """Depth of each patch (n,), mm."""
         ratio = self.net(inputs_of_patches(board, self.linear, frame))[:, 0]
-        return np.asarray(np.maximum(ratio, 0.0).reshape(frame.flow_um.shape[:2]) * frame.size_um * 1e-3)
+        return np.asarray(ratio * frame.size_um * 1e-3)
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class JudgedMap:
-    """A map of all presses, and what maps of the others err by on sizes left out: RMS in mm by shape and "all".
+    """A map of all presses, and what maps of others err by on presses left out: RMS in mm by shape and "all".
 
     `under` where a patch touches, `beside` elsewhere.
     """
@@ -84,17 +86,21 @@ class JudgedMap:
 def fit_contact_depth(
     board: Board, presses: list[Press], folds: Sequence[Callable[[Press], bool]], progress: Callable[[float], None]
 ) -> JudgedMap | None:
-    """Fit and judge; None where no press knows the gel's surface."""
+    """Fit and judge; None where no press knows the gel's surface, or none can be left out."""
     known = [p for p in presses if p.surface_mm is not None]
     if not known:
         return None
     off: list[tuple[str, tuple[Array, Array]]] = []
-    for done, is_left in enumerate(folds, 1):
-        rest = [p for p in known if not is_left(p)]
-        if rest and len(rest) < len(known):
+    sideways = [p.name for p in known if not p.goes_down][::2]
+    left_out = [{p.name for p in known if p.goes_down and is_left(p)} for is_left in folds] + [set(sideways)]
+    for done, names in enumerate(left_out, 1):
+        rest = [p for p in known if p.name not in names]
+        if rest and names:
             part, wrench = _fitted(board, rest)
-            off += [(p.shape, _errors(board, part, p, wrench)) for p in known if is_left(p)]
-        progress(done / (len(folds) + 1))
+            off += [(p.shape, _errors(board, part, p, wrench)) for p in known if p.name in names]
+        progress(done / (len(left_out) + 1))
+    if not off:
+        return None
     shapes = [*dict.fromkeys(shape for shape, _ in off), "all"]
     under, beside = (
         {s: _rms([errors[k] for shape, errors in off if s in (shape, "all")]) for s in shapes} for k in (0, 1)
@@ -143,13 +149,6 @@ def frames_of(board: Board, press: Press, wrench: ContactWrench) -> Iterator[tup
         yield int(at), Frame(flow_um(board, press.flow[at]), press.size[at] / 16, press.center_um[at], seen.x[row])
 
 
-def flow_um(board: Board, flow_px: Array) -> Array:
-    """(n_y, n_x, 2)."""
-    assert board.markers is not None
-    scale = 1e3 * board.camera.standoff_um / board.camera.focal_mpx
-    return np.asarray(flow_px.reshape(board.markers.n_y, board.markers.n_x, 2) * scale)
-
-
 def fit_linear(board: Board, presses: list[Press]) -> Array:
     """D of u_z = D u over all frames and their mirror images, ridge of NOISE_UM."""
     assert board.markers is not None
@@ -180,14 +179,11 @@ def _mirrored(shape: tuple[int, int], axis: int) -> tuple[Places, Array, Places]
 
 def inputs_of_patches(board: Board, linear: Array, frame: Frame) -> Array:
     """(n, 24) as the board makes them."""
-    m = board.markers
-    assert m is not None
     first = (linear @ frame.flow_um.ravel()).reshape(frame.flow_um.shape[:2])
-    few = _smoothed(first, FEW_TIMES)
-    many = _smoothed(few, MANY_TIMES - FEW_TIMES)
-    x = m.first_x_um + m.pitch_x_um * np.arange(m.n_x) - board.pad.size_x_um / 2 - frame.middle_um[0]
-    y = m.first_y_um + m.pitch_y_um * np.arange(m.n_y) - board.pad.size_y_um / 2 - frame.middle_um[1]
-    away = np.hypot(x[None, :], y[:, None])
+    few = smoothed(first, FEW_TIMES)
+    many = smoothed(few, MANY_TIMES - FEW_TIMES)
+    x, y = patch_places(board)
+    away = np.hypot(x[None, :] - frame.middle_um[0], y[:, None] - frame.middle_um[1])
     own = [first / frame.size_um, few / frame.size_um, many / frame.size_um,
            np.full_like(first, first.max() / frame.size_um),
            65536 * fall_of(board, frame.flow_um) / (16 * frame.size_um), away * 1e-3]  # fmt: skip
@@ -195,28 +191,11 @@ def inputs_of_patches(board: Board, linear: Array, frame: Frame) -> Array:
     return np.column_stack([patches, np.tile(frame.model, (len(patches), 1))])
 
 
-def fall_of(board: Board, flow: Array) -> Array:
-    """Smoothed fall of the density at each patch, as firmware/estimators/contact_profile.h; flow (n_y, n_x, 2) um."""
-    assert board.markers is not None
-    raw = np.zeros(flow.shape[:2])
-    raw[1:-1, 1:-1] = (flow[1:-1, 2:, 0] - flow[1:-1, :-2, 0]) / (2 * board.markers.pitch_x_um)
-    raw[1:-1, 1:-1] += (flow[2:, 1:-1, 1] - flow[:-2, 1:-1, 1]) / (2 * board.markers.pitch_y_um)
-    return _smoothed(raw, 1)
-
-
-def _smoothed(plane: Array, times: int) -> Array:
-    for _ in range(times):
-        edged = np.pad(plane, 1, mode="edge")
-        along = edged[:, :-2] + 2 * edged[:, 1:-1] + edged[:, 2:]
-        plane = (along[:-2] + 2 * along[1:-1] + along[2:]) / 16
-    return plane
-
-
 def _errors(board: Board, part: DepthMap, press: Press, wrench: ContactWrench) -> tuple[Array, Array]:
     """Of all frames, mm: where a patch touches, and elsewhere."""
     under, beside = [np.zeros(0)], [np.zeros(0)]
     for at, frame in frames_of(board, press, wrench):
-        off = (part(board, frame) - _surface_mm(press)[at]).ravel()
+        off = part(board, frame) - _surface_mm(press)[at]
         touches = _under(press)[at]
         under.append(off[touches])
         beside.append(off[~touches])

@@ -32,6 +32,7 @@ from ruffini.calibrate.perceptron import Perceptron, run_tables, tanh_table
 from ruffini.calibrate.wrench_map import Fit
 from ruffini.calibrate.wrench_model import AXES, PAIRS, TIMES_S, WrenchMap
 from ruffini.calibrate.wrench_tables import tables as wrench_tables
+from ruffini.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Progress = Any
@@ -229,6 +230,9 @@ def kind_weights(left: LeftOut) -> Array:
         for p, t in zip(left.presses, left.told, strict=True)
         if t.is_told and p.goes_down
     ]
+    if {s for _, s in told} != {-1.0, 1.0}:
+        raise InputError("the log has no planar press, or none of a ball, that goes straight down from 0.4 to 1.8 mm: "
+                         "kind and hardness need both")  # fmt: skip
     signs, side = np.array([t for t, _ in told]), np.array([s for _, s in told])
     mean, spread = signs.mean(axis=0), signs.std(axis=0) + 1e-9
     z = np.column_stack([np.ones(len(side)), (signs - mean) / spread])

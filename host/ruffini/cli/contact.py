@@ -70,7 +70,7 @@ def _text(out: Path, fit: ContactFit, tables_err: dict[str, float]) -> str:
         each = ", ".join(f"{shape} {under:.2f}" for shape, under in depth_map["under_mm"].items())
         beside = depth_map["beside_mm"]["all"]
         lines.append(
-            f"  depth map on sizes that were not fitted, RMSE in mm where they touch: {each}; beside {beside:.2f}"
+            f"  depth map on presses that were not fitted, RMSE in mm where they touch: {each}; beside {beside:.2f}"
         )
     else:
         lines.append("  no depth map: the log does not know the gel's surface")

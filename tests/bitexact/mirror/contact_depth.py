@@ -78,10 +78,10 @@ class ContactDepth:
             if max(abs(v) for v in x) > MOST_INPUT:
                 saturations.count += 1
                 continue
-            ratio = min(max(self._net(x)[0], 0), 1 << 20)
+            ratio = min(max(self._net(x)[0], -(1 << 20)), 1 << 20)
             told = (ratio * profile.size + (1 << 11)) >> 12
-            out[row, column] = min(told, 64_000)
-            saturations.count += int(told > 64_000)
+            out[row, column] = min(max(told, -64_000), 64_000)
+            saturations.count += int(abs(told) > 64_000)
         return out
 
     def _at(self, values: I64, x: I64, y: I64) -> I64:

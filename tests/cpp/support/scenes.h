@@ -9,6 +9,7 @@
 #include "support/glowing_skin.h"
 #include "support/test_board.h"
 #include "support/test_calibration.h"
+#include "support/texture_calibration.h"
 
 namespace ruffini::test {
 
@@ -50,6 +51,15 @@ inline Scene glow() {
           .calibration = skin_calibration(board),
           .rest = glowing_picture(board, {}, 0),
           .pressed = glowing_picture(board, {20, 51}, 2)};
+}
+
+// A texture that is pressed apart.
+inline Scene texture() {
+  const BoardSettings board = contact_board();
+  return {.board = board,
+          .calibration = contact_calibration(board),
+          .rest = speckles(board, 0),
+          .pressed = speckles(board, 1.5)};
 }
 
 }  // namespace ruffini::test

@@ -43,6 +43,7 @@ PAPER = {"triangle": (1.080, 1.326, 0.076), "flat": (1.470, 1.882, 0.132), "squa
 VALID = 1
 HARD = 90.0  # Shore A, of Fig. 4 and 5
 FACTOR_UM = 1400
+LIMIT_MM, RANGE_MM = 4.0, 2.5  # of the paper's limit press; beyond the second its force is wrong (section V-A)
 N_FIRST = 10
 PLANAR_KIND = 1
 NORMAL, NORMAL_VARIANCE = 2, 11  # in a wrench, and in the upper triangle of its covariance
@@ -161,7 +162,7 @@ def judge(board: Board, played: list[Played], method: dict[str, float]) -> dict[
         "method_hardness_alone": method.get("hardness, from the sensor alone", np.nan),
         "objects": [_told(p) for p in objects], "failing": [_told(p) for p in sets.get("failing", [])],
         "too_soft": [_told(p) for p in sets.get("too_soft", [])], "wear": _wear(sets.get("durability", [])),
-        "unmarked": _unmarked(played),
+        "unmarked": _unmarked(played), "limit": _limit(played),
         "resolution": _resolution(sets.get("repeat", [])), "factors": _factors(sets.get("calibration", [])),
     }  # fmt: skip
 
@@ -257,6 +258,17 @@ def _unmarked(played: list[Played]) -> dict[str, float]:
             "worst_over_sigma": float(np.abs(error / sigma).max(initial=0.0))}  # fmt: skip
 
 
+def _limit(played: list[Played]) -> dict[str, float]:
+    """How far the presses went, mm, of the limit press, and how many frames are beyond the range, and told so."""
+    gel = np.concatenate([p.gel_mm for p in played])
+    told = np.concatenate([p.of("gel_depth_um") for p in played]) * 1e-3
+    travel = max(float(p.recorded.truth["pose"][p.recorded.touched, 2].max()) for p in played)
+    return {
+        "wanted_mm": LIMIT_MM, "travel_mm": 1e3 * travel, "gel_mm": float(gel.max()), "told_mm": float(told.max()),
+        "beyond": float((gel > RANGE_MM).sum()), "told_beyond": float((told > RANGE_MM).sum()),
+    }  # fmt: skip
+
+
 def _share(each: Iterable[bool]) -> float:
     all_ = list(each)
     return float(np.mean(all_)) if all_ else float("nan")
@@ -350,6 +362,16 @@ def text_of(r: dict[str, Any]) -> str:
     for name, parts in r["calibration"]["refused"].items():
         each = ", ".join(f"{100 * part:.0f} % of {what}" for what, part in parts.items())
         lines.append(f"no model holds for {name}: refused, not in the fit: {each}")
+    far = r["limit"]
+    lines.append(
+        f"limit press: {far['wanted_mm']:g} mm are wanted, the twin's presses go {far['travel_mm']:.2f} mm, the gel "
+        f"{far['gel_mm']:.2f} mm deep, told at most {far['told_mm']:.2f}; frames deeper than {RANGE_MM:g} mm: "
+        f"{far['beyond']:.0f}, told so and flagged over range: {far['told_beyond']:.0f}"
+    )
+    if (depth_map := r["calibration"]["depth_map"]) is not None:
+        each = ", ".join(f"{shape} {under:.3f}" for shape, under in depth_map["under_mm"].items())
+        lines.append(f"depth map, presses left out of its fit, mm where they touch: {each}; "
+                     f"beside {depth_map['beside_mm']['all']:.3f}")  # fmt: skip
     for name in ("unmarked", "wear", "resolution", "factors"):
         lines.append(f"{name}: " + ", ".join(f"{k} {v:.3g}" for k, v in r[name].items()))
     return "\n".join(lines)
