@@ -267,12 +267,8 @@ void check_targets(BoardReader& in, const BoardSettings& board) {
       in.fail("stages contacts and contact_model both say the contacts: leave one of them out");
     }
   }
-  if (has_stage(board, "contact_depth")) {
-    if (!has_stage(board, "contact_model")) {
-      in.fail("stage contact_depth needs the stage contact_model");
-    } else if (has_stage(board, "photometric")) {
-      in.fail("stages photometric and contact_depth both say the depth: leave one of them out");
-    }
+  if (has_stage(board, "contact_depth") && !has_stage(board, "contact_model")) {
+    in.fail("stage contact_depth needs the stage contact_model");
   }
   if (has_stage(board, "helmholtz")) {
     const MarkerSettings& m = board.markers;

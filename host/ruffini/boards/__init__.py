@@ -16,9 +16,8 @@ from ruffini.boards.section import Section as Section
 from ruffini.errors import InputError
 
 STAGES = (
-    "difference", "markers", "targets", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model", "fingertip", "helmholtz",
-    "contact_depth",
+    "difference", "markers", "targets", "photometric", "poisson", "displacement", "operator", "support",
+    "wrench", "feature_wrench", "contacts", "skin", "contact_model", "fingertip", "helmholtz", "contact_depth",
 )  # fmt: skip
 MAX_LENGTH_UM = 500_000
 MAX_CELLS = 640  # of the depth grid along one axis: the Poisson solver's accumulator bound
@@ -313,15 +312,10 @@ class Board(Section):
                 raise ValueError("stage contact_model needs the stage feature_wrench and markers.polarity texture")
             if "contacts" in stages:
                 raise ValueError("stages contacts and contact_model both say the contacts: leave one of them out")
-        if "contact_depth" in stages:
-            if "contact_model" not in stages:
-                raise ValueError("stage contact_depth needs the stage contact_model")
-            if "photometric" in stages:
-                raise ValueError("stages photometric and contact_depth both say the depth: leave one of them out")
+        if "contact_model" not in stages and not {"helmholtz", "contact_depth"}.isdisjoint(stages):
+            raise ValueError("stages helmholtz and contact_depth need the stage contact_model")
         if "helmholtz" in stages and self.markers is not None:
             m = self.markers
-            if "contact_model" not in stages:
-                raise ValueError("stage helmholtz needs the stage contact_model")
             if max(m.pitch_x_um, m.pitch_y_um) > 4 * min(m.pitch_x_um, m.pitch_y_um):
                 raise ValueError("stage helmholtz needs markers.pitch_x_um and pitch_y_um within four times each other")
         if targets is None:

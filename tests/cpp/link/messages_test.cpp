@@ -219,47 +219,27 @@ TEST_F(MessagesTest, DepthIsTheStatesOwn) {
   EXPECT_NE(*std::min_element(z.begin(), z.end()), 0);
 }
 
-TEST_F(MessagesTest, ATexturesContactAndItsDepthMapAreTheStatesOwn) {
+TEST_F(MessagesTest, ATexturesDepthMapHasItsOwnStepAndSigma) {
   board_ = test::contact_board();
-  auto file = CalibrationFile::load(test::contact_calibration(board_));
-  ASSERT_TRUE(file) << file.error().message;
-  auto path = FramePath::configure(board_, file.value(), still_clock);
-  ASSERT_TRUE(path) << path.error().message;
-  path_ = std::move(path).value();
+  const auto file = CalibrationFile::load(test::contact_calibration(board_)).value();
+  path_ = FramePath::configure(board_, file, still_clock).value();
   encoder_ = std::make_unique<MessageEncoder>(*path_, kSensor);
-  for (int i = 0; i < board_.n_rest_frames; ++i) path_->process(view(test::speckles(board_, 0)));
-  for (int i = 0; i < 3; ++i) path_->process(view(test::speckles(board_, 1.5)));
-  const FrameState& state = path_->state();
-  ASSERT_TRUE(state.modelled.is_touched);
-
-  ruffini_Contacts contacts = ruffini_Contacts_init_zero;
-  decode(encode(ruffini_MessageType_MESSAGE_TYPE_CONTACTS), ruffini_Contacts_fields, contacts);
-  ASSERT_EQ(contacts.contacts_count, 1);
-  EXPECT_EQ(contacts.contacts[0].gel_depth_um, state.modelled.gel_depth_um);
-  EXPECT_EQ(contacts.contacts[0].depth_sigma_um, 77U);
-  EXPECT_EQ(contacts.contacts[0].center_x_um, state.profile.center_x_um);
-  EXPECT_TRUE(contacts.contacts[0].has_helmholtz);
-
-  ruffini_Depth depth = ruffini_Depth_init_zero;
-  Bytes data;
-  depth.depth.data = {.funcs = {.decode = read_bytes}, .arg = &data};
-  decode(encode(ruffini_MessageType_MESSAGE_TYPE_DEPTH), ruffini_Depth_fields, depth);
-  EXPECT_EQ(depth.step_px, 15U) << "the patches' pitch";
-  EXPECT_EQ(depth.depth.n_x, 10U);
-  EXPECT_EQ(depth.depth.n_y, 8U);
-  EXPECT_EQ(depth.sigma_um, 95U);
-  EXPECT_EQ(depth.validity, ruffini_Validity_VALIDITY_VALID) << state.flags;
-  const std::vector<int32_t> z = values_of(depth.depth, data);
-  ASSERT_EQ(z.size(), state.poisson.depth.size());
-  for (size_t i = 0; i < z.size(); ++i) ASSERT_EQ(z[i], state.poisson.depth[i].raw());
-  EXPECT_LT(*std::min_element(z.begin(), z.end()), -100);
-
-  // Nothing touches: no contact, a map of zeros.
-  path_->process(view(test::speckles(board_, 0)));
-  data.clear();
-  decode(encode(ruffini_MessageType_MESSAGE_TYPE_DEPTH), ruffini_Depth_fields, depth);
-  const std::vector<int32_t> flat = values_of(depth.depth, data);
-  EXPECT_TRUE(std::all_of(flat.begin(), flat.end(), [](int32_t v) { return v == 0; }));
+  for (const double out_px : {0.0, 0.0, 1.5, 0.0}) {
+    path_->process(view(test::speckles(board_, out_px)));
+    ruffini_Depth depth = ruffini_Depth_init_zero;
+    Bytes data;
+    depth.depth.data = {.funcs = {.decode = read_bytes}, .arg = &data};
+    decode(encode(ruffini_MessageType_MESSAGE_TYPE_DEPTH), ruffini_Depth_fields, depth);
+    EXPECT_EQ(depth.step_px, 15U) << "the patches' pitch";
+    EXPECT_EQ(depth.sigma_um, 95U);
+    const std::vector<int32_t> z = values_of(depth.depth, data);
+    ASSERT_EQ(z.size(), 80U);
+    for (size_t i = 0; i < z.size(); ++i) ASSERT_EQ(z[i], path_->state().poisson.depth[i].raw());
+    EXPECT_EQ(*std::min_element(z.begin(), z.end()) < -100, out_px > 0) << "nothing touches: zeros";
+    if (out_px > 0) {
+      EXPECT_EQ(depth.validity, ruffini_Validity_VALIDITY_VALID);
+    }
+  }
 }
 
 TEST_F(MessagesTest, MarkersAreInMillionthsOfAPixelAndTheLostOneIsMarked) {

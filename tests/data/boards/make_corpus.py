@@ -397,16 +397,6 @@ BAD: dict[str, tuple[Change, str]] = {
         all_of(put("markers.polarity", '"texture"'), put("pipeline.stages", '["markers", "contact_depth"]')),
         "contact_model",
     ),
-    "contact-depth-and-photometric": (
-        all_of(
-            put("markers.polarity", '"texture"'),
-            put(
-                "pipeline.stages",
-                '["markers", "photometric", "poisson", "feature_wrench", "contact_model", "contact_depth"]',
-            ),
-        ),
-        "both say the depth",
-    ),
     "contact-model-of-dots": (put("pipeline.stages", WITH_CONTACT_MODEL), "contact_model"),
     "contact-model-and-contacts": (
         all_of(
