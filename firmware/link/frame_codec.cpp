@@ -44,17 +44,14 @@ size_t cobs_encode(std::span<const uint8_t> in, uint8_t* out) {
   return at;
 }
 
-// Number of decoded bytes; nullopt where `in` is no COBS.
+// Number of decoded bytes; nullopt where `in` is no COBS. Precondition: no byte of `in` is zero (they end frames).
 std::optional<size_t> cobs_decode(std::span<const uint8_t> in, uint8_t* out) {
   size_t at = 0;
   size_t i = 0;
   while (i < in.size()) {
     const uint8_t code = in[i++];
-    if (code == 0 || i + code - 1 > in.size()) return std::nullopt;
-    for (uint8_t k = 1; k < code; ++k) {
-      if (in[i] == 0) return std::nullopt;
-      out[at++] = in[i++];
-    }
+    if (i + code - 1 > in.size()) return std::nullopt;
+    for (uint8_t k = 1; k < code; ++k) out[at++] = in[i++];
     if (code != 0xFF && i < in.size()) out[at++] = 0;
   }
   return at;
