@@ -20,7 +20,7 @@ FUZZ_S ?= 60
 # 1: make fuzz adds its executions to tests/ledger.toml.
 LEDGER ?=
 
-.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz soak mutants bench aarch64 fresh clean
+.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz coverage soak mutants bench aarch64 fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -84,6 +84,10 @@ fuzz: build  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the sess
 	  -DCMAKE_CXX_FLAGS='-fsanitize=address$(comma)undefined$(comma)fuzzer-no-link $(SANITIZE_FLAGS)',ruffini_fuzz_targets)
 	@$(PYTHON) tests/fuzz/differential.py $(MUTATIONS)
 	@LEDGER='$(LEDGER)' .ci/fuzz-parsers $(BUILD) $(FUZZ_S)
+
+coverage: build  ## branches of framing, session, store and fixed point that their tests take, with a floor for each file
+	@.ci/setup lint
+	@.ci/coverage $(BUILD)
 
 soak: build  ## the long runs of what `make test` does in short: every crash state, power cut and spoilt bit of the calibration store, a million frames, broken lines
 	@RUFFINI_CRASH_STEP=1 $(BUILD)/ruffini_device_tests --gtest_filter='CrashStates.*'
