@@ -248,20 +248,23 @@ void Session::subscribe(const ruffini_Subscribe& request) {
 
 void Session::send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message) {
   if (replies_.size() >= kMaxReplies) return;
-  std::vector<uint8_t> frames = frames_of(type, fields, message);
-  if (!frames.empty()) replies_.push_back(std::move(frames));
+  std::vector<uint8_t> payload = serialised(fields, message);
+  if (!payload.empty()) replies_.push_back({type, std::move(payload)});
 }
 
 // Empty: the message cannot be encoded.
-std::vector<uint8_t> Session::frames_of(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message) {
+std::vector<uint8_t> Session::serialised(const pb_msgdesc_t* fields, const void* message) {
   size_t n_bytes = 0;
   if (!pb_get_encoded_size(&n_bytes, fields, message)) return {};
   std::vector<uint8_t> payload(n_bytes);
   pb_ostream_t stream = pb_ostream_from_buffer(payload.data(), payload.size());
-  if (!pb_encode(&stream, fields, message)) return {};
-  std::vector<uint8_t> frames(frames_bound(n_bytes));
-  frames.resize(write_frames(type, identity_.stream_flags, kDeviceSensor, sequence_++, payload, frames));
-  return frames;
+  return pb_encode(&stream, fields, message) ? payload : std::vector<uint8_t>{};
+}
+
+// With the number that it has once its first byte goes out: what is written grows, whatever waited for how long.
+void Session::frame(ruffini_MessageType type, std::span<const uint8_t> payload) {
+  writing_.resize(frames_bound(payload.size()));
+  writing_.resize(write_frames(type, identity_.stream_flags, kDeviceSensor, sequence_, payload, writing_));
 }
 
 // The slot of a message whose frames are to go out; what waits in it is replaced and counted.
@@ -269,6 +272,7 @@ Session::Outgoing& Session::newest(uint8_t type) {
   Outgoing& slot = telemetry_[type % kMessageTypes];
   if (slot.is_full) exchange_.telemetry_dropped.fetch_add(1, std::memory_order_relaxed);
   slot.is_full = true;
+  slot.is_bare = false;
   slot.order = order_++;
   return slot;
 }
@@ -328,29 +332,44 @@ void Session::watch_camera(uint64_t now_us) {
 }
 
 std::span<const uint8_t> Session::pending() {
-  if (written_ == writing_.size()) {
-    written_ = 0;
-    writing_.clear();
-    if (!replies_.empty()) {
-      writing_.swap(replies_.front());
-      replies_.pop_front();
-    } else {
-      Outgoing* next = nullptr;
-      for (Outgoing& slot : telemetry_) {
-        if (slot.is_full && (next == nullptr || slot.order < next->order)) next = &slot;
-      }
-      if (next != nullptr) {
-        writing_.swap(next->bytes);
-        next->is_full = false;
-      }
-    }
+  if (written_ > 0) return std::span<const uint8_t>(writing_).subspan(written_);
+  // Chosen anew until its first byte went out: a line that takes nothing finds the newest when it does.
+  writing_.clear();
+  offered_ = nullptr;
+  if (!replies_.empty()) {
+    frame(replies_.front().type, replies_.front().payload);
+    return writing_;
   }
-  return std::span<const uint8_t>(writing_).subspan(written_);
+  for (Outgoing& slot : telemetry_) {
+    if (slot.is_full && (offered_ == nullptr || slot.order < offered_->order)) offered_ = &slot;
+  }
+  if (offered_ == nullptr) return {};
+  if (!offered_->is_bare) return offered_->bytes;
+  frame(static_cast<ruffini_MessageType>(offered_ - telemetry_.data()), offered_->bytes);
+  return writing_;
 }
 
 void Session::consumed(size_t n_bytes) {
+  if (n_bytes == 0) return;
+  if (written_ == 0) begin_writing();
   written_ += n_bytes;
   bytes_sent_ += n_bytes;
+  if (written_ == writing_.size()) written_ = 0;
+}
+
+// What pending() offered is taken.
+void Session::begin_writing() {
+  if (offered_ == nullptr) {
+    replies_.pop_front();
+    ++sequence_;
+    return;
+  }
+  offered_->is_full = false;
+  if (offered_->is_bare) {
+    ++sequence_;
+  } else {
+    writing_.swap(offered_->bytes);
+  }
 }
 
 void Session::reset_line() {

@@ -50,7 +50,14 @@ class Session {
   struct Outgoing {
     std::vector<uint8_t> bytes;
     bool is_full = false;
+    bool is_bare = false;  // the session's own: no frames yet
     uint64_t order = 0;
+  };
+
+  // Of the session's own: its frames are made when it goes out.
+  struct Waiting {
+    ruffini_MessageType type;
+    std::vector<uint8_t> payload;
   };
 
   void handle(const WireFrame& frame);
@@ -70,8 +77,9 @@ class Session {
   void send_stale_wrench();
   void tell_network(ruffini_Status& m) const;
   void send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message);
-  [[nodiscard]] std::vector<uint8_t> frames_of(ruffini_MessageType type, const pb_msgdesc_t* fields,
-                                               const void* message);
+  [[nodiscard]] static std::vector<uint8_t> serialised(const pb_msgdesc_t* fields, const void* message);
+  void frame(ruffini_MessageType type, std::span<const uint8_t> payload);
+  void begin_writing();
   [[nodiscard]] Outgoing& newest(uint8_t type);
   void take_telemetry();
 
@@ -99,12 +107,13 @@ class Session {
   uint64_t status_frames_ = 0;
   uint64_t bytes_sent_ = 0;
   uint64_t status_bytes_ = 0;
-  std::deque<std::vector<uint8_t>> replies_;
+  std::deque<Waiting> replies_;
   std::array<Outgoing, kMessageTypes> telemetry_;
   uint64_t order_ = 0;
   std::vector<uint8_t> popped_;
   std::vector<uint8_t> writing_;
-  size_t written_ = 0;
+  Outgoing* offered_ = nullptr;  // by the last pending(); nullptr: a reply, or nothing
+  size_t written_ = 0;           // of `writing_`; 0: nothing was begun
 };
 
 }  // namespace ruffini

@@ -98,8 +98,11 @@ void Session::send_stale_wrench() {
     m.validity[i] = is_measured ? ruffini_Validity_VALIDITY_INVALID : ruffini_Validity_VALIDITY_NOT_MEASURED;
   }
   // Telemetry, not a reply: a host that does not read finds the newest.
-  std::vector<uint8_t> frames = frames_of(ruffini_MessageType_MESSAGE_TYPE_WRENCH, ruffini_Wrench_fields, &m);
-  if (!frames.empty()) newest(ruffini_MessageType_MESSAGE_TYPE_WRENCH).bytes = std::move(frames);
+  std::vector<uint8_t> payload = serialised(ruffini_Wrench_fields, &m);
+  if (payload.empty()) return;
+  Outgoing& slot = newest(ruffini_MessageType_MESSAGE_TYPE_WRENCH);
+  slot.bytes = std::move(payload);
+  slot.is_bare = true;
 }
 
 void Session::send_event(uint64_t now_us, ruffini_Event_Severity severity, const char* what, const std::string& text) {

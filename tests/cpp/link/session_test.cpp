@@ -316,5 +316,25 @@ TEST_F(SessionTest, ALineThatHungUpForgetsItsHalfFrame) {
   EXPECT_EQ(session_.pending().size(), 50U);
 }
 
+// A line that takes nothing for a while: what is offered is chosen anew until its first byte went out.
+TEST_F(SessionTest, ALineThatWasFullFindsTheNewestAndRepliesFirst) {
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, {1, 1});
+  session_.poll(1);
+  EXPECT_EQ(session_.pending()[0], 1);
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, {2, 2});
+  session_.poll(2);
+  EXPECT_EQ(session_.pending()[0], 2);
+  EXPECT_EQ(exchange_.telemetry_dropped, 1U);
+  session_.consumed(1);
+  push_telemetry(ruffini_MessageType_MESSAGE_TYPE_WRENCH, {3});
+  session_.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_HELLO));
+  session_.poll(3);
+  EXPECT_EQ(session_.pending()[0], 2) << "a message that was begun is finished";
+  session_.consumed(1);
+  EXPECT_GT(session_.pending().size(), 100U) << "then the reply";
+  session_.consumed(session_.pending().size());
+  EXPECT_EQ(session_.pending()[0], 3);
+}
+
 }  // namespace
 }  // namespace ruffini
