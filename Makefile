@@ -20,7 +20,7 @@ FUZZ_S ?= 60
 # 1: make fuzz adds its executions to tests/ledger.toml.
 LEDGER ?=
 
-.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz coverage soak mutants bench aarch64 fresh clean
+.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -88,6 +88,9 @@ fuzz: build  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the sess
 coverage: build  ## branches of framing, session, store and fixed point that their tests take, with a floor for each file
 	@.ci/setup lint
 	@.ci/coverage $(BUILD)
+SIM_HOURS ?= 100
+simulate: build  ## SIM_HOURS device-hours of device, host, line, camera and medium with faults, simulated
+	@$(BUILD)/ruffini_simulation --hours $(SIM_HOURS)
 
 soak: build  ## the long runs of what `make test` does in short: every crash state, power cut and spoilt bit of the calibration store, a million frames, broken lines
 	@RUFFINI_CRASH_STEP=1 $(BUILD)/ruffini_device_tests --gtest_filter='CrashStates.*'
@@ -95,6 +98,7 @@ soak: build  ## the long runs of what `make test` does in short: every crash sta
 	@RUFFINI_SOAK=1 $(BUILD)/ruffini_device_tests --gtest_filter='Signature.*' --gtest_brief=1
 	@RUFFINI_SOAK=1 $(BUILD)/ruffini_frame_loop_test --gtest_brief=1
 	@RUFFINI_SOAK=1 $(PYTHON) -m pytest -c host/pyproject.toml -q -s tests/e2e/test_broken_line.py
+	@$(PYTHON) tests/ledger.py simulation $(BUILD)/ruffini_simulation $(SIM_HOURS)
 
 mutants: build  ## seeded bugs in store, link and host: each must be seen by its layer of tests
 	@$(PYTHON) tests/mutants/run.py --build $(BUILD)

@@ -19,7 +19,7 @@ from pathlib import Path
 
 REPO = Path(__file__).parents[2]
 TIMEOUT_S = 300.0
-TARGETS = ("ruffini_device_tests", "ruffini_store_faults_test", "ruffini_tests", "ruffinid")
+TARGETS = ("ruffini_device_tests", "ruffini_store_faults_test", "ruffini_tests", "ruffini_simulation", "ruffinid")
 
 
 def copied_tree(folder: Path) -> Path:
