@@ -88,6 +88,7 @@ fuzz: build  ## hostile bytes under ASan + UBSan: MUTATIONS messages to the sess
 coverage: build  ## branches of framing, session, store and fixed point that their tests take, with a floor for each file
 	@.ci/setup lint
 	@.ci/coverage $(BUILD)
+
 SIM_HOURS ?= 100
 simulate: build  ## SIM_HOURS device-hours of device, host, line, camera and medium with faults, simulated
 	@$(BUILD)/ruffini_simulation --hours $(SIM_HOURS)
