@@ -23,7 +23,7 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Surr
       exchange_(exchange),
       identity_(std::move(identity)),
       options_(options),
-      session_(board_, *path_, identity_, calibrator, exchange_),
+      session_(board_, *path_, identity_, calibrator, exchange_, {around_.clock, around_.random, options.is_open}),
       encoder_(*path_, identity_.sensor),
       sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
       outgoing_(kTelemetryRingBytes),

@@ -12,6 +12,7 @@
 
 #include "base/clock.h"
 #include "base/mailbox.h"
+#include "base/random.h"
 #include "capture/camera.h"
 #include "hw/board_io.h"
 #include "infer/inference.h"
@@ -26,6 +27,7 @@ struct DaemonOptions {
   bool waits_for_host = false;  // the first frame waits for a subscription
   bool lingers = false;         // keep the link after the recording's end
   uint64_t max_frames = 0;      // 0 = no limit
+  bool is_open = true;          // no key is asked for before what changes something
   NetworkLoader network{};      // empty: none
   // Asked about once a second by the link thread: a sentence where what is round the sensor is not as at the start, and
   // forces would be wrong. The daemon then ends with it; empty: never.
@@ -35,6 +37,7 @@ struct DaemonOptions {
 // All that the daemon knows of the world; the medium is the calibrator's.
 struct Surroundings {
   const Clock& clock;
+  Random& random;
   std::unique_ptr<Camera> camera;
   std::unique_ptr<Link> link;
   std::unique_ptr<BoardIo> io;

@@ -46,6 +46,7 @@ int fail(const ruffini::Error& error) {
     case ruffini::ErrorKind::kBadInput:
       return kExitUsage;
     case ruffini::ErrorKind::kUnavailable:
+    case ruffini::ErrorKind::kBusy:
       return kExitNoDevice;
     case ruffini::ErrorKind::kRefused:
       return kExitRefused;
@@ -71,6 +72,7 @@ struct Arguments {
   std::string keys;
   std::string factory;
   bool accepts_development_key = false;
+  bool has_no_challenge = false;
   bool is_loop = false;
   bool locks_memory = false;
   bool is_doctor = false;
@@ -159,6 +161,7 @@ int run(const Arguments& arguments) {
   auto keys = arguments.keys.empty() ? ruffini::Result<ruffini::KeyRing>(ruffini::KeyRing())
                                      : ruffini::KeyRing::load(arguments.keys, arguments.accepts_development_key);
   if (!keys) return fail(keys.error());
+  options.is_open = arguments.has_no_challenge || !keys.value().has_enrolled();
   ruffini::Calibrator calibrator(board.value(), serial, std::move(store).value(), exchange,
                                  has_trial ? ruffini::TrialRule() : ruffini::TrialRule{0, 0}, std::move(keys).value());
   if (!arguments.factory.empty()) {
@@ -186,6 +189,7 @@ int run(const Arguments& arguments) {
                                          .is_lossless = arguments.daemon.is_lockstep};
   const ruffini::SystemClock clock;
   ruffini::Surroundings around{.clock = clock,
+                               .random = random,
                                .camera = std::move(camera).value(),
                                .link = std::make_unique<ruffini::SerialPort>(std::move(port).value()),
                                .io = std::make_unique<ruffini::Thermometer>(board.value().temperature.path)};
@@ -220,6 +224,8 @@ int main(int argc, char** argv) {
   app.add_flag("--lock-memory", arguments.locks_memory, "no page that was used leaves memory");
   app.add_flag("--doctor", arguments.is_doctor, "say what is missing on this computer, with the remedy; exit code 1");
   app.add_flag("--json", arguments.is_json, "what --doctor says as one JSON object");
+  app.add_flag("--no-challenge", arguments.has_no_challenge,
+               "take commands that change something from anybody on the line, though keys are enrolled");
   app.add_flag("--lockstep", arguments.daemon.is_lockstep, "every frame in order, none dropped");
   app.add_flag("--loop", arguments.is_loop, "start the recording again at its end");
   app.add_flag("--wait-for-host", arguments.daemon.waits_for_host, "start when a host has subscribed");

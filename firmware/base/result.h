@@ -15,6 +15,7 @@ enum class ErrorKind {
   kUnavailable,  // hardware, file or line is missing or busy
   kRefused,      // understood, and not allowed: wrong board, wrong key
   kStorage,      // the medium failed
+  kBusy,         // somebody else has it: later
 };
 
 // `message`: what happened, on what, and what to do, in one sentence.

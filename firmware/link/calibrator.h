@@ -24,6 +24,7 @@ struct ActiveCalibration {
   std::string kinds;
   Signer signer;
   Manifest manifest;
+  std::shared_ptr<const CalibrationFile> file;
 };
 
 // So many good frames (none of kWrongFlags) confirm a calibration, so many frames without them end it. 0: no trial.

@@ -19,6 +19,12 @@ void copy_text(char (&out)[N], const std::string& text) {
   out[n] = '\0';
 }
 
+// What came over the line, fit to be said: a text that is no UTF-8 would spoil the message.
+inline std::string plain(std::string text) {
+  std::replace_if(text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+  return text;
+}
+
 template <typename Bytes>
 void copy_bytes(Bytes& out, const std::string& bytes) {
   out.size = static_cast<pb_size_t>(std::min(bytes.size(), sizeof out.bytes));

@@ -8,9 +8,12 @@
 #include <sys/stat.h>
 #include <termios.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <thread>
+#include <utility>
 
 namespace ruffini {
 namespace {
@@ -20,15 +23,38 @@ Error unavailable(const std::string& path, const std::string& what) {
           path + ": cannot " + what + ": " + std::strerror(errno) + ": is it there, free, and are you in its group?"};
 }
 
+// A USB line lost pieces of what was written to it in more at once than this, where its host lagged.
+constexpr size_t kMaxWriteBytes = 4'096;
+
+// What would change, hold back or answer a byte on its way.
+constexpr tcflag_t kInputFlags = IGNBRK | BRKINT | PARMRK | ISTRIP | INLCR | IGNCR | ICRNL | IXON | IXOFF | IXANY;
+constexpr tcflag_t kLocalFlags = ECHO | ECHONL | ICANON | ISIG | IEXTEN;
+
 // 8 data bits, no parity, one stop bit, no flow control. The speed counts on a UART only; the host tool's is the same.
 bool set_raw(int fd) {
   termios settings{};
   if (::tcgetattr(fd, &settings) != 0) return false;
   ::cfmakeraw(&settings);
+  settings.c_iflag &= ~kInputFlags;  // cfmakeraw() leaves IXOFF and IXANY
   settings.c_cflag |= CLOCAL | CREAD;
   settings.c_cflag &= ~static_cast<tcflag_t>(CSTOPB | CRTSCTS);
   ::cfsetspeed(&settings, B115200);
-  return ::tcsetattr(fd, TCSANOW, &settings) == 0;
+  if (::tcsetattr(fd, TCSANOW, &settings) != 0) return false;
+  // It says success when it did any part of it.
+  termios now{};
+  if (::tcgetattr(fd, &now) != 0) return false;
+  errno = EINVAL;
+  return (now.c_iflag & kInputFlags) == 0 && (now.c_oflag & OPOST) == 0 && (now.c_lflag & kLocalFlags) == 0 &&
+         (now.c_cflag & (CSIZE | PARENB)) == CS8;
+}
+
+// close() of a tty may wait for many seconds until what was written has gone out, which it never will.
+void close_elsewhere(UniqueFd fd) {
+  if (!fd) return;
+  ::tcflush(fd.get(), TCIOFLUSH);
+  ::ioctl(fd.get(), TIOCNXCL);  // the line may be opened again before the close has ended
+  ::flock(fd.get(), LOCK_UN);
+  std::thread([fd = std::move(fd)]() mutable { fd.reset(); }).detach();
 }
 
 bool is_only_late() { return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR; }
@@ -95,7 +121,7 @@ int SerialPort::read(std::span<uint8_t> out) {
 }
 
 int SerialPort::write(std::span<const uint8_t> bytes) {
-  const ssize_t n = ::write(fd_.get(), bytes.data(), bytes.size());
+  const ssize_t n = ::write(fd_.get(), bytes.data(), std::min(bytes.size(), kMaxWriteBytes));
   return n >= 0 ? static_cast<int>(n) : is_only_late() ? 0 : -1;
 }
 
@@ -124,7 +150,7 @@ bool SerialPort::reopen() {
     const UniqueFd slave = open_slave();
     return slave && ::tcflush(slave.get(), TCIFLUSH) == 0;
   }
-  fd_.reset();
+  close_elsewhere(std::move(fd_));
   return open_device().has_value();
 }
 

@@ -8,6 +8,7 @@
 
 #include "link/messages.h"
 #include "link/proto_text.h"
+#include "link/reply.h"
 
 namespace ruffini {
 
@@ -19,40 +20,16 @@ constexpr uint64_t kStatusPeriodUs = 1'000'000;
 constexpr uint64_t kStalePeriodUs = 100'000;
 constexpr size_t kMaxReplies = 64;  // a host that asks faster than it reads is not answered
 
-// What came over the line, fit to be said: a text that is no UTF-8 would spoil the reply.
-std::string plain(std::string text) {
-  std::replace_if(text.begin(), text.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
-  return text;
-}
-
-ruffini_ReplyCode code_of(ErrorKind kind) {
-  switch (kind) {
-    case ErrorKind::kBadInput:
-      return ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
-    case ErrorKind::kUnavailable:
-      return ruffini_ReplyCode_REPLY_NOT_READY;
-    case ErrorKind::kRefused:
-      return ruffini_ReplyCode_REPLY_REFUSED;
-    case ErrorKind::kStorage:
-      return ruffini_ReplyCode_REPLY_STORAGE;
-  }
-  return ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
-}
-
-void answer(ruffini_Reply& reply, const Status& status) {
-  if (status) return;
-  reply.code = code_of(status.error().kind);
-  copy_text(reply.text, status.error().message);
-}
-
 }  // namespace
 
 Session::Session(const BoardSettings& board, const FramePath& path, DeviceIdentity identity, Calibrator& calibrator,
-                 Exchange& exchange)
+                 Exchange& exchange, const SessionSeams& seams)
     : board_(board),
       identity_(std::move(identity)),
       calibrator_(calibrator),
       exchange_(exchange),
+      clock_(seams.clock),
+      access_(calibrator.keys(), identity_.serial, seams),
       grid_(path.nodes().size()),
       first_x_(observed_nodes(board.grid.n_x, board.pad.size_x_um, board.window.min_x_um, board.window.max_x_um)),
       first_y_(observed_nodes(board.grid.n_y, board.pad.size_y_um, board.window.min_y_um, board.window.max_y_um)),
@@ -60,6 +37,7 @@ Session::Session(const BoardSettings& board, const FramePath& path, DeviceIdenti
 
 void Session::receive(std::span<const uint8_t> bytes) {
   const uint64_t n_before = n_damaged();
+  received_us_ = clock_.now_us();
   for (const uint8_t byte : bytes) {
     if (const std::optional<WireFrame> frame = decoder_.push(byte)) handle(*frame);
   }
@@ -93,7 +71,7 @@ void Session::handle(const WireFrame& frame) {
   }
   switch (frame.header.type) {
     case ruffini_MessageType_MESSAGE_TYPE_HELLO:
-      has_last_reply_ = false;  // a host that starts may count its requests from any number
+      if (last_holder_ == 0) has_last_reply_ = false;  // a host that starts may count its requests from any number
       send_hello();
       return;
     case ruffini_MessageType_MESSAGE_TYPE_SCHEMA:
@@ -101,6 +79,12 @@ void Session::handle(const WireFrame& frame) {
       return;
     case ruffini_MessageType_MESSAGE_TYPE_STATUS:
       is_status_asked_ = true;
+      return;
+    case ruffini_MessageType_MESSAGE_TYPE_TIME:
+      answer_time(frame);
+      return;
+    case ruffini_MessageType_MESSAGE_TYPE_SIGNED_COMMAND:
+      signed_command(frame);
       return;
     case ruffini_MessageType_MESSAGE_TYPE_COMMAND:
       break;
@@ -113,26 +97,33 @@ void Session::handle(const WireFrame& frame) {
     ++rx_malformed_;
     return;
   }
-  has_asked_again_ = false;
-  command(message, frame.header.sensor);
+  command(message, frame.header.sensor, may(message, false));
 }
 
-void Session::command(const ruffini_Command& request, uint8_t sensor) {
-  if (has_last_reply_ && request.request_id == last_request_id_) {  // a retry: answered, not run again
+// `allowed`: whether it may be done at all.
+void Session::command(const ruffini_Command& request, uint8_t sensor, const Status& allowed) {
+  has_asked_again_ = false;
+  if (is_repeat(request)) {  // a retry: answered, not run again
     send(ruffini_MessageType_MESSAGE_TYPE_REPLY, ruffini_Reply_fields, &last_reply_);
     return;
   }
   ruffini_Reply reply = ruffini_Reply_init_zero;
   reply.request_id = request.request_id;
-  if (sensor == kDeviceSensor || sensor == identity_.sensor) {
-    act(request, reply);
-  } else {
+  if (sensor != kDeviceSensor && sensor != identity_.sensor) {
     reply.code = ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
     copy_text(reply.text, "no sensor " + std::to_string(sensor) + " here: HELLO lists those there are");
+  } else if (!allowed) {
+    answer(reply, allowed);
+  } else {
+    act(request, reply);
   }
-  last_request_id_ = request.request_id;
-  last_reply_ = reply;
-  has_last_reply_ = true;
+  access_.heard(request.holder);
+  if (allowed && is_remembered(request)) {
+    last_request_id_ = request.request_id;
+    last_holder_ = request.holder;
+    last_reply_ = reply;
+    has_last_reply_ = true;
+  }
   send(ruffini_MessageType_MESSAGE_TYPE_REPLY, ruffini_Reply_fields, &reply);
 }
 
@@ -156,6 +147,13 @@ void Session::act(const ruffini_Command& request, ruffini_Reply& reply) {
     case ruffini_Command_flash_undo_tag:
     case ruffini_Command_flash_query_tag:
       flash(request, reply);
+      break;
+    case ruffini_Command_flash_read_tag:
+      read_back(request.action.flash_read, reply);
+      break;
+    case ruffini_Command_challenge_tag:
+    case ruffini_Command_lease_tag:
+      lease(request, reply);
       break;
     case ruffini_Command_get_tag:
     case ruffini_Command_set_tag: {
@@ -202,8 +200,9 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
     }
     case ruffini_Command_flash_query_tag: {
       const auto& wanted = request.action.flash_query.sha256;
-      const std::string& active = calibrator_.active().sha256;
-      if (active.size() == wanted.size && std::memcmp(active.data(), wanted.bytes, wanted.size) == 0) {
+      const std::string& active = calibrator_.active().sha256;  // empty: nothing is in force
+      if (!active.empty() && active.size() == wanted.size &&
+          std::memcmp(active.data(), wanted.bytes, wanted.size) == 0) {
         say_trial(reply);
         return;
       }
@@ -270,7 +269,10 @@ void Session::frame(ruffini_MessageType type, std::span<const uint8_t> payload) 
 // The slot of a message whose frames are to go out; what waits in it is replaced and counted.
 Session::Outgoing& Session::newest(uint8_t type) {
   Outgoing& slot = telemetry_[type % kMessageTypes];
-  if (slot.is_full) exchange_.telemetry_dropped.fetch_add(1, std::memory_order_relaxed);
+  if (slot.is_full) {
+    exchange_.telemetry_dropped.fetch_add(1, std::memory_order_relaxed);
+    ++n_replaced_;
+  }
   slot.is_full = true;
   slot.is_bare = false;
   slot.order = order_++;
@@ -373,12 +375,18 @@ void Session::begin_writing() {
 }
 
 void Session::reset_line() {
+  access_.forget();
+  n_cut_ += written_ != 0 ? 1 : 0;
+  n_down_ += replies_.size();
   written_ = 0;
   writing_.clear();
   replies_.clear();
   for (auto& every : exchange_.every) every = 0;
-  while (exchange_.telemetry.pop(popped_)) continue;
-  for (Outgoing& slot : telemetry_) slot.is_full = false;
+  while (exchange_.telemetry.pop(popped_)) ++n_down_;
+  for (Outgoing& slot : telemetry_) {
+    n_down_ += slot.is_full ? 1 : 0;
+    slot.is_full = false;
+  }
   has_last_reply_ = false;
 }
 

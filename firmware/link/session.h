@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "link/access.h"
 #include "link/calibrator.h"
 #include "link/exchange.h"
 #include "link/frame_codec.h"
@@ -33,7 +34,7 @@ struct DeviceIdentity {
 class Session {
  public:
   Session(const BoardSettings& board, const FramePath& path, DeviceIdentity identity, Calibrator& calibrator,
-          Exchange& exchange);
+          Exchange& exchange, const SessionSeams& seams);
 
   void receive(std::span<const uint8_t> bytes);
   // Takes telemetry from the ring, deletes retired paths, sends STATUS when asked, once a second to subscribers.
@@ -63,7 +64,15 @@ class Session {
   void handle(const WireFrame& frame);
   [[nodiscard]] uint64_t n_damaged() const;
   void ask_again();
-  void command(const ruffini_Command& command, uint8_t sensor);
+  void signed_command(const WireFrame& frame);
+  void command(const ruffini_Command& command, uint8_t sensor, const Status& allowed);
+  // Where the command changes something: signed, if that is asked for, and by the host that has the lease.
+  [[nodiscard]] Status may(const ruffini_Command& command, bool is_signed);
+  [[nodiscard]] bool is_repeat(const ruffini_Command& command) const;
+  [[nodiscard]] static bool is_remembered(const ruffini_Command& command);
+  void lease(const ruffini_Command& command, ruffini_Reply& reply);
+  void read_back(const ruffini_FlashRead& request, ruffini_Reply& reply) const;
+  void answer_time(const WireFrame& frame);
   void act(const ruffini_Command& command, ruffini_Reply& reply);
   void flash(const ruffini_Command& command, ruffini_Reply& reply);
   void say_trial(ruffini_Reply& reply) const;
@@ -87,6 +96,8 @@ class Session {
   DeviceIdentity identity_;
   Calibrator& calibrator_;
   Exchange& exchange_;
+  const Clock& clock_;
+  Access access_;
   GridSize grid_;
   NodeRange first_x_;
   NodeRange first_y_;
@@ -96,6 +107,7 @@ class Session {
   bool has_asked_again_ = false;
   uint32_t sequence_ = 0;
   uint32_t last_request_id_ = 0;
+  uint32_t last_holder_ = 0;
   bool has_last_reply_ = false;
   ruffini_Reply last_reply_{};
   StallWatch stall_;
@@ -110,6 +122,10 @@ class Session {
   std::deque<Waiting> replies_;
   std::array<Outgoing, kMessageTypes> telemetry_;
   uint64_t order_ = 0;
+  uint64_t received_us_ = 0;  // when the bytes came that are being handled
+  uint64_t n_replaced_ = 0;   // telemetry, by a newer message of its type
+  uint64_t n_down_ = 0;       // messages that waited when the line was lost
+  uint64_t n_cut_ = 0;        // frames that it cut off
   std::vector<uint8_t> popped_;
   std::vector<uint8_t> writing_;
   Outgoing* offered_ = nullptr;  // by the last pending(); nullptr: a reply, or nothing

@@ -42,6 +42,10 @@ void Session::send_hello() {
   copy_text(m.firmware_version, identity_.version);
   copy_text(m.device_serial, identity_.serial);
   m.session_id = identity_.session_id;
+  m.needs_key = access_.needs_key();
+  for (const std::string& id : calibrator_.keys().enrolled_ids()) {
+    if (m.key_ids_count < std::size(m.key_ids)) copy_text(m.key_ids[m.key_ids_count++], id);
+  }
   m.sensors_count = 1;
   ruffini_SensorInfo& s = m.sensors[0];
   s.sensor = identity_.sensor;
@@ -151,7 +155,16 @@ void Session::send_status(uint64_t now_us) {
              .rx_bad_crc = decoder_.counters().bad_crc,
              .rx_malformed = decoder_.counters().malformed + rx_malformed_,
              .rx_oversize = decoder_.counters().oversize,
-             .rx_echo = rx_echo_};
+             .rx_echo = rx_echo_,
+             .link_replaced = n_replaced_,
+             .link_ring_full = exchange_.telemetry_dropped.load() - n_replaced_,
+             .link_down = n_down_,
+             .link_cut = n_cut_};
+  m.has_access = true;
+  m.access.is_open = !access_.needs_key();
+  m.access.n_refused = access_.n_refused();
+  copy_text(m.access.holder, access_.holder());
+  copy_text(m.store_problem, calibrator_.problem());
   m.saturations = exchange_.saturations.load();
   const uint64_t n = std::max<uint64_t>(frames - status_frames_, 1);
   for (size_t i = 0; i < kStageCount; ++i) {

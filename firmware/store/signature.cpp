@@ -43,6 +43,11 @@ std::string key_id(const PublicKey& key) {
   return id;
 }
 
+bool is_signed_by(const PublicKey& key, std::span<const uint8_t> message, std::span<const uint8_t> signature) {
+  return signature.size() == crypto_sign_BYTES &&
+         crypto_sign_verify_detached(signature.data(), message.data(), message.size(), key.data()) == 0;
+}
+
 }  // namespace
 
 std::string sha256(std::span<const uint8_t> bytes) {
@@ -73,12 +78,22 @@ Result<KeyRing> KeyRing::load(const std::string& folder, bool accepts_developmen
   return ring;
 }
 
+bool KeyRing::is_of_enrolled(std::span<const uint8_t> message, std::span<const uint8_t> signature) const {
+  return sodium_init() >= 0 && std::any_of(enrolled_.begin(), enrolled_.end(),
+                                           [&](const PublicKey& key) { return is_signed_by(key, message, signature); });
+}
+
+std::vector<std::string> KeyRing::enrolled_ids() const {
+  std::vector<std::string> ids;
+  for (const PublicKey& key : enrolled_) ids.push_back(key_id(key));
+  return ids;
+}
+
 Result<Signer> KeyRing::verify(const Calibration& calibration) const {
   if (sodium_init() < 0) return Error{ErrorKind::kUnavailable, "libsodium does not start: check its installation"};
   static const PublicKey kDevelopment = development_key();
-  const std::span<const uint8_t> message = calibration.signed_bytes();
   const auto fits = [&](const PublicKey& key) {
-    return crypto_sign_verify_detached(calibration.signature().data(), message.data(), message.size(), key.data()) == 0;
+    return is_signed_by(key, calibration.signed_bytes(), calibration.signature());
   };
   const auto found = std::find_if(enrolled_.begin(), enrolled_.end(), fits);
   if (found != enrolled_.end()) return Signer{key_id(*found), false};

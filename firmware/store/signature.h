@@ -29,6 +29,10 @@ class KeyRing {
 
   // Errors: kRefused where the signature does not fit any key that this device knows.
   [[nodiscard]] Result<Signer> verify(const Calibration& calibration) const;
+  // Whether one of the owners' keys, the development key not among them, made this signature of 64 bytes.
+  [[nodiscard]] bool is_of_enrolled(std::span<const uint8_t> message, std::span<const uint8_t> signature) const;
+  [[nodiscard]] bool has_enrolled() const { return !enrolled_.empty(); }
+  [[nodiscard]] std::vector<std::string> enrolled_ids() const;
   // Then anybody can make a file that this device takes: STATUS says so.
   [[nodiscard]] bool accepts_development_key() const { return accepts_development_key_; }
 

@@ -199,9 +199,11 @@ Kernel run_daemon(uint64_t n_frames, bool plants) {
   const int host = ::open(port->host_path().c_str(), O_RDONLY | O_NOCTTY);
   EXPECT_GE(host, 0);
   const SystemClock clock;
+  SystemRandom random;
   auto daemon = std::make_unique<Daemon>(
       scene.board, std::move(path).value(),
       Surroundings{.clock = clock,
+                   .random = random,
                    .camera = std::make_unique<SlowCamera>(scene, exchange, n_frames),
                    .link = std::move(port),
                    .io = std::make_unique<Thermometer>("")},

@@ -125,10 +125,12 @@ Outcome run_daemon(const test::Scene& scene, bool plants, const NetworkLoader& n
   EXPECT_GE(host, 0);
   std::atomic<bool> stop{false};
   const SystemClock clock;
+  SystemRandom random;
   Outcome out;
   auto daemon = std::make_unique<Daemon>(
       board, std::move(path).value(),
       Surroundings{.clock = clock,
+                   .random = random,
                    .camera = std::make_unique<DrawnCamera>(scene),
                    .link = std::move(port),
                    .io = std::make_unique<Thermometer>("")},

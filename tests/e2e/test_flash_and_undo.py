@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from test_bad_input import run_host
 from tiny_sensor import Sensor, start
 
@@ -43,7 +45,8 @@ def test_nothing_is_flashed_that_fails_and_what_was_flashed_can_be_undone(sensor
         assert "error: 0.2 of the largest force" in text
         assert "--force" in text
         code, result, text = ask(port, "flash", str(tmp_path / "bad"), "--force")
-        assert (code, result["sha256"]) == (0, bad.sha256.hex())
+        assert code == 0, text
+        assert result["sha256"] == bad.sha256.hex()
         assert "FAILS ITS GATES" in text
         for wanted, replaced in ((good, bad), (bad, good), (good, bad)):
             code, result, _ = ask(port, "undo")
@@ -135,3 +138,47 @@ def test_without_a_stored_calibration_the_factorys_is_in_force(sensor: Sensor, t
     options = ("--wait-for-host", "--factory", str(factory))
     with start(sensor, tmp_path / "store", *options) as daemon, Connection(daemon.port) as host:
         assert host.hello.sensors[0].calibration.sha256 == hashlib.sha256(sensor.calibration).digest()
+
+
+def test_before_a_flash_what_is_in_force_is_read_back_and_kept(sensor: Sensor, tmp_path: Path) -> None:
+    file = container.unpack(sensor.calibration)
+    container.write(tmp_path / "first", file)
+    tensors = dict(file.tensors)
+    slope = tensors["photometric.slope"].copy()
+    slope[3, 4] += np.int16(7)
+    second = container.pack({**tensors, "photometric.slope": slope}, {**file.metadata, "version": "2"})
+    container.write(tmp_path / "second", second)
+    kept = tmp_path / "kept"
+
+    def flash(port: str, *words: str) -> tuple[int, dict[str, Any], str]:
+        code, out, text = run_host("cal", "flash", *words, "--json", port=port, RUFFINI_BACKUPS=str(kept))
+        return code, json.loads(out) if out else {}, text
+
+    with start(sensor, tmp_path / "store", "--wait-for-host") as daemon:
+        port = daemon.port
+        code, result, text = flash(port, str(tmp_path / "first"), "--diff")
+        assert (code, result["state"]) == (0, "diff"), text
+        assert {"name": "board", "state": "added", "before": "", "after": "tiny"} in result["differences"]
+        code, result, _ = flash(port, str(tmp_path / "first"))
+        assert (code, "backup" in result) == (0, False), "there was nothing to keep"
+        code, result, _ = flash(port, str(tmp_path / "second"), "--diff")
+        assert result["differences"] == [
+            {"name": "version", "state": "changed", "before": "1", "after": "2"},
+            {"name": "photometric.slope", "state": "changed", "before": "int16 65x65x2",
+             "after": "2 of 8450 numbers, by at most 7"},
+        ]  # fmt: skip
+        code, result, _ = flash(port, str(tmp_path / "second"), "--dry-run")
+        assert (code, result["state"]) == (0, "dry-run")
+        assert not kept.exists()
+        code, result, text = flash(port, str(tmp_path / "second"))
+        assert code == 0, text
+        assert Path(result["backup"]).read_bytes() == sensor.calibration
+        assert Path(result["backup"]).name.startswith("0001-")
+        assert "is kept in" in text
+        assert run_host("cal", "undo", port=port)[0] == 0
+        code, result, _ = flash(port, str(tmp_path / "second"), "--backup", str(tmp_path / "second"))
+        assert code == 2, "the folder is a file: nothing is flashed"
+        code, result, _ = flash(port, str(tmp_path / "first"), "--no-backup")
+        assert result["state"] == "same"
+        with Connection(port) as host:
+            assert host.read_calibration() == sensor.calibration

@@ -20,6 +20,7 @@
 #include <fstream>
 #include <string>
 
+#include "hw/system.h"
 #include "link/messages.h"
 #include "link/session.h"
 #include "mutator.h"
@@ -86,7 +87,8 @@ std::vector<Bytes> command_payloads() {
   std::vector<Bytes> out;
   for (const ruffini_Command& m : {subscribe, zero, get, set, begin, chunk, of_kind(ruffini_Command_flash_commit_tag),
                                    of_kind(ruffini_Command_flash_abort_tag), of_kind(ruffini_Command_flash_undo_tag),
-                                   of_kind(ruffini_Command_flash_query_tag)}) {
+                                   of_kind(ruffini_Command_flash_query_tag), of_kind(ruffini_Command_challenge_tag),
+                                   of_kind(ruffini_Command_lease_tag), of_kind(ruffini_Command_flash_read_tag)}) {
     out.push_back(serialised(m));
   }
   return out;
@@ -123,7 +125,7 @@ class Device {
       : board_(small_board()),
         path_(FramePath::configure(board_, nullptr, [] { return uint64_t{0}; }).value()),
         calibrator_(board_, "0000", SlotStore::open(folder_).value(), exchange_),
-        session_(board_, *path_, {.serial = "0000", .version = "fuzz"}, calibrator_, exchange_),
+        session_(board_, *path_, {.serial = "0000", .version = "fuzz"}, calibrator_, exchange_, {clock_, random_}),
         encoder_(*path_, 0) {
     std::string problem;
     if (!calibrator_.start([] { return uint64_t{0}; }, problem)) fail(problem);
@@ -240,6 +242,8 @@ class Device {
   std::unique_ptr<FramePath> path_;
   Exchange exchange_;
   Calibrator calibrator_;
+  SystemClock clock_;
+  SystemRandom random_;
   Session session_;
   MessageEncoder encoder_;
   Bytes rest_ = picture(0);

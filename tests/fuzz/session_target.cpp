@@ -10,6 +10,7 @@
 #include "link/messages.h"
 #include "link/session.h"
 #include "support/crash_medium.h"
+#include "support/fake_seams.h"
 
 namespace ruffini {
 namespace {
@@ -38,7 +39,7 @@ class Device {
         path_(FramePath::configure(board(), nullptr, no_clock).value()),
         calibrator_(board(), "0000", SlotStore::open(std::make_unique<test::CrashMedium>()), exchange_,
                     {.n_good = 4, .n_frames = 16}),
-        session_(board(), *path_, {.serial = "0000", .version = "fuzz"}, calibrator_, exchange_) {
+        session_(board(), *path_, {.serial = "0000", .version = "fuzz"}, calibrator_, exchange_, {clock_, random_}) {
     std::string problem;
     expect(calibrator_.start(no_clock, problem).has_value() && problem.empty(), "an empty store starts");
   }
@@ -241,6 +242,8 @@ class Device {
   Exchange& exchange_;
   std::unique_ptr<FramePath> path_;
   Calibrator calibrator_;
+  test::FakeClock clock_;
+  test::FakeRandom random_;
   Session session_;
   FrameDecoder ear_;
   uint64_t now_us_ = 0;

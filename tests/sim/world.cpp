@@ -5,6 +5,7 @@
 
 #include "failure.h"
 #include "store/slot_store.h"
+#include "support/fake_seams.h"
 
 namespace ruffini::sim {
 namespace {
@@ -142,6 +143,7 @@ class World {
                                     .stream_flags = kSimulated};
       device->daemon.emplace(sensor_.board, std::move(path).value(),
                              Surroundings{.clock = clock_,
+                                          .random = random_,
                                           .camera = std::move(camera),
                                           .link = std::make_unique<LineEnd>(line_),
                                           .io = std::make_unique<NoIo>()},
@@ -286,6 +288,7 @@ class World {
   const TinySensor& sensor_;
   uint64_t now_us_ = 1'000'000;
   VirtualClock clock_{now_us_};
+  test::FakeRandom random_;
   EventLog log_;
   Dice dice_;
   Swarm swarm_;

@@ -67,6 +67,8 @@ def info(json_: JsonFlag = False) -> None:
 
     with open_sensor() as sensor:
         hello, status = sensor.hello, sensor.status()
+        clock = sensor.read_clock()
+    now = None if not clock.n_exchanges else clock.to_host(clock.latest_us)
     network = NetworkState.from_status(status)
     rows = []
     for s in hello.sensors:
@@ -95,8 +97,16 @@ def info(json_: JsonFlag = False) -> None:
     result = {
         "port": sensor.port, "serial": hello.device_serial, "firmware": hello.firmware_version,
         "protocol": hello.protocol_version, "sensors": rows, "network": None if network is None else asdict(network),
+        "needs_key": getattr(hello, "needs_key", False), "key_ids": list(getattr(hello, "key_ids", [])),
+        "clock": None if now is None else {"host_minus_sensor_ns": now.ns - 1000 * clock.latest_us,
+                                           "error_ns": now.error_ns},
     }  # fmt: skip
     lines = [f"{sensor.port}  serial {hello.device_serial}  firmware {hello.firmware_version}"]
+    if now is not None:
+        lines.append(f"  clock: {(now.ns - 1000 * clock.latest_us) * 1e-9:.6f} s behind the host's, +- "
+                     f"{now.error_ns / 1e3:.0f} us")  # fmt: skip
+    owners = f"its owners ({', '.join(result['key_ids'])})" if result["needs_key"] else "ANYBODY ON THE LINE"
+    lines.append(f"  changed by: {owners}")
     for r in rows:
         c = r["calibration"]
         state = f"{c['kinds']} of {c['created_utc']}" if c["present"] else "none: forces are not measured"
@@ -172,6 +182,7 @@ def monitor(
             if json_:
                 values = [None if v != v else v for v in wrench.values.tolist()]
                 print(json.dumps({"frame": wrench.frame, "capture_s": wrench.capture_s, "wrench": values,
+                                  "host_time_ns": frame.host_time_ns, "host_time_error_ns": frame.host_time_error_ns,
                                   "sigma": None if wrench.sigma is None else wrench.sigma.tolist(),
                                   "covariance": None if wrench.covariance is None else wrench.covariance.tolist(),
                                   "sigma_validity": wrench.covariance_validity,

@@ -7,10 +7,12 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from ruffini.device import flashing
+from ruffini.device import flashing, port_holder
+from ruffini.device.device_clock import DeviceClock
+from ruffini.device.writer import Writer
 from ruffini.errors import LineLostError, NoDeviceError, RefusedError, RuffiniError, SeveralDevicesError
 from ruffini.wire import Decoder, Frame, Schema, encode_message
 from ruffini.wire.damage import DamageWatch
@@ -28,6 +30,7 @@ DAMAGED = (
     "two frames came damaged within six minutes: do not steer by these forces until the cable is seen to "
     "(one damaged frame in 4 billion is taken for a good one)"
 )
+FIRST_TIMES, FIRST_TIME_S, TIME_S = 8, 0.02, 1.0  # time exchanges: so many at once, then so often
 ASK_AGAIN = 0  # the request id of a reply to what came damaged
 
 
@@ -68,6 +71,10 @@ class Connection:
         self.n_retries = 0  # commands that were sent again
         self.damage = DamageWatch()
         self.on_damage: Callable[[str], None] = lambda _: None  # told when the line becomes too bad to steer by
+        self.clock = DeviceClock()
+        self._asked: dict[int, int] = {}  # when each time exchange was begun, ns
+        self._time_token, self._asked_s = 0, 0.0
+        self._writer = Writer()
         self._sequence = 0
         self._request_id = int.from_bytes(os.urandom(3), "little") + 1
         try:
@@ -85,7 +92,12 @@ class Connection:
         self.close()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Give the port back, and the lease with it."""
+        if self._writer.has_lease:
+            self._writer.has_lease = False
+            with contextlib.suppress(OSError, RuffiniError):
+                fields = {"request_id": 0xFFFFFFFF, "holder": self._writer.holder, "lease": {"release": True}}
+                self._send(*self._writer.wrap(self, "lease", self.schema.new("Command", **fields).SerializeToString()))
         with contextlib.suppress(OSError):
             self._serial.close()
 
@@ -98,6 +110,7 @@ class Connection:
             It does not come back in time.
         """
         serial, deadline = self.serial_number, time.monotonic() + timeout_s
+        self._writer.forget()
         self.close()
         while time.monotonic() < deadline:
             for port in dict.fromkeys([self._first_port, *candidate_ports()]):
@@ -106,6 +119,8 @@ class Connection:
                     self._serial = open_port(port)
                     hello = self._say_hello(REOPEN_HELLO_S)
                     if hello.device_serial == serial:
+                        if hello.session_id != self.hello.session_id:
+                            self.clock = DeviceClock()
                         self.hello = hello
                         if self._subscribed:
                             self.subscribe(**self._subscribed)
@@ -129,14 +144,43 @@ class Connection:
             data = self._serial.read(max(self._serial.in_waiting, 1))
         except (serial.SerialException, OSError, TypeError) as error:
             raise LineLostError(f"{self.port}: the line was lost: {error}") from error
+        now_ns = time.monotonic_ns()
         if self.raw_sink is not None and data:
             self.raw_sink(data)
         for frame in self.decoder.feed(data):
-            message = self.schema.decode(frame.type, frame.payload)
-            if message is not None:
-                self.messages.append((frame, message))
+            message: Any = self.schema.decode(frame.type, frame.payload)
+            if message is None:
+                continue
+            if frame.type == self.schema.type_numbers.get("TIME"):
+                if (asked_ns := self._asked.pop(message.token, None)) is not None:
+                    self.clock.add(asked_ns, message.received_us, message.sent_us, now_ns)
+                continue
+            stamp = getattr(message, "stamp", None)
+            if stamp is not None and (host := self.clock.stamp(stamp.capture_us)) is not None:
+                frame = replace(frame, host_time_ns=host.ns, host_time_error_ns=host.error_ns)
+            self.messages.append((frame, message))
         if self.damage.update(self.decoder.counters.damaged, time.monotonic()):
             self.on_damage(f"{self.port}: {DAMAGED}")
+
+    def _ask_time(self) -> None:
+        """Begin a time exchange where one is due."""
+        due_s = FIRST_TIME_S if self.clock.n_exchanges < FIRST_TIMES else TIME_S
+        if "TIME" not in self.schema.type_numbers or time.monotonic() - self._asked_s < due_s:
+            return
+        self._asked_s = time.monotonic()
+        self._time_token += 1
+        if len(self._asked) > MAX_BACKLOG:
+            self._asked.clear()  # answers that never came
+        self._asked[self._time_token] = time.monotonic_ns()
+        self._send("TIME", self.schema.new("Time", token=self._time_token).SerializeToString())
+
+    def read_clock(self, timeout_s: float = REPLY_TIMEOUT_S) -> DeviceClock:
+        """The sensor's clock after a few exchanges; without any where the sensor is older than they are."""
+        deadline = time.monotonic() + timeout_s
+        while self.clock.n_exchanges < FIRST_TIMES and time.monotonic() < deadline:
+            self._ask_time()
+            self._read()
+        return self.clock
 
     def stream(
         self,
@@ -168,6 +212,7 @@ class Connection:
                     frame_before = stamp.frame
                 yield frame, message
             try:
+                self._ask_time()
                 self._read()
             except LineLostError:
                 if not resume_s:
@@ -242,21 +287,27 @@ class Connection:
         RefusedError, VerifyError, RuffiniError
             What the device says against it.
         """
-        self._request_id = self._request_id % 0xFFFFFFFF + 1
+        name = next(iter(action))
+        self._writer.prepare(self, name)
+        self._request_id = self._request_id % 0xFFFFFFF0 + 1
         request = self._request_id
+        holder = {"holder": self._writer.holder} if self.schema.has_field("Command", "holder") else {}
         try:
-            payload = self.schema.new("Command", request_id=request, **action).SerializeToString()
+            command = self.schema.new("Command", request_id=request, **holder, **action).SerializeToString()
         except ValueError as error:  # a device that is older than this host brought its own schema
-            raise RefusedError(f"{self.port}: this firmware knows no {next(iter(action))}: update it") from error
+            raise RefusedError(f"{self.port}: this firmware knows no {name}: update it") from error
+        kind, payload = self._writer.wrap(self, name, command)
         for i in range(tries):
             if i > 0:
                 self.n_retries += 1
                 self._write(b"\0")  # what was lost may have been the end of a frame: this one must not be taken for it
-            self._send("COMMAND", payload)
+            self._send(kind, payload)
             reply = self._wait_for("REPLY", timeout_s, lambda m: m.request_id in (request, ASK_AGAIN))
             if reply is not None and reply.request_id == request:
+                if reply.code == self.schema.enum_number("ReplyCode", "REPLY_BUSY"):
+                    raise RefusedError(f"{self.port}: {reply.text}")
                 return reply
-        raise NoDeviceError(f"{self.port}: no reply to {next(iter(action))} after {tries} tries")
+        raise NoDeviceError(f"{self.port}: no reply to {name} after {tries} tries")
 
     def checked(self, **action: Any) -> Any:
         """`command`, and an exception unless the device says OK."""
@@ -312,6 +363,18 @@ class Connection:
         """
         return flashing.flash(self, data, progress, say)
 
+    def read_calibration(self, progress: Callable[[float], None] = lambda _: None) -> bytes:
+        """The file of the calibration in force, read back from the sensor, its hash checked; empty: there is none.
+
+        Raises
+        ------
+        RefusedError
+            The firmware is too old for that.
+        VerifyError
+            What came is not what the sensor says is in force.
+        """
+        return flashing.read_back(self, progress)
+
     def undo_flash(self) -> Any:
         """Put the calibration in force that was so before the last flash; the device has kept it. Undoes itself.
 
@@ -336,9 +399,12 @@ def open_port(port: str) -> Any:
     import serial
 
     try:
-        return serial.Serial(port, baudrate=115200, timeout=0.02, write_timeout=2.0, exclusive=True)
+        opened = serial.Serial(port, baudrate=115200, timeout=0.02, write_timeout=2.0, exclusive=True)
+        port_holder.make_exclusive(opened, port)
+        return opened
     except (serial.SerialException, OSError, ValueError) as error:
-        reason = "busy: another program has it open" if _is_busy(error) else f"cannot be opened: {error}"
+        who = ", ".join(port_holder.holders(port)) or "another program"
+        reason = f"busy: {who} has it open: end that first" if _is_busy(error) else f"cannot be opened: {error}"
         raise NoDeviceError(f"{port} is {reason}" if "busy" in reason else f"{port} {reason}") from error
 
 

@@ -23,6 +23,7 @@ RESUMES = 100
 TRIAL_POLL_S = 0.1
 TRIAL_STALL_S = 10.0  # on trial without a frame: the camera stands still
 FLASH_DURABLE, FLASH_ACTIVE = 3, 4  # FlashState of the schema
+MAX_FILE_BYTES = 128 << 20  # what a device may say that its calibration has
 
 
 def flash(sensor: Connection, data: bytes, progress: Callable[[float], None], say: Callable[[str], None]) -> Any:
@@ -56,6 +57,50 @@ def undo(sensor: Connection) -> Any:
     return reply
 
 
+def read_back(sensor: Connection, progress: Callable[[float], None]) -> bytes:
+    """The calibration in force; Connection.read_calibration says what comes of it.
+
+    Each command asks for one piece, and nothing comes that was not asked for: a device cannot run ahead of the host.
+    """
+    in_force = sensor.hello.sensors[0].calibration
+    data, pace = bytearray(), _Pace()
+    if not in_force.present:
+        return b""
+
+    def read() -> None:
+        while True:
+            reply = pace.command(sensor, flash_read={"sha256": in_force.sha256, "offset": len(data)})
+            if reply.code:
+                raise RefusedError(f"{sensor.port}: {reply.text}")
+            if reply.value > MAX_FILE_BYTES or (not reply.data and len(data) < reply.value):
+                raise VerifyError(f"{sensor.port}: the calibration cannot be read back: {reply.value} bytes are said")
+            data.extend(reply.data)
+            if len(data) >= reply.value:
+                return
+            progress(len(data) / reply.value)
+
+    _across_unplugs(sensor, lambda _: None, read)
+    if hashlib.sha256(data).digest() != in_force.sha256:
+        raise VerifyError(f"{sensor.port}: what was read back is not the calibration in force: read it again")
+    return bytes(data)
+
+
+class _Pace:
+    """How long a piece is waited for: a few of the round trips that were measured."""
+
+    def __init__(self) -> None:
+        self._round_trip_s = FIRST_ROUND_TRIP_S
+
+    def command(self, sensor: Connection, **action: Any) -> Any:
+        """The reply to a command that brings or takes a piece."""
+        wait_s = min(max(ROUND_TRIPS * self._round_trip_s, SHORTEST_WAIT_S), LONGEST_WAIT_S)
+        sent, n_before = time.monotonic(), sensor.n_retries
+        reply = sensor.command(timeout_s=wait_s, tries=CHUNK_TRIES, **action)
+        if sensor.n_retries == n_before:  # else nobody knows which of them was answered
+            self._round_trip_s += (time.monotonic() - sent - self._round_trip_s) / 8
+        return reply
+
+
 def _across_unplugs(sensor: Connection, say: Callable[[str], None], work: Callable[[], Any]) -> Any:
     """What `work` returns, which is begun again when the line was lost and is back."""
     for _ in range(RESUMES):
@@ -69,14 +114,12 @@ def _across_unplugs(sensor: Connection, say: Callable[[str], None], work: Callab
 
 def _upload(sensor: Connection, data: bytes, sha256: bytes, progress: Callable[[float], None]) -> None:
     reply = sensor.checked(flash_begin={"size_bytes": len(data), "sha256": sha256})
-    offset, stuck, round_trip_s = reply.next_offset, 0, FIRST_ROUND_TRIP_S
+    offset, stuck, pace = reply.next_offset, 0, _Pace()
     while offset < len(data):
         chunk = {"offset": offset, "data": data[offset : offset + CHUNK_BYTES]}
-        wait_s = min(max(ROUND_TRIPS * round_trip_s, SHORTEST_WAIT_S), LONGEST_WAIT_S)
-        sent, n_before = time.monotonic(), sensor.n_retries
-        reply = sensor.command(timeout_s=wait_s, tries=CHUNK_TRIES, flash_chunk=chunk)
-        if sensor.n_retries == n_before:  # else nobody knows which of them was answered
-            round_trip_s += (time.monotonic() - sent - round_trip_s) / 8
+        reply = pace.command(sensor, flash_chunk=chunk)
+        if reply.code == sensor.schema.enum_number("ReplyCode", "REPLY_REFUSED"):
+            raise RefusedError(f"{sensor.port}: {reply.text}")
         stuck = stuck + 1 if reply.next_offset <= offset else 0
         if stuck > CHUNK_TRIES:
             raise RefusedError(f"{sensor.port}: the upload does not go on: {reply.text}")

@@ -11,8 +11,10 @@ from typing import Any
 from ruffini.device import Connection
 from ruffini.device.connection import SILENCE_S, LineGap
 from ruffini.errors import InputError, NoDeviceError
+from ruffini.wire import Frame
 
 RAW_TOPIC = "/ruffini/raw"
+CLOCK_EVERY_US = 10_000_000
 
 
 def record_stream(
@@ -27,8 +29,9 @@ def record_stream(
     """Record until `n_frames` wrenches came (0: until interrupted or the line is lost for `resume_s`).
 
     Every message goes to topic /ruffini/<type>, the sensor's HELLO first; all received bytes to /ruffini/raw, for
-    bit-exact replay; each time without line is a metadata record "gap". The file is finished and valid whatever ends
-    it.
+    bit-exact replay; each time without line is a metadata record "gap". Times are the sensor's; a metadata record
+    "clock" every ten seconds says what they are on the host's clocks, and how sure. The file is finished and valid
+    whatever ends it.
 
     Returns
     -------
@@ -53,7 +56,7 @@ def record_stream(
     with stream:
         writer = Writer(stream)
         writer.start(profile="ruffini", library="ruffini")
-        clock_us = 0
+        clock_us, said_us = 0, -CLOCK_EVERY_US
         raw_channel = writer.register_channel(topic=RAW_TOPIC, message_encoding="application/octet-stream", schema_id=0)
 
         def keep_raw(data: bytes) -> None:
@@ -85,6 +88,9 @@ def record_stream(
                     publish_time=clock_us * 1000, sequence=frame.sequence,
                 )  # fmt: skip
                 counts[name] = counts.get(name, 0) + 1
+                if stamp is not None and clock_us - said_us >= CLOCK_EVERY_US and frame.host_time_ns is not None:
+                    said_us = clock_us
+                    writer.add_metadata("clock", clock_words(clock_us, frame))
                 if name == "MARKERS":  # a frame's last message, but for its image
                     frame_s = time.monotonic()
                     if n_frames and counts.get("WRENCH", 0) >= n_frames:
@@ -106,6 +112,13 @@ def record_stream(
             stream.flush()
             os.fsync(stream.fileno())
     return counts
+
+
+def clock_words(sensor_us: int, frame: Frame) -> dict[str, str]:
+    """One time on the sensor's clock, on the host's monotonic one and on the wall's, which somebody may set."""
+    wall_ns = time.time_ns() - time.monotonic_ns() + (frame.host_time_ns or 0)
+    return {"sensor_us": str(sensor_us), "host_monotonic_ns": str(frame.host_time_ns), "host_utc_ns": str(wall_ns),
+            "error_ns": str(frame.host_time_error_ns)}  # fmt: skip
 
 
 def _channel(writer: Any, name: str, schema: bytes) -> int:

@@ -72,6 +72,9 @@ class Frame:
     sequence: int
     flags: int
     payload: bytes
+    # Of what was captured: when, on the host's monotonic clock, and how far off that may be. None: not known.
+    host_time_ns: int | None = None
+    host_time_error_ns: int | None = None
 
     @property
     def is_simulated(self) -> bool:

@@ -45,6 +45,10 @@ class Schema:
         """An instance of message `name`, e.g. new("Command", request_id=1)."""
         return self._classes[f"ruffini.{name}"](**fields)
 
+    def has_field(self, message: str, field: str) -> bool:
+        """Whether messages of this schema have it; older ones may not."""
+        return field in self._classes[f"ruffini.{message}"].DESCRIPTOR.fields_by_name
+
     def type_name(self, number: int) -> str | None:
         """WRENCH for 4, None for a type that this schema does not know."""
         return self._type_names.get(number)

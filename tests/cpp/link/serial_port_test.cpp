@@ -3,14 +3,38 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <pty.h>
+#include <sys/syscall.h>
+#include <termios.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <numeric>
 #include <vector>
+
+namespace {
+
+// A close() that waits, as that of a tty whose host takes nothing: of this descriptor, until it is let go.
+std::atomic<int> g_slow_fd{-1};
+std::atomic<bool> g_is_closing{false};
+std::atomic<bool> g_is_let_go{false};
+std::atomic<bool> g_has_given_up{false};
+
+}  // namespace
+
+extern "C" int close(int fd) {
+  if (fd >= 0 && fd == g_slow_fd) {
+    g_is_closing = true;
+    for (int i = 0; i < 5'000 && !g_is_let_go; ++i) ::usleep(1'000);
+    g_has_given_up = !g_is_let_go;
+    g_is_closing = false;
+  }
+  return static_cast<int>(::syscall(SYS_close, fd));
+}
 
 namespace ruffini {
 namespace {
@@ -143,6 +167,64 @@ TEST_F(SerialPortTest, ADeviceThatIsUnpluggedReadsAsGoneAndComesBack) {
   ASSERT_TRUE(port.reopen());
   ASSERT_EQ(::write(wire->fd(), "hi", 2), 2);
   EXPECT_TRUE(becomes_true([&] { return port.read(got) == 2; }));
+}
+
+TEST_F(SerialPortTest, ACloseThatWaitsHoldsNobodyUp) {
+  const std::string path = folder_ + "/tty";
+  auto wire = std::make_unique<Wire>(path);
+  const int next = ::dup(0);  // the descriptor that the port will get
+  ::close(next);
+  SerialPort port = SerialPort::open(path).value();
+  wire = std::make_unique<Wire>(path);
+  g_slow_fd = next;
+  EXPECT_TRUE(port.reopen());
+  EXPECT_TRUE(becomes_true([] { return g_is_closing.load(); })) << "the old line is still being closed";
+  ASSERT_EQ(::write(wire->fd(), "hi", 2), 2);
+  Bytes got(16);
+  EXPECT_TRUE(becomes_true([&] { return port.read(got) == 2; }));
+  g_is_let_go = true;
+  EXPECT_TRUE(becomes_true([] { return !g_is_closing.load(); }));
+  g_slow_fd = -1;
+  EXPECT_FALSE(g_has_given_up);
+}
+
+// A getty left the line in cooked mode: echo, flow control, newline translation.
+TEST_F(SerialPortTest, AHostileTerminalIsSetRawAtEveryOpening) {
+  const std::string path = folder_ + "/tty";
+  std::unique_ptr<SerialPort> port;
+  for (int i = 0; i < 2; ++i) {
+    const Wire wire(path);
+    const UniqueFd device = open_host(path);
+    termios mode{};
+    ASSERT_EQ(::tcgetattr(device.get(), &mode), 0);
+    mode.c_iflag |= IXON | IXOFF | IXANY | ICRNL | INLCR | IGNCR | ISTRIP | BRKINT;
+    mode.c_oflag |= OPOST | ONLCR;
+    mode.c_lflag |= ECHO | ECHONL | ICANON | ISIG | IEXTEN;
+    ASSERT_EQ(::tcsetattr(device.get(), TCSANOW, &mode), 0);
+    if (port == nullptr) port = std::make_unique<SerialPort>(SerialPort::open(path).value());
+    ASSERT_TRUE(i == 0 || port->reopen());
+    ASSERT_EQ(::tcgetattr(device.get(), &mode), 0);
+    EXPECT_EQ(mode.c_iflag & (IXON | IXOFF | IXANY | ICRNL | INLCR | IGNCR | ISTRIP | BRKINT), 0U);
+    EXPECT_EQ(mode.c_oflag & OPOST, 0U);
+    EXPECT_EQ(mode.c_lflag & (ECHO | ECHONL | ICANON | ISIG | IEXTEN), 0U);
+    Bytes all(256);
+    std::iota(all.begin(), all.end(), uint8_t{0});
+    ASSERT_EQ(::write(wire.fd(), all.data(), all.size()), 256);
+    Bytes got(512);
+    size_t n = 0;
+    EXPECT_TRUE(becomes_true([&] {
+      n += static_cast<size_t>(std::max(port->read(std::span(got).subspan(n)), 0));
+      return n >= all.size();
+    }));
+    got.resize(n);
+    EXPECT_EQ(got, all);
+  }
+}
+
+TEST_F(SerialPortTest, ALargeMessageGoesOutInSmallWrites) {
+  SerialPort port = SerialPort::open("pty").value();
+  const UniqueFd host = open_host(port.host_path());
+  EXPECT_LE(port.write(Bytes(10'000, 7)), 4'096);
 }
 
 TEST_F(SerialPortTest, ALineInUseIsRefused) {

@@ -32,7 +32,7 @@ TEST_F(SessionHealth, AFlashedFileIsDurableThenActiveOrGone) {
   Calibrator calibrator(board, "0042", SlotStore::open(folder_).value(), exchange_);
   std::string problem;
   const auto path = calibrator.start([] { return uint64_t{0}; }, problem).value();
-  Session session(board, *path, {.serial = "0042", .version = "test"}, calibrator, exchange_);
+  Session session(board, *path, {.serial = "0042", .version = "test"}, calibrator, exchange_, {clock_, random_});
   const Bytes file = test::sign(test::diagonal_calibration(board));
   const std::string hash = sha256(file);
   uint32_t id = 0;

@@ -4,6 +4,7 @@
 #include <pb_decode.h>
 #include <pb_encode.h>
 
+#include <array>
 #include <filesystem>
 
 #include "link/messages.h"
@@ -55,7 +56,7 @@ TEST_F(SessionTest, HelloSaysWhoIsThereAndThatItIsSimulated) {
 TEST_F(SessionTest, ATextThatDoesNotFitIsCutBeforeAWholeCharacter) {
   const size_t room = sizeof ruffini_Hello::firmware_version - 1;
   const std::string version = std::string(room - 1, 'v') + "\u00e9";  // two bytes, one too many
-  Session session(board_, *path_, {.serial = "0042", .version = version}, calibrator_, exchange_);
+  Session session(board_, *path_, {.serial = "0042", .version = version}, calibrator_, exchange_, {clock_, random_});
   session.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_HELLO));
   ruffini_Hello hello = ruffini_Hello_init_zero;
   for (const uint8_t byte : session.pending()) {
@@ -102,7 +103,10 @@ TEST_F(SessionTest, WhatIsNoCommandGetsNoReplyAndIsCounted) {
 }
 
 TEST_F(SessionTest, ATypeOfTheFutureIsPassedOver) {
-  EXPECT_TRUE(ask(static_cast<ruffini_MessageType>(_ruffini_MessageType_MAX + 1)).empty());
+  std::array<uint8_t, kMaxFrameBytes> frame{};
+  const size_t n = encode_frame({kFromHost, _ruffini_MessageType_MAX + 1, kDeviceSensor, 0, 0, 1}, {}, frame);
+  session_.receive({frame.data(), n});
+  EXPECT_TRUE(read_all().empty());
   EXPECT_EQ(status().drops.rx_malformed, 0U);
 }
 
@@ -126,7 +130,7 @@ TEST_F(SessionTest, HelloNamesEveryKindOfTheCalibrationInForce) {
   std::string problem;
   path_ = calibrator.start([] { return uint64_t{0}; }, problem).value();
   EXPECT_EQ(problem, "");
-  Session session(board_, *path_, {.serial = "0042", .version = "test"}, calibrator, exchange_);
+  Session session(board_, *path_, {.serial = "0042", .version = "test"}, calibrator, exchange_, {clock_, random_});
   session.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_HELLO));
   const std::span<const uint8_t> answer = session.pending();
   ruffini_Hello hello = ruffini_Hello_init_zero;

@@ -14,6 +14,7 @@
 #include "board/parse.h"
 #include "link/messages.h"
 #include "link/session.h"
+#include "support/fake_seams.h"
 
 namespace ruffini::test {
 
@@ -39,7 +40,7 @@ class SessionTest : public testing::Test {
         folder_(testing::TempDir() + "session_test_store" + std::to_string(::getpid())),
         calibrator_(board_, "0042", SlotStore::open(folder_).value(), exchange_),
         session_(board_, *path_, {.serial = "0042", .version = "test", .stream_flags = kSimulated}, calibrator_,
-                 exchange_) {}
+                 exchange_, {clock_, random_}) {}
   ~SessionTest() override { std::filesystem::remove_all(folder_); }
 
   // Everything that the session wants to write, as messages (fragments joined).
@@ -122,6 +123,8 @@ class SessionTest : public testing::Test {
   std::unique_ptr<FramePath> path_;
   std::string folder_;
   Exchange exchange_;
+  FakeClock clock_;
+  FakeRandom random_;
   Calibrator calibrator_;
   Session session_;
   FrameDecoder decoder_;
