@@ -3,14 +3,16 @@
 #include <algorithm>
 #include <chrono>
 
+#include "store/last_run.h"
+
 namespace ruffini {
 namespace {
 
 constexpr int kBuffers = 4;  // one captured, one posted, one processed, one spare
 constexpr int kLinkPollMs = 2;
-constexpr uint64_t kWarmthUs = 1'000'000;  // between readings of the thermometer
-constexpr uint64_t kDrainUs = 2'000'000;   // how long an ended recording waits for a reader that takes nothing
-constexpr uint64_t kQuietUs = 100'000;     // a tty that looks empty may be about to be filled by the kernel
+constexpr uint64_t kComputerUs = 1'000'000;  // between readings of what the computer says of itself
+constexpr uint64_t kDrainUs = 2'000'000;     // how long an ended recording waits for a reader that takes nothing
+constexpr uint64_t kQuietUs = 100'000;       // a tty that looks empty may be about to be filled by the kernel
 constexpr auto kReopenPause = std::chrono::milliseconds(10);  // a host that is back waits no longer
 
 }  // namespace
@@ -23,6 +25,8 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Surr
       exchange_(exchange),
       identity_(std::move(identity)),
       options_(options),
+      reflex_(board.reflex),
+      liveness_(around_.io->watchdog_us()),
       session_(board_, *path_, identity_, calibrator, exchange_, {around_.clock, around_.random, options.is_open}),
       encoder_(*path_, identity_.sensor),
       sink_([this](ruffini_MessageType type, std::span<const uint8_t> frames) { publish(type, frames); }),
@@ -30,8 +34,12 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Surr
       pool_(kBuffers + (options.network ? Inference::kBuffers : 0), board.camera.width_px, board.camera.height_px),
       moved_us_(around_.clock.now_us()),
       owed_us_(moved_us_),
-      warmth_us_(moved_us_) {
-  read_temperature();  // before the first frame: rest is learned at a temperature
+      computer_us_(moved_us_) {
+  path_->set_live(!around_.camera->is_replay());
+  if (!board.reflex.line.empty()) {
+    exchange_.reflex = around_.io->has_reflex() ? ReflexState::kOff : ReflexState::kFailed;
+  }
+  read_computer();  // before the first frame: rest is learned at a temperature
   if (!options.network) return;
   exchange_.network.is_asked = true;
   network_ = std::make_unique<Inference>(options.network, pool_, kBuffers + Inference::kBuffers, exchange_.network,
@@ -43,6 +51,7 @@ void Daemon::run(const std::atomic<bool>& stop) {
   std::thread capture([this] { capture_loop(); });
   std::thread frame([this] { frame_loop(); });
   link_loop();
+  around_.io->tell_manager("STOPPING=1");
   is_done_ = true;
   // Frees whoever still waits: the capture thread for room, the frame thread for a frame.
   if (const std::optional<int> left = mailbox_.close()) pool_.give_back(*left);
@@ -52,6 +61,7 @@ void Daemon::run(const std::atomic<bool>& stop) {
 
 void Daemon::capture_loop() {
   using namespace std::chrono_literals;
+  RunRecord::name_thread("capture");
   while (options_.waits_for_host && !is_stopping() &&
          std::none_of(exchange_.every.begin(), exchange_.every.end(), [](const auto& n) { return n.load() != 0; })) {
     std::this_thread::sleep_for(1ms);
@@ -65,6 +75,7 @@ void Daemon::capture_loop() {
 bool Daemon::capture_once() {
   using namespace std::chrono_literals;
   exchange_.is_camera_live = !options_.is_lockstep;
+  ++exchange_.capture_turns;
   const std::optional<int> index = pool_.lend();
   if (!index) {
     std::this_thread::sleep_for(100us);
@@ -79,6 +90,10 @@ bool Daemon::capture_once() {
     ++exchange_.frames_invalid;
     return true;
   }
+  if (!take_in_order(pool_[*index])) {
+    ++exchange_.frames_repeated;
+    return true;
+  }
   if (options_.is_lockstep) mailbox_.wait_empty();
   if (const std::optional<int> dropped = mailbox_.post(lease.release())) {
     pool_.give_back(*dropped);
@@ -87,7 +102,19 @@ bool Daemon::capture_once() {
   return true;
 }
 
+bool Daemon::take_in_order(FramePool::Buffer& buffer) {
+  buffer.is_time_wrong = false;
+  if (around_.camera->is_replay()) return true;
+  const uint64_t now_us = options_.is_lockstep ? 0 : around_.clock.now_us();
+  const FrameOrder::Verdict verdict = order_.check(buffer.number, buffer.capture_us, now_us);
+  exchange_.frames_missed += verdict.n_missed;
+  buffer.is_time_wrong = verdict.is_time_wrong;
+  exchange_.time_faults += verdict.is_time_wrong ? 1U : 0U;
+  return verdict.is_used;
+}
+
 void Daemon::frame_loop() {
+  RunRecord::name_thread("frame");
   while (!is_stopping()) {
     mailbox_.wait_full();
     if (!process_once()) {
@@ -117,6 +144,8 @@ void Daemon::swap_path() {
     if (path_->has_rest()) next->take_rest(*path_);
     FramePath* old = path_.release();
     path_.reset(next);
+    path_->set_live(!around_.camera->is_replay());
+    RunRecord::note_calibration(path_->calibration_id());
     exchange_.tally = PathTally{path_->calibration_id(), 0, 0};
     exchange_.wrong_flags = 0;
     delete exchange_.retired_path.exchange(old, std::memory_order_acq_rel);
@@ -125,12 +154,39 @@ void Daemon::swap_path() {
   if (zero >= 0) path_->zero(zero);
 }
 
-void Daemon::read_temperature() { exchange_.milli_celsius = around_.io->milli_celsius().value_or(kNoTemperature); }
+void Daemon::read_computer() {
+  exchange_.milli_celsius = around_.io->milli_celsius().value_or(kNoTemperature);
+  exchange_.throttled = around_.io->throttled().value_or(0);
+}
+
+// READY once a frame has gone through, or none is to be expected yet. The watchdog is fed by what comes out at the
+// pipeline's end, and only while every thread moves on. Link thread.
+void Daemon::tell_manager(uint64_t now_us) {
+  ++link_turns_;
+  const bool is_live = exchange_.is_camera_live;
+  const uint64_t n_frames = exchange_.frames_processed;
+  if (!is_manager_told_ && (n_frames > 0 || !is_live)) {
+    is_manager_told_ = true;
+    around_.io->tell_manager("READY=1");
+  }
+  const NetworkHealth& network = exchange_.network;
+  const bool has_network = network.is_asked && network.state.load() == NetworkState::kRuns;
+  if (liveness_.update({{{"capture", exchange_.capture_turns, is_live},
+                         {"frame", n_frames, is_live},
+                         {"network", network.results + network.skipped, is_live && has_network},
+                         {"link", link_turns_, true}}},
+                       now_us)) {
+    around_.io->tell_manager("WATCHDOG=1");
+  }
+  RunRecord::note_stuck(liveness_.stuck());
+}
 
 void Daemon::process(const FrameLease& lease) {
   const int32_t warmth = exchange_.milli_celsius;
   path_->set_temperature(warmth == kNoTemperature ? std::optional<int32_t>() : warmth);
+  path_->set_capture_flags(lease.is_time_wrong() ? uint32_t{kFlagTime} : 0U);
   const FrameState& state = path_->process(lease.view(), lease.capture_us());
+  switch_reflex(state);
   const FrameStamp stamp{lease.capture_us(), lease.number(), path_->calibration_id(), identity_.stream_flags};
   const uint64_t n = exchange_.frames_processed.load();
   for (size_t type = 0; type < kMessageTypes; ++type) {
@@ -155,7 +211,28 @@ void Daemon::process(const FrameLease& lease) {
   count(state.flags);
   exchange_.skin_light_1e3 = static_cast<uint32_t>(state.skin.age_q12 * 1'000 / Taxels::kOne);
   exchange_.saturations = state.saturations.count;
+  exchange_.is_touched = path_->is_touched();
+  exchange_.zero_moved_nm = static_cast<uint32_t>(path_->zero_follower().moved_nm());
+  exchange_.is_zero_at_limit = path_->zero_follower().is_at_limit();
+  if (exchange_.is_camera_live) count_late(lease.capture_us());
   exchange_.frames_processed = n + 1;
+}
+
+// One system call where the line changes, before anything is encoded.
+void Daemon::switch_reflex(const FrameState& state) {
+  const ReflexState before = exchange_.reflex;
+  if (before == ReflexState::kNotAsked || before == ReflexState::kFailed) return;
+  const bool is_on = reflex_.update(state);
+  if (is_on == (before == ReflexState::kOn)) return;
+  const bool is_set = around_.io->switch_reflex(is_on);
+  exchange_.reflex = !is_set ? ReflexState::kFailed : is_on ? ReflexState::kOn : ReflexState::kOff;
+  exchange_.reflex_trips += is_set && is_on ? 1U : 0U;
+}
+
+// Two of the camera's intervals after capture a newer frame has been waiting.
+void Daemon::count_late(uint64_t capture_us) {
+  const uint64_t interval_us = uint64_t{1'000'000'000} / static_cast<uint64_t>(board_.camera.rate_mhz);
+  if (around_.clock.now_us() > capture_us + 2 * interval_us) ++exchange_.missed_deadlines;
 }
 
 // For the trial of a new calibration.
@@ -193,6 +270,7 @@ void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) 
 }
 
 void Daemon::link_loop() {
+  RunRecord::name_thread("link");
   while (!stop_->load(std::memory_order_relaxed)) {
     if (!serve_once(kLinkPollMs)) {
       std::this_thread::sleep_for(kReopenPause);
@@ -204,11 +282,12 @@ void Daemon::link_loop() {
 
 bool Daemon::serve_once(int wait_ms) {
   const uint64_t now_us = around_.clock.now_us();
-  if (now_us - warmth_us_ > kWarmthUs) {
-    read_temperature();
+  if (now_us - computer_us_ > kComputerUs) {
+    read_computer();
     if (options_.lost && lost_.empty()) lost_ = options_.lost();
-    warmth_us_ = now_us;
+    computer_us_ = now_us;
   }
+  tell_manager(now_us);
   session_.poll(now_us);
   std::span<const uint8_t> out = session_.pending();
   around_.link->wait(!out.empty(), wait_ms);

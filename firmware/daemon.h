@@ -14,7 +14,10 @@
 #include "base/mailbox.h"
 #include "base/random.h"
 #include "capture/camera.h"
+#include "capture/frame_order.h"
+#include "frame_reflex.h"
 #include "hw/board_io.h"
+#include "hw/liveness.h"
 #include "infer/inference.h"
 #include "link/link.h"
 #include "link/messages.h"
@@ -66,11 +69,16 @@ class Daemon {
   void capture_loop();
   void frame_loop();
   void link_loop();
+  // False: the frame is not used.
+  [[nodiscard]] bool take_in_order(FramePool::Buffer& buffer);
   void process(const FrameLease& lease);
+  void switch_reflex(const FrameState& state);
+  void count_late(uint64_t capture_us);
   void count(uint32_t flags);
   void ask_network(FrameLease lease);
   void swap_path();
-  void read_temperature();
+  void read_computer();
+  void tell_manager(uint64_t now_us);
   [[nodiscard]] bool has_said_all();
   void publish(ruffini_MessageType type, std::span<const uint8_t> frames);
   [[nodiscard]] bool is_stopping() const { return stop_->load(std::memory_order_relaxed) || is_done_; }
@@ -81,6 +89,11 @@ class Daemon {
   Exchange& exchange_;
   DeviceIdentity identity_;
   DaemonOptions options_;
+  FrameOrder order_;  // capture thread
+  Reflex reflex_;     // frame thread
+  Liveness<4> liveness_;
+  uint64_t link_turns_ = 0;
+  bool is_manager_told_ = false;  // that all is ready
   Session session_;
   MessageEncoder encoder_;
   MessageEncoder::Sink sink_;
@@ -92,7 +105,7 @@ class Daemon {
   uint64_t n_learned_ = 0;  // results of the network
   uint64_t moved_us_;       // the last time that something went out
   uint64_t owed_us_;        // the last time that something was still to go out
-  uint64_t warmth_us_;      // of the last reading of the thermometer
+  uint64_t computer_us_;    // of the last reading of what the computer says of itself
   std::string lost_;        // what options_.lost said
   const std::atomic<bool>* stop_ = nullptr;
   std::atomic<bool> is_done_{false};

@@ -20,21 +20,23 @@ constexpr size_t kForceZAlone = 11;  // of the covariance's upper triangle by ro
 
 // The life of a frame. Stage by stage: firmware/README.md.
 const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us) {
-  state_.flags = 0;
+  state_.flags = capture_flags_;
   state_.stage_ns.fill(0);
   state_.uncertainty.is_stated = state_.uncertainty.is_of_wrench = false;
   const uint64_t saturations_before = state_.saturations.count;
   if (!rest_.is_ready()) {
     learn(frame);
-    state_.flags = kFlagNoReference;
+    state_.flags |= kFlagNoReference;
   } else {
     make_grey(frame);
+    watch(frame);
     timed(Stage::kMarkers, [&] { run_markers(frame); });
     timed(Stage::kTargets, [&] { run_targets(); });
     follow_light();
     run_depth();
     timed(Stage::kDisplacement, [&] { run_displacement(); });
     judge_input();
+    follow_zero(capture_us);
     run_solve(depth_is_trusted());
     run_memory(capture_us);
     run_estimators();
@@ -66,6 +68,8 @@ void FramePath::learn(const FrameView& frame) {
 }
 
 void FramePath::learn_features() {
+  frame_watch_.learn(rest_.image());
+  zero_follower_.forget();
   light_.learn(rest_.image());
   if (skin_) skin_->learn(rest_.image());
   if (!has(Stage::kMarkers) && !has(Stage::kTargets)) return;
@@ -368,6 +372,8 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       depth_grid_{board.camera.width_px / depth_step_px_, board.camera.height_px / depth_step_px_},
       nodes_(board),
       rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
+      frame_watch_(board.camera.width_px, board.camera.height_px),
+      zero_follower_(static_cast<size_t>(nodes_.size().count())),
       light_(board.camera.width_px, board.camera.height_px),
       printed_(board),
       targets_(board),

@@ -17,8 +17,11 @@
 #include "estimators/force_field.h"
 #include "estimators/helmholtz.h"
 #include "estimators/marker_depth.h"
+#include "estimators/zero_follower.h"
+#include "frame_calibration.h"
 #include "frame_state.h"
 #include "image/camera_map.h"
+#include "image/frame_watch.h"
 #include "image/light.h"
 #include "image/poisson.h"
 #include "image/printed_markers.h"
@@ -29,19 +32,6 @@
 #include "store/calibration.h"
 
 namespace ruffini {
-
-// A calibration and the bytes that it looks into.
-class CalibrationFile {
- public:
-  [[nodiscard]] static Result<std::shared_ptr<const CalibrationFile>> load(std::span<const uint8_t> bytes);
-  [[nodiscard]] const Calibration& get() const { return calibration_; }
-  [[nodiscard]] std::span<const uint8_t> bytes() const;
-
- private:
-  std::vector<uint64_t> storage_;  // for 8-byte alignment
-  size_t n_bytes_ = 0;
-  Calibration calibration_;
-};
 
 // Monotonic nanoseconds; the core itself makes no system call.
 using ClockFunction = uint64_t (*)();
@@ -59,6 +49,11 @@ class FramePath {
 
   // From the next frame on; empty: not measured.
   void set_temperature(std::optional<int32_t> milli_celsius) { warmth_.now_mc = milli_celsius; }
+  // Frames come from a camera as they are, not from a file: its pictures are watched (image/frame_watch.h), and what
+  // creeps while nothing touches is followed (estimators/zero_follower.h).
+  void set_live(bool is_live) { is_live_ = is_live; }
+  // Flags that the next frames have by the way they came: kFlagTime or none.
+  void set_capture_flags(uint32_t flags) { capture_flags_ = flags; }
   // Learn rest anew from the next n frames (0 = the board's own number).
   void zero(int n_frames);
   // Rest from an untouched picture at once (offline use).
@@ -77,6 +72,9 @@ class FramePath {
   // Whether Marker::quality says something.
   [[nodiscard]] bool are_markers_graded() const { return has(Stage::kMarkers); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
+  // By the last frame something presses on the pad.
+  [[nodiscard]] bool is_touched() const;
+  [[nodiscard]] const ZeroFollower& zero_follower() const { return zero_follower_; }
   // Which calibration this path computes with: goes into every stamp. 0 = none.
   void set_calibration_id(uint32_t id) { calibration_id_ = id; }
   [[nodiscard]] uint32_t calibration_id() const { return calibration_id_; }
@@ -135,6 +133,8 @@ class FramePath {
   void run_helmholtz();
   void run_contact_depth();
   // frame_path_verdict.cpp
+  void watch(const FrameView& frame);
+  void follow_zero(uint64_t capture_us);
   void judge_input();
   bool are_markers_lost();
   void judge();
@@ -154,8 +154,12 @@ class FramePath {
   GridSize depth_grid_;
   NodeGrid nodes_;
   Rest rest_;
-  LightTracker light_;  // where colours become depth
-  int n_drifting_ = 0;  // frames in a row, up to kDriftFrames
+  FrameWatch frame_watch_;
+  bool is_live_ = false;
+  uint32_t capture_flags_ = 0;
+  ZeroFollower zero_follower_;  // of the nodes' displacement
+  LightTracker light_;          // where colours become depth
+  int n_drifting_ = 0;          // frames in a row, up to kDriftFrames
   bool is_light_steady_ = true;
   PrintedMarkers printed_;
   std::optional<TextureFlow> flow_;  // in place of the printed ones where the board's markers are patches of a texture

@@ -6,9 +6,43 @@
 namespace ruffini {
 namespace {
 
-constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board's pad
+constexpr int64_t kMaxForceUn = 2'000'000'000;  // its square fits
+constexpr int kMinMarkersPercent = 50;          // fewer at rest: this is not the board's pad
 
 }  // namespace
+
+// What the frame shows to be no picture of the pad as it is now. Its time counts as the difference's.
+void FramePath::watch(const FrameView& frame) {
+  if (!is_live_) return;
+  const uint64_t start = clock_();
+  const FrameWatch::Verdict seen = frame_watch_.run(frame);
+  if (seen.is_repeated) state_.flags |= kFlagRepeated;
+  if (seen.is_broken) state_.flags |= kFlagPicture;
+  if (seen.is_lamp_off) state_.flags |= kFlagLight;
+  state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;
+}
+
+// Nothing pressed by the frame before, and nothing is wrong with this one. Contacts are still those of the frame before.
+void FramePath::follow_zero(uint64_t capture_us) {
+  if (!is_live_ || !forces_.is_measured()) return;
+  zero_follower_.run(state_.displacement.node, is_wrong() || is_touched(), capture_us);
+}
+
+// Contacts of a frame whose picture is wrong mean nothing; one that is out of range presses all the more.
+bool FramePath::is_touched() const {
+  const FrameState& s = state_;
+  if ((s.flags & kWrongFlags & ~(kFlagOverRange | kFlagSaturated)) != 0) return false;
+  if (s.contacts.n_found > 0 || s.tip.is_touched) return true;
+  if (!feature_wrench_) return false;
+  // A wrench without contacts: beyond five standard deviations.
+  const auto& variance = s.uncertainty.wrench.upper;
+  const auto is_beyond = [](int64_t force_un, int64_t variance_un2) {
+    const int64_t f = std::clamp<int64_t>(force_un, -kMaxForceUn, kMaxForceUn);
+    return f * f / 25 > variance_un2;
+  };
+  return is_beyond(s.wrench.force_x_un, variance[0]) || is_beyond(s.wrench.force_y_un, variance[6]) ||
+         is_beyond(s.wrench.force_z_un, variance[11]);
+}
 
 bool FramePath::is_wrong() const { return (state_.flags & kWrongFlags) != 0; }
 

@@ -43,10 +43,14 @@ enum Flag : uint32_t {
   kFlagOtherPad = 4096,
   kFlagTemperature = 8192,
   kFlagViewLost = 16384,
+  kFlagRepeated = 32768,
+  kFlagPicture = 65536,
+  kFlagTime = 131072,
 };
 // What makes the forces of a frame invalid.
 inline constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange |
-                                        kFlagDark | kFlagOverexposed | kFlagLight | kFlagFeatures | kFlagOtherPad;
+                                        kFlagDark | kFlagOverexposed | kFlagLight | kFlagFeatures | kFlagOtherPad |
+                                        kFlagRepeated | kFlagPicture;
 
 // Numbers are those of Validity in ruffini.proto.
 enum class Validity : uint8_t { kNotMeasured = 0, kValid = 1, kUncalibrated = 2, kInvalid = 3 };

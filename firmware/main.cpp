@@ -15,11 +15,12 @@
 #include "capture/twin_camera.h"
 #include "daemon.h"
 #include "hw/doctor.h"
+#include "hw/linux_board.h"
 #include "hw/pad_hardware.h"
 #include "hw/system.h"
-#include "hw/thermometer.h"
 #include "link/serial_port.h"
 #include "store/folder_storage.h"
+#include "store/last_run.h"
 
 #ifndef RUFFINI_VERSION
 #define RUFFINI_VERSION "0"
@@ -71,6 +72,7 @@ struct Arguments {
   std::string serial;
   std::string keys;
   std::string factory;
+  std::string throttled;
   bool accepts_development_key = false;
   bool has_no_challenge = false;
   bool is_loop = false;
@@ -145,9 +147,10 @@ int run(const Arguments& arguments) {
                                                                   : pad.value().board_serial();
   auto store = ruffini::SlotStore::open(pad.value().store_folder(arguments.store));
   if (!store) return fail(store.error());
+  const ruffini::RunRecord record(arguments.store);
   ruffini::DaemonOptions options = arguments.daemon;
   options.lost = [&pad] { return pad.value().lost(); };
-  if (!board.value().learned.network.empty()) {
+  if (!board.value().learned.network.empty() && !record.is_safe_mode()) {
     const std::string path = (fs::path(arguments.store) / board.value().learned.network).string();
     options.network = [path, settings = board.value()] { return ruffini::load_network(path, settings); };
   }
@@ -170,9 +173,15 @@ int run(const Arguments& arguments) {
     calibrator.set_factory(std::move(factory).value());
   }
   std::string problem;
-  auto path = calibrator.start(now_ns, problem);
+  auto path = record.is_safe_mode() ? calibrator.start_safe(now_ns, problem) : calibrator.start(now_ns, problem);
   if (!path) return fail(path.error());
   if (!problem.empty()) fmt::print(stderr, "ruffinid: {}\n", problem);
+  ruffini::RunRecord::note_calibration(path.value()->calibration_id());
+  std::string no_reflex;
+  const ruffini::LinuxPlaces places{board.value().temperature.path, arguments.throttled, board.value().reflex.chip,
+                                    board.value().reflex.line};
+  auto io = std::make_unique<ruffini::LinuxBoard>(places, ruffini::NotifySocket::from_environment(), no_reflex);
+  if (!no_reflex.empty()) fmt::print(stderr, "ruffinid: {}\n", no_reflex);
   fmt::print("link: {}\n", port.value().host_path());
   std::fflush(stdout);
 
@@ -186,13 +195,15 @@ int run(const Arguments& arguments) {
                                          .session_id = std::bit_cast<uint32_t>(session),
                                          .sensor = 0,
                                          .stream_flags = static_cast<uint8_t>(stream_flags),
-                                         .is_lossless = arguments.daemon.is_lockstep};
+                                         .is_lossless = arguments.daemon.is_lockstep,
+                                         .last_run = record.last(),
+                                         .is_safe_mode = record.is_safe_mode()};
   const ruffini::SystemClock clock;
   ruffini::Surroundings around{.clock = clock,
                                .random = random,
                                .camera = std::move(camera).value(),
                                .link = std::make_unique<ruffini::SerialPort>(std::move(port).value()),
-                               .io = std::make_unique<ruffini::Thermometer>(board.value().temperature.path)};
+                               .io = std::move(io)};
   ruffini::Daemon daemon(board.value(), std::move(path).value(), std::move(around), calibrator, exchange, identity,
                          options);
   daemon.run(stop_requested);
@@ -230,6 +241,8 @@ int main(int argc, char** argv) {
   app.add_flag("--loop", arguments.is_loop, "start the recording again at its end");
   app.add_flag("--wait-for-host", arguments.daemon.waits_for_host, "start when a host has subscribed");
   app.add_flag("--linger", arguments.daemon.lingers, "keep the link after the recording's end");
+  app.add_option("--throttled", arguments.throttled,
+                 "file with the computer's throttling bits, e.g. /sys/devices/platform/soc/soc:firmware/get_throttled");
   app.add_option("--frames", arguments.daemon.max_frames, "stop after so many frames");
   try {
     app.parse(argc, argv);

@@ -127,6 +127,21 @@ void read_skin(BoardReader& in, SkinSettings& skin) {
   skin.averaged_frames = static_cast<int>(in.integer("averaged_frames", 1, kMaxAveragedFrames));
 }
 
+void read_reflex(BoardReader& in, ReflexSettings& reflex) {
+  if (!in.has_section("reflex")) return;
+  in.section("reflex");
+  reflex.chip = in.text("chip", kMaxPathLength);
+  reflex.line = in.text("line", kMaxLineLength);
+  reflex.force_un = in.integer("force_un", 0, 2'000'000'000);
+  constexpr ReflexSlip kSlips[] = {ReflexSlip::kNone, ReflexSlip::kIncipient, ReflexSlip::kSlides};
+  reflex.slip = kSlips[in.choice("slip", {"none", "incipient", "slides"})];
+  constexpr WhenInvalid kWhen[] = {WhenInvalid::kHold, WhenInvalid::kOn, WhenInvalid::kOff};
+  reflex.when_invalid = kWhen[in.choice("when_invalid", {"hold", "on", "off"})];
+  if (reflex.force_un == 0 && reflex.slip == ReflexSlip::kNone) {
+    in.fail("[reflex] has no limit: give force_un above 0, or slip");
+  }
+}
+
 void read_rest(BoardReader& in, BoardSettings& board) {
   in.section("depth");
   if (in.has("source") && in.choice("source", {"light", "markers"}) == 1) board.depth.source = DepthSource::kMarkers;
@@ -381,6 +396,7 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
   read_skin(in, board.skin);
   read_targets(in, board.targets);
   read_rest(in, board);
+  read_reflex(in, board.reflex);
   in.refuse_unknown();
   if (in.error().empty()) cross_check(in, board);
   if (!in.error().empty()) return Error{ErrorKind::kBadInput, in.error()};

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/image_view.h"
+#include "board/reflex_settings.h"
 
 namespace ruffini {
 
@@ -159,6 +160,7 @@ struct BoardSettings {
   EepromSettings eeprom;
   TemperatureSettings temperature;
   LearnedSettings learned;
+  ReflexSettings reflex;
   int64_t force_lsb_un = 0;
   int64_t calibration_kb = kMaxCalibrationKb;  // room for the calibration file
   int n_rest_frames = 0;

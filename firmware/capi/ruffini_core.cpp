@@ -131,6 +131,11 @@ int ruffini_set_rest(ruffini_pipeline* pipeline, const uint16_t* image) {
   return 0;
 }
 
+int ruffini_set_live(ruffini_pipeline* pipeline, int32_t is_live) {
+  pipeline->path->set_live(is_live != 0);
+  return 0;
+}
+
 int ruffini_set_temperature(ruffini_pipeline* pipeline, int32_t milli_celsius) {
   const bool is_known = milli_celsius != INT32_MIN;
   pipeline->path->set_temperature(is_known ? std::optional<int32_t>(milli_celsius) : std::nullopt);

@@ -60,6 +60,8 @@ RUFFINI_API int ruffini_triangulate(const ruffini_pipeline* pipeline, const int3
 RUFFINI_API int ruffini_zero(ruffini_pipeline* pipeline, int32_t n_frames);
 /* Rest image [height][width][3] in 1/16 grey levels, in force at once. */
 RUFFINI_API int ruffini_set_rest(ruffini_pipeline* pipeline, const uint16_t* image);
+/* Frames are a live camera's from the next on: repeated and broken pictures are flagged, and creep is followed. */
+RUFFINI_API int ruffini_set_live(ruffini_pipeline* pipeline, int32_t is_live);
 /* Of the pad, thousandths of a degree Celsius, from the next frame on; INT32_MIN: not measured. */
 RUFFINI_API int ruffini_set_temperature(ruffini_pipeline* pipeline, int32_t milli_celsius);
 

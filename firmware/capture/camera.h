@@ -23,6 +23,7 @@ class FramePool {
     std::vector<uint8_t> pixels;  // B, G, R
     uint64_t capture_us = 0;      // mid-exposure, monotonic
     uint64_t number = 0;          // of the camera; gaps mean drops
+    bool is_time_wrong = false;   // capture_us is that of arrival
     std::atomic<bool> is_lent{false};
   };
 
@@ -51,6 +52,7 @@ class FrameLease {
   [[nodiscard]] FrameView view() const { return pool_->view(index_); }
   [[nodiscard]] uint64_t capture_us() const { return (*pool_)[index_].capture_us; }
   [[nodiscard]] uint64_t number() const { return (*pool_)[index_].number; }
+  [[nodiscard]] bool is_time_wrong() const { return (*pool_)[index_].is_time_wrong; }
   // Hands the buffer on without giving it back: the receiver makes its own lease.
   int release() {
     pool_ = nullptr;

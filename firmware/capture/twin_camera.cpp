@@ -21,8 +21,9 @@ using SteadyClock = std::chrono::steady_clock;
 using namespace std::chrono_literals;
 
 constexpr auto kConnectPatience = 2s;
-constexpr auto kFramePatience = 2s;       // from a frame's first byte to its last
-constexpr timeval kReadSlice{0, 50'000};  // so that a stalled twin does not hold up the daemon's end
+constexpr auto kFramePatience = 2s;          // from a frame's first byte to its last
+constexpr timeval kReadSlice{0, 50'000};     // so that a stalled twin does not hold up the daemon's end
+constexpr uint64_t kStoodStillUs = 250'000;  // between two calls
 constexpr uint32_t kVersion = 1;
 constexpr uint32_t kMaxNameBytes = 256;
 constexpr uint64_t kMicrosecondsMillihertz = 1'000'000'000;  // a period at 1 mHz
@@ -75,6 +76,23 @@ class TwinCamera : public Camera {
       : socket_(std::move(socket)), path_(std::move(path)), is_lockstep_(is_lockstep), rate_mhz_(rate_mhz) {}
 
   CaptureStatus capture(FramePool::Buffer& buffer) override {
+    // What waits in the socket of a device that stood still is old, and nothing in it says so.
+    if (!is_lockstep_ && asked_us_ != 0 && now_us() - asked_us_ > kStoodStillUs) is_behind_ = true;
+    const CaptureStatus status = read_frame(buffer);
+    asked_us_ = now_us();
+    if (status == CaptureStatus::kFrame && is_behind_) {
+      is_behind_ = has_more();
+      return CaptureStatus::kNothing;
+    }
+    if (status == CaptureStatus::kNothing) is_behind_ = false;
+    return status;
+  }
+  [[nodiscard]] std::string problem() const override { return problem_; }
+  [[nodiscard]] bool is_simulated() const override { return true; }
+  [[nodiscard]] bool is_replay() const override { return false; }
+
+ private:
+  CaptureStatus read_frame(FramePool::Buffer& buffer) {
     if (!is_started_ && !start()) return lose("went away before the first frame");
     FrameHeader header;
     const ReadStatus status = read_all(socket_.get(), bytes_of(header), false);
@@ -88,11 +106,12 @@ class TwinCamera : public Camera {
     if (read_all(socket_.get(), buffer.pixels, true) != ReadStatus::kDone) return lose("went away within a frame");
     return CaptureStatus::kFrame;
   }
-  [[nodiscard]] std::string problem() const override { return problem_; }
-  [[nodiscard]] bool is_simulated() const override { return true; }
-  [[nodiscard]] bool is_replay() const override { return false; }
 
- private:
+  [[nodiscard]] bool has_more() const {
+    char byte = 0;
+    return ::recv(socket_.get(), &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 1;
+  }
+
   static uint64_t now_us() {
     return static_cast<uint64_t>(
         std::chrono::duration_cast<std::chrono::microseconds>(SteadyClock::now().time_since_epoch()).count());
@@ -115,6 +134,8 @@ class TwinCamera : public Camera {
   bool is_lockstep_;
   uint64_t rate_mhz_;
   bool is_started_ = false;
+  bool is_behind_ = false;  // what comes next was sent while the device stood still
+  uint64_t asked_us_ = 0;   // end of the last call
 };
 
 Result<UniqueFd> connect_to(const std::string& path) {

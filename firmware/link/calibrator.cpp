@@ -16,15 +16,17 @@ struct FlagWord {
   uint32_t flag;
   const char* word;
 };
-constexpr std::array<FlagWord, 9> kFlagWords = {{{kFlagNoReference, "no rest image"},
-                                                 {kFlagMarkersLost, "markers lost"},
-                                                 {kFlagSaturated, "saturated numbers"},
-                                                 {kFlagOverRange, "over range"},
-                                                 {kFlagDark, "dark"},
-                                                 {kFlagOverexposed, "overexposed"},
-                                                 {kFlagLight, "other light"},
-                                                 {kFlagFeatures, "features of no wrench"},
-                                                 {kFlagOtherPad, "another pad"}}};
+constexpr std::array<FlagWord, 11> kFlagWords = {{{kFlagNoReference, "no rest image"},
+                                                  {kFlagMarkersLost, "markers lost"},
+                                                  {kFlagSaturated, "saturated numbers"},
+                                                  {kFlagOverRange, "over range"},
+                                                  {kFlagDark, "dark"},
+                                                  {kFlagOverexposed, "overexposed"},
+                                                  {kFlagLight, "other light"},
+                                                  {kFlagFeatures, "features of no wrench"},
+                                                  {kFlagOtherPad, "another pad"},
+                                                  {kFlagRepeated, "the same picture again"},
+                                                  {kFlagPicture, "no whole picture"}}};
 
 std::string words_of(uint32_t flags) {
   std::string words;
@@ -82,6 +84,14 @@ Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::s
   problem = problem_;
   active_ = prepared.value().calibration;
   return std::move(prepared.value().path);
+}
+
+Result<std::unique_ptr<FramePath>> Calibrator::start_safe(ClockFunction clock, std::string& problem) {
+  clock_ = clock;
+  problem = problem_ =
+      "the last runs crashed soon after their start, so no calibration is used: flash it again, or restart the daemon "
+      "to try the stored one";
+  return FramePath::configure(board_, nullptr, clock_);
 }
 
 Result<Calibrator::Prepared> Calibrator::prepare_stored() {

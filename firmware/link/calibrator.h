@@ -50,6 +50,8 @@ class Calibrator {
   // The path for the calibration in force, where that is spoilt for the one before it, then for the factory's, else
   // without one; `problem` says why a stored file was not used, or what the medium cannot do.
   [[nodiscard]] Result<std::unique_ptr<FramePath>> start(ClockFunction clock, std::string& problem);
+  // Without a calibration, though one may be stored: the last runs have crashed.
+  [[nodiscard]] Result<std::unique_ptr<FramePath>> start_safe(ClockFunction clock, std::string& problem);
 
   // What is used where the medium has nothing that can be: of a read-only image. To be called before start().
   void set_factory(std::vector<uint8_t> file) { factory_ = std::move(file); }

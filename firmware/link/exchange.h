@@ -15,6 +15,10 @@ namespace ruffini {
 inline constexpr size_t kMessageTypes = 16;
 inline constexpr size_t kTelemetryRingBytes = size_t{4} << 20;
 inline constexpr int32_t kNoTemperature = INT32_MIN;
+inline constexpr uint32_t kThrottledNow = 0xF;  // bits of `throttled` that are so now (hw/throttling.h)
+
+// Numbers are those of ReflexState in ruffini.proto.
+enum class ReflexState : uint8_t { kNotAsked = 0, kOff = 1, kOn = 2, kFailed = 3 };
 
 // Of the path in use: its frames so far, and how many of them had no flag that makes forces invalid.
 struct PathTally {
@@ -37,6 +41,8 @@ struct Exchange {
   std::atomic<int> zero_frames{-1};                          // request; -1 = none
   std::atomic<FramePath*> next_path{nullptr};                // to swap in between frames; ownership passes
   std::atomic<int32_t> milli_celsius{kNoTemperature};        // of the board's thermometer
+  // Of the link thread alone.
+  std::atomic<uint32_t> throttled{0};  // hw/throttling.h
   // Written by the frame thread, read by the link thread.
   std::atomic<FramePath*> retired_path{nullptr};  // to be deleted by the link thread
   SpscRing telemetry{kTelemetryRingBytes};        // u8 message type, then its frames
@@ -46,7 +52,13 @@ struct Exchange {
   std::atomic<uint32_t> flags{0};
   std::atomic<PathTally> tally{};
   LastFrame last_frame;
-  std::atomic<uint32_t> wrong_flags{0};                           // all that the path in use has had of kWrongFlags
+  std::atomic<uint32_t> wrong_flags{0};  // all that the path in use has had of kWrongFlags
+  std::atomic<bool> is_touched{false};   // something presses on the pad
+  std::atomic<uint64_t> missed_deadlines{0};
+  std::atomic<uint32_t> zero_moved_nm{0};  // by creep, since rest was learned
+  std::atomic<bool> is_zero_at_limit{false};
+  std::atomic<ReflexState> reflex{ReflexState::kNotAsked};
+  std::atomic<uint64_t> reflex_trips{0};
   std::atomic<uint32_t> skin_light_1e3{0};                        // at rest, over the calibration's; 0: not known
   std::array<std::atomic<uint64_t>, kStageCount> stage_sum_ns{};  // since the last status
   std::array<std::atomic<uint64_t>, kStageCount> stage_max_ns{};
@@ -57,6 +69,10 @@ struct Exchange {
   std::atomic<uint64_t> frames_captured{0};
   std::atomic<uint64_t> frames_overrun{0};
   std::atomic<uint64_t> frames_invalid{0};
+  std::atomic<uint64_t> frames_missed{0};    // numbered by the camera, never given
+  std::atomic<uint64_t> frames_repeated{0};  // not used (capture/frame_order.h)
+  std::atomic<uint64_t> time_faults{0};
+  std::atomic<uint64_t> capture_turns{0};  // of its loop, for the watchdog
 };
 
 }  // namespace ruffini

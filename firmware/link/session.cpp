@@ -136,6 +136,10 @@ void Session::act(const ruffini_Command& request, ruffini_Reply& reply) {
       if (request.action.zero.n_frames > 256) {
         reply.code = ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
         copy_text(reply.text, "zero takes 0 to 256 frames");
+      } else if (exchange_.is_touched && !request.action.zero.even_if_touched) {
+        reply.code = ruffini_ReplyCode_REPLY_REFUSED;
+        copy_text(reply.text,
+                  "something presses on the pad: take it away and zero again, or say that it is to be part of rest");
       } else {
         exchange_.zero_frames = static_cast<int>(request.action.zero.n_frames);
       }

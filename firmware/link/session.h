@@ -17,6 +17,7 @@
 #include "link/frame_codec.h"
 #include "link/stall_watch.h"
 #include "ruffini.pb.h"
+#include "store/last_run.h"
 
 namespace ruffini {
 
@@ -29,6 +30,8 @@ struct DeviceIdentity {
   uint8_t sensor = 0;
   uint8_t stream_flags = 0;  // FrameFlag: simulated, replay
   bool is_lossless = false;  // lockstep: telemetry waits instead of being replaced
+  std::optional<LastRun> last_run{};
+  bool is_safe_mode = false;
 };
 
 class Session {
@@ -85,6 +88,8 @@ class Session {
   void watch_camera(uint64_t now_us);
   void send_stale_wrench();
   void tell_network(ruffini_Status& m) const;
+  void tell_last_run(ruffini_Status& m) const;
+  void tell_health(ruffini_Status& m, uint64_t n_frames);
   void send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message);
   [[nodiscard]] static std::vector<uint8_t> serialised(const pb_msgdesc_t* fields, const void* message);
   void frame(ruffini_MessageType type, std::span<const uint8_t> payload);
@@ -117,6 +122,7 @@ class Session {
   bool is_status_asked_ = false;
   uint64_t status_us_ = 0;  // of the last one
   uint64_t status_frames_ = 0;
+  uint64_t status_late_ = 0;
   uint64_t bytes_sent_ = 0;
   uint64_t status_bytes_ = 0;
   std::deque<Waiting> replies_;

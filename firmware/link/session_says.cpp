@@ -137,6 +137,38 @@ void Session::tell_network(ruffini_Status& m) const {
   m.health |= ruffini_HealthBit_HEALTH_NETWORK;
 }
 
+void Session::tell_last_run(ruffini_Status& m) const {
+  if (!identity_.last_run) return;
+  const LastRun& last = *identity_.last_run;
+  m.has_last_run = true;
+  m.last_run.end = static_cast<ruffini_RunEnd>(last.end);
+  m.last_run.signal = last.signal;
+  copy_text(m.last_run.thread, last.thread);
+  copy_text(m.last_run.stuck, last.stuck);
+  m.last_run.uptime_us = last.uptime_us;
+  copy_bytes(m.last_run.calibration_id, last.calibration_id);
+  m.last_run.crashes = last.crashes;
+  if (last.end == RunEnd::kCrashed) m.health |= ruffini_HealthBit_HEALTH_CRASHED;
+  if (identity_.is_safe_mode) m.health |= ruffini_HealthBit_HEALTH_SAFE_MODE;
+}
+
+// Camera, computer, creep and reflex; `n_frames` since the last status.
+void Session::tell_health(ruffini_Status& m, uint64_t n_frames) {
+  m.camera_gaps = exchange_.frames_missed;
+  m.repeated_frames = exchange_.frames_repeated;
+  m.time_faults = exchange_.time_faults;
+  m.missed_deadlines = exchange_.missed_deadlines;
+  if ((m.missed_deadlines - status_late_) * 100 > n_frames) m.health |= ruffini_HealthBit_HEALTH_LATE;
+  status_late_ = m.missed_deadlines;
+  m.throttled = exchange_.throttled;
+  if ((m.throttled & kThrottledNow) != 0) m.health |= ruffini_HealthBit_HEALTH_THROTTLED;
+  m.zero_moved_nm = exchange_.zero_moved_nm;
+  if (exchange_.is_zero_at_limit) m.health |= ruffini_HealthBit_HEALTH_ZERO_LIMIT;
+  m.reflex = static_cast<ruffini_ReflexState>(exchange_.reflex.load());
+  m.reflex_trips = exchange_.reflex_trips;
+  if (exchange_.reflex == ReflexState::kFailed) m.health |= ruffini_HealthBit_HEALTH_REFLEX;
+}
+
 void Session::send_status(uint64_t now_us) {
   ruffini_Status m = ruffini_Status_init_zero;
   const uint64_t frames = exchange_.frames_processed.load();
@@ -190,6 +222,8 @@ void Session::send_status(uint64_t now_us) {
   if (m.skin_light_1e3 != 0 && has_aged) m.health |= ruffini_HealthBit_HEALTH_SKIN_AGED;
   if (decoder_.counters().bad_crc > 0) m.health |= ruffini_HealthBit_HEALTH_LINK_DEGRADED;
   tell_network(m);
+  tell_last_run(m);
+  tell_health(m, n);
   m.development_key = active.is_present && active.signer.is_development_key;
   copy_bytes(m.calibration_sha256, active.sha256);
   status_us_ = now_us;

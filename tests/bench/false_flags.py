@@ -5,6 +5,8 @@ each tile of TILE_PX is taken from one of them by chance. A sensor's noise and a
 other from tile to tile: a frame drawn is as good as one rendered. Without any flag in n frames the rate is below 3 / n
 (95 %). Flags that say that there is no calibration do not count.
 
+Flags of a live camera are on: repeated and broken pictures, lamps that are off.
+
 Bad frames: the lens covered, daylight from one side, and a marker (or opening) painted over with what is beside it.
 """
 
@@ -99,6 +101,7 @@ def measure(board: Board, calibration: bytes | None, n_frames: int) -> dict[str,
     soon: dict[str, int] = {}
     time_s = 0.0
     with Pipeline(board, calibration) as core:
+        core.set_live()
 
         def shown(picture: Picture) -> int:
             nonlocal time_s

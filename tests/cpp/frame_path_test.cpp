@@ -176,6 +176,33 @@ TEST(FramePath, WhatAWrongFrameSaysIsInvalidInEveryQuantity) {
 }
 
 // What a pad lost to an old press must not be taken off the next force once the user has said "this is rest".
+// Of a camera alone: a recording may well show the same picture twice.
+TEST(FramePath, ARepeatedOrBrokenPictureOfACameraIsFlaggedAndNoForceIsValid) {
+  PressedSensor sensor;
+  EXPECT_FALSE(sensor.press(-1).flags & kWrongFlags);
+  EXPECT_FALSE(sensor.press(-1).flags & kWrongFlags);
+  sensor.path->set_live(true);
+  (void)sensor.press(-1);
+  const FrameState& again = sensor.press(-1);
+  EXPECT_EQ(again.flags & kWrongFlags, uint32_t{kFlagRepeated});
+  EXPECT_EQ(again.force_z, Validity::kInvalid);
+  const FrameState& blank = sensor.show_level(40);
+  EXPECT_TRUE(blank.flags & kFlagLight);
+  EXPECT_FALSE(blank.flags & kFlagRepeated);
+  sensor.path->set_capture_flags(kFlagTime);
+  const FrameState& other = sensor.press(-1);
+  EXPECT_TRUE(other.flags & kFlagTime);
+  EXPECT_FALSE(other.flags & kFlagRepeated);
+}
+
+TEST(FramePath, ATouchIsKnownAsOneAndAFrameThatIsWrongIsNone) {
+  PressedSensor sensor;
+  EXPECT_TRUE(sensor.press(-1).contacts.n_found > 0);
+  EXPECT_TRUE(sensor.path->is_touched());
+  (void)sensor.show_level(40);
+  EXPECT_FALSE(sensor.path->is_touched());
+}
+
 TEST(FramePath, ANewRestForgetsWhatThePadWentThrough) {
   const auto relearnt = [](PressedSensor& sensor) {
     sensor.learn();

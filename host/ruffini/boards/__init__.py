@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from ruffini.boards.hardware import Eeprom, Exposure, Learned, Light, Temperature
+from ruffini.boards.hardware import Eeprom, Exposure, Learned, Light, Reflex, Temperature
 from ruffini.boards.section import PRINTABLE, Listed, Text
 from ruffini.boards.section import Section as Section
 from ruffini.errors import InputError
@@ -215,6 +215,7 @@ class Board(Section):
     field: FieldSettings
     temperature: Temperature | None = None
     learned: Learned | None = None
+    reflex: Reflex | None = None
     memory: Memory | None = None
     pipeline: Pipeline
 

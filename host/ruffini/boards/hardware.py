@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -67,4 +67,20 @@ class Learned(Section):
     def _fits(self) -> Learned:
         if "/" in self.network:
             raise ValueError("learned.network must be a name without /")
+        return self
+
+
+class Reflex(Section):
+    """[reflex]: an output line of the device that switches on a force or slip limit."""
+
+    chip: Annotated[str, Field(min_length=1, max_length=128, pattern=PRINTABLE)]
+    line: Annotated[str, Field(min_length=1, max_length=31, pattern=PRINTABLE)]
+    force_un: Annotated[int, Field(ge=0, le=2_000_000_000)]
+    slip: Literal["none", "incipient", "slides"]
+    when_invalid: Literal["hold", "on", "off"]
+
+    @model_validator(mode="after")
+    def _has_a_limit(self) -> Reflex:
+        if self.force_un == 0 and self.slip == "none":
+            raise ValueError("[reflex] has no limit: give force_un above 0, or slip")
         return self

@@ -105,6 +105,30 @@ def light(board: BoardOption, json_: JsonFlag = False) -> None:
     emit(result, json_, benchmark.table(result))
 
 
+@app.command("health")
+def health(
+    board: BoardOption,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Calibration file; without one the flags alone are judged.")
+    ] = None,
+    full_scale_n: Annotated[float, typer.Option(min=0.001, help="Largest force of this sensor, newtons.")] = 4.0,
+    json_: JsonFlag = False,
+) -> None:
+    """Faults of camera, light and pad one by one: frames until each is flagged, wrong forces that pass as valid."""
+    from ruffini.bench import health as benchmark
+    from ruffini.boards import find_board
+    from ruffini.sim.units import build_unit
+
+    unit = build_unit(find_board(board))
+    with progress_bar("health") as progress:
+        result = benchmark.run(
+            unit, calibration.read_bytes() if calibration else None, full_scale_n=full_scale_n, progress=progress
+        )
+    emit(result, json_, benchmark.table(result))
+    if result["n_silent"]:
+        raise typer.Exit(1)
+
+
 @app.command("presses")
 def presses(
     folder: Annotated[Path, typer.Argument(help="Recorded ball presses: reference.png, presses.csv, images.")],

@@ -391,11 +391,14 @@ def show(file: Annotated[Path, FILE], json_: JsonFlag = False) -> None:
 @app.command("zero")
 def zero(
     n: Annotated[int, typer.Option("--n", min=0, help="Frames to average (0 = the board's own number).")] = 0,
+    touched: Annotated[
+        bool, typer.Option("--even-if-touched", help="Make what presses on the pad now part of rest.")
+    ] = False,
     json_: JsonFlag = False,
 ) -> None:
-    """Learn the untouched image anew: nothing may touch the pad now."""
+    """Learn the untouched image anew: nothing may touch the pad now, and the device refuses where something does."""
     with open_sensor() as sensor:
-        reply = sensor.command(zero={"n_frames": n})
+        reply = sensor.command(zero={"n_frames": n} | ({"even_if_touched": True} if touched else {}))
         if reply.code:
             raise RefusedError(f"{sensor.port}: {reply.text}")
     emit({"ok": True}, json_, f"{sensor.port}: learning rest")

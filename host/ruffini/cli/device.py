@@ -62,12 +62,14 @@ def devices(json_: JsonFlag = False) -> None:
 
 
 def info(json_: JsonFlag = False) -> None:
-    """Who the sensor is, what it is calibrated for, and how its learned network fares."""
+    """Who the sensor is, what it is calibrated for, how it fares, and how its learned network does."""
     from ruffini.device import NetworkState
+    from ruffini.device.health import health_words, last_run_words
 
     with open_sensor() as sensor:
         hello, status = sensor.hello, sensor.status()
         clock = sensor.read_clock()
+        health = sensor.schema.enum_names("HealthBit", status.health)
     now = None if not clock.n_exchanges else clock.to_host(clock.latest_us)
     network = NetworkState.from_status(status)
     rows = []
@@ -100,6 +102,7 @@ def info(json_: JsonFlag = False) -> None:
         "needs_key": getattr(hello, "needs_key", False), "key_ids": list(getattr(hello, "key_ids", [])),
         "clock": None if now is None else {"host_minus_sensor_ns": now.ns - 1000 * clock.latest_us,
                                            "error_ns": now.error_ns},
+        "health": health, "last_run": last_run_words(status),
     }  # fmt: skip
     lines = [f"{sensor.port}  serial {hello.device_serial}  firmware {hello.firmware_version}"]
     if now is not None:
@@ -121,6 +124,9 @@ def info(json_: JsonFlag = False) -> None:
         )
     if network is not None:
         lines.append(f"    network: {network.text()}")
+    lines += [f"  health: {words}" for words in health_words(health)]
+    if result["last_run"]:
+        lines.append(f"  the last run {result['last_run']}")
     emit(result, json_, "\n".join(lines))
 
 
@@ -158,12 +164,13 @@ def monitor(
     """The wrench as it comes, how near the largest contact is to sliding, and what a learned network last said."""
     from ruffini.device import Contacts, Learned, Wrench
     from ruffini.device.connection import SILENCE_S
+    from ruffini.device.health import health_words
     from ruffini.errors import NoDeviceError
 
     with open_sensor() as sensor:
         sensor.on_damage = note
-        sensor.subscribe(wrench=1, contacts=1, learned=1)
-        count = 0
+        sensor.subscribe(wrench=1, contacts=1, learned=1, status=1)
+        count, health = 0, 0
         numbers = sensor.schema.type_numbers
         contacts: Contacts | None = None  # a frame's come after its wrench: these are of the frame before
         learned: Learned | None = None
@@ -173,6 +180,10 @@ def monitor(
                 learned = Learned.from_message(message)
             if frame.type == numbers.get("EVENT"):
                 note(f"{sensor.port}: {message.what}: {message.text}")
+            if frame.type == numbers["STATUS"] and message.health != health:
+                health = message.health
+                words = health_words(sensor.schema.enum_names("HealthBit", health))
+                note(f"{sensor.port}: health: {'; '.join(words) or 'nothing is wrong'}")
             if frame.type == numbers["CONTACTS"]:
                 contacts = Contacts.from_message(message)
             if frame.type != numbers["WRENCH"]:

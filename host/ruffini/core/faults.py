@@ -8,6 +8,8 @@ FAULTS = {
     128: "overexposed",
     1024: "other light",
     4096: "not the board's pitch",
+    32768: "the same picture again",
+    65536: "no whole picture",
 }
 
 

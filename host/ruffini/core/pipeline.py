@@ -224,6 +224,10 @@ class Pipeline:
         milli = NO_TEMPERATURE if celsius is None else round(1e3 * celsius)
         self._check(self._lib.ruffini_set_temperature(self._pointer, ctypes.c_int32(milli)))
 
+    def set_live(self, *, is_live: bool = True) -> None:
+        """Frames are a live camera's: repeated and broken pictures are flagged, and creep is followed."""
+        self._check(self._lib.ruffini_set_live(self._pointer, ctypes.c_int32(is_live)))
+
     def zero(self, n_frames: int = 0) -> None:
         """Learn rest from the next n frames (0 = the board's own number)."""
         self._check(self._lib.ruffini_zero(self._pointer, n_frames))

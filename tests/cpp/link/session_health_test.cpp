@@ -176,6 +176,97 @@ TEST_F(SessionHealth, AHostThatDoesNotReadLosesNoReplyToAStall) {
   EXPECT_EQ(exchange_.telemetry_dropped, 199U);
 }
 
+TEST_F(SessionHealth, StatusSaysWhatIsWrongWithCameraComputerCreepAndReflex) {
+  const uint32_t usual = status(1'000'000).health;
+  const auto adds = [&](uint32_t bit) { return (status(1'000'000).health & ~usual) == bit; };
+  exchange_.frames_missed = 3;
+  exchange_.frames_repeated = 4;
+  exchange_.time_faults = 5;
+  exchange_.zero_moved_nm = 6;
+  exchange_.reflex_trips = 7;
+  const ruffini_Status said = status(1'000'000);
+  EXPECT_EQ(said.health, usual) << "counted, and no fault that lasts";
+  EXPECT_EQ(said.camera_gaps, 3U);
+  EXPECT_EQ(said.repeated_frames, 4U);
+  EXPECT_EQ(said.time_faults, 5U);
+  EXPECT_EQ(said.zero_moved_nm, 6U);
+  EXPECT_EQ(said.reflex_trips, 7U);
+  EXPECT_EQ(said.reflex, ruffini_ReflexState_REFLEX_STATE_NOT_ASKED);
+  EXPECT_FALSE(said.has_last_run);
+  exchange_.throttled = 0x50000;
+  EXPECT_TRUE(adds(0)) << "was so once, and is over";
+  EXPECT_EQ(status(1'000'000).throttled, 0x50000U);
+  exchange_.throttled = 0x8;
+  EXPECT_TRUE(adds(ruffini_HealthBit_HEALTH_THROTTLED));
+  exchange_.throttled = 0;
+  exchange_.is_zero_at_limit = true;
+  EXPECT_TRUE(adds(ruffini_HealthBit_HEALTH_ZERO_LIMIT));
+  exchange_.is_zero_at_limit = false;
+  for (const ReflexState state : {ReflexState::kOff, ReflexState::kOn}) {
+    exchange_.reflex = state;
+    EXPECT_TRUE(adds(0));
+  }
+  exchange_.reflex = ReflexState::kFailed;
+  EXPECT_TRUE(adds(ruffini_HealthBit_HEALTH_REFLEX));
+}
+
+// One frame in a hundred since the status before may be late.
+TEST_F(SessionHealth, LateResultsAreCountedAndSaidWhereTheyAreMany) {
+  exchange_.frames_processed = 1'000;
+  exchange_.missed_deadlines = 10;
+  EXPECT_FALSE(status(1'000'000).health & ruffini_HealthBit_HEALTH_LATE);
+  exchange_.frames_processed = 1'100;
+  exchange_.missed_deadlines = 12;
+  const ruffini_Status late = status(2'000'000);
+  EXPECT_TRUE(late.health & ruffini_HealthBit_HEALTH_LATE);
+  EXPECT_EQ(late.missed_deadlines, 12U);
+  exchange_.frames_processed = 1'200;
+  EXPECT_FALSE(status(3'000'000).health & ruffini_HealthBit_HEALTH_LATE) << "and is over with them";
+}
+
+TEST_F(SessionHealth, TheLastRunAndSafeModeAreTold) {
+  DeviceIdentity identity{.serial = "0042", .version = "test"};
+  identity.last_run = LastRun{.end = RunEnd::kCrashed,
+                              .signal = 6,
+                              .thread = "frame",
+                              .stuck = "capture",
+                              .uptime_us = 77,
+                              .calibration_id = "\x01\x02\x03\x04",
+                              .crashes = 3};
+  identity.is_safe_mode = true;
+  Session session(board_, *path_, identity, calibrator_, exchange_);
+  session.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_STATUS));
+  session.poll(5);
+  ruffini_Status said = ruffini_Status_init_zero;
+  ASSERT_TRUE(take(session, ruffini_Status_fields, &said));
+  ASSERT_TRUE(said.has_last_run);
+  EXPECT_EQ(said.last_run.end, ruffini_RunEnd_RUN_END_CRASHED);
+  EXPECT_EQ(said.last_run.signal, 6U);
+  EXPECT_STREQ(said.last_run.thread, "frame");
+  EXPECT_STREQ(said.last_run.stuck, "capture");
+  EXPECT_EQ(said.last_run.uptime_us, 77U);
+  EXPECT_EQ(said.last_run.calibration_id.size, 4U);
+  EXPECT_EQ(said.last_run.calibration_id.bytes[3], 4U);
+  EXPECT_EQ(said.last_run.crashes, 3U);
+  EXPECT_TRUE(said.health & ruffini_HealthBit_HEALTH_CRASHED);
+  EXPECT_TRUE(said.health & ruffini_HealthBit_HEALTH_SAFE_MODE);
+}
+
+TEST_F(SessionHealth, ZeroIsRefusedWhileSomethingPressesUnlessItIsMeant) {
+  exchange_.is_touched = true;
+  const ruffini_Reply refused = command(request(1, ruffini_Command_zero_tag));
+  EXPECT_EQ(refused.code, ruffini_ReplyCode_REPLY_REFUSED);
+  EXPECT_NE(std::string(refused.text).find("presses on the pad"), std::string::npos);
+  EXPECT_EQ(exchange_.zero_frames.load(), -1);
+  ruffini_Command meant = request(2, ruffini_Command_zero_tag);
+  meant.action.zero.n_frames = 5;
+  meant.action.zero.even_if_touched = true;
+  EXPECT_EQ(command(meant).code, ruffini_ReplyCode_REPLY_OK);
+  EXPECT_EQ(exchange_.zero_frames.load(), 5);
+  exchange_.is_touched = false;
+  EXPECT_EQ(command(request(3, ruffini_Command_zero_tag)).code, ruffini_ReplyCode_REPLY_OK);
+}
+
 TEST_F(SessionHealth, StatusSaysHowFarASkinHasAged) {
   EXPECT_EQ(status().skin_light_1e3, 0U) << "no skin, nothing to say";
   EXPECT_FALSE(status().health & ruffini_HealthBit_HEALTH_SKIN_AGED);

@@ -97,6 +97,8 @@ def drop_section(name: str) -> Change:
     return change
 
 
+REFLEX = '[reflex]\nchip = "gpiochip0"\nline = "GRIP"\nforce_un = 5000000\nslip = "none"\nwhen_invalid = "on"\n'
+
 GOOD: dict[str, Change] = {
     "base": lambda t: t,
     "comments": lambda t: "# a comment\n" + t.replace("[pad]", "# another\n[pad]  # here"),
@@ -163,6 +165,8 @@ GOOD: dict[str, Change] = {
     "eeprom": append(f"{EEPROM}board_address = 80\ngel_address = 81\n"),
     "eeprom-of-the-gel": append(f"{EEPROM}gel_address = 119\n"),
     "learned": append('[learned]\nnetwork = "net.onnx"\n'),
+    "reflex": append(REFLEX),
+    "reflex-by-slip": append(REFLEX.replace("5000000", "0").replace('"none"', '"incipient"')),
     "limits": all_of(
         put("pad.poisson_1e4", "4999"), put("grid.n_layers", "32"), put("contact.threshold_un", "100000000")
     ),
@@ -238,6 +242,11 @@ BAD: dict[str, tuple[Change, str]] = {
     "markers-overlap": (put("markers.diameter_um", "5000"), "diameter_um"),
     "memory-too-small": (lambda t: t + "[memory]\ncalibration_kb = 63\n", "calibration_kb"),
     "memory-too-large": (lambda t: t + "[memory]\ncalibration_kb = 131073\n", "calibration_kb"),
+    "reflex-without-a-limit": (append(REFLEX.replace("5000000", "0")), "no limit"),
+    "reflex-negative": (append(REFLEX.replace("5000000", "-1")), "force_un"),
+    "reflex-long-line": (append(REFLEX.replace("GRIP", "G" * 32)), "line"),
+    "reflex-other-slip": (append(REFLEX.replace('"none"', '"sticks"')), "slip"),
+    "reflex-without-invalid": (append(REFLEX.replace('when_invalid = "on"\n', "")), "when_invalid"),
     "temperature-without-path": (append('[temperature]\nplace = "gel"\n'), "path"),
     "temperature-relative-path": (append('[temperature]\nplace = "gel"\npath = "temp1_input"\n'), "begin with /"),
     "temperature-long-place": (append(f'[temperature]\nplace = "{"a" * 24}"\npath = "/t"\n'), "place"),

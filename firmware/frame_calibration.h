@@ -1,0 +1,28 @@
+// A calibration file in memory.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "base/result.h"
+#include "store/calibration.h"
+
+namespace ruffini {
+
+// A calibration and the bytes that it looks into.
+class CalibrationFile {
+ public:
+  [[nodiscard]] static Result<std::shared_ptr<const CalibrationFile>> load(std::span<const uint8_t> bytes);
+  [[nodiscard]] const Calibration& get() const { return calibration_; }
+  [[nodiscard]] std::span<const uint8_t> bytes() const;
+
+ private:
+  std::vector<uint64_t> storage_;  // for 8-byte alignment
+  size_t n_bytes_ = 0;
+  Calibration calibration_;
+};
+
+}  // namespace ruffini

@@ -1,0 +1,32 @@
+// Whether a force or slip limit is passed: for a line that a gripper's controller hears within one frame ([reflex] of
+// board.toml).
+//
+//   on:  |F| > force_un (0: no limit), or a contact has reached the slip state (kFree: no limit)
+//   off: |F| <= 7/8 force_un and no contact in that state
+//   |F|: of the components that the frame says are valid. Nothing valid: by `when_invalid`
+//
+// Frame thread; no allocation, integers.
+#pragma once
+
+#include <cstdint>
+
+#include "board/settings.h"
+#include "frame_state.h"
+
+namespace ruffini {
+
+class Reflex {
+ public:
+  explicit Reflex(const ReflexSettings& settings) : settings_(settings) {}
+
+  [[nodiscard]] bool update(const FrameState& state);
+  [[nodiscard]] bool is_on() const { return is_on_; }
+
+ private:
+  [[nodiscard]] bool slips(const FrameState& state) const;
+
+  ReflexSettings settings_;
+  bool is_on_ = false;
+};
+
+}  // namespace ruffini

@@ -1,0 +1,102 @@
+#include "image/frame_watch.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+
+namespace ruffini {
+namespace {
+
+constexpr int kNearestPx = 12;
+constexpr int kJitterPx = 9;
+constexpr int kBandRows = 16;
+constexpr int kValues = 6;          // of a sample
+constexpr int64_t kJumpLevels = 8;  // of each value
+constexpr int64_t kNoiseOfSample =
+    40;                        // mean of |difference| of two pixels, B + G + R, at a noise of 12 grey levels each
+constexpr int64_t kBlack = 2;  // mean grey levels that can repeat without a fault, below and above
+constexpr int64_t kWhite = 253;
+constexpr int64_t kMinLampLevel = 16;  // of rest: below that a lamp cannot be told from none
+
+}  // namespace
+
+FrameWatch::FrameWatch(int width_px, int height_px)
+    : width_px_(width_px),
+      rest_(static_cast<size_t>(height_px)),
+      now_(static_cast<size_t>(height_px)),
+      before_(static_cast<size_t>(height_px)) {
+  uint32_t lot = 1;
+  for (int x = 2; x + 1 < width_px; x += kNearestPx + static_cast<int>(lot >> 16) % kJitterPx) {
+    at_.push_back(x);
+    lot = lot * 1'103'515'245 + 12'345;
+  }
+}
+
+void FrameWatch::learn(std::span<const uint16_t> rest) {
+  rest_channel_.fill(0);
+  most_rough_ = 0;
+  int64_t band = 0;
+  for (size_t y = 0; y < rest_.size(); ++y) {
+    int32_t level = 0;
+    int32_t rough = 0;
+    for (const int32_t x : at_) {
+      const uint16_t* sample = &rest[3 * (y * static_cast<size_t>(width_px_) + static_cast<size_t>(x))];
+      for (size_t c = 0; c < 3; ++c) {
+        const int32_t sum = sample[c] + sample[c + 3];
+        level += sum;
+        rough += std::abs(sample[c] - sample[c + 3]);
+        rest_channel_[c] += sum;
+      }
+    }
+    rest_[y] = {level / 16, rough / 16};
+    band += rest_[y].rough - (y < kBandRows ? 0 : rest_[y - kBandRows].rough);
+    most_rough_ = std::max(most_rough_, band);
+  }
+  for (int64_t& sum : rest_channel_) sum /= 16;
+  std::fill(before_.begin(), before_.end(), Row{});
+}
+
+FrameWatch::Verdict FrameWatch::run(const FrameView& frame) {
+  std::array<int64_t, 3> channel{};
+  for (int y = 0; y < frame.height; ++y) {
+    const uint8_t* pixels = frame.row(y);
+    std::array<int32_t, 3> level{};
+    int32_t rough = 0;
+    for (const int32_t x : at_) {
+      const uint8_t* sample = pixels + ptrdiff_t{3} * x;
+      for (size_t c = 0; c < 3; ++c) {
+        level[c] += sample[c] + sample[c + 3];
+        rough += std::abs(sample[c] - sample[c + 3]);
+      }
+    }
+    now_[static_cast<size_t>(y)] = {level[0] + level[1] + level[2], rough};
+    for (size_t c = 0; c < 3; ++c) channel[c] += level[c];
+  }
+  const int64_t n_pixels = 2 * std::ssize(at_) * std::ssize(now_);
+  const int64_t all = channel[0] + channel[1] + channel[2];
+  const bool shows_something = all > 3 * kBlack * n_pixels && all < 3 * kWhite * n_pixels;
+  Verdict verdict{.is_repeated = shows_something && now_ == before_, .is_broken = is_broken(), .is_lamp_off = false};
+  for (size_t c = 0; c < 3; ++c) {
+    const bool has_lamp = rest_channel_[c] > kMinLampLevel * n_pixels;
+    const bool is_off = 2 * channel[c] < rest_channel_[c] || channel[c] > 2 * rest_channel_[c];
+    verdict.is_lamp_off = verdict.is_lamp_off || (has_lamp && is_off);
+  }
+  now_.swap(before_);
+  return verdict;
+}
+
+bool FrameWatch::is_broken() const {
+  const int64_t n = std::ssize(at_);
+  int64_t band = 0;
+  for (size_t y = 0; y < now_.size(); ++y) {
+    band += now_[y].rough - (y < kBandRows ? 0 : now_[y - kBandRows].rough);
+    if (band > 2 * most_rough_ + kNoiseOfSample * kBandRows * n) return true;
+    if (y == 0) continue;
+    const int64_t jump = (now_[y].level - rest_[y].level) - (now_[y - 1].level - rest_[y - 1].level);
+    const int64_t usual = (rest_[y].level + rest_[y - 1].level) / 2;
+    if (std::abs(jump) > usual / 4 + kJumpLevels * kValues * n) return true;
+  }
+  return false;
+}
+
+}  // namespace ruffini

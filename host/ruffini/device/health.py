@@ -1,0 +1,52 @@
+"""What STATUS says of a device's health, in words for a person."""
+
+from __future__ import annotations
+
+import signal
+from typing import Any
+
+HEALTH_WORDS = {
+    "HEALTH_UNCALIBRATED": "no calibration: forces are not measured",
+    "HEALTH_DEVELOPMENT_KEY": "takes files signed with the public development key",
+    "HEALTH_CAMERA_STALLED": "no frame comes: see the camera's cable and light",
+    "HEALTH_LINK_DEGRADED": "frames come damaged: see the cable",
+    "HEALTH_STORE_ERROR": "a stored calibration is not used: `ruffini info` says which is",
+    "HEALTH_NO_REFERENCE": "rest is not learned yet",
+    "HEALTH_SKIN_AGED": "the skin's light is a quarter off: calibrate it anew",
+    "HEALTH_TRIAL": "a new calibration is on trial",
+    "HEALTH_NETWORK": "the learned network does not run",
+    "HEALTH_REFLEX": "the reflex line cannot be set: see [reflex] of board.toml and the device's log",
+    "HEALTH_THROTTLED": "the computer is short of power or too warm",
+    "HEALTH_LATE": "results come late: the computer is too slow or too busy",
+    "HEALTH_CRASHED": "the run before this one crashed",
+    "HEALTH_SAFE_MODE": "three crashes in a row: no calibration is used, flash it again or restart the device",
+    "HEALTH_ZERO_LIMIT": "rest has crept as far as it is followed: `ruffini cal zero` with nothing on the pad",
+}
+ENDS = {0: "stopped as it was asked to", 1: "crashed", 2: "was cut: power, or killed from outside"}
+
+
+def health_words(names: list[str]) -> list[str]:
+    """Words for the names of HealthBits; a name that this host does not know stands as it is."""
+    return [HEALTH_WORDS.get(name, name) for name in names]
+
+
+def last_run_words(status: Any) -> str:
+    """How the run before this one ended; empty: not known, or an older device."""
+    if "last_run" not in status.DESCRIPTOR.fields_by_name or not status.HasField("last_run"):
+        return ""
+    last = status.last_run
+    text = ENDS.get(last.end, "ended in a way that this host does not know")
+    if last.signal:
+        try:
+            text += f" with {signal.Signals(last.signal).name}"
+        except ValueError:
+            text += f" with signal {last.signal}"
+    if last.thread:
+        text += f" in thread {last.thread}"
+    if last.stuck:
+        text += f", while thread {last.stuck} stood still"
+    if last.uptime_us:
+        text += f", after {last.uptime_us * 1e-6:.0f} s"
+    if last.calibration_id:
+        text += f", calibration {last.calibration_id.hex()}"
+    return text + (f"; {last.crashes} crashes in a row" if last.crashes > 1 else "")

@@ -1,0 +1,267 @@
+"""What the real daemon says of its own health: watchdog, crashes, a stopped process, faults of the picture."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from test_bad_input import run_host
+from test_live_twin import Still, flags
+from tiny_sensor import Twin
+
+from ruffini.bench import health as bench
+from ruffini.demo.daemon import find_daemon
+from ruffini.device import Connection
+from ruffini.errors import RefusedError
+from ruffini.sim.scenario import Scenario
+from ruffini.sim.serve import TwinServer
+
+# Not seen on this pad, which has few and large pixels (firmware/README.md, Health).
+SILENT = ("daylight, 0.3 of the level", "torn gel, radius 2 mm", "spots on 50 %", "one column white")
+
+
+@dataclass
+class Running:
+    process: subprocess.Popen[str]
+    port: str
+
+
+@contextlib.contextmanager
+def daemon(
+    twin: Twin, folder: Path, *options: str, board: Path | None = None, notify: Path | None = None, stall: int = 0
+) -> Iterator[Running]:
+    """ruffinid on a twin that nothing touches; it stands still from frame `stall` on, where that is given."""
+    fault = [{"kind": "stall", "first_frame": stall, "n_frames": 1_000_000}] if stall else []
+    scenario = Scenario.model_validate({"schema": 1, "program": "rest", "n": 1_000_000, "fault": fault})
+    command = [str(find_daemon()), "--board", str(board or twin.board.folder), "--camera", f"twin:{folder / 'twin'}",
+               "--link", "pty", "--store", str(folder / "store"), *options]  # fmt: skip
+    env = dict(os.environ)
+    if notify is not None:
+        env |= {"NOTIFY_SOCKET": str(notify), "WATCHDOG_USEC": "600000"}
+    with TwinServer(twin.unit.renderer(), Still(twin), scenario, folder / "twin"):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env)
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line.startswith("link: "), process.stderr.read() if process.stderr else line
+            yield Running(process, line.removeprefix("link: ").strip())
+        finally:
+            process.kill()
+            process.communicate(timeout=10)
+
+
+def crash(running: Running) -> None:
+    running.process.send_signal(signal.SIGSEGV)
+    assert running.process.wait(10) == -signal.SIGSEGV
+
+
+def health(sensor: Connection) -> set[str]:
+    return set(sensor.schema.enum_names("HealthBit", sensor.status().health))
+
+
+@contextlib.contextmanager
+def manager(path: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(path))
+        listener.settimeout(5)
+        yield listener
+
+
+def test_the_manager_is_told_when_frames_go_through_and_the_watchdog_is_fed(twin: Twin, tmp_path: Path) -> None:
+    with (
+        manager(tmp_path / "notify") as listener,
+        daemon(twin, tmp_path, notify=tmp_path / "notify") as running,
+    ):
+        said = [listener.recv(64) for _ in range(5)]
+        assert said[0] == b"READY=1"
+        assert set(said[1:]) == {b"WATCHDOG=1"}
+        running.process.send_signal(signal.SIGTERM)
+        assert running.process.wait(5) == 0
+        rest = []
+        with contextlib.suppress(TimeoutError):
+            listener.settimeout(0.1)
+            while True:
+                rest.append(listener.recv(64))
+        assert rest[-1] == b"STOPPING=1"
+
+
+def test_a_pipeline_that_gives_nothing_is_not_fed(twin: Twin, tmp_path: Path) -> None:
+    """Its threads turn, the camera stands still: the manager restarts what it is not told about."""
+    with (
+        manager(tmp_path / "notify") as listener,
+        daemon(twin, tmp_path, notify=tmp_path / "notify", stall=40),
+    ):
+        assert listener.recv(64) == b"READY=1"
+        listener.settimeout(2.0)  # ten times as long as between two feedings
+        n_fed = 0
+        with contextlib.suppress(TimeoutError):
+            while n_fed < 100:
+                assert listener.recv(64) == b"WATCHDOG=1"
+                n_fed += 1
+        assert n_fed < 100
+
+
+def test_a_process_that_was_stopped_shows_one_gap_and_no_old_frames(twin: Twin, tmp_path: Path) -> None:
+    stop_s, n_before = 3.0, 20
+    with daemon(twin, tmp_path) as running, Connection(running.port) as sensor:
+        sensor.subscribe(wrench=1)
+        frames: list[tuple[int, int, float]] = []  # number, capture_us, when it came
+        stale, events = 0, []
+        stopped_at = woken_at = 0.0
+        for frame, message in sensor.stream(timeout_s=10):
+            name = sensor.schema.type_name(frame.type)
+            if name == "EVENT":
+                events.append(message.what)
+            elif name == "WRENCH" and "FLAG_STALE" in flags(sensor, message):
+                stale += 1
+            elif name == "WRENCH":
+                frames.append((message.stamp.frame, message.stamp.capture_us, time.monotonic()))
+            if len(frames) == n_before and not woken_at:
+                running.process.send_signal(signal.SIGSTOP)
+                stopped_at = time.monotonic()
+                time.sleep(stop_s)
+                running.process.send_signal(signal.SIGCONT)
+                woken_at = time.monotonic()
+            if woken_at and len(frames) > n_before + 40:
+                break
+        status = sensor.status()
+    times = [us for _, us, _ in frames]
+    numbers = [n for n, _, _ in frames]
+    assert times == sorted(set(times))
+    assert numbers == sorted(set(numbers))
+    # One gap as long as the stop, and every frame after it was captured after it.
+    gaps = [b - a for a, b in itertools.pairwise(times) if b - a > 0.5e6 * stop_s]
+    assert len(gaps) == 1
+    assert gaps[0] > 0.9e6 * stop_s
+    missed = max(b - a for a, b in itertools.pairwise(numbers))
+    assert missed > 0.8 * stop_s * twin.board.camera.rate_mhz * 1e-3
+    assert status.camera_gaps > 0.8 * stop_s * twin.board.camera.rate_mhz * 1e-3
+    assert events.count("camera_stalled") <= 1
+    assert events.count("camera_back") <= 1
+    assert stopped_at < woken_at
+
+
+def test_a_crash_is_told_after_the_restart(twin: Twin, tmp_path: Path) -> None:
+    with daemon(twin, tmp_path) as running:
+        with Connection(running.port) as sensor:
+            assert not sensor.status().HasField("last_run")
+        crash(running)
+    with daemon(twin, tmp_path) as running:
+        with Connection(running.port) as sensor:
+            last = sensor.status().last_run
+            assert (last.end, last.signal, last.crashes) == (1, signal.SIGSEGV, 1)
+            assert "HEALTH_CRASHED" in health(sensor)
+        code, text, _ = run_host("info", port=running.port)
+        assert code == 0
+        assert "the last run crashed with SIGSEGV in thread" in text
+        running.process.send_signal(signal.SIGTERM)
+        assert running.process.wait(5) == 0
+    with daemon(twin, tmp_path) as running, Connection(running.port) as sensor:
+        assert sensor.status().last_run.end == 0
+        assert "HEALTH_CRASHED" not in health(sensor)
+
+
+def test_three_crashes_in_a_row_lead_to_safe_mode_and_a_good_end_out_of_it(twin: Twin, tmp_path: Path) -> None:
+    with daemon(twin, tmp_path) as running, Connection(running.port) as sensor:
+        sensor.flash(twin.calibration)
+        sensor.close()
+        crash(running)
+    for n in (1, 2):
+        with daemon(twin, tmp_path) as running:
+            with Connection(running.port) as sensor:
+                assert sensor.hello.sensors[0].calibration.present
+                assert sensor.status().last_run.crashes == n
+            crash(running)
+    with daemon(twin, tmp_path) as running:
+        with Connection(running.port) as sensor:
+            assert not sensor.hello.sensors[0].calibration.present
+            assert {"HEALTH_SAFE_MODE", "HEALTH_UNCALIBRATED"} <= health(sensor)
+        running.process.send_signal(signal.SIGTERM)
+        assert running.process.wait(5) == 0
+        assert running.process.stderr is not None
+        assert "no calibration is used" in running.process.stderr.read()
+    with daemon(twin, tmp_path) as running, Connection(running.port) as sensor:
+        assert sensor.hello.sensors[0].calibration.present
+
+
+def test_a_reflex_line_that_is_not_there_is_said_and_the_sensor_measures(twin: Twin, tmp_path: Path) -> None:
+    assert twin.board.folder is not None
+    board = tmp_path / "tiny"
+    board.mkdir()
+    text = (twin.board.folder / "board.toml").read_text()
+    (board / "board.toml").write_text(
+        f'{text}\n[reflex]\nchip = "gpiochip99"\nline = "GRIP"\nforce_un = 1\nslip = "none"\nwhen_invalid = "on"\n'
+    )
+    throttled = tmp_path / "get_throttled"
+    throttled.write_text("50005\n")
+    with daemon(twin, tmp_path, "--throttled", str(throttled), board=board) as running:
+        with Connection(running.port) as sensor:
+            assert {"HEALTH_REFLEX", "HEALTH_THROTTLED"} <= health(sensor)
+            status = sensor.status()
+            assert status.throttled == 0x50005
+            assert status.reflex == 3
+            sensor.subscribe(wrench=1)
+            assert next(m for _, m in sensor.stream(timeout_s=5) if hasattr(m, "force_z_un")) is not None
+        running.process.send_signal(signal.SIGTERM)
+        running.process.wait(5)
+        assert running.process.stderr is not None
+        said = running.process.stderr.read()
+        assert "[reflex]" in said
+        assert "gpiochip99" in said
+
+
+def test_no_fault_lets_a_wrong_force_pass_as_valid(twin: Twin) -> None:
+    """Single faults of camera, light and pad: each is flagged within three frames, or leaves every force right."""
+    names = tuple(name for name in bench.FAULTS if name not in SILENT)
+    result = bench.run(twin.unit, twin.calibration, full_scale_n=4.0, names=names)
+    rows = {(row["fault"], row["state"]): row for row in result["rows"]}
+    assert result["truth_n"][2] < -0.3
+    assert result["n_silent"] == 0, bench.table(result)
+    assert all(not row["flags"] for (fault, _), row in rows.items() if fault == "none")
+    for fault in ("frozen", "lens cap", "one row black", "lower half black", "noise", "noise in a tenth",
+                  "exposure x 5", "exposure x 0.3", "one colour to an eighth", "ten rows white"):  # fmt: skip
+        for state in ("untouched", "pressed"):
+            assert rows[fault, state]["is_flagged"], f"{fault}, {state}\n{bench.table(result)}"
+
+
+def test_zero_is_refused_while_something_presses(twin: Twin, tmp_path: Path) -> None:
+    """The same twin, pressed by a ball: see test_live_twin for how it is steered."""
+    from ruffini.sim.indenters import Indenter
+    from ruffini.sim.pose import Pose
+    from ruffini.sim.serve import Steered
+
+    steered = Steered(twin.unit, Indenter("sphere", 3e-3))
+    command = [str(find_daemon()), "--board", str(twin.board.folder), "--camera", f"twin:{tmp_path / 'twin'}",
+               "--link", "pty", "--store", str(tmp_path / "store")]  # fmt: skip
+    with (
+        TwinServer(twin.unit.renderer(), steered, Scenario(), tmp_path / "twin"),
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
+    ):
+        assert process.stdout is not None
+        port = process.stdout.readline().removeprefix("link: ").strip()
+        try:
+            with Connection(port) as sensor:
+                sensor.flash(twin.calibration)
+                sensor.subscribe(contacts=1)
+                steered.move_to(Pose(0.0, 0.0, 0.6e-3))
+                n_pressed = 0
+                for count, (frame, message) in enumerate(sensor.stream(timeout_s=10)):
+                    if sensor.schema.type_name(frame.type) == "CONTACTS":
+                        n_pressed = n_pressed + 1 if message.n_found else 0
+                    if n_pressed > 10:
+                        break
+                    assert count < 500, "the ball never pressed"
+                with pytest.raises(RefusedError, match="something presses on the pad"):
+                    sensor.checked(zero={"n_frames": 0})
+                sensor.checked(zero={"n_frames": 0, "even_if_touched": True})
+        finally:
+            process.kill()
