@@ -210,7 +210,9 @@ void Judge::check_wrench(const ReferenceFrame& frame) {
     return;
   }
   const auto shown = camera_->shown(m.stamp.frame);
-  want(shown.has_value() && shown->capture_us == m.stamp.capture_us, "a stamp is that of its frame");
+  const bool is_time_marked = (m.stamp.flags & ruffini_FlagBit_FLAG_TIME) != 0;
+  want(shown.has_value() && (is_time_marked || shown->capture_us == m.stamp.capture_us),
+       "a stamp is that of its frame");
   if (!is_valid) return;
   ++n_valid_;
   const Table* table = sensor_.good_by_id(m.stamp.calibration_id);
@@ -241,7 +243,7 @@ void Judge::check_reply(const ReferenceFrame& frame) {
 
 void Judge::check_status(const ReferenceFrame& frame) {
   const auto m = decoded(frame, ruffini_Status_fields, ruffini_Status(ruffini_Status_init_zero));
-  const uint64_t accounted = m.frames_processed + m.drops.capture_overrun + m.drops.invalid_frame;
+  const uint64_t accounted = m.frames_processed + m.drops.capture_overrun + m.drops.invalid_frame + m.repeated_frames;
   log_.say(now_us_, "status", {m.frames_captured, m.frames_processed, m.drops.link_backpressure, m.health});
   want(m.frames_captured == accounted || m.frames_captured == accounted + 1, "STATUS accounts for every frame");
 }
@@ -267,11 +269,11 @@ void Judge::after_frame() {
   if (is_good) ++trial_good_;
 }
 
-// captured = processed + overrun + invalid + in flight.
+// captured = processed + overrun + invalid + not used + in flight.
 void Judge::check_counters() {
   const Exchange& e = *exchange_;
   want(e.frames_captured == camera_->n_given(), "every frame of the camera is counted");
-  const uint64_t accounted = e.frames_processed + e.frames_overrun + e.frames_invalid;
+  const uint64_t accounted = e.frames_processed + e.frames_overrun + e.frames_invalid + e.frames_repeated;
   want(e.frames_captured == accounted + (is_mailbox_full_ ? 1 : 0), "a frame is processed, or its drop is counted");
 }
 

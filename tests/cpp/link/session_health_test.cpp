@@ -234,7 +234,7 @@ TEST_F(SessionHealth, TheLastRunAndSafeModeAreTold) {
                               .calibration_id = "\x01\x02\x03\x04",
                               .crashes = 3};
   identity.is_safe_mode = true;
-  Session session(board_, *path_, identity, calibrator_, exchange_);
+  Session session(board_, *path_, identity, calibrator_, exchange_, {clock_, random_});
   session.receive(host_frame(ruffini_MessageType_MESSAGE_TYPE_STATUS));
   session.poll(5);
   ruffini_Status said = ruffini_Status_init_zero;
