@@ -12,8 +12,9 @@ constexpr int kJitterPx = 9;
 constexpr int kBandRows = 16;
 constexpr int kValues = 6;          // of a sample
 constexpr int64_t kJumpLevels = 8;  // of each value
-constexpr int64_t kNoiseOfSample =
-    40;                        // mean of |difference| of two pixels, B + G + R, at a noise of 12 grey levels each
+constexpr int kLampRows = 8;        // each eighth row tells the lamps
+// Mean of |difference| of two pixels, B + G + R, at a noise of 12 grey levels each.
+constexpr int64_t kNoiseOfSample = 24;
 constexpr int64_t kBlack = 2;  // mean grey levels that can repeat without a fault, below and above
 constexpr int64_t kWhite = 253;
 constexpr int64_t kMinLampLevel = 16;  // of rest: below that a lamp cannot be told from none
@@ -41,12 +42,11 @@ void FrameWatch::learn(std::span<const uint16_t> rest) {
     int32_t rough = 0;
     for (const int32_t x : at_) {
       const uint16_t* sample = &rest[3 * (y * static_cast<size_t>(width_px_) + static_cast<size_t>(x))];
-      for (size_t c = 0; c < 3; ++c) {
-        const int32_t sum = sample[c] + sample[c + 3];
-        level += sum;
-        rough += std::abs(sample[c] - sample[c + 3]);
-        rest_channel_[c] += sum;
-      }
+      const int32_t left = sample[0] + sample[1] + sample[2];
+      const int32_t right = sample[3] + sample[4] + sample[5];
+      level += left + right;
+      rough += std::abs(left - right);
+      for (size_t c = 0; c < 3 && y % size_t{kLampRows} == 0; ++c) rest_channel_[c] += sample[c];
     }
     rest_[y] = {level / 16, rough / 16};
     band += rest_[y].rough - (y < kBandRows ? 0 : rest_[y - kBandRows].rough);
@@ -60,19 +60,20 @@ FrameWatch::Verdict FrameWatch::run(const FrameView& frame) {
   std::array<int64_t, 3> channel{};
   for (int y = 0; y < frame.height; ++y) {
     const uint8_t* pixels = frame.row(y);
-    std::array<int32_t, 3> level{};
-    int32_t rough = 0;
+    Row row;
     for (const int32_t x : at_) {
       const uint8_t* sample = pixels + ptrdiff_t{3} * x;
-      for (size_t c = 0; c < 3; ++c) {
-        level[c] += sample[c] + sample[c + 3];
-        rough += std::abs(sample[c] - sample[c + 3]);
-      }
+      const int32_t left = sample[0] + sample[1] + sample[2];
+      const int32_t right = sample[3] + sample[4] + sample[5];
+      row.level += left + right;
+      row.rough += std::abs(left - right);
     }
-    now_[static_cast<size_t>(y)] = {level[0] + level[1] + level[2], rough};
-    for (size_t c = 0; c < 3; ++c) channel[c] += level[c];
+    now_[static_cast<size_t>(y)] = row;
+    for (size_t i = 0; i < at_.size() && y % kLampRows == 0; ++i) {
+      for (ptrdiff_t c = 0; c < 3; ++c) channel[static_cast<size_t>(c)] += pixels[ptrdiff_t{3} * at_[i] + c];
+    }
   }
-  const int64_t n_pixels = 2 * std::ssize(at_) * std::ssize(now_);
+  const int64_t n_pixels = std::ssize(at_) * ((frame.height + kLampRows - 1) / kLampRows);
   const int64_t all = channel[0] + channel[1] + channel[2];
   const bool shows_something = all > 3 * kBlack * n_pixels && all < 3 * kWhite * n_pixels;
   Verdict verdict{.is_repeated = shows_something && now_ == before_, .is_broken = is_broken(), .is_lamp_off = false};

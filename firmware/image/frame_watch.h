@@ -1,7 +1,7 @@
 // Whether a frame is a new picture at all, before anything is made of it: for live cameras.
 //
 //   samples: two pixels side by side about every 16 px of every row; of row y
-//   level(y)  = sum of B + G + R over its samples,    rough(y) = sum of |left - right|, B + G + R each
+//   level(y)  = sum of B + G + R over its samples,    rough(y) = sum of |left - right| of B + G + R
 //   repeated: all levels and roughnesses are those of the frame before, of a picture that is neither black nor white
 //   broken:   a row whose difference from rest is off the row's before it by more than a quarter of rest and 8 grey
 //             levels (a row or half a frame is missing), or 16 rows in a row rougher than any of rest, twice, and what a

@@ -114,6 +114,7 @@ def measure(board: Board, calibration: bytes | None, n_frames: int) -> dict[str,
             flags = shown(drawn[i // SAME_STATE % 2].frame())
             if flags:
                 flagged[flags] = flagged.get(flags, 0) + 1
+        core.set_live(is_live=False)  # a bad picture is shown again as it is
         for name, picture in bad.items():
             while shown(drawn[0].frame()):  # good again
                 pass
