@@ -37,6 +37,9 @@ MAX_WRENCH_ERROR = 0.10  # of what an axis was loaded with: RMS on what was left
 MAX_SKIN_ERROR = 0.10  # of a press left out above 2 N, mean: what brightness alone does without taxels
 HARD_N = 2.0  # below, a skin's force is judged in newtons by what the calibration states, not as a part
 MAX_SKIN_PLACE = 0.5  # of the distance of two openings, mean: nearer to the right one than to the next
+MAX_GEL_MM = 0.2  # a contact model's gel depth: the paper's own uncertainty of it
+MAX_SHORE_A = 16.0  # its hardness: twice what the paper has, since few presses begin with more
+MIN_KIND = 0.8  # of presses whose kind, planar or Hertzian, is told right
 MAX_NORMAL_DEG = 7.0  # of ball presses left out, median: what recorded presses of a good unit reach
 
 
@@ -93,7 +96,7 @@ def gates_of(
 def gates_of_stages(outcomes: dict[str, Outcome]) -> list[Gate]:
     """What stages say of themselves, on what they left out of their own fits."""
     gates = []
-    colours, wrench, skin = (outcomes.get(name) for name in ("photometric", "wrench", "skin"))
+    colours, wrench, skin, contact = (outcomes.get(name) for name in ("photometric", "wrench", "skin", "contact"))
     if colours is not None and "held_out_normal_median_deg" in colours.report:
         value = float(colours.report["held_out_normal_median_deg"])
         gates.append(_at_most("normals", value, MAX_NORMAL_DEG, "deg, median of ball presses left out"))
@@ -104,7 +107,22 @@ def gates_of_stages(outcomes: dict[str, Outcome]) -> list[Gate]:
                 gates.append(_part(f"wrench {name}", part, MAX_WRENCH_ERROR, "of full scale: RMS left out"))
     if skin is not None and "n_presses" in skin.report:
         gates += _of_skin(skin.report)
+    if contact is not None and "left_out_sizes" in contact.report:
+        gates += _of_contact(contact.report)
     return gates
+
+
+def _of_contact(report: dict[str, Any]) -> list[Gate]:
+    """Of a contact model: each size judged by a fit without it."""
+    left = report["left_out_sizes"]["all"]
+    part = left["normal_n"] / report["largest_n"]
+    return [
+        _at_least("presses", report["n_presses"], MIN_PRESSES, "presses"),
+        _part("contact force", part, MAX_WRENCH_ERROR, "of the largest normal force: RMS of sizes left out"),
+        _at_most("contact depth", left["gel_depth_mm"], MAX_GEL_MM, "mm, RMS of sizes left out"),
+        _at_most("contact hardness", left["shore_a"], MAX_SHORE_A, "Shore A, RMS of sizes left out"),
+        _at_least("contact kind", left["kind_right"], MIN_KIND, "of the presses left out told right"),
+    ]
 
 
 def _of_skin(report: dict[str, Any]) -> list[Gate]:

@@ -115,7 +115,7 @@ def _simulated(board: Board, task: Task, folder: Path, depth_m: float, shear_m: 
     from ruffini.demo.auto import Opened, Site
     from ruffini.demo.truth import Truth
     from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated, reach_of
-    from ruffini.rig.program import BY_STAGE
+    from ruffini.rig.program import BY_STAGE, INDENTERS
     from ruffini.rig.session import ready_bench
     from ruffini.sim.units import build_unit, fleet_error
 
@@ -134,7 +134,8 @@ def _simulated(board: Board, task: Task, folder: Path, depth_m: float, shear_m: 
             ready = ready_bench(simulated.parts, board, limits if program in BY_STAGE else None)
             yield Opened(stack.enter_context(ready), truth)
 
-    return Site(opened, span, {"shape": "sphere", "radius_m": task.ball_mm / 2e3}, True, _points(board, folder))
+    tip = None if task.program == INDENTERS else {"shape": "sphere", "radius_m": task.ball_mm / 2e3}
+    return Site(opened, span, tip, True, _points(board, folder))
 
 
 def _points(board: Board, folder: Path) -> Path | None:
@@ -165,12 +166,17 @@ def _real(
     from ruffini.demo.auto import Opened, Site
     from ruffini.files import write_whole
     from ruffini.rig.person import TerminalPerson
-    from ruffini.rig.program import BY_STAGE
+    from ruffini.rig.program import BY_STAGE, INDENTERS
     from ruffini.rig.session import open_real, ready_bench
     from ruffini.rig.settings import load_rig
     from ruffini.rig.stop_key import stop_key
 
     settings = load_rig(path)
+    if task.program == INDENTERS:
+        raise InputError(
+            f"board {board.name!r} is fitted on indenters of many sizes and hardnesses, and `cal auto` does not know "
+            "yet which ones your bench has: use `ruffini cal contact`, or --rig sim"
+        )
     if task.stage == "operator" and (settings.tip is None or settings.tip.shape != "sphere"):
         raise InputError(f"{path}: `cal auto` learns the colours from a ball: give [tip] shape = 'sphere', diameter_mm")
     if task.stage == "skin" and points is None:

@@ -205,7 +205,7 @@ class Auto:
         out = self.folder / "report.html"
         if self.task.stage == "skin":
             write_skin_page(out, file, skin_report_of(self.board, file, [path]))
-        elif self.task.stage == "feature_wrench":
+        elif self.task.stage in ("feature_wrench", "contact_model"):
             write_wrench_page(out, file, wrench_report_of(self.board, file, [path]))
         else:
             write_page(out, self.board, file, report_of(self.board, file, job.log()))

@@ -14,6 +14,7 @@ STEPS = {"balls": "ball presses, for the colours", "fitted": "touches that it is
 LEAST_SHOWN_S = 3.0
 SHOWN = {
     "error": "error", "force_rmse_n": "force, N RMS", "force_worst_n": "worst touch, N", "largest_force_n": "up to, N",
+    "normal_rmse_n": "normal force, N RMS", "shore_rmse": "hardness, Shore A RMS",
     "place_mm": "place off by, mm", "untold": "touches not told", "touches": "touches",
 }  # fmt: skip
 

@@ -5,6 +5,7 @@
 | forces by finite elements | operator | ball presses for the colours, then a grid with shear | force |
 | wrench of features | feature_wrench | the F-TOUCH paper's loads through a connector | all six axes |
 | glowing skin | skin | straight presses all round | force above 2 N, and the place |
+| contact model of a texture | contact_model | presses of changed indenters | normal force, and their hardness |
 """
 
 from __future__ import annotations
@@ -21,14 +22,31 @@ from ruffini.calibrate.gates import HARD_N
 from ruffini.calibrate.stages.job import Outcome
 from ruffini.errors import InputError
 from ruffini.rig.found import is_held, is_settled
-from ruffini.rig.log_file import Log, TouchRecord
-from ruffini.rig.program import CONDITIONS, ByHand, Condition, Item, Span, Touch, plan, span_of, spread
+from ruffini.rig.log_file import CONTACT_SHORE, Log, TouchRecord
+from ruffini.rig.program import (
+    CONDITIONS,
+    INDENTERS,
+    ByHand,
+    Condition,
+    Indent,
+    Item,
+    Span,
+    Tool,
+    Touch,
+    plan,
+    span_of,
+    spread,
+)
 
 Array = npt.NDArray[np.float64]
 
 FITTED_PART = 0.7  # of the span, in which an operator's touches lie; the judged ones are all over it
 LONG_EACH, LONG_S = 8, 3.0  # each eighth touch is held so long
+NO_SHORE = np.full((0, 2), np.nan)
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+TOOLS = ("flat", "sphere", "square", "sphere", "triangle", "sphere")  # in turn: half of them are balls
+TOOL_RADIUS_M, TOOL_SHORE_A = (4.2e-3, 5.5e-3), (20.0, 85.0)  # such that no press is above 15 N
+TOOL_PLACE_M = (2.2e-3, 1.8e-3)  # from the middle: the texture beside the contact is what tells
 FORCE_N, TORQUE_NM, NORMAL_N = 1.0, 0.02, 8.0  # as far as the F-TOUCH paper's sensor goes, Table III
 
 
@@ -44,12 +62,14 @@ class Counts(NamedTuple):
 class Word(NamedTuple):
     """What sensor and truth (the twin's, or the reference's) say of one touch, a row for each frame that counts.
 
-    said, true : (k, 6) N and N m ON the pad, NaN where not measured; off_m (k, 2): how far off a skin's contact lies.
+    said, true : (k, 6) N and N m ON the pad, NaN where not measured; off_m (k, 2): how far off a skin's contact lies;
+    shore (k, 2): hardness of the object, as said and as it is.
     """
 
     said: Array
     true: Array
     off_m: Array
+    shore: Array
 
 
 @dataclass(frozen=True)
@@ -82,9 +102,6 @@ def task_of(board: Board) -> Task:
         It has no estimator that can be fitted.
     """
     stages = set(board.pipeline.stages)
-    if "contact_model" in stages:
-        raise InputError(f"board {board.name!r} is fitted on presses of indenters of known shape, size and hardness, "
-                         "which `cal auto` does not plan: use `ruffini cal contact`")  # fmt: skip
     for task in TASKS:
         if task.stage in stages and (task.stage != "operator" or has_depth(board)):
             return task
@@ -101,13 +118,13 @@ def _forces_word(_: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
     """The end of the hold, as one row: what a touch says."""
     held = is_settled(touch.arrays["stream_host_s"], touch.facts)
     said = touch.arrays["stream_wrench"][held].mean(axis=0, keepdims=True)
-    return Word(said, true[held].mean(axis=0, keepdims=True), np.full((1, 2), np.nan))
+    return Word(said, true[held].mean(axis=0, keepdims=True), np.full((1, 2), np.nan), NO_SHORE)
 
 
 def _loaded_word(_: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
     """Every frame while it is loaded: a hand never holds still."""
     held = is_held(touch.arrays["stream_host_s"], touch.facts)
-    return Word(touch.arrays["stream_wrench"][held], true[held], np.full((held.sum(), 2), np.nan))
+    return Word(touch.arrays["stream_wrench"][held], true[held], np.full((held.sum(), 2), np.nan), NO_SHORE)
 
 
 def _skin_word(board: Board, _: Log, touch: TouchRecord, true: Array) -> Word:
@@ -125,11 +142,36 @@ def _skin_word(board: Board, _: Log, touch: TouchRecord, true: Array) -> Word:
         number = a["contact_number"][is_told]
         nearest = number == number[np.linalg.norm(away, axis=1).argmin()]
         off_m[0], said[0, 2] = away[nearest].mean(axis=0), a["contact_force"][is_told][nearest].mean()
-    return Word(said, true[held].mean(axis=0, keepdims=True), off_m)
+    return Word(said, true[held].mean(axis=0, keepdims=True), off_m, NO_SHORE)
+
+
+def _indent_word(_: Board, __: Log, touch: TouchRecord, true: Array) -> Word:
+    """Every frame from the contact on; the hardness that is told last, and that of the indenter."""
+    held = is_held(touch.arrays["stream_host_s"], touch.facts)
+    shore = touch.arrays.get(CONTACT_SHORE, np.zeros(0))
+    told = shore[np.isfinite(shore)]
+    rows = np.full((int(held.sum()), 2), np.nan)
+    rows[-1:] = (told[-1] if len(told) else np.nan), touch.facts["tool"]["shore_a"]
+    return Word(touch.arrays["stream_wrench"][held], true[held], np.full_like(rows, np.nan), rows)
+
+
+def _indent_figures(words: list[Word]) -> dict[str, Any]:
+    said, true, _, shore = _joined(words)
+    known = shore[np.isfinite(shore[:, 1])]
+    told = known[np.isfinite(known[:, 0])]
+    off = np.nan_to_num(said) - true
+    full = float(np.abs(true[:, 2]).max())
+    rmse = np.sqrt(np.mean(off**2, axis=0))
+    return {
+        "error": 100 * float(rmse[2]) / full, "touches": len(words), "normal_rmse_n": float(rmse[2]),
+        "axes_rmse_n_nm": [float("nan") if np.isnan(c).all() else float(r) for c, r in zip(said.T, rmse, strict=True)],
+        "largest_force_n": full, "untold": int(len(known) - len(told)),
+        "shore_rmse": float(np.sqrt(np.mean((told[:, 0] - told[:, 1]) ** 2))) if len(told) else None,
+    }  # fmt: skip
 
 
 def _forces_figures(words: list[Word]) -> dict[str, Any]:
-    said, true, _ = _joined(words)
+    said, true, *_ = _joined(words)
     error, largest = np.linalg.norm((said - true)[:, :3], axis=1), float(np.linalg.norm(true[:, :3], axis=1).max())
     rmse = float(np.sqrt(np.mean(error**2)))
     return {
@@ -140,7 +182,7 @@ def _forces_figures(words: list[Word]) -> dict[str, Any]:
 
 
 def _wrench_figures(words: list[Word]) -> dict[str, Any]:
-    said, true, _ = _joined(words)
+    said, true, *_ = _joined(words)
     full = np.abs(true).max(axis=0)
     rmse = np.sqrt(np.mean((np.nan_to_num(said) - true) ** 2, axis=0))
     return {
@@ -152,7 +194,7 @@ def _wrench_figures(words: list[Word]) -> dict[str, Any]:
 
 
 def _skin_figures(words: list[Word]) -> dict[str, Any]:
-    said, true, off_m = _joined(words)
+    said, true, off_m, _ = _joined(words)
     off_n, load = np.abs(said - true)[:, 2], np.abs(true[:, 2])
     is_hard, is_told = load > HARD_N, np.isfinite(off_m).all(axis=1)
     away = np.linalg.norm(off_m[is_told], axis=1)
@@ -166,6 +208,11 @@ def _skin_figures(words: list[Word]) -> dict[str, Any]:
 
 def _joined(words: list[Word]) -> Word:
     return Word(*(np.concatenate(column) for column in zip(*words, strict=True)))
+
+
+def _contact_left_out(outcomes: dict[str, Outcome]) -> float:
+    report = outcomes["contact"].report
+    return 100 * float(report["left_out_sizes"]["all"]["normal_n"]) / float(report["largest_n"])
 
 
 def _forces_left_out(outcomes: dict[str, Outcome]) -> float:
@@ -222,6 +269,26 @@ def _straight(span: Span, n: int, seed: int) -> Sequence[Item]:
     return plan("balls", span, n, seed)
 
 
+def indents(span: Span, n: int, seed: int) -> Sequence[Item]:
+    """Indenters of sizes and hardnesses spread over their ranges, each at a place of its own."""
+    rng = np.random.default_rng(seed)
+    radius, shore = (rng.permutation(np.linspace(*ends, n)) for ends in (TOOL_RADIUS_M, TOOL_SHORE_A))
+    # A seed of its own has sizes of its own, too.
+    step = (TOOL_RADIUS_M[1] - TOOL_RADIUS_M[0]) / n
+    radius = np.clip(radius + rng.uniform(-0.4, 0.4, n) * step, *TOOL_RADIUS_M)
+    return [
+        Indent(Tool(TOOLS[i % len(TOOLS)], float(radius[i]), float(shore[i])), float((2 * x - 1) * span.half_x_m),
+               float((2 * y - 1) * span.half_y_m), span.deepest_m)
+        for i, (x, y, _) in enumerate(spread(n, rng))
+    ]  # fmt: skip
+
+
+def _about_the_middle(board: Board, depth_m: float, shear_m: float, reach_m: tuple[float, float] | None) -> Span:
+    span = span_of(board, depth_m, shear_m, reach_m)
+    half_x_m, half_y_m = (min(a, b) for a, b in zip(span[:2], TOOL_PLACE_M, strict=True))
+    return span._replace(half_x_m=half_x_m, half_y_m=half_y_m)
+
+
 def _all_round(board: Board, depth_m: float, shear_m: float, reach_m: tuple[float, float] | None) -> Span:
     """A tube is pressed all the way round."""
     span = span_of(board, depth_m, shear_m, reach_m)
@@ -242,4 +309,9 @@ SKIN = Task(
     "skin", "skin", "balls", Counts(0, 60, 20, 0), Counts(0, 24, 6, 0), 3.4, 0.0, 10.0, "% of a force above 2 N, mean",
     _all_round, _straight, _straight, _skin_word, _skin_figures, _skin_left_out,
 )  # fmt: skip
-TASKS = (FORCES, WRENCH, SKIN)
+CONTACT = Task(
+    "contact", "contact_model", INDENTERS, Counts(0, 72, 24, 0), Counts(0, 18, 6, 0), 1.7, 0.0, 6.0,
+    "% of the largest normal force, RMS", _about_the_middle, indents, indents, _indent_word, _indent_figures,
+    _contact_left_out,
+)  # fmt: skip
+TASKS = (CONTACT, FORCES, WRENCH, SKIN)  # a contact model's wrench is of features, too

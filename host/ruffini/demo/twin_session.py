@@ -34,7 +34,7 @@ from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.marlin import Marlin
 from ruffini.rig.network_cell import NetworkCell, fetch_settings
 from ruffini.rig.placed_weight import PlacedWeight
-from ruffini.rig.program import BY_STAGE, Span
+from ruffini.rig.program import BY_STAGE, INDENTERS, Span
 from ruffini.rig.reference import Reference
 from ruffini.rig.session import Pace, Parts, SensorParts
 from ruffini.rig.stage import Stage
@@ -52,7 +52,7 @@ NEAR_MM = 0.3  # from there on it goes slowly
 SLACK_M = 1e-4  # of the limits, beside the plan
 BELOW_MM = 1.2  # the pad, where a contact is still looked for
 WEIGHT_SIGMA_G = 0.1
-CONNECTED = "conditions"  # the program whose reference carries a connector
+CONNECTED = ("conditions", INDENTERS)  # programs whose reference is bolted to the sensor: its drawing says where
 LOGGER_OFFSET_S, LOGGER_DRIFT = 1234.5, 150e-6  # of the other program's clock
 DOME_PART = 0.28  # of a dome's radius, along x and y: further out a straight press slides off
 MACHINES: dict[str, tuple[type[EmulatedMachine], Callable[[str], Stage]]] = {
@@ -68,6 +68,7 @@ PACES = {
 REFERENCE_HZ = {"plane": 2.0, "dome": 0.8, "tube": 0.3}  # stated: how long a silence is waited for is real time, always
 # By simulated time no computer is too slow, but a frame of a tube takes half a second to make: one of so many is made.
 HURRIED_STEP = {"tube": 6}
+INDENTERS_STEP, INDENTERS_HZ = 3, 0.8  # a press of theirs is long, and a soft body takes long to compute
 
 
 @dataclass(frozen=True)
@@ -126,10 +127,12 @@ def open_simulated(
     """
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="ruffini-")))
     unit = unit or build_unit(board, options.error, progress=options.progress)
+    reference_hz = INDENTERS_HZ if program == INDENTERS else REFERENCE_HZ[unit.twin.shape.kind]
     kind, indenter = unit.twin.shape.kind, Indenter("sphere", options.ball_mm / 2e3)
     pace, clock = PACES[kind], None
     if options.is_hurried:
         period_s, step = 1e3 / board.camera.rate_mhz, HURRIED_STEP.get(kind, 1)
+        step = INDENTERS_STEP if program == INDENTERS else step
         clock, pace = FrameClock(period_s, step=step), pace._replace(frame_hz=1 / (period_s * step))
     stack.enter_context(host_clock.lent(clock) if clock else contextlib.nullcontext())
     emulated, driver = MACHINES[options.machine]
@@ -142,8 +145,8 @@ def open_simulated(
         loader,
         folder / "twin",
         options.seed,
-        rate_hz=REFERENCE_HZ[kind],
-        mount=options.mount or (BOLTED if program == CONNECTED else ASKEW),
+        rate_hz=reference_hz,
+        mount=options.mount or (BOLTED if program in CONNECTED else ASKEW),
         clock=clock,
     )
     stack.enter_context(twin.server)
@@ -159,11 +162,12 @@ def open_simulated(
         stage = driver(machine.port)
         stack.callback(stage.close)
     text_cell = stack.enter_context(EmulatedTextCell(options.seed)) if kind == "tube" else None
-    page = stack.enter_context(EmulatedPage(REFERENCE_HZ[kind]))
-    reference = _reference(twin, text_cell, page, program, REFERENCE_HZ[kind])
-    if program == CONNECTED and options.mount is None:
+    page = stack.enter_context(EmulatedPage(reference_hz))
+    reference = _reference(twin, text_cell, page, program, reference_hz)
+    if program in CONNECTED and options.mount is None:
         reference = Turned(reference, np.eye(3), BOLTED_ARM_M)
-    parts = Parts(sensor, person, pace, reference=reference, max_force_n=MAX_FORCE_N, stage=stage, origin=ORIGIN)
+    parts = Parts(sensor, person, pace, reference=reference, max_force_n=MAX_FORCE_N, stage=stage, origin=ORIGIN,
+                  mount=twin.twin.mount)  # fmt: skip
     return Simulated(parts, twin, machine, text_cell)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -14,7 +14,7 @@ from ruffini import host_clock
 from ruffini.errors import InputError, RefusedError
 from ruffini.rig.guarded_stage import GuardedStage
 from ruffini.rig.placed_weight import PlacedWeight
-from ruffini.rig.program import HOLD_S
+from ruffini.rig.program import HOLD_S, Tool
 from ruffini.rig.reference import Reading
 from ruffini.rig.stage import Guard, nobody
 from ruffini.rig.stream_watch import StreamWatch
@@ -60,7 +60,15 @@ class Bench:
     session: str = ""
     longest_gap_s: float = LONGEST_GAP_S
     max_hold_s: float = MAX_HOLD_S
+    mount: Callable[[Tool], None] | None = None  # puts an indenter there; None: the person is asked
     drift: Array = field(default_factory=lambda: np.zeros(6))  # of the reference, since it was first tared
+
+    def put_on(self, tool: Tool) -> None:
+        """Another indenter hangs on the stage; raises RefusedError where nobody puts it there."""
+        if self.mount is not None:
+            self.mount(tool)
+        else:
+            self.person.confirm(f"put on: {tool.told()}")
 
     def need_stage(self) -> GuardedStage:
         """The stage; raises InputError where there is none."""

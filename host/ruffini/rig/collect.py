@@ -21,7 +21,7 @@ from ruffini.rig.contact_surface import ContactSurface, PadMovedError
 from ruffini.rig.found import estimate
 from ruffini.rig.guarded_stage import CONTACT_N, DryStage, GuardedStage, Limits
 from ruffini.rig.log_file import LogWriter, TouchRecord
-from ruffini.rig.program import HOLD_S, Condition, HandTouch, Item, Touch, Weight
+from ruffini.rig.program import HOLD_S, Condition, HandTouch, Indent, Item, Touch, Weight
 from ruffini.rig.stage import Place
 from ruffini.rig.touch import faults_of, record_of
 
@@ -154,7 +154,8 @@ def perform(bench: Bench, item: Item) -> tuple[TouchRecord, list[str]]:
     drift = bench.tare_again()
     path: list[tuple[float, Place]] = []
     how: dict[type, Callable[[Bench, Any, by_hand.Path], dict[str, Any]]] = {
-        Touch: _by_stage, Weight: by_hand.weight, HandTouch: by_hand.touch, Condition: by_hand.condition,
+        Touch: _by_stage, Indent: _by_indenter, Weight: by_hand.weight, HandTouch: by_hand.touch,
+        Condition: by_hand.condition,
     }  # fmt: skip
     facts = {"kind": item.kind, "told": item.told(), **item._asdict(), **how[type(item)](bench, item, path),
              "session": bench.session, "tare": drift.tolist()}  # fmt: skip
@@ -185,6 +186,16 @@ def _by_stage(bench: Bench, touch: Touch, path: list[tuple[float, Place]]) -> di
     return {
         "contact_z_m": contact_m, "touched_host_s": stage.free_until_s, "held_host_s": held, "lifted_host_s": lifted
     }  # fmt: skip
+
+
+def _by_indenter(bench: Bench, item: Indent, path: list[tuple[float, Place]]) -> dict[str, Any]:
+    """Put it on, press, lift; it is held from the contact on."""
+    stage = bench.need_stage()
+    stage.go_above(item.x_m, item.y_m)
+    bench.put_on(item.tool)
+    stage.surface = ContactSurface()  # it ends at another height, and a soft one goes deeper until it is felt
+    facts = _by_stage(bench, Touch(item.x_m, item.y_m, item.depth_m, hold_s=item.hold_s), path)
+    return {**facts, "tool": item.tool._asdict(), "held_host_s": facts["touched_host_s"]}
 
 
 def press(stage: GuardedStage, touch: Touch, note: Note) -> float:

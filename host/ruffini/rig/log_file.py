@@ -40,6 +40,7 @@ CONTACTS = {  # optional, all or none: a row for each contact in each frame; col
     "contact_sigma": (2, "N, m"),
 }  # fmt: skip
 MARKER_PLACE, ACTIVITY, MOTION = "marker_place", "stream_activity", "stream_motion"
+CONTACT_SHORE = "contact_shore"  # optional, beside the other contacts: hardness of the object, NaN where not valid
 UNITS = {
     **{name: unit for name, (_, unit) in {**ARRAYS, **CONTACTS}.items()},
     **{clock: "s" for clock in OPTIONAL},
@@ -47,6 +48,7 @@ UNITS = {
     MARKER_PLACE: None,
     ACTIVITY: "px",
     MOTION: "px",
+    CONTACT_SHORE: "Shore A",
 }
 
 
@@ -194,6 +196,10 @@ def _check(where: str, arrays: dict[str, npt.NDArray[Any]]) -> None:
     if ACTIVITY in arrays and arrays[ACTIVITY].shape != arrays["stream_s"].shape:
         raise InputError(
             f"{where}: stream_activity is {arrays[ACTIVITY].shape}, one value for each stream_s is asked for"
+        )
+    if CONTACT_SHORE in arrays and arrays[CONTACT_SHORE].shape != arrays.get("contact_s", np.zeros(0)).shape:
+        raise InputError(
+            f"{where}: contact_shore is {arrays[CONTACT_SHORE].shape}, one value for each contact_s is asked for"
         )
     if MOTION in arrays and arrays[MOTION].shape[:1] != arrays["stream_s"].shape:
         raise InputError(f"{where}: stream_motion is {arrays[MOTION].shape}, one row for each stream_s is asked for")

@@ -14,7 +14,8 @@ from ruffini.rig.log_file import TouchRecord
 HOLD_S = 0.5  # of a touch, at least
 BORDER = 0.25  # of the window's half side stays untouched: there the camera sees a part of the dent only
 PROGRAMS = ("grid", "balls", "weights", "free", "conditions")
-BY_STAGE = ("grid", "balls")
+INDENTERS = "indenters"  # of `cal auto`: a plan of its own
+BY_STAGE = ("grid", "balls", INDENTERS)
 NAMES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 # Table II of the F-TOUCH paper: signs of Fx Fy Fz Tx Ty Tz. The last is twisted both ways.
 CONDITIONS = (
@@ -50,6 +51,38 @@ class Touch(NamedTuple):
 
     def faults(self, record: TouchRecord) -> list[str]:
         """What only this kind of touch can get wrong."""
+        return []
+
+
+class Tool(NamedTuple):
+    """What a person screws to the stage: a shape, half of its size, and its hardness."""
+
+    shape: str
+    radius_m: float
+    shore_a: float
+
+    def told(self) -> str:
+        """For a person."""
+        return f"{self.shape} of {1e3 * self.radius_m:.1f} mm, Shore A {self.shore_a:.0f}"
+
+
+class Indent(NamedTuple):
+    """A straight press of an indenter that is put there for it: all of the way down counts."""
+
+    tool: Tool
+    x_m: float
+    y_m: float
+    depth_m: float
+    hold_s: float = 0.0  # nothing is learned of standing still
+
+    @property
+    def kind(self) -> str:
+        return "indent"
+
+    def told(self) -> str:
+        return f"{self.tool.told()}, at {_mm(self.x_m, self.y_m)}, {1e3 * self.depth_m:.2f} mm deep"
+
+    def faults(self, record: TouchRecord) -> list[str]:
         return []
 
 
@@ -129,7 +162,7 @@ class Condition(NamedTuple):
         return [f"only {100 * weak:.0f} % of the load that was asked for"] if weak < MIN_PART else []
 
 
-Item = Touch | Weight | HandTouch | Condition
+Item = Touch | Indent | Weight | HandTouch | Condition
 
 
 def _mm(x_m: float, y_m: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -13,6 +13,7 @@ from ruffini.device import Connection
 from ruffini.rig.bench import MAX_HOLD_S, Bench, Person
 from ruffini.rig.guarded_stage import GuardedStage, Limits, force_guard
 from ruffini.rig.placed_weight import PlacedWeight
+from ruffini.rig.program import Tool
 from ruffini.rig.reference import Reference
 from ruffini.rig.settings import RigSettings
 from ruffini.rig.stage import Guard, Place, Stage, nobody
@@ -52,6 +53,7 @@ class Parts(SensorParts):
     max_force_n: float = field(kw_only=True)
     stage: Stage | None = field(default=None, kw_only=True)
     origin: Place = field(default=Place(0.0, 0.0, 0.0), kw_only=True)
+    mount: Callable[[Tool], None] | None = field(default=None, kw_only=True)
 
 
 def open_real(stack: contextlib.ExitStack, settings: RigSettings, sensor: Connection, person: Person) -> Parts:
@@ -87,10 +89,11 @@ def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Wat
     dense_every = max(1, round(camera.rate_mhz * 1e-3 / DENSE_HZ))
     image_every = math.ceil(frame_hz * camera.width_px * camera.height_px * 3 / pace.image_bytes_per_s)
     has_markers = not {"markers", "targets"}.isdisjoint(stages)
+    has_contacts = not {"skin", "contact_model"}.isdisjoint(stages)
     with StreamWatch(
         sensor, field_every=dense_every * ("displacement" in stages),
         marker_every=has_markers * (dense_every if "operator" in stages else 1),
-        image_every=image_every, contact_every=int("skin" in stages), stall_s=pace.stall_s,
+        image_every=image_every, contact_every=int(has_contacts), stall_s=pace.stall_s,
     ) as stream:  # fmt: skip
         stream.wait_for_rest(bits[NO_REFERENCE])
         bad_flags = {bit: name.removeprefix("FLAG_").lower() for name, bit in bits.items()}
@@ -115,5 +118,5 @@ def ready_bench(parts: Parts, board: Board, limits: Limits | None, key: Guard = 
         weight = parts.reference if isinstance(parts.reference, PlacedWeight) else None
         yield Bench(
             watch, watched.stream, watched.bad_flags, parts.person, parts.max_force_n, stage, guard, weight,
-            watched.session, parts.pace.longest_gap_s, parts.pace.max_hold_s,
+            watched.session, parts.pace.longest_gap_s, parts.pace.max_hold_s, parts.mount,
         )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from typing import Any, NamedTuple, cast
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from ruffini import host_clock
 from ruffini.device import Connection, Field, Wrench
-from ruffini.device.results import NOT_MEASURED, Image
+from ruffini.device.results import NOT_MEASURED, VALID, Image
 from ruffini.errors import NoDeviceError, RuffiniError
 from ruffini.wire.dense import decode_dense
 
@@ -64,7 +65,7 @@ class ContactSample(NamedTuple):
     """One contact in one frame, at the sensor's own time; a frame without contacts has none.
 
     place (2,) m of its centre on the pad, force_n along the outward normal (pressing is negative; NaN where not
-    measured), sigma (2,) N and m, NaN where not stated.
+    measured), sigma (2,) N and m, NaN where not stated; shore: hardness of the object, NaN where it is not valid.
     """
 
     stream_s: float
@@ -72,6 +73,7 @@ class ContactSample(NamedTuple):
     place: Array
     force_n: float
     sigma: Array
+    shore_a: float = math.nan
 
 
 class Window(NamedTuple):
@@ -221,7 +223,7 @@ def _field(_: float, message: Any) -> list[Sample]:
 
 
 def _contacts(_: float, message: Any) -> list[Sample]:
-    """Contacts of a skin: their z is out of it everywhere."""
+    """Contacts of a skin, whose z is out of it everywhere, or of a contact model."""
     stream_s = message.stamp.capture_us * 1e-6
     made: list[Sample] = []
     for c in message.contacts:
@@ -229,7 +231,9 @@ def _contacts(_: float, message: Any) -> list[Sample]:
         force_n = np.nan if validity == NOT_MEASURED else c.force_z_un * 1e-6
         sigma = [c.force_sigma_un * 1e-6 or np.nan, c.center_sigma_um * 1e-6 or np.nan]  # 0: not stated
         place = np.array([c.center_x_um, c.center_y_um]) * 1e-6
-        made.append(ContactSample(stream_s, c.id, place, force_n, np.array(sigma)))
+        is_hard_known = getattr(c, "hardness_validity", NOT_MEASURED) == VALID
+        shore_a = c.shore_a_1e1 * 0.1 if is_hard_known else math.nan
+        made.append(ContactSample(stream_s, c.id, place, force_n, np.array(sigma), shore_a))
     return made
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.rig.guarded_stage import CONTACT_N
-from ruffini.rig.log_file import ACTIVITY, MOTION, TouchRecord
+from ruffini.rig.log_file import ACTIVITY, CONTACT_SHORE, MOTION, TouchRecord
 from ruffini.rig.program import HOLD_S
 from ruffini.rig.reference import Reading
 from ruffini.rig.stage import Place
@@ -132,7 +132,7 @@ def _contacts(window: Window) -> Arrays:
     return {
         "contact_s": np.array([c.stream_s for c in rows]), "contact_number": np.array([c.number for c in rows]),
         "contact_place": np.array([c.place for c in rows]), "contact_force": np.array([c.force_n for c in rows]),
-        "contact_sigma": np.array([c.sigma for c in rows]),
+        "contact_sigma": np.array([c.sigma for c in rows]), CONTACT_SHORE: np.array([c.shore_a for c in rows]),
     }  # fmt: skip
 
 

@@ -15,8 +15,9 @@ from ruffini.errors import InputError
 from ruffini.rig.emulated_machine import HOME_PLACE, EmulatedMachine
 from ruffini.rig.emulated_references import FULL_SCALE, NO_MOUNT, SIGMA, EmulatedNetworkCell, Mount
 from ruffini.rig.frame_clock import FrameClock
+from ruffini.rig.program import Tool
 from ruffini.rig.stage import Place
-from ruffini.sim.indenters import Indenter
+from ruffini.sim.indenters import Indenter, Material
 from ruffini.sim.optics.settings import ShapeSettings
 from ruffini.sim.pose import Pose
 from ruffini.sim.rig import Unit
@@ -82,6 +83,10 @@ class PressedTwin:
         self.wrench = np.zeros(6)
         self._last_s = host_clock.now()
         self.listeners: list[Callable[[int, Array], None]] = []  # told frame and wrench, when the camera has the frame
+
+    def mount(self, tool: Tool) -> None:
+        """Another indenter, from the next touch on."""
+        self._indenter = Indenter(tool.shape, tool.radius_m, Material.of_shore_a(tool.shore_a))
 
     def states(self, frame: int) -> States | None:
         before, now = self._rig.displacement.copy(), host_clock.now()

@@ -20,11 +20,23 @@ from ruffini.calibrate.gates import gates_in
 from ruffini.cli import main
 from ruffini.demo.auto import BETTER, Auto, Site
 from ruffini.demo.auto_page import table_of
-from ruffini.demo.auto_tasks import FORCES, SKIN, WRENCH, Counts, Word, judged_loads, judged_touches, task_of
+from ruffini.demo.auto_tasks import (
+    CONTACT,
+    FORCES,
+    NO_SHORE,
+    SKIN,
+    TOOLS,
+    WRENCH,
+    Counts,
+    Word,
+    judged_loads,
+    judged_touches,
+    task_of,
+)
 from ruffini.errors import RefusedError
 from ruffini.rig.emulated_person import _loads
 from ruffini.rig.log_file import Log, TouchRecord, write_log
-from ruffini.rig.program import CONDITIONS, Condition, Span, Touch
+from ruffini.rig.program import CONDITIONS, Condition, Indent, Span, Touch
 from ruffini.sim.units import fleet_error
 
 Array = npt.NDArray[np.float64]
@@ -36,7 +48,8 @@ N_FRAMES = 60
 
 
 def test_each_board_has_the_task_of_its_estimator():
-    assert [task_of(find_board(name)).name for name in ("gelslim", "ftouch", "eltac")] == ["forces", "wrench", "skin"]
+    tasks = {"gelslim": "forces", "ftouch": "wrench", "eltac": "skin", "contact-glitter": "contact"}
+    assert {name: task_of(find_board(name)).name for name in tasks} == tasks
     text = (Path(__file__).parents[2] / "data" / "boards" / "good" / "depth-from-markers.toml").read_text()
     by_markers = parse_board(text, "sample")
     assert task_of(by_markers).name == "forces"
@@ -57,6 +70,44 @@ def test_judged_loads_mix_axes_as_no_condition_does_and_only_press():
     assert len(loads) == 20
     assert not {load.signs for load in loads} & set(CONDITIONS)
     assert all(load.signs[2] <= 0 and any(load.signs) for load in loads)
+
+
+def test_indenters_are_half_balls_of_sizes_and_hardnesses_that_no_judged_one_has():
+    board = find_board("contact-glitter")
+    span = CONTACT.span(board, 1.7e-3, 0.0, None)
+    fitted = [i for i in CONTACT.fitted(span, 18, 2) if isinstance(i, Indent)]
+    judged = [i for i in CONTACT.judged(span, 6, 1001) if isinstance(i, Indent)]
+    assert len(fitted) == 18
+    assert sum(i.tool.shape == "sphere" for i in fitted) == 9
+    assert {i.tool.shape for i in judged} == set(TOOLS)
+    assert not {i.tool.radius_m for i in fitted} & {i.tool.radius_m for i in judged}
+    assert np.ptp([i.tool.shore_a for i in fitted]) > 60
+    places = np.array([(i.x_m, i.y_m) for i in fitted])
+    assert np.abs(places).max() <= 2.2e-3  # their surroundings stay on the pad
+    assert [i.told() for i in CONTACT.fitted(span, 18, 2)] == [i.told() for i in fitted]
+
+
+def test_a_contact_models_word_is_every_frame_of_a_press_and_the_hardness_told_last():
+    time_s = np.linspace(0, 2, 21)
+    wrench = np.zeros((21, 6))
+    wrench[:, 2] = -np.linspace(0, 4, 21)
+    touch = TouchRecord(
+        {"held_host_s": 1.0, "lifted_host_s": 2.0, "tool": {"shape": "flat", "radius_m": 5e-3, "shore_a": 40.0}},
+        {
+            "stream_host_s": time_s,
+            "stream_wrench": 1.1 * wrench,
+            "contact_shore": np.array([np.nan, 30.0, 44.0, np.nan]),
+        },
+    )
+    word = CONTACT.word(find_board("contact-glitter"), Log({}, [touch]), touch, wrench)
+    assert len(word.said) == 9
+    untold = touch._replace(arrays={**touch.arrays, "contact_shore": np.full(4, np.nan)})
+    second = CONTACT.word(find_board("contact-glitter"), Log({}, [untold]), untold, wrench)
+    figures = CONTACT.figures([word, second])
+    assert figures["shore_rmse"] == pytest.approx(4.0)
+    assert figures["untold"] == 1
+    assert figures["normal_rmse_n"] == pytest.approx(0.1 * np.sqrt(np.mean(wrench[11:20, 2] ** 2)))
+    assert figures["error"] == pytest.approx(100 * figures["normal_rmse_n"] / 3.8)
 
 
 def skin_touch(tip_m: tuple[float, float], contacts: list[tuple[int, float, float, float]]) -> TouchRecord:
@@ -90,7 +141,7 @@ def test_a_wrenchs_error_counts_an_axis_that_is_not_measured_as_all_of_it():
     true = rng.uniform(-1, 1, (500, 6)) * FULL
     said = true * 1.1
     said[:, 5] = np.nan
-    figures = WRENCH.figures([Word(said, true, np.full((500, 2), np.nan))])
+    figures = WRENCH.figures([Word(said, true, np.full((500, 2), np.nan), NO_SHORE)])
     part = np.array([0.1] * 5 + [1.0]) / np.sqrt(3)  # root mean square of a uniform load
     assert figures["error"] == pytest.approx(100 * np.sqrt(np.mean(part**2)), rel=0.1)
     assert figures["not_measured"] == ["Tz"]

@@ -7,7 +7,18 @@ the calibration file, and numbers for the stages after it.
 
 from __future__ import annotations
 
-from ruffini.calibrate.stages import camera, material, noise, operator, photometric, relaxation, skin, threshold, wrench
+from ruffini.calibrate.stages import (
+    camera,
+    contact,
+    material,
+    noise,
+    operator,
+    photometric,
+    relaxation,
+    skin,
+    threshold,
+    wrench,
+)
 from ruffini.calibrate.stages.job import Stage
 
 STAGES: tuple[Stage, ...] = (
@@ -19,5 +30,6 @@ STAGES: tuple[Stage, ...] = (
     operator.STAGE,
     threshold.STAGE,
     wrench.STAGE,
+    contact.STAGE,
     skin.STAGE,
 )

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ruffini.calibrate.feature_log import FeatureRun, features_of, read_feature_runs
 from ruffini.calibrate.fewer_presses import Figures, Numbers, accuracy_of_presses
 from ruffini.calibrate.marker_prior import marker_prior
+from ruffini.calibrate.stages import contact
 from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage
 from ruffini.calibrate.target_geometry import second_order_of
 from ruffini.calibrate.wrench_map import FEW, Fit, fit_wrench_map
@@ -66,8 +67,8 @@ def keep(job: Job) -> Outcome:
 
 
 def is_needed(job: Job) -> bool:
-    """Whether the board makes its wrench of features."""
-    return "feature_wrench" in job.board.pipeline.stages
+    """Whether the board makes its wrench of features, and no contact model is fitted together with it."""
+    return "feature_wrench" in job.board.pipeline.stages and not contact.is_of(job.board)
 
 
 STAGE = Stage("wrench", is_needed, run, keep)
