@@ -25,7 +25,7 @@ class Settings:
 
 def emit(result: dict[str, Any], as_json: bool, text: str) -> None:
     """Print a result: JSON or text."""
-    print(json.dumps(result) if as_json else text)
+    print(json.dumps(result) if as_json else text, flush=True)
 
 
 def note(text: str) -> None:

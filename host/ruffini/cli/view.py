@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import Settings, note
+from ruffini.cli.common import JsonFlag, Settings, emit, note
 
 HTTP_PORT = 8451
 
@@ -21,6 +21,7 @@ def view(
         str | None,
         typer.Option(metavar="BOARD", help="Without a sensor: this board's SIMULATED pad, pressed again and again."),
     ] = None,
+    json_: JsonFlag = False,
 ) -> None:
     """The live force field in a browser; several sensors: --port A,B."""
     import asyncio
@@ -34,7 +35,7 @@ def view(
     page_folder()
 
     def ready(address: str) -> None:
-        print(address, flush=True)
+        emit({"address": address}, json_, address)
         note("stop with Ctrl-C")
         if not no_browser:
             webbrowser.open(address)
