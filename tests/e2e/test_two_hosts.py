@@ -91,9 +91,9 @@ def test_the_second_of_two_hosts_is_told_who_changes_the_sensor(sensor: Sensor, 
         Connection(line.ports[0]) as first,
         Connection(line.ports[1]) as second,
     ):
-        first.checked(zero={"n_frames": 5})
+        first.checked(zero={"n_frames": 5, "even_if_touched": True})
         with pytest.raises(RefusedError, match=rf"another host is changing this sensor.*process {os.getpid()}.*wait"):
-            second.checked(zero={"n_frames": 5})
+            second.checked(zero={"n_frames": 5, "even_if_touched": True})
         second.subscribe(wrench=1)
         assert next(iter(second.stream(timeout_s=10)), None) is not None, "reading needs no lease"
         assert f"process {os.getpid()}" in status_of(first).access.holder
@@ -101,12 +101,12 @@ def test_the_second_of_two_hosts_is_told_who_changes_the_sensor(sensor: Sensor, 
         deadline = time.monotonic() + 20
         while True:  # the lease ends by itself
             with contextlib.suppress(RefusedError):
-                second.checked(zero={"n_frames": 5})
+                second.checked(zero={"n_frames": 5, "even_if_touched": True})
                 break
             assert time.monotonic() < deadline
             time.sleep(0.1)
         with pytest.raises(RefusedError, match="another host"):
-            first.checked(zero={"n_frames": 5})
+            first.checked(zero={"n_frames": 5, "even_if_touched": True})
 
 
 def test_a_port_in_use_says_by_whom(sensor: Sensor, tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_a_sensor_with_owners_is_changed_by_them_only_and_not_by_what_they_sent_
         code, _, text = run_host("cal", "flash", str(tmp_path / "calibration"), "--key", "lab", port=line.ports[0])
         assert code == 0, text
         with Connection(line.ports[0]) as host:
-            host.checked(zero={"n_frames": 5})
+            host.checked(zero={"n_frames": 5, "even_if_touched": True})
             assert not status_of(host).access.is_open
         recorded = bytes(line.sent)
         monkeypatch.setenv("RUFFINI_KEYS", str(tmp_path / "none"))
@@ -146,7 +146,7 @@ def test_a_sensor_with_owners_is_changed_by_them_only_and_not_by_what_they_sent_
             stranger.subscribe(wrench=1)
             assert next(iter(stranger.stream(timeout_s=10)), None) is not None
             with pytest.raises(RefusedError, match="changed by its owners only"):
-                stranger.checked(zero={"n_frames": 5})
+                stranger.checked(zero={"n_frames": 5, "even_if_touched": True})
             before = stranger.hello.sensors[0].calibration.sha256
             n_refused = status_of(stranger).access.n_refused
             line.send(recorded)  # all of it, the challenges, too
@@ -159,7 +159,7 @@ def test_a_sensor_with_owners_is_changed_by_them_only_and_not_by_what_they_sent_
         code, _, text = run_host("cal", "undo", port=line.ports[1])
         assert (code, "changed by its owners only" in text) == (4, True), text
     with start(sensor, tmp_path / "store", *options, "--no-challenge") as daemon, Connection(daemon.port) as host:
-        host.checked(zero={"n_frames": 5})
+        host.checked(zero={"n_frames": 5, "even_if_touched": True})
         assert status_of(host).access.is_open
 
 

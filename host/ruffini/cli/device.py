@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -175,7 +176,11 @@ def monitor(
         contacts: Contacts | None = None  # a frame's come after its wrench: these are of the frame before
         learned: Learned | None = None
         stream = sensor.stream(timeout_s=SILENCE_S, resume_s=resume, on_gap=lambda gap: note(f"{sensor.port}: {gap}"))
+        silence = f"{sensor.port}: no frame for {SILENCE_S:.0f} s: is the camera running?"
+        heard_s = time.monotonic()  # the last frame: STATUS comes without any, too
         for frame, message in stream:
+            if frame.type == numbers["STATUS"] and time.monotonic() - heard_s > SILENCE_S:
+                raise NoDeviceError(silence)
             if frame.type == numbers.get("LEARNED"):
                 learned = Learned.from_message(message)
             if frame.type == numbers.get("EVENT"):
@@ -188,6 +193,7 @@ def monitor(
                 contacts = Contacts.from_message(message)
             if frame.type != numbers["WRENCH"]:
                 continue
+            heard_s = time.monotonic()
             wrench = Wrench.from_message(message)
             flags = sensor.schema.enum_names("FlagBit", wrench.flags)
             if json_:
@@ -215,7 +221,7 @@ def monitor(
             if n and count >= n:
                 break
         else:
-            raise NoDeviceError(f"{sensor.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
+            raise NoDeviceError(silence)
 
 
 def record(
