@@ -58,9 +58,9 @@ def pressed(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tu
 
 
 @pytest.fixture
-def sent(monkeypatch: pytest.MonkeyPatch) -> dict[int, list[float]]:
-    """By frame, the wrench that the server handed on, N and N m."""
-    out: dict[int, list[float]] = {}
+def sent(monkeypatch: pytest.MonkeyPatch) -> dict[int, list[list[float]]]:
+    """By frame, the wrenches that the server handed on, N and N m: a stall sends the last frame's again, stale."""
+    out: dict[int, list[list[float]]] = {}
     put, schema = Outbox.put, Schema.own()
 
     def heard(box: Outbox, frame: Frame, own: Schema) -> None:
@@ -68,7 +68,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> dict[int, list[float]]:
             m: Any = schema.decode(frame.type, frame.payload)
             forces = [m.force_x_un, m.force_y_un, m.force_z_un]
             torques = [m.torque_x_un_um, m.torque_y_un_um, m.torque_z_un_um]
-            out[m.stamp.frame] = [f * 1e-6 for f in forces] + [t * 1e-12 for t in torques]
+            out.setdefault(m.stamp.frame, []).append([f * 1e-6 for f in forces] + [t * 1e-12 for t in torques])
         put(box, frame, own)
 
     monkeypatch.setattr(Outbox, "put", heard)
@@ -76,7 +76,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> dict[int, list[float]]:
 
 
 def test_what_is_shown_is_what_was_sent_and_near_the_truth(
-    pressed: tuple[str, Steered], page: Page, sent: dict[int, list[float]]
+    pressed: tuple[str, Steered], page: Page, sent: dict[int, list[list[float]]]
 ) -> None:
     port, steered = pressed
     with viewer(port) as address:
@@ -98,7 +98,7 @@ def test_what_is_shown_is_what_was_sent_and_near_the_truth(
     wrench = sensor["wrench"]
     assert wrench["validity"] == [VALID] * 6
     assert wrench["values"][2] == pytest.approx(truth[2], rel=0.25)
-    assert wrench["values"] == pytest.approx(sent[wrench["frame"]], abs=1e-12)
+    assert pytest.approx(wrench["values"], abs=1e-12) in sent[wrench["frame"]]
     if sensor["field"]["frame"] == wrench["frame"]:  # what is drawn sums to the number beside it
         assert sensor["field"]["sum"] == pytest.approx(wrench["values"][:3], abs=2e-6)
     assert [sensor["maps"][name] for name in ("normal", "shear", "depth")] == ["values"] * 3
@@ -112,17 +112,22 @@ def test_what_is_shown_is_what_was_sent_and_near_the_truth(
     assert page.inner_text("#who") == "tiny 0000"
 
 
+def normal_shown(page: Page) -> float:
+    return float(page.inner_text(".cell:nth-child(3) output").replace(MINUS, "-"))
+
+
 def test_keys_zero_the_pad_change_units_and_ask_for_the_camera(pressed: tuple[str, Steered], page: Page) -> None:
     port, _ = pressed
     with viewer(port) as address:
         page.goto(address)
-        before = wait_for(page, "a press", lambda s: sensor_of(s)["wrench"]["values"][2] < -0.3)
+        wait_for(page, "a press", lambda s: sensor_of(s)["wrench"]["values"][2] < -0.3)
         page.keyboard.press("u")
         wait_for(page, "millinewtons", lambda s: page.inner_text(".cell .unit >> nth=0") == "mN")
-        said = float(page.inner_text(".cell:nth-child(3) output").replace(MINUS, "-"))
-        assert said == pytest.approx(1e3 * sensor_of(before)["wrench"]["values"][2], rel=0.2)
+        wait_for(page, "the press in them", lambda s: -1000 < normal_shown(page) < -300)
         page.keyboard.press("c")
         wait_for(page, "the camera", lambda s: sensor_of(s)["maps"]["camera"] == "values")
+        page.keyboard.press("z")
+        wait_for(page, "the refusal", lambda s: "Press Zero once more" in s["notice"])
         page.keyboard.press("z")
         # The ball that is held is rest from now on.
         wait_for(page, "no press", lambda s: abs(sensor_of(s)["wrench"]["values"][2]) < 0.1)
@@ -145,13 +150,13 @@ def test_a_sensor_that_is_unplugged_is_said_and_comes_back_by_itself(
         assert page.is_visible("section.sensor.lost")
         last = sensor_of(state_of(page))["wrench"]["frame"]
         line.plug_in()
-        state = wait_for(page, "later frames", lambda s: sensor_of(s)["wrench"]["frame"] > last)
-        assert state["notice"] == ""
+        # Frames that were on their way when the line was lost may be shown after its notice.
+        wait_for(page, "later frames", lambda s: sensor_of(s)["wrench"]["frame"] > last and "line" not in s["notice"])
         assert not page.is_visible("section.sensor.lost")
 
 
 def test_broken_pieces_are_counted_and_never_shown(
-    pressed: tuple[str, Steered], page: Page, sent: dict[int, list[float]], tmp_path: Path
+    pressed: tuple[str, Steered], page: Page, sent: dict[int, list[list[float]]], tmp_path: Path
 ) -> None:
     port, _ = pressed
     with BrokenLine(port, tmp_path) as line, viewer(line.port) as address:
@@ -160,11 +165,11 @@ def test_broken_pieces_are_counted_and_never_shown(
         line.loss = 0.05
         state = wait_for(page, "broken frames", lambda s: s["lines"][0]["health"]["counters"]["bad_crc"] > 3)
         wrench = sensor_of(state)["wrench"]
-        assert wrench["values"] == pytest.approx(sent[wrench["frame"]], abs=1e-12)
+        assert pytest.approx(wrench["values"], abs=1e-12) in sent[wrench["frame"]]
 
 
 def test_a_page_that_is_slow_gets_the_newest_and_no_backlog(
-    pressed: tuple[str, Steered], page: Page, sent: dict[int, list[float]]
+    pressed: tuple[str, Steered], page: Page, sent: dict[int, list[list[float]]]
 ) -> None:
     port, _ = pressed
     with viewer(port) as address:
@@ -172,7 +177,7 @@ def test_a_page_that_is_slow_gets_the_newest_and_no_backlog(
         wait_for(page, "frames", lambda s: sensor_of(s)["nChartPoints"] > 5)
         page.evaluate("() => { const end = performance.now() + 3000; while (performance.now() < end); }")
         newest = max(sent)
-        state = wait_for(page, "the newest", lambda s: sensor_of(s)["wrench"]["frame"] >= newest, 2.0)
+        state = wait_for(page, "the newest", lambda s: sensor_of(s)["wrench"]["frame"] >= newest, 10.0)
         assert state["lines"][0]["health"]["notShown"] > 20
 
 

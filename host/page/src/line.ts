@@ -1,6 +1,6 @@
 // One line of a sensor, seen from the page: its worker, and what was asked through it.
 
-import type { FromWorker, Hello, Snapshot, ToWorker } from "./messages";
+import type { Answer, FromWorker, Hello, Snapshot, ToWorker } from "./messages";
 
 export interface LineEvents {
   onHello(hello: Hello): void;
@@ -11,12 +11,6 @@ export interface LineEvents {
   onRecorded(blob: Blob, nMessages: number): void;
   /** One sentence; empty: all is well. */
   onProblem(text: string): void;
-}
-
-export interface Answer {
-  isOk: boolean;
-  text: string;
-  reply: Record<string, unknown>;
 }
 
 export class Line {
@@ -56,7 +50,7 @@ export class Line {
       if (message.isOpen) this.events.onOpen();
       else this.events.onProblem(message.text);
     } else {
-      this.answers.get(message.id)?.(message);
+      this.answers.get(message.id)?.(message.answer);
       this.answers.delete(message.id);
     }
   }

@@ -1,7 +1,7 @@
 // The page: lines, panels, keys.
 
-import { type Answer, Line } from "./line";
-import type { Hello, Snapshot } from "./messages";
+import { Line } from "./line";
+import type { Answer, Hello, Snapshot } from "./messages";
 import { save, screenshot } from "./screenshot";
 import { NO_SERIAL, serialOf, SerialSource } from "./serial";
 import { button, make } from "./views/dom";
@@ -14,6 +14,7 @@ import { UNITS } from "./views/units";
 const TINTS: Tint[] = ["normal", "slip", "plain"];
 const DEPTH_EVERY = 4; // a depth map is larger than all the rest of its frame
 const IMAGE_EVERY = 6;
+const READ_ANSWER_MS = 4000;
 
 /** One line with the panels of its sensors. */
 interface Strand {
@@ -38,8 +39,11 @@ let isFrozen = false;
 let isCamera = false;
 let isLocked = false;
 let isRecording = false;
+let answeredMs = -Infinity; // a sensor answered what a person asked: good news waits until that is read
+let isZeroRefused = false; // and the notice says so: Zero again means it
 
 function say(text: string, isBad = false): void {
+  isZeroRefused = false;
   notice.textContent = text;
   notice.classList.toggle("bad", isBad);
   notice.hidden = !text;
@@ -123,7 +127,9 @@ function show(strand: Strand, snapshot: Snapshot): void {
   }
   if (snapshot.status) strand.health.showStatus(snapshot.status, [...strand.panels.values()].flatMap((panel) => panel.info.stages));
   strand.health.showLine(snapshot.health);
-  for (const event of snapshot.events) say(event.text || event.what, event.severity > 0);
+  for (const event of snapshot.events) {
+    if (event.severity > 0 || performance.now() > answeredMs + READ_ANSWER_MS) say(event.text || event.what, event.severity > 0);
+  }
   strand.nDrawn++;
   if (snapshot.sensors.length) strand.firstFrameMs ??= performance.now() - (strand.openedMs ?? 0);
   publish(snapshot);
@@ -170,14 +176,23 @@ function sums(force: Float32Array): number[] {
 
 // ---- what a person can do -------------------------------------------------------------------------
 
+/** A sensor refuses while something presses; asked again, that becomes part of rest. */
 function zero(): void {
-  say("Learning the rest image: keep everything off the pad.");
-  void Promise.all(strands.map(({ line }) => line.command("zero", { nFrames: 0 }))).then(tellAnswers);
+  const evenIfTouched = isZeroRefused;
+  say(`Learning the rest image: ${evenIfTouched ? "with what presses on the pad" : "keep everything off the pad"}.`);
+  void Promise.all(strands.map(({ line }) => line.command("zero", { nFrames: 0, evenIfTouched }))).then((answers) => {
+    tellAnswers(answers);
+    isZeroRefused = answers.some((answer) => answer.isRefused);
+    if (!isZeroRefused) return;
+    notice.textContent += ". Press Zero once more to learn it with what presses.";
+    publish();
+  });
 }
 
 function tellAnswers(answers: Answer[]): void {
   const refused = answers.find((a) => !a.isOk);
   say(refused ? refused.text : (answers[0]?.text ?? ""), Boolean(refused));
+  answeredMs = performance.now();
   publish();
 }
 

@@ -67,6 +67,14 @@ export interface Snapshot {
   health: LineHealth;
 }
 
+/** What a sensor says to a command, or why nothing was heard. */
+export interface Answer {
+  isOk: boolean;
+  /** The command was understood and is not obeyed as things are: a pad that is pressed, a wrong board. */
+  isRefused: boolean;
+  text: string;
+}
+
 export type FromWorker =
   | { kind: "hello"; hello: Hello }
   | { kind: "problem"; text: string }
@@ -74,4 +82,4 @@ export type FromWorker =
   | { kind: "snapshot"; snapshot: Snapshot }
   | { kind: "flashing"; part: number; text: string; isOver: boolean; isOk: boolean }
   | { kind: "recorded"; blob: Blob; nMessages: number }
-  | { kind: "reply"; id: number; isOk: boolean; text: string; reply: Record<string, unknown> };
+  | { kind: "reply"; id: number; answer: Answer };

@@ -17,7 +17,15 @@ export interface Events {
 }
 
 /** What was asked for and not answered, or answered with a refusal. */
-export class CommandError extends Error {}
+export class CommandError extends Error {
+  constructor(
+    text: string,
+    /** ReplyCode of a refusal. */
+    readonly code?: number,
+  ) {
+    super(text);
+  }
+}
 
 interface Waiting {
   accept(reply: Decoded): void;
@@ -146,7 +154,9 @@ export class Session {
   /** One command, repeated under the same id until it is answered. Rejects with CommandError, also on a refusal. */
   async command(name: string, value: Record<string, unknown> = {}, waitMs = REPLY_MS, tries = REPLY_TRIES): Promise<Decoded> {
     const reply = await this.ask(name, value, waitMs, tries);
-    if (reply["code"] !== 0) throw new CommandError(String(reply["text"]) || `The sensor refuses ${name}.`);
+    if (reply["code"] !== 0) {
+      throw new CommandError(String(reply["text"]) || `The sensor refuses ${name}.`, Number(reply["code"]));
+    }
     return reply;
   }
 

@@ -11,6 +11,7 @@ import { CommandError, Session } from "./session";
 import { type Decoded, Schema } from "./wire/schema";
 
 const AGAIN_MS = 1000; // between two tries to reach the server
+const REPLY_REFUSED = 4; // ReplyCode
 
 const post = (message: FromWorker, transfer: Transferable[] = []): void => self.postMessage(message, { transfer });
 
@@ -234,8 +235,9 @@ async function run(id: number, name: string, value: Record<string, unknown>): Pr
   try {
     if (!session) throw new CommandError("No sensor is connected.");
     const reply = await session.command(name, value);
-    post({ kind: "reply", id, isOk: true, text: String(reply["text"]), reply: { flashState: reply["flashState"], nextOffset: Number(reply["nextOffset"]), value: Number(reply["value"]) } });
+    post({ kind: "reply", id, answer: { isOk: true, isRefused: false, text: String(reply["text"]) } });
   } catch (error) {
-    post({ kind: "reply", id, isOk: false, text: textOf(error), reply: {} });
+    const isRefused = error instanceof CommandError && error.code === REPLY_REFUSED;
+    post({ kind: "reply", id, answer: { isOk: false, isRefused, text: textOf(error) } });
   }
 }

@@ -76,10 +76,13 @@ def test_a_file_that_fails_is_not_flashed_and_the_way_out_is_named(files: Files,
 
 
 def test_auto_and_check_refuse_before_anything_moves(files: Files, run: Run, tmp_path):
-    code, _, error = run("cal", "auto", "--rig", "sim", "--board", "contact-glitter", "--out", tmp_path / "auto")
-    assert code == 2
-    assert "use `ruffini cal contact`" in error
-    assert not (tmp_path / "auto").exists()
+    rig = tmp_path / "rig.toml"
+    rig.write_text('schema = 1\n[reference]\nkind = "weight"\nsigma_g = 0.1\n[limits]\nmax_force_n = 5.0\n')
+    for board, verb in (("contact-glitter", "contact"), ("stereo-fingertip", "fingertip")):
+        code, _, error = run("cal", "auto", "--rig", rig, "--board", board, "--out", tmp_path / "auto")
+        assert code == 2
+        assert f"use `ruffini cal {verb}`" in error
+        assert not list(tmp_path.glob("auto/*"))
     assert run("cal", "check")[0] == 2
     assert run("cal", "check", "--grams", 100, "--ball-mm", 6)[0] == 2
     code, _, error = run("cal", "check", "--grams", 100, "--rig", "sim")

@@ -47,13 +47,9 @@ from ruffini.sim.units import build_unit
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
-ONLY_READ = (
-    "targets",
-    "feature_wrench",
-    "contact_model",
-    "helmholtz",
-    "contact_depth",
-)  # change no picture, younger than the first frozen boards
+# Stages and sections of board.toml that change no picture of a twin, younger than the first frozen boards.
+ONLY_READ = ("targets", "feature_wrench", "contact_model", "helmholtz", "contact_depth")
+NO_PICTURE = {"targets", "temperature", "learned", "exposure", "light", "eeprom", "reflex"}
 RING_LEFT = 0.6  # of the ringing of a bench that has touched, from frame to frame
 
 
@@ -210,7 +206,7 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
     unused: dict[str, Any] = {} if settings.mount else {"mount": True}  # younger than the first frozen boards
     if not settings.rig.ring_force_un:
         unused["rig"] = {"ring_force_un"}
-    seen = board.model_dump(mode="json", exclude={"targets", "temperature", "learned"})
+    seen = board.model_dump(mode="json", exclude=NO_PICTURE)
     seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ONLY_READ]
     if board.depth.source == "light":  # the only one when they were frozen
         del seen["depth"]["source"]
