@@ -107,6 +107,7 @@ mutants: build  ## seeded bugs in store, link and host: each must be seen by its
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
 	@$(PYTHON) tests/bench/run.py --build $(BUILD)
+	@$(PYTHON) tests/bench/client_decode.py --build $(BUILD)
 	@$(PYTHON) tests/bench/scaling.py --build $(BUILD) $(if $(QUICK),--quick)
 	@$(PYTHON) tests/bench/building.py $(if $(QUICK),--quick)
 	@$(PYTHON) tests/bench/accuracy.py $(if $(QUICK),--presses 6)

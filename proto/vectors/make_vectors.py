@@ -71,7 +71,7 @@ def good_frames() -> list[tuple[str, bytes, str]]:
     # Command{request_id=7, subscribe{{WRENCH every 1}, {FIELD every 4}}}
     add("subscribe", 11, bytes.fromhex("0807120c0a04080410010a0408051004"), flags=1, sensor=255, sequence=3)
     add("zero command", 11, bytes.fromhex("08081a00"), flags=1, sensor=255, sequence=4)
-    add("wrench, simulated replay", 4, bytes.fromhex("0a0408e80710011013180f"), flags=6, sequence=5)
+    add("wrench, simulated replay", 4, bytes.fromhex("0a0508e80710011013180f"), flags=6, sequence=5)
     # Contacts{{slip_state=INCIPIENT, ratio 350, friction 500 +- 100, share 620, margin 25000}}, n_found=1
     add("contact that begins to slip", 7, bytes.fromhex("1211500258de0260f403686470ec0478d086031801"), sequence=6)
     add("wrench and how sure it is", 4, wrench_with_covariance(), sequence=7)

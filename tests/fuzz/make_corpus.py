@@ -17,7 +17,7 @@ from ruffini.wire.framing import cobs_decode
 from ruffini.wire.messages import Schema
 
 ROOT = Path(__file__).parents[2]
-TARGETS = ("frame", "dense", "calibration", "board", "session", "slots", "message", "card", "host")
+TARGETS = ("frame", "dense", "calibration", "board", "session", "slots", "message", "card", "client", "host")
 MESSAGES = (11, 1, 3, 4, 7, 10, 12, 13)  # MessageType of each message of message_target.cpp, in its order
 TYPE_AT, PAYLOAD_AT, CRC_BYTES = 2, 12, 4  # in a decoded frame
 
@@ -60,7 +60,8 @@ def main(folder: Path) -> None:
             continue
         data = bytes.fromhex(line.split(" | ")[1])
         (folder / "frame" / f"{i:03d}").write_bytes(data)
-        (folder / "host" / f"{i:03d}").write_bytes(b"\0" + data)
+        for target in ("host", "client"):
+            (folder / target / f"{i:03d}").write_bytes(b"\0" + data)
         raw = unstuffed(data) if data.count(0) == 1 else b""
         if len(raw) >= PAYLOAD_AT + CRC_BYTES and raw[TYPE_AT] in MESSAGES:
             kind = bytes([MESSAGES.index(raw[TYPE_AT])])
@@ -68,6 +69,9 @@ def main(folder: Path) -> None:
         if len(raw) >= PAYLOAD_AT + CRC_BYTES and raw[TYPE_AT] in types:
             how = 128 + (types.index(raw[TYPE_AT]) - 128) % len(types)
             (folder / "host" / f"payload-{i:03d}").write_bytes(bytes([how]) + raw[PAYLOAD_AT:-CRC_BYTES])
+            (folder / "client" / f"payload-{i:03d}").write_bytes(
+                raw[TYPE_AT : TYPE_AT + 1] + raw[PAYLOAD_AT:-CRC_BYTES]
+            )
     for i, line in enumerate((ROOT / "proto/vectors/dense.txt").read_text().splitlines()):
         if not line.startswith("#") and line.split(" | ")[5] != "error":
             values = np.array(line.split(" | ")[5].split(","), np.int64).astype("<i4")

@@ -1,0 +1,150 @@
+// What a sensor says, in SI units. Origin: centre of the undeformed pad's surface, x right and y down in the camera's
+// image, z out of the pad. Forces act ON the pad: pressing is negative z.
+// A number that is not VALID is NaN where it is named in newtons or metres; what was sent stands beside it.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace ruffini::client {
+
+inline constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+enum class Validity : uint8_t {
+  kNotMeasured = 0,  // the sensor cannot, or the stage did not run
+  kValid = 1,
+  kUncalibrated = 2,  // moves the right way, is not in the unit
+  kInvalid = 3,       // measured, and known to be wrong; also whatever this library does not know
+};
+
+// FlagBit of ruffini.proto that are used most; Stamp::flags has them all.
+enum Flag : uint32_t { kNoReference = 1, kStale = 256, kWindowBorder = 512, kKnownFlags = (1U << 18) - 1 };
+
+struct Stamp {
+  uint64_t capture_us = 0;  // middle of the exposure, device's monotonic clock
+  uint64_t frame = 0;       // the camera's number, gaps mean drops
+  uint32_t flags = 0;       // FlagBit mask
+  uint32_t calibration_id = 0;
+};
+
+struct Measured {
+  double value = kNaN;   // NaN unless VALID
+  double as_sent = 0.0;  // means nothing unless you know why
+  Validity validity = Validity::kNotMeasured;
+};
+
+struct Wrench {
+  Stamp stamp;
+  std::array<Measured, 3> force_n;    // x, y, z
+  std::array<Measured, 3> torque_nm;  // about the origin
+  // Of (fx, fy, fz, tx, ty, tz), N and N m; nullopt where it is not VALID: absent is not zero.
+  std::optional<std::array<std::array<double, 6>, 6>> covariance;
+};
+
+// Integers at n_x x n_y places, x fastest, n_components each.
+struct Grid {
+  uint32_t n_x = 0;
+  uint32_t n_y = 0;
+  uint32_t n_components = 0;
+  std::vector<int32_t> values;
+  [[nodiscard]] size_t n_nodes() const { return size_t{n_x} * n_y; }
+};
+
+struct Field {
+  Stamp stamp;
+  std::array<Validity, 3> validity{};  // of force and displacement along x, y, z
+  Validity sigma_validity = Validity::kNotMeasured;
+  double force_step_n = 0.0;
+  double displacement_step_m = 0.0;
+  Grid force;         // steps of force_step_n
+  Grid displacement;  // steps of displacement_step_m; empty: not sent
+  Grid sigma;         // standard deviation of force in its steps; empty: not measured
+  Grid slip;          // 0 nothing presses, 1 sticks, 2 slips; empty: not measured
+
+  // Of one node, NaN along axes that are not VALID. Precondition: node < force.n_nodes().
+  [[nodiscard]] std::array<double, 3> force_n(size_t node) const;
+  [[nodiscard]] std::array<double, 3> displacement_m(size_t node) const;
+  [[nodiscard]] std::array<double, 3> sigma_n(size_t node) const;
+};
+
+struct Depth {
+  Stamp stamp;
+  Validity validity = Validity::kNotMeasured;
+  double step_m = 0.0;
+  uint32_t step_px = 0;                             // of the camera's grid, from cell to cell
+  double sigma_m = 0.0;                             // standard deviation where something touches; 0: not stated
+  Grid depth;                                       // steps of step_m, negative where pressed
+  [[nodiscard]] double depth_m(size_t cell) const;  // NaN unless VALID
+};
+
+enum class SlipState : uint8_t { kNotMeasured = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
+
+struct Contact {
+  uint32_t id = 0;
+  double area_m2 = 0.0;
+  std::array<double, 2> center_m{};
+  std::array<Measured, 3> force_n;
+  Measured peak_depth_m;
+  SlipState slip_state = SlipState::kNotMeasured;
+  double shear_ratio = kNaN;  // |F_t| / |F_n|; these five NaN where it is not measured or not known yet
+  double friction = kNaN, friction_sigma = kNaN;   // coefficient
+  double slip_share = kNaN, slip_margin_n = kNaN;  // of its area that slips; shear that it still takes
+  bool reaches_border = false;  // the pad goes on beyond the camera's window: all is of the seen part
+};
+
+struct Contacts {
+  Stamp stamp;
+  std::vector<Contact> contacts;  // largest first
+  uint32_t n_found = 0;
+};
+
+struct SensorInfo {
+  uint32_t sensor = 0;  // Packet::sensor
+  std::string board, product;
+  uint32_t n_x = 0, n_y = 0;                             // nodes of FIELD
+  std::array<double, 2> grid_origin_m{}, grid_step_m{};  // x, y of the first node, from node to node
+  std::vector<std::string> not_measured;
+  bool is_calibrated = false;
+  [[nodiscard]] std::array<double, 2> position_m(size_t node) const;  // of FIELD's node on the undeformed pad
+};
+
+struct Hello {
+  uint32_t protocol_version = 0;
+  std::string firmware_version, device_serial;
+  uint32_t session_id = 0;  // new at every start of the device
+  bool needs_key = false;   // zero must be signed: use `ruffini`
+  std::vector<SensorInfo> sensors;
+};
+
+struct Status {
+  uint64_t uptime_us = 0, frames_captured = 0, frames_processed = 0;
+  double frame_rate_hz = 0.0;
+  uint64_t dropped_frames = 0, dropped_packets = 0;  // not processed in time; not read by the host
+  uint32_t health = 0;                               // HealthBit mask, 0: well
+  std::vector<std::pair<std::string, double>> temperatures_c;
+};
+
+struct Event {
+  uint64_t time_us = 0;
+  uint32_t severity = 0;  // 0 info, 1 warning, 2 error
+  std::string what, text;
+};
+
+struct Reply {
+  uint32_t request_id = 0;
+  uint32_t code = 0;  // 0: done
+  std::string text;   // for a person
+};
+
+// Answer to Encoder::time: host minus device is (asked + answered - received - sent) / 2.
+struct Time {
+  uint64_t token = 0, received_us = 0, sent_us = 0;
+};
+
+}  // namespace ruffini::client

@@ -1,0 +1,82 @@
+"""The C++ consumer as somebody else's project finds it: installed, by CMake's find_package and by pkg-config."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+# WRENCH of 1 mN that presses, from proto/vectors: "wrench and how sure it is".
+VECTORS = ROOT / "proto" / "vectors" / "frames.txt"
+
+PROGRAM = """
+#include <ruffini/client.h>
+
+#include <cstdio>
+#include <variant>
+
+int main() {
+  ruffini::client::Decoder decoder;
+  uint8_t byte = 0;
+  while (std::fread(&byte, 1, 1, stdin) == 1) {
+    for (const auto& packet : decoder.feed(&byte, 1)) {
+      std::printf("%.4f N\\n", std::get<ruffini::client::Wrench>(packet.message).force_n[2].value);
+    }
+  }
+}
+"""
+PROJECT = """
+cmake_minimum_required(VERSION 3.16)
+project(somebody LANGUAGES CXX)
+find_package(ruffini_client 0.1 REQUIRED)
+add_executable(newtons main.cpp)
+target_link_libraries(newtons PRIVATE ruffini::client)
+"""
+
+
+def run(*command: str | Path, cwd: Path, **more: str) -> str:
+    """Its output; what it complained of where it fails."""
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, env={**os.environ, **more}, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of host/cpp alone, built and installed."""
+    root = tmp_path_factory.mktemp("package")
+    run("cp", "-r", ROOT / "host" / "cpp", root / "cpp", cwd=root)
+    run("cmake", "-S", "cpp", "-B", "build", f"-DCMAKE_INSTALL_PREFIX={root / 'prefix'}", "-DCMAKE_BUILD_TYPE=Debug",
+        "-DCMAKE_INSTALL_LIBDIR=lib", "-DRUFFINI_WERROR=ON", cwd=root)  # fmt: skip
+    run("cmake", "--build", "build", cwd=root)
+    run("cmake", "--install", "build", cwd=root)
+    (root / "prefix").rename(root / "moved")  # whoever packs it for elsewhere moves it
+    return root / "moved"
+
+
+def says(program: Path) -> str:
+    """What the program makes of the golden wrench."""
+    (golden,) = [line for line in VECTORS.read_text().splitlines() if line.startswith("wrench and how sure")]
+    data = bytes.fromhex(golden.split(" | ")[1])
+    return subprocess.run([program], input=data, capture_output=True, check=True).stdout.decode()
+
+
+def test_a_project_finds_it_with_cmake(prefix: Path, tmp_path: Path) -> None:
+    (tmp_path / "main.cpp").write_text(PROGRAM)
+    (tmp_path / "CMakeLists.txt").write_text(PROJECT)
+    run("cmake", "-S", ".", "-B", "build", f"-DCMAKE_PREFIX_PATH={prefix}", cwd=tmp_path)
+    run("cmake", "--build", "build", cwd=tmp_path)
+    assert says(tmp_path / "build" / "newtons") == "-0.0010 N\n"
+
+
+def test_a_compiler_finds_it_with_pkg_config(prefix: Path, tmp_path: Path) -> None:
+    (tmp_path / "main.cpp").write_text(PROGRAM)
+    where = str(prefix / "lib" / "pkgconfig")
+    flags = run("pkg-config", "--cflags", "--libs", "ruffini_client", cwd=tmp_path, PKG_CONFIG_PATH=where).split()
+    run("c++", "-std=c++17", "main.cpp", "-o", "newtons", *flags, cwd=tmp_path)
+    assert says(tmp_path / "newtons") == "-0.0010 N\n"
+    version = run("pkg-config", "--modversion", "ruffini_client", cwd=tmp_path, PKG_CONFIG_PATH=where)
+    assert version.strip() == "0.1.0"
