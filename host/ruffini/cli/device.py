@@ -44,7 +44,7 @@ def open_sensor() -> Connection:
 def devices(json_: JsonFlag = False) -> None:
     """List the sensors that answer."""
     from ruffini.device import Connection
-    from ruffini.device.connection import candidate_ports
+    from ruffini.device.ports import candidate_ports
     from ruffini.errors import NoDeviceError, RuffiniError
 
     ports = Settings.port.split(",") if Settings.port else candidate_ports()

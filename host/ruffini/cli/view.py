@@ -28,7 +28,7 @@ def view(
     import signal
     import webbrowser
 
-    from ruffini.device.connection import candidate_ports
+    from ruffini.device.ports import candidate_ports
     from ruffini.errors import NoDeviceError
     from ruffini.view.server import page_folder, serve
 

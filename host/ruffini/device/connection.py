@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ruffini.device import flashing, port_holder
+from ruffini.device import flashing
 from ruffini.device.device_clock import DeviceClock
+from ruffini.device.ports import candidate_ports, open_port
 from ruffini.device.writer import Writer
-from ruffini.errors import LineLostError, NoDeviceError, RefusedError, RuffiniError, SeveralDevicesError
+from ruffini.errors import LineLostError, NoDeviceError, RefusedError, RuffiniError
 from ruffini.wire import Decoder, Frame, Schema, encode_message
 from ruffini.wire.damage import DamageWatch
 
@@ -386,80 +387,3 @@ class Connection:
             The medium failed, or the device goes on with what it had.
         """
         return flashing.undo(self)
-
-
-def open_port(port: str) -> Any:
-    """The serial port, ours alone; reads wait 20 ms at most.
-
-    Raises
-    ------
-    NoDeviceError
-        It is missing or busy.
-    """
-    import serial
-
-    try:
-        opened = serial.Serial(port, baudrate=115200, timeout=0.02, write_timeout=2.0, exclusive=True)
-        port_holder.make_exclusive(opened, port)
-        return opened
-    except (serial.SerialException, OSError, ValueError) as error:
-        who = ", ".join(port_holder.holders(port)) or "another program"
-        reason = f"busy: {who} has it open: end that first" if _is_busy(error) else f"cannot be opened: {error}"
-        raise NoDeviceError(f"{port} is {reason}" if "busy" in reason else f"{port} {reason}") from error
-
-
-def _is_busy(error: Exception) -> bool:
-    text = str(error).lower()
-    return "busy" in text or "lock" in text or "resource temporarily unavailable" in text
-
-
-def candidate_ports() -> list[str]:
-    """Serial ports that may be sensors: USB devices whose product or maker says ruffini."""
-    from serial.tools import list_ports
-
-    return sorted(
-        p.device for p in list_ports.comports() if "ruffini" in f"{p.product or ''} {p.manufacturer or ''}".lower()
-    )
-
-
-def connect(port: str | None = None, serial: str | None = None) -> Connection:
-    """Open the sensor on `port`, the one with `serial`, or the only one there is.
-
-    RUFFINI_PORT and RUFFINI_SERIAL stand in for arguments that are not given.
-
-    Raises
-    ------
-    NoDeviceError
-        None, or none with this serial number; the text says what each port answered.
-    SeveralDevicesError
-        Several and no choice; the text lists them and names the option.
-    """
-    port = port or os.environ.get("RUFFINI_PORT")
-    serial = serial or os.environ.get("RUFFINI_SERIAL")
-    ports = port.split(",") if port else candidate_ports()
-    if not ports:
-        raise NoDeviceError("no sensor found: plug one in, or name its port with --port")
-    if len(ports) == 1 and serial is None:
-        return Connection(ports[0])
-    answering: list[Connection] = []
-    seen: list[str] = []
-    for candidate in ports:
-        try:
-            connection = Connection(candidate)
-        except RuffiniError as error:
-            seen.append(f"{candidate} ({error})")
-            continue
-        seen.append(f"{candidate} (serial {connection.serial_number})")
-        if serial is None or connection.serial_number == serial:
-            answering.append(connection)
-        else:
-            connection.close()
-    if len(answering) == 1:
-        return answering[0]
-    for connection in answering:
-        connection.close()
-    listed = ", ".join(seen)
-    if answering:
-        raise SeveralDevicesError(f"several sensors, choose one with --port or --serial: {listed}")
-    which = "no sensor answers" if serial is None else f"no sensor with serial {serial!r}"
-    raise NoDeviceError(f"{which} among: {listed}")

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Literal
 
 from ruffini.device import udev
-from ruffini.device.connection import Connection, candidate_ports
+from ruffini.device.connection import Connection
+from ruffini.device.ports import candidate_ports
 from ruffini.errors import RuffiniError
 
 State = Literal["ok", "warning", "failed"]

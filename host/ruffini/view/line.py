@@ -10,7 +10,7 @@ import time
 from dataclasses import asdict
 from typing import Any
 
-from ruffini.device.connection import open_port
+from ruffini.device.ports import open_port
 from ruffini.errors import NoDeviceError, RuffiniError
 from ruffini.view.outbox import Outbox
 from ruffini.wire import Decoder, Frame, Schema, encode_message

@@ -1,0 +1,52 @@
+"""The one sensor that is meant, among all that answer."""
+
+from __future__ import annotations
+
+import os
+
+from ruffini.device.connection import Connection
+from ruffini.device.ports import candidate_ports
+from ruffini.errors import NoDeviceError, RuffiniError, SeveralDevicesError
+
+
+def connect(port: str | None = None, serial: str | None = None) -> Connection:
+    """Open the sensor on `port`, the one with `serial`, or the only one there is.
+
+    RUFFINI_PORT and RUFFINI_SERIAL stand in for arguments that are not given.
+
+    Raises
+    ------
+    NoDeviceError
+        None, or none with this serial number; the text says what each port answered.
+    SeveralDevicesError
+        Several and no choice; the text lists them and names the option.
+    """
+    port = port or os.environ.get("RUFFINI_PORT")
+    serial = serial or os.environ.get("RUFFINI_SERIAL")
+    ports = port.split(",") if port else candidate_ports()
+    if not ports:
+        raise NoDeviceError("no sensor found: plug one in, or name its port with --port")
+    if len(ports) == 1 and serial is None:
+        return Connection(ports[0])
+    answering: list[Connection] = []
+    seen: list[str] = []
+    for candidate in ports:
+        try:
+            connection = Connection(candidate)
+        except RuffiniError as error:
+            seen.append(f"{candidate} ({error})")
+            continue
+        seen.append(f"{candidate} (serial {connection.serial_number})")
+        if serial is None or connection.serial_number == serial:
+            answering.append(connection)
+        else:
+            connection.close()
+    if len(answering) == 1:
+        return answering[0]
+    for connection in answering:
+        connection.close()
+    listed = ", ".join(seen)
+    if answering:
+        raise SeveralDevicesError(f"several sensors, choose one with --port or --serial: {listed}")
+    which = "no sensor answers" if serial is None else f"no sensor with serial {serial!r}"
+    raise NoDeviceError(f"{which} among: {listed}")

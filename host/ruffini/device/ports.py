@@ -1,0 +1,42 @@
+"""Serial ports: which may be sensors, and one of them for us alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ruffini.device import port_holder
+from ruffini.errors import NoDeviceError
+
+
+def open_port(port: str) -> Any:
+    """The serial port, ours alone; reads wait 20 ms at most.
+
+    Raises
+    ------
+    NoDeviceError
+        It is missing or busy.
+    """
+    import serial
+
+    try:
+        opened = serial.Serial(port, baudrate=115200, timeout=0.02, write_timeout=2.0, exclusive=True)
+        port_holder.make_exclusive(opened, port)
+        return opened
+    except (serial.SerialException, OSError, ValueError) as error:
+        who = ", ".join(port_holder.holders(port)) or "another program"
+        reason = f"busy: {who} has it open: end that first" if _is_busy(error) else f"cannot be opened: {error}"
+        raise NoDeviceError(f"{port} is {reason}" if "busy" in reason else f"{port} {reason}") from error
+
+
+def _is_busy(error: Exception) -> bool:
+    text = str(error).lower()
+    return "busy" in text or "lock" in text or "resource temporarily unavailable" in text
+
+
+def candidate_ports() -> list[str]:
+    """Serial ports that may be sensors: USB devices whose product or maker says ruffini."""
+    from serial.tools import list_ports
+
+    return sorted(
+        p.device for p in list_ports.comports() if "ruffini" in f"{p.product or ''} {p.manufacturer or ''}".lower()
+    )
