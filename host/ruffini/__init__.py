@@ -1,3 +1,25 @@
-"""ruffini: newtons from a camera that looks at a soft pad."""
+"""ruffini: newtons from a camera that looks at a soft pad.
 
+>>> import ruffini
+>>> with ruffini.connect() as sensor:  # doctest: +SKIP
+...     for frame in sensor.frames():
+...         print(frame.wrench.force, frame.flags)
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ruffini.api import AsyncSensor, FrameGroup, Sensor, SensorFrame, connect, connect_async, synchronized
+
+__all__ = ["AsyncSensor", "FrameGroup", "Sensor", "SensorFrame", "connect", "connect_async", "synchronized"]
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    """The API, when it is first asked for: `ruffini --help` needs none of it."""
+    if name in __all__:
+        return getattr(importlib.import_module("ruffini.api"), name)
+    raise AttributeError(f"module 'ruffini' has no attribute {name!r}")

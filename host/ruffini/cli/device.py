@@ -141,6 +141,14 @@ def _slip(contacts: Contacts | None) -> str:
     return f" {c.slip_state} {c.shear_ratio:.2f}/{known}{left}"
 
 
+def _contacts(contacts: Contacts) -> dict[str, Any]:
+    """For JSON; `force` has no number where it is not valid."""
+    told: dict[str, Any] = asdict(contacts)
+    for row, contact in zip(told["contacts"], contacts.contacts, strict=True):
+        row["force"] = [None if f != f else f for f in contact.force.tolist()]
+    return told
+
+
 def _learned(learned: Learned | None) -> str:
     """What the network said of an earlier frame, and how late and how often it does."""
     if learned is None:
@@ -204,7 +212,7 @@ def monitor(
                                   "covariance": None if wrench.covariance is None else wrench.covariance.tolist(),
                                   "sigma_validity": wrench.covariance_validity,
                                   "validity": list(wrench.validity), "flags": flags,
-                                  "contacts": None if contacts is None else asdict(contacts),
+                                  "contacts": None if contacts is None else _contacts(contacts),
                                   "learned": None if learned is None else asdict(learned),
                                   "simulated": frame.is_simulated, "replay": frame.is_replay}))  # fmt: skip
             else:
@@ -292,11 +300,11 @@ def snapshot(
     if INVALID in field.validity:
         badges.insert(0, "INVALID")
     title = f"{board.name}, frame {field.frame} {' '.join(badges)}"
-    field_over_frame(out, image.pixels, node_pixels(board) / image.step_px, field.force, title=title, slip=field.slip,
-                     z_calibrated=field.validity[2] in (VALID, INVALID))  # fmt: skip
-    total = field.force.sum(axis=(0, 1)).tolist()
+    field_over_frame(out, image.pixels, node_pixels(board) / image.step_px, field.raw_force, title=title,
+                     slip=field.slip, z_calibrated=field.validity[2] in (VALID, INVALID))  # fmt: skip
+    total = field.raw_force.sum(axis=(0, 1)).tolist()
     force = [None if v == NOT_MEASURED else f for f, v in zip(total, field.validity, strict=True)]
-    sigma = None if field.sigma is None else _where_pressed(field.sigma, field.force).tolist()
+    sigma = None if field.sigma is None else _where_pressed(field.sigma, field.raw_force).tolist()
     stated = "not measured" if sigma is None else "/".join(f"{1e3 * s:.2f}" for s in sigma) + " mN"
     emit(
         {"file": str(out), "frame": field.frame, "force_n": force, "validity": list(field.validity), "flags": flags,

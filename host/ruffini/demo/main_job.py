@@ -137,7 +137,7 @@ def _stream(board: Board, recording: Path, out: Path, calibration: bytes, truth:
 def _show(live: LiveField, run: Run, wrench: Any, truth: Array | None, sensor: Connection) -> None:
     true = truth[wrench.frame] if truth is not None else None
     flags = sensor.schema.enum_names("FlagBit", wrench.flags)
-    live.show(run.results["FIELD"][wrench.frame].force, wrench.values, true, flags)
+    live.show(run.results["FIELD"][wrench.frame].raw_force, wrench.values, true, flags)
 
 
 def _check_sums(run: Run) -> int:
@@ -189,12 +189,12 @@ def _report_twin(board: Board, out: Path, run: Run, truth: Any, photometric: dic
     rows, columns = board.observed
     image = list(read_frames(out / "recording"))[strongest]
     got = run.results["FIELD"][strongest]
-    deepest = min(run.results["DEPTH"], key=lambda i: run.results["DEPTH"][i].depth.min())
-    deepest_m = run.results["DEPTH"][deepest].depth
+    deepest = min(run.results["DEPTH"], key=lambda i: run.results["DEPTH"][i].raw_depth.min())
+    deepest_m = run.results["DEPTH"][deepest].raw_depth
     time_s = truth["time_s"][frames]
     badge = f"{board.name}, SIMULATED"
     pictures = [
-        field_over_frame(out / "field.png", image, node_pixels(board), got.force,
+        field_over_frame(out / "field.png", image, node_pixels(board), got.raw_force,
                          title=f"{badge}: force field, frame {strongest}",
                          truth_n=truth["force"][strongest][rows, columns].astype(float)),
         depth_map(out / "depth.png", deepest_m * 1e6, title=f"{badge}: depth, frame {deepest}",
@@ -287,12 +287,12 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
     wrench = np.array([run.results["WRENCH"][i].values for i in frames]) * np.array([1, 1, 1, 1e3, 1e3, 1e3])
     rate_hz = board.camera.rate_mhz * 1e-3
     pictures = [
-        field_over_frame(out / "field.png", image, node_pixels(board), got.force, z_calibrated=False,
+        field_over_frame(out / "field.png", image, node_pixels(board), got.raw_force, z_calibrated=False,
                          title=f"{board.name}: shear field, frame {strongest} (z UNCALIBRATED)"),
         wrench_over_time(out / "wrench.png", np.array(frames) / rate_hz, wrench,
                          title=f"{board.name}: wrench (z UNCALIBRATED)"),
     ]  # fmt: skip
-    foreign = {i: d.depth for i, d in run.results["DEPTH"].items() if d.validity == UNCALIBRATED}
+    foreign = {i: d.raw_depth for i, d in run.results["DEPTH"].items() if d.validity == UNCALIBRATED}
     if foreign:
         deepest = min(foreign, key=lambda i: foreign[i].min())
         pictures.append(depth_map(out / "depth.png", foreign[deepest] * 1e6,

@@ -72,6 +72,8 @@ class Connection:
         self.n_retries = 0  # commands that were sent again
         self.damage = DamageWatch()
         self.on_damage: Callable[[str], None] = lambda _: None  # told when the line becomes too bad to steer by
+        self.on_turn: Callable[[], None] = lambda: None  # called while a stream waits, every 20 ms; may raise to end it
+        self.resumed_s = 0.0  # when the line was last opened again, on the monotonic clock
         self.clock = DeviceClock()
         self._asked: dict[int, int] = {}  # when each time exchange was begun, ns
         self._time_token, self._asked_s = 0, 0.0
@@ -125,8 +127,10 @@ class Connection:
                         self.hello = hello
                         if self._subscribed:
                             self.subscribe(**self._subscribed)
+                        self.resumed_s = time.monotonic()
                         return
                 self.close()
+            self.on_turn()
             time.sleep(REOPEN_PAUSE_S)
         self.port = self._first_port
         raise NoDeviceError(f"{self.port}: the line was lost, and sensor {serial} is not back after {timeout_s:.0f} s")
@@ -213,6 +217,7 @@ class Connection:
                     frame_before = stamp.frame
                 yield frame, message
             try:
+                self.on_turn()
                 self._ask_time()
                 self._read()
             except LineLostError:

@@ -1,11 +1,17 @@
 """Results of the stream in SI units.
 
+`force`, `torque` and `depth` are NaN wherever they must not be used: not measured, not calibrated, known to be wrong,
+or marked with something that this host does not know. What was sent all the same is in `values`, `raw_force` and
+`raw_depth`, with its validity.
+
 Every `from_message` raises InputError where the parts of a message do not fit each other: no device of ours sends that.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,6 +24,7 @@ from ruffini.wire.dense import decode_dense
 Array = npt.NDArray[np.float64]
 NETWORK_STATES = {0: "loading", 1: "runs", 2: "failed"}
 NOT_MEASURED, VALID, UNCALIBRATED, INVALID = range(4)
+KNOWN_FLAGS = (1 << 18) - 1  # of FlagBit: a number with another one is not believed
 SLIP_STATES = {1: "sticks", 2: "incipient", 3: "slides"}
 
 
@@ -30,14 +37,28 @@ def _fits(holds: bool, what: str) -> None:
         raise InputError(f"{what} does not fit: update the host tools, or see what speaks on this line")
 
 
+def believed(values: npt.ArrayLike, validity: Sequence[int], flags: int) -> Array:
+    """`values` (..., n) where they are VALID, NaN elsewhere; n validities, none: all of them NaN."""
+    is_valid = np.array([v == VALID for v in validity] or False) & (flags & ~KNOWN_FLAGS == 0)
+    return np.where(is_valid, np.asarray(values, np.float64), np.nan)
+
+
 def _has(message: Any, part: str) -> bool:
     """Does the message bring this part? Older schemas do not know it."""
     return part in message.DESCRIPTOR.fields_by_name and message.HasField(part)
 
 
+def _three(validity: Sequence[int]) -> tuple[int, ...]:
+    _fits(len(validity) in (0, 3), f"a contact's force with {len(validity)} validities")
+    return tuple(validity)
+
+
 @dataclass(frozen=True)
 class Wrench:
-    """Force (N) and moment (N m) ON the pad about the undeformed pad centre; NaN where not measured."""
+    """Force (N) and moment (N m) ON the pad about the undeformed pad centre.
+
+    `values` (6,) as sent, NaN where not measured: see `validity` before they are used. `force` and `torque` are safe.
+    """
 
     capture_s: float
     frame: int
@@ -46,6 +67,16 @@ class Wrench:
     validity: tuple[int, ...]
     covariance: Array | None = None  # (6, 6), N and N m
     covariance_validity: int = NOT_MEASURED
+
+    @property
+    def force(self) -> Array:
+        """(3,) newtons; NaN where it is not VALID."""
+        return believed(self.values[:3], self.validity[:3], self.flags)
+
+    @property
+    def torque(self) -> Array:
+        """(3,) N m; NaN where it is not VALID."""
+        return believed(self.values[3:], self.validity[3:], self.flags)
 
     @property
     def sigma(self) -> Array | None:
@@ -74,12 +105,15 @@ class Wrench:
 
 @dataclass(frozen=True)
 class Field:
-    """Nodal force (n_y, n_x, 3) in newtons and displacement in metres on the observed nodes."""
+    """Nodal force (n_y, n_x, 3) in newtons and displacement in metres on the observed nodes.
+
+    `raw_force` as sent: see `validity` before it is used. `force` is safe.
+    """
 
     capture_s: float
     frame: int
     flags: int
-    force: Array
+    raw_force: Array
     force_steps: npt.NDArray[np.int32]
     force_lsb_n: float
     displacement: Array | None
@@ -103,10 +137,15 @@ class Field:
             NOT_MEASURED if sigma is None else m.sigma_validity,
         )  # fmt: skip
 
+    @cached_property
+    def force(self) -> Array:
+        """(n_y, n_x, 3) newtons ON the pad; NaN in each component that is not VALID."""
+        return believed(self.raw_force, self.validity, self.flags)
+
     def slip_margin(self, friction: float) -> Array:
         """Shear that each node still takes, friction |f_z| - |f_t|, (n_y, n_x) newtons; 0 where nothing presses."""
-        pressure = np.clip(-self.force[..., 2], 0, None)
-        margin = friction * pressure - np.hypot(self.force[..., 0], self.force[..., 1])
+        pressure = np.clip(-self.raw_force[..., 2], 0, None)
+        margin = friction * pressure - np.hypot(self.raw_force[..., 0], self.raw_force[..., 1])
         return np.where(pressure > 0, margin, 0.0)
 
 
@@ -127,12 +166,12 @@ class Contact:
     """One contact: newtons, metres, square metres; None where it is not measured.
 
     `slip_state` is "sticks", "incipient" or "slides"; `slip_share` of its area slips; `slip_margin_n` is the shear
-    that it still takes.
+    that it still takes. `raw_force` as sent: see the validities; `force` is safe.
     """
 
     area: float
     center: tuple[float, float]
-    force: tuple[float, float, float]
+    raw_force: tuple[float, float, float]
     peak_depth: float
     validity: int
     slip_state: str | None
@@ -142,9 +181,17 @@ class Contact:
     friction_sigma: float | None
     slip_margin_n: float | None
     flow_parts: FlowParts | None
+    id: int = 0  # the same while it lasts
+    force_validity: tuple[int, ...] = ()  # x, y, z
+    flags: int = 0
+
+    @property
+    def force(self) -> Array:
+        """(3,) newtons ON the pad; NaN where it is not VALID."""
+        return believed(self.raw_force, self.force_validity or (self.validity,) * 3, self.flags)
 
     @classmethod
-    def from_message(cls, m: Any) -> Contact:
+    def from_message(cls, m: Any, flags: int = 0) -> Contact:
         state = SLIP_STATES.get(getattr(m, "slip_state", 0))
         told = state is not None
         known = told and m.friction_1e3 > 0
@@ -156,6 +203,7 @@ class Contact:
             m.friction_1e3 * 1e-3 if known else None, m.friction_sigma_1e3 * 1e-3 if known else None,
             m.slip_margin_un * 1e-6 if known else None,
             parts and FlowParts(parts.curl_free_nm * 1e-9, parts.divergence_free_nm * 1e-9, parts.twist_urad * 1e-6),
+            m.id, _three(getattr(m, "force_validity", ())), flags,
         )  # fmt: skip
 
 
@@ -170,7 +218,7 @@ class Contacts:
 
     @classmethod
     def from_message(cls, m: Any) -> Contacts:
-        contacts = tuple(Contact.from_message(c) for c in m.contacts)
+        contacts = tuple(Contact.from_message(c, m.stamp.flags) for c in m.contacts)
         return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, contacts)
 
 
@@ -178,17 +226,22 @@ class Contacts:
 class Depth:
     """u_z along the pixels' rays on the depth grid, (n_y, n_x), metres.
 
-    `sigma` metres, standard deviation where something touches; None where the sensor does not state it. `step_px`:
-    pixels from cell to cell.
+    `raw_depth` as sent: see `validity` before it is used. `depth` is safe. `sigma` metres, standard deviation where
+    something touches; None where the sensor does not state it. `step_px`: pixels from cell to cell.
     """
 
     capture_s: float
     frame: int
     flags: int
-    depth: Array
+    raw_depth: Array
     validity: int
     step_px: int
     sigma: float | None
+
+    @cached_property
+    def depth(self) -> Array:
+        """(n_y, n_x) metres; NaN where it is not VALID."""
+        return believed(self.raw_depth[..., None], (self.validity,), self.flags)[..., 0]
 
     @classmethod
     def from_message(cls, m: Any) -> Depth:

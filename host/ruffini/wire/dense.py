@@ -8,6 +8,7 @@ import numpy.typing as npt
 from ruffini.errors import InputError
 
 BLOCK = 32
+LANES = np.arange(BLOCK)
 PACKED, SPARSE = 0, 1
 MAX_VALUES = 1 << 22  # 4 million: more than any board; nothing from the wire allocates beyond it
 
@@ -15,27 +16,24 @@ MAX_VALUES = 1 << 22  # 4 million: more than any board; nothing from the wire al
 def _unpack(data: memoryview, n_values: int) -> tuple[npt.NDArray[np.int32], int]:
     """`n_values` values and the number of bytes that they took."""
     n_blocks = -(-n_values // BLOCK)
-    out = np.zeros((n_blocks, BLOCK), np.uint32)
-    starts: dict[int, list[tuple[int, int]]] = {}
-    at = 0
+    widths, starts = np.empty(n_blocks, np.int64), np.empty(n_blocks, np.int64)
+    n_bytes, at = len(data), 0
     for block in range(n_blocks):
-        if at >= len(data):
+        if at >= n_bytes:
             raise InputError("dense data is truncated")
         width = data[at]
-        if width > 32 or at + 1 + 4 * width > len(data):
+        if width > 32 or at + 1 + 4 * width > n_bytes:
             raise InputError(f"dense data has a block of width {width} that does not fit")
-        if width:
-            starts.setdefault(width, []).append((block, at + 1))
+        widths[block], starts[block] = width, 8 * at + 8
         at += 1 + 4 * width
-    raw = np.frombuffer(data, np.uint8)
-    for width, places in starts.items():
-        blocks = np.array([b for b, _ in places])
-        offsets = np.array([o for _, o in places])
-        bits = np.unpackbits(raw[offsets[:, None] + np.arange(4 * width)], axis=1, bitorder="little")
-        weights = (np.uint64(1) << np.arange(width, dtype=np.uint64)).astype(np.uint64)
-        out[blocks] = (bits.reshape(len(blocks), BLOCK, width) @ weights).astype(np.uint32)
-    values = out.ravel()[:n_values]
-    return ((values >> 1) ^ (-(values & 1).astype(np.int64)).astype(np.uint32)).astype(np.int32), at
+    # Each value's bits lie within the eight bytes that begin with its first bit's byte.
+    padded = bytes(data[:at]) + bytes(8)
+    windows: npt.NDArray[np.uint64] = np.ndarray((at + 1,), "<u8", padded, 0, (1,))
+    bit = starts[:, None] + LANES * widths[:, None]
+    masks = (np.uint64(1) << widths.astype(np.uint64)) - np.uint64(1)
+    values = (windows[bit >> 3] >> (bit & 7).astype(np.uint64)) & masks[:, None]
+    values = values.ravel()[:n_values].astype(np.uint32)
+    return ((values >> 1) ^ -(values & 1)).view(np.int32), at
 
 
 def decode_dense(codec: int, n_x: int, n_y: int, n_components: int, data: bytes) -> npt.NDArray[np.int32]:

@@ -97,7 +97,7 @@ def test_how_sure_the_field_is() -> None:
     field = Field.from_message(schema.decode(schema.type_numbers["FIELD"], golden("field and how sure it is")))
     assert field.sigma_validity == VALID
     assert field.sigma is not None
-    np.testing.assert_allclose(field.force[0, 0], [200e-6, -100e-6, -3000e-6])
+    np.testing.assert_allclose(field.raw_force[0, 0], [200e-6, -100e-6, -3000e-6])
     np.testing.assert_allclose(field.sigma, [[[70e-6, 70e-6, 250e-6], [10e-6, 10e-6, 90e-6]]])
 
 

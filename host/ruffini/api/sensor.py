@@ -1,0 +1,253 @@
+"""A sensor as a program uses it: frames as they come, and a few commands. One thread of its own reads the line."""
+
+from __future__ import annotations
+
+import threading
+import time
+import weakref
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ruffini.api.frame import Assembler, SensorFrame
+from ruffini.api.frames import Frames
+from ruffini.device import choice
+from ruffini.device.connection import SILENCE_S, Connection, LineGap
+from ruffini.device.health import health_words
+from ruffini.device.results import Array
+from ruffini.errors import InputError, NoDeviceError, RuffiniError
+from ruffini.wire import Frame
+
+BACKLOG = 512  # frames that wait for a program that is busy
+RESUME_S = 10.0
+CLOSE_S = 5.0
+T = TypeVar("T")
+
+
+class Sensor:
+    """An open sensor; use as a context manager. Made by `ruffini.connect`; may be used from several threads.
+
+    Attributes
+    ----------
+    serial_number, boards : who it is.
+    health : what is wrong with it, in words; empty: nothing, or STATUS has not come yet.
+    """
+
+    def __init__(
+        self, connection: Connection, every: dict[str, int], *, resume_s: float = RESUME_S,
+        on_note: Callable[[str], None] = lambda _: None,
+    ) -> None:  # fmt: skip
+        self._connection, self._resume_s, self._on_note = connection, resume_s, on_note
+        self.port, self.serial_number = connection.port, connection.serial_number
+        self.boards = tuple(s.board for s in connection.hello.sensors)
+        self.health: tuple[str, ...] = ()
+        self._assembler = Assembler(connection.schema, self.serial_number, {k.upper(): n for k, n in every.items()})
+        self._frames: weakref.WeakSet[Frames] = weakref.WeakSet()
+        self._asked: deque[tuple[Callable[[Connection], Any], Future[Any]]] = deque()
+        self._is_closing = False
+        self._end: BaseException | None = None
+        self._frame_s = time.monotonic()
+        connection.on_damage = on_note
+        connection.on_turn = self._turn
+        connection.read_clock()
+        connection.subscribe(**every, status=1)
+        self._thread = threading.Thread(target=self._read, name=f"ruffini {self.port}", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Sensor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the port back; whoever iterates gets what still waits, then the end."""
+        self._is_closing = True
+        self._thread.join(CLOSE_S)
+
+    def frames(self, *, newest: bool = False, sensor: int | None = None) -> Frames:
+        """Frames from now on, without end.
+
+        Parameters
+        ----------
+        newest : of what came while the program was busy only the newest, for control loops. Else every frame that
+            came; at most BACKLOG of them wait.
+        sensor : of a device with several only this one's.
+
+        Raises
+        ------
+        NoDeviceError
+            While iterating: the line was lost and did not come back, or no frame came for a while.
+        """
+        frames = Frames(1 if newest else BACKLOG, sensor)
+        self._frames.add(frames)
+        if self._end is not None:
+            frames.end(self._end)
+        return frames
+
+    def read(self, timeout_s: float = SILENCE_S) -> SensorFrame:
+        """One frame: the next that comes.
+
+        Raises
+        ------
+        NoDeviceError
+            None came in time, or the sensor is closed.
+        """
+        try:
+            frame = self.frames(newest=True).get(timeout_s)
+        except StopIteration:
+            frame = None
+        if frame is None:
+            raise NoDeviceError(f"{self.port}: no frame for {timeout_s:.1f} s: is the camera running?")
+        return frame
+
+    def nodes(self, sensor: int = 0) -> Array:
+        """Places of the field's nodes on the undeformed pad, (n_y, n_x, 2) metres from its centre."""
+        return node_places(self._info(sensor))
+
+    def zero(self, *, even_if_touched: bool = False) -> None:
+        """Learn rest anew from the next frames; those have FLAG_NO_REFERENCE.
+
+        Raises
+        ------
+        RefusedError
+            Something presses on the pad, or another program has the sensor's lease.
+        """
+        self.call(lambda c: c.checked(zero={"n_frames": 0, "even_if_touched": even_if_touched}))
+
+    def call(self, action: Callable[[Connection], T]) -> T:
+        """Run `action` on the connection, in the thread that reads it, e.g. `sensor.call(Connection.status)`.
+
+        Not from `on_note`, which that thread waits for.
+
+        Raises
+        ------
+        NoDeviceError
+            The sensor is gone or closed. Else what `action` raises.
+        """
+        future: Future[T] = Future()
+        self._asked.append((action, future))
+        if self._end is not None:  # nobody will look at it
+            self._refuse_asked()
+        return future.result()
+
+    def _info(self, sensor: int) -> Any:
+        return sensor_info(self._connection.hello, sensor, self.port)
+
+    # ---- the thread ---------------------------------------------------------------------------
+
+    def _turn(self) -> None:
+        while self._asked:
+            action, future = self._asked.popleft()
+            try:
+                future.set_result(action(self._connection))
+            except Exception as error:
+                future.set_exception(error)
+        if self._is_closing:
+            raise _Closed
+
+    def _read(self) -> None:
+        end: BaseException = StopIteration()
+        try:
+            stream = self._connection.stream(timeout_s=SILENCE_S, resume_s=self._resume_s, on_gap=self._gap)
+            for packet, message in stream:
+                self._take(packet, message)
+            end = NoDeviceError(f"{self.port}: nothing came for {SILENCE_S:.0f} s: is ruffinid running?")
+        except _Closed:
+            pass
+        except BaseException as error:  # our own bug: whoever iterates gets it
+            end = error
+        finally:
+            self._connection.close()
+            self._end = end
+            for frames in list(self._frames):
+                frames.end(end)
+            self._refuse_asked()
+
+    def _refuse_asked(self) -> None:
+        while self._asked:
+            _, future = self._asked.popleft()
+            gone = NoDeviceError(f"{self.port} is closed: connect again")
+            future.set_exception(self._end if isinstance(self._end, RuffiniError) else gone)
+
+    def _gap(self, gap: LineGap) -> None:
+        self._assembler.note_gap(gap)
+        self._on_note(f"{self.port}: {gap}")
+
+    def _take(self, packet: Frame, message: Any) -> None:
+        name = self._connection.schema.type_name(packet.type)
+        if name == "EVENT":
+            self._on_note(f"{self.port}: {message.what}: {message.text}")
+        if name == "STATUS":
+            self._hear_health(message)
+        for frame in self._assembler.put(packet, message):
+            self._frame_s = time.monotonic()
+            for frames in list(self._frames):
+                frames.put(frame)
+
+    def _hear_health(self, status: Any) -> None:
+        words = tuple(health_words(self._connection.schema.enum_names("HealthBit", status.health)))
+        if words != self.health:
+            self.health = words
+            self._on_note(f"{self.port}: health: {'; '.join(words) or 'nothing is wrong'}")
+        # STATUS comes each second, whatever the camera does.
+        if time.monotonic() - max(self._frame_s, self._connection.resumed_s) > SILENCE_S:
+            raise NoDeviceError(f"{self.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
+
+
+class _Closed(Exception):
+    """`close` was called."""
+
+
+def sensor_info(hello: Any, sensor: int, where: str) -> Any:
+    """What HELLO says of one sensor."""
+    for info in hello.sensors:
+        if info.sensor == sensor:
+            return info
+    raise InputError(f"{where}: has no sensor {sensor}: it has {', '.join(str(s.sensor) for s in hello.sensors)}")
+
+
+def node_places(info: Any) -> Array:
+    """Of a SensorInfo: places of its nodes, (n_y, n_x, 2) metres from the pad's centre."""
+    x = (info.grid_origin_x_nm + info.grid_step_x_nm * np.arange(info.grid_n_x)) * 1e-9
+    y = (info.grid_origin_y_nm + info.grid_step_y_nm * np.arange(info.grid_n_y)) * 1e-9
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def connect(
+    port: str | None = None, serial: str | None = None, *, wrench: int = 1, field: int = 1, contacts: int = 1,
+    depth: int = 1, learned: int = 1, image: int = 0, markers: int = 0, resume_s: float = RESUME_S,
+    on_note: Callable[[str], None] = lambda _: None,
+) -> Sensor:  # fmt: skip
+    """Open the sensor on `port`, the one with this serial number, or the only one there is.
+
+    Parameters
+    ----------
+    port, serial : RUFFINI_PORT and RUFFINI_SERIAL stand in where they are not given.
+    wrench, field, contacts, depth, learned, image, markers : of each n-th frame; 0: never.
+    resume_s : how long a line that was lost is waited for; 0: it is an error at once.
+    on_note : gets sentences for a person, from the reading thread: health, events, a lost or damaged line.
+
+    Raises
+    ------
+    NoDeviceError, SeveralDevicesError
+        None answers, or several do.
+
+    Examples
+    --------
+    >>> import ruffini
+    >>> with ruffini.connect() as sensor:  # doctest: +SKIP
+    ...     for frame in sensor.frames():
+    ...         print(frame.wrench.force, frame.flags)
+    """
+    every = {"wrench": wrench, "field": field, "contacts": contacts, "depth": depth, "learned": learned,
+             "image": image, "markers": markers}  # fmt: skip
+    connection = choice.connect(port, serial)
+    try:
+        return Sensor(connection, every, resume_s=resume_s, on_note=on_note)
+    except BaseException:
+        connection.close()
+        raise
