@@ -218,7 +218,11 @@ Kernel run_daemon(uint64_t n_frames, bool plants) {
   std::atomic<bool> is_over{false};
   std::thread holder([&] {  // of the planted lock
     while (plants && !is_over) {
-      const std::lock_guard<std::mutex> hold(watch.lock);
+      {
+        const std::lock_guard<std::mutex> hold(watch.lock);
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      }
+      // Taken again at once, the lock would never be the waiting thread's.
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
   });
