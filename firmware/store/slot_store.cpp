@@ -145,8 +145,14 @@ Status SlotStore::undo() {
   if (!found) return found.error();
   const auto next = next_slot(found.value(), 0);
   if (!next) return next.error();
-  const Status done = medium_->rename(name_of(found.value()[1]), name_of(next.value()));
-  return done ? medium_->sync_folder() : done;
+  const std::string before = name_of(found.value()[1]);
+  const std::string undone = name_of(next.value());
+  Status done = medium_->rename(before, undone);
+  if (!done) return done;
+  done = medium_->sync_folder();
+  // Not said to be done: the next undo must find it to do. What a power cut leaves, the next start says.
+  if (!done) (void)medium_->rename(undone, before);
+  return done;
 }
 
 // Writes the temporary file, and reads back from the medium what that kept.

@@ -190,6 +190,21 @@ TEST_F(SlotStoreTest, WhereNoNumberIsLeftNothingIsTaken) {
   EXPECT_EQ(store.load_previous().value(), Bytes(10, 1));
 }
 
+// Tried again, an undo that failed must not take itself back and call that done.
+TEST_F(SlotStoreTest, AnUndoWhoseFolderIsNotSyncedIsNoneAndCanBeTriedAgain) {
+  SlotStore store = open();
+  ASSERT_TRUE(install(store, Bytes(10, 1)));
+  ASSERT_TRUE(install(store, Bytes(20, 2)));
+  g_fault = Fault::kFolderSync;
+  const Status undone = store.undo();
+  g_fault = Fault::kNone;
+  ASSERT_FALSE(undone);
+  EXPECT_EQ(store.load().value(), Bytes(20, 2));
+  ASSERT_TRUE(store.undo());
+  EXPECT_EQ(store.load().value(), Bytes(10, 1));
+  EXPECT_EQ(store.load_previous().value(), Bytes(20, 2));
+}
+
 TEST_F(SlotStoreTest, ATrialWhoseFolderIsNotSyncedIsNone) {
   SlotStore store = open();
   g_fault = Fault::kFolderSync;
