@@ -150,8 +150,9 @@ void Daemon::swap_path() {
     exchange_.wrong_flags = 0;
     delete exchange_.retired_path.exchange(old, std::memory_order_acq_rel);
   }
-  const int zero = exchange_.zero_frames.exchange(-1);
+  const int zero = exchange_.zero_frames.exchange(kNoZero);
   if (zero >= 0) path_->zero(zero);
+  if (zero == kGiveUpZero) path_->give_up_zero();
 }
 
 void Daemon::read_computer() {
@@ -212,6 +213,7 @@ void Daemon::process(const FrameLease& lease) {
   exchange_.skin_light_1e3 = static_cast<uint32_t>(state.skin.age_q12 * 1'000 / Taxels::kOne);
   exchange_.saturations = state.saturations.count;
   exchange_.is_touched = path_->is_touched();
+  exchange_.is_zeroing = path_->is_zeroing();
   exchange_.zero_moved_nm = static_cast<uint32_t>(path_->zero_follower().moved_nm());
   exchange_.is_zero_at_limit = path_->zero_follower().is_at_limit();
   if (exchange_.is_camera_live) count_late(lease.capture_us());

@@ -56,6 +56,9 @@ class FramePath {
   void set_capture_flags(uint32_t flags) { capture_flags_ = flags; }
   // Learn rest anew from the next n frames (0 = the board's own number).
   void zero(int n_frames);
+  // The camera stood still meanwhile, and what came onto the pad is not known: rest is what it was.
+  void give_up_zero() { rest_.give_up(); }
+  [[nodiscard]] bool is_zeroing() const { return rest_.is_learned_anew(); }
   // Rest from an untouched picture at once (offline use).
   void set_rest(std::span<const uint16_t> image);
   // That of another path, and how warm it was then.

@@ -30,6 +30,12 @@ void Rest::restart(int n_frames) {
   std::fill(sum_.begin(), sum_.end(), 0U);
 }
 
+void Rest::give_up() {
+  if (is_ready_) return;
+  restart(n_wanted_);
+  is_ready_ = has_image_;
+}
+
 void Rest::load(std::span<const uint16_t> image) {
   std::copy(image.begin(), image.end(), image_.begin());
   finish();
@@ -63,6 +69,7 @@ void Rest::finish() {
   }
   set_gain(unit_gain());
   is_ready_ = true;
+  has_image_ = true;
 }
 
 void Rest::set_gain(const Gain& gain) {

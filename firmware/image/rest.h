@@ -32,6 +32,8 @@ class Rest {
 
   // Learn anew from the next n frames (0 = the number given at construction).
   void restart(int n_frames);
+  // The frames that were to come do not: what was learned before is rest again; learning begins anew where nothing was.
+  void give_up();
   // Take a stored image, width x height x 3 in 1/16 grey levels.
   void load(std::span<const uint16_t> image);
   // One more untouched frame; true when this one completed the mean.
@@ -44,6 +46,7 @@ class Rest {
   void set_gain(const Gain& gain);
 
   [[nodiscard]] bool is_ready() const { return is_ready_; }
+  [[nodiscard]] bool is_learned_anew() const { return !is_ready_ && has_image_; }
   [[nodiscard]] std::span<const uint16_t> image() const { return image_; }
   // As difference.h reads them: planes of B, G and R.
   [[nodiscard]] std::span<const int16_t> planes8() const { return planes8_; }
@@ -59,6 +62,7 @@ class Rest {
   int n_wanted_;
   int n_added_ = 0;
   bool is_ready_ = false;
+  bool has_image_ = false;  // stays while another one is learned
   std::vector<uint32_t> sum_;
   std::vector<uint16_t> image_;
   std::vector<uint16_t> dark_;    // at most the image; empty: 0

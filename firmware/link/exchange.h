@@ -15,6 +15,8 @@ namespace ruffini {
 inline constexpr size_t kMessageTypes = 16;
 inline constexpr size_t kTelemetryRingBytes = size_t{4} << 20;
 inline constexpr int32_t kNoTemperature = INT32_MIN;
+inline constexpr int kNoZero = -1;
+inline constexpr int kGiveUpZero = -2;
 inline constexpr uint32_t kThrottledNow = 0xF;  // bits of `throttled` that are so now (hw/throttling.h)
 
 // Numbers are those of ReflexState in ruffini.proto.
@@ -38,7 +40,7 @@ static_assert(std::atomic<PathTally>::is_always_lock_free);
 struct Exchange {
   // Written by the link thread, read by the frame thread.
   std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send each n-th frame; 0 = never
-  std::atomic<int> zero_frames{-1};                          // request; -1 = none
+  std::atomic<int> zero_frames{kNoZero};                     // request, or one of the two above
   std::atomic<FramePath*> next_path{nullptr};                // to swap in between frames; ownership passes
   std::atomic<int32_t> milli_celsius{kNoTemperature};        // of the board's thermometer
   // Of the link thread alone.
@@ -54,6 +56,7 @@ struct Exchange {
   LastFrame last_frame;
   std::atomic<uint32_t> wrong_flags{0};  // all that the path in use has had of kWrongFlags
   std::atomic<bool> is_touched{false};   // something presses on the pad
+  std::atomic<bool> is_zeroing{false};   // another rest is being learned
   std::atomic<uint64_t> missed_deadlines{0};
   std::atomic<uint32_t> zero_moved_nm{0};  // by creep, since rest was learned
   std::atomic<bool> is_zero_at_limit{false};

@@ -136,6 +136,9 @@ void Session::act(const ruffini_Command& request, ruffini_Reply& reply) {
       if (request.action.zero.n_frames > 256) {
         reply.code = ruffini_ReplyCode_REPLY_BAD_ARGUMENT;
         copy_text(reply.text, "zero takes 0 to 256 frames");
+      } else if (is_stalled_) {
+        reply.code = ruffini_ReplyCode_REPLY_NOT_READY;
+        copy_text(reply.text, "the camera stands still: what rest would be learned from cannot be seen");
       } else if (exchange_.is_touched && !request.action.zero.even_if_touched) {
         reply.code = ruffini_ReplyCode_REPLY_REFUSED;
         copy_text(reply.text,
@@ -330,11 +333,20 @@ void Session::watch_camera(uint64_t now_us) {
     send_event(now_us, ruffini_Event_Severity_SEVERITY_WARNING, "camera_back",
                "frames come again, after " + std::to_string(silence_us / 1'000) + " ms without a good one");
   }
+  if (is_stalled_ && !was_stalled) give_up_zero(now_us);
   const bool is_asked = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_WRENCH] != 0;
   if (is_stalled_ && is_asked && (!was_stalled || now_us - stale_us_ >= kStalePeriodUs)) {
     stale_us_ = now_us;
     send_stale_wrench();
   }
+}
+
+// By the time that frames come again a finger may lie on the pad: nobody asked for that to be rest.
+void Session::give_up_zero(uint64_t now_us) {
+  const bool is_asked = exchange_.zero_frames.exchange(kGiveUpZero) >= 0;
+  if (!is_asked && !exchange_.is_zeroing) return;
+  send_event(now_us, ruffini_Event_Severity_SEVERITY_WARNING, "zero_given_up",
+             "the camera stood still while rest was to be learned: zero again once camera_back is said");
 }
 
 std::span<const uint8_t> Session::pending() {

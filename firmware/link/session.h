@@ -86,6 +86,7 @@ class Session {
   void send_event(uint64_t now_us, ruffini_Event_Severity severity, const char* what, const std::string& text);
   // The camera stands still: an event, and the last wrench again, marked and invalid, ten times a second.
   void watch_camera(uint64_t now_us);
+  void give_up_zero(uint64_t now_us);
   void send_stale_wrench();
   void tell_network(ruffini_Status& m) const;
   void tell_last_run(ruffini_Status& m) const;

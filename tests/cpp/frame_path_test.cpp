@@ -72,6 +72,21 @@ TEST(FramePath, ZeroLearnsAnew) {
   EXPECT_NEAR(s.displacement.node[100].x.raw() / 8.0, 0, 10);
 }
 
+TEST(FramePath, AZeroThatIsGivenUpLeavesTheOldOne) {
+  Sensor sensor;
+  sensor.learn();
+  const int32_t moved = sensor.show_dots(2).displacement.node[100].x.raw();
+  EXPECT_GT(moved / 8.0, 100);
+  sensor.path->zero(3);
+  EXPECT_TRUE(sensor.show_dots(2).flags & kFlagNoReference);
+  EXPECT_TRUE(sensor.path->is_zeroing());
+  sensor.path->give_up_zero();
+  EXPECT_FALSE(sensor.path->is_zeroing());
+  const FrameState& s = sensor.show_dots(2);
+  EXPECT_FALSE(s.flags & kFlagNoReference);
+  EXPECT_NEAR(s.displacement.node[100].x.raw() / 8.0, moved / 8.0, 3);
+}
+
 TEST(FramePath, FlagsDarknessGlareAndLostMarkers) {
   Sensor sensor;
   sensor.learn();

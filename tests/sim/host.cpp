@@ -13,6 +13,7 @@ namespace {
 
 constexpr uint64_t kReadEveryUs = 5'000;
 constexpr uint64_t kHelloWaitUs = 600'000;
+constexpr uint64_t kBusyWaitUs = 500'000;
 constexpr uint64_t kReplyWaitUs = 500'000;
 constexpr uint64_t kReplyTries = 12;
 constexpr uint64_t kChunkWaitUs = 100'000;
@@ -45,6 +46,8 @@ void Host::open() {
   log_.say(now_us_, "a host opens the line");
   decoder_ = ReferenceDecoder();
   request_id_ = static_cast<uint32_t>(dice_.below(1 << 24)) + 1;
+  // A few take no lease; to them HELLO means that they begin.
+  holder_ = dice_.chance(kMillion / 4) ? 0 : static_cast<uint32_t>(dice_.below(UINT32_MAX)) + 1;
   judge_.host_restarted();
   if (!is_wanted_ && dice_.chance(kMillion / 4)) table_ = nullptr;  // another program, which knows nothing of it
   greet();
@@ -103,6 +106,11 @@ void Host::replied(const ruffini_Reply& reply) {
     return;
   }
   if (reply.request_id != request_id_) return;
+  if (reply.code == ruffini_ReplyCode_REPLY_BUSY) {  // the lease of a host that is gone lasts a little longer
+    stage_ = Stage::kIdle;
+    due_us_ = now_us_ + kBusyWaitUs;
+    return;
+  }
   const bool is_ok = reply.code == ruffini_ReplyCode_REPLY_OK;
   switch (stage_) {
     case Stage::kSubscribe:
@@ -245,6 +253,7 @@ ruffini_Command Host::command(pb_size_t action) {
 void Host::ask(const ruffini_Command& wanted, Stage stage, uint64_t wait_us, uint64_t tries) {
   ruffini_Command m = wanted;
   m.request_id = request_id_ = request_id_ == UINT32_MAX ? 1 : request_id_ + 1;
+  m.holder = holder_;
   asked_.resize(ruffini_Command_size);
   pb_ostream_t stream = pb_ostream_from_buffer(asked_.data(), asked_.size());
   want(pb_encode(&stream, ruffini_Command_fields, &m), "a command can be encoded");
@@ -268,8 +277,11 @@ void Host::write(uint8_t type, std::span<const uint8_t> payload) {
 // More than the device keeps replies for.
 void Host::flood() {
   for (uint64_t i = dice_.between(50, 300); i > 0; --i) {
-    const bool is_schema = dice_.chance(kMillion / 2);
-    write(is_schema ? ruffini_MessageType_MESSAGE_TYPE_SCHEMA : ruffini_MessageType_MESSAGE_TYPE_STATUS, {});
+    const uint64_t drawn = dice_.below(holder_ == 0 ? 2 : 3);
+    write(drawn == 0   ? ruffini_MessageType_MESSAGE_TYPE_SCHEMA
+          : drawn == 1 ? ruffini_MessageType_MESSAGE_TYPE_STATUS
+                       : ruffini_MessageType_MESSAGE_TYPE_HELLO,
+          {});
   }
 }
 

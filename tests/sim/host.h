@@ -73,6 +73,7 @@ class Host {
   bool wants_zero_ = false;
   uint32_t sequence_ = 0;
   uint32_t request_id_ = 1;
+  uint32_t holder_ = 0;
   Bytes asked_;  // the last command, serialised
   uint64_t wait_us_ = 0;
   uint64_t tries_ = 0;

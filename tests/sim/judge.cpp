@@ -76,6 +76,7 @@ void Judge::before_serving() {
 
 void Judge::after_serving(bool is_line_up, bool has_room) {
   observe();
+  if (was_asked(ruffini_Command_flash_undo_tag) && disk_.has_failed()) now_ = before_ = std::nullopt;  // done or not
   const int zero = exchange_->zero_frames;
   want(zero < 0 || zero_before_ >= 0 || was_asked(ruffini_Command_zero_tag), "a zero is run once");
   if (!is_line_up) {

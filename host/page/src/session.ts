@@ -42,6 +42,8 @@ export class Session {
   private isGreeted = false;
   private nAsked = 0;
   private sequence = 0;
+  /** Who asks: what this host changes is kept apart from what another one does (proto/README.md, the lease). */
+  private readonly holder = 1 + Math.floor(Math.random() * 0xfffffffe);
   private requestId = 1 + Math.floor(Math.random() * 0xffffff);
   private readonly waiting = new Map<number, Waiting>();
   private timer: ReturnType<typeof setTimeout> | undefined;
@@ -164,7 +166,7 @@ export class Session {
   ask(name: string, value: Record<string, unknown>, waitMs: number, nTries: number): Promise<Decoded> {
     const id = this.requestId;
     this.requestId = (this.requestId % 0xffffffff) + 1;
-    const payload = this.schema.encode("Command", { requestId: id, action: { case: name, value } });
+    const payload = this.schema.encode("Command", { requestId: id, holder: this.holder, action: { case: name, value } });
     const type = this.schema.typeNumber("COMMAND")!;
     return new Promise((resolve, reject) => {
       let tries = 0;

@@ -40,6 +40,28 @@ TEST(Rest, RestartForgets) {
   EXPECT_EQ(rest.image()[5], 32);
 }
 
+TEST(Rest, WhatIsGivenUpLeavesWhatWasBefore) {
+  Rest rest(2, 1, 2);
+  EXPECT_FALSE(rest.add(view({1, 1, 1, 1, 1, 1})));
+  EXPECT_FALSE(rest.is_learned_anew());
+  rest.give_up();  // nothing was before: from the start
+  EXPECT_FALSE(rest.is_ready());
+  EXPECT_FALSE(rest.add(view({9, 9, 9, 9, 9, 9})));
+  EXPECT_TRUE(rest.add(view({9, 9, 9, 9, 9, 9})));
+  rest.give_up();  // nothing is being learned
+  EXPECT_TRUE(rest.is_ready());
+  rest.restart(3);
+  EXPECT_TRUE(rest.is_learned_anew());
+  EXPECT_FALSE(rest.add(view({1, 1, 1, 1, 1, 1})));
+  rest.give_up();
+  EXPECT_TRUE(rest.is_ready());
+  EXPECT_FALSE(rest.is_learned_anew());
+  EXPECT_EQ(rest.image()[0], 16 * 9);
+  rest.restart(1);
+  EXPECT_TRUE(rest.add(view({4, 4, 4, 4, 4, 4})));
+  EXPECT_EQ(rest.image()[0], 16 * 4) << "of what was given up nothing is left";
+}
+
 TEST(Rest, LoadedImageIsInForceAtOnce) {
   Rest rest(2, 1, 4);
   const std::vector<uint16_t> stored = {16, 32, 48, 64, 80, 4080};

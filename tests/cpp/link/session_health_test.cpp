@@ -160,6 +160,43 @@ TEST_F(SessionHealth, ACameraThatStandsStillIsSaidAndItsLastWrenchIsMarked) {
   EXPECT_TRUE(read_all().empty());
 }
 
+// What is on the pad when frames come again, nobody has seen: a zero from before must not make it rest.
+TEST_F(SessionHealth, AStallGivesAZeroUp) {
+  exchange_.is_camera_live = true;
+  exchange_.frames_processed = 10;
+  session_.poll(1'000'000);
+  const auto stall = [&](uint64_t now_us) {
+    session_.poll(now_us);
+    std::vector<std::string> events;
+    for (const auto& message : read_all()) {
+      ruffini_Event event = ruffini_Event_init_zero;
+      pb_istream_t in = pb_istream_from_buffer(message.payload.data(), message.payload.size());
+      EXPECT_TRUE(pb_decode(&in, ruffini_Event_fields, &event));
+      events.emplace_back(event.what);
+    }
+    return events;
+  };
+  const auto frame = [&](uint64_t now_us) {
+    ++exchange_.frames_processed;
+    return stall(now_us);
+  };
+  using Events = std::vector<std::string>;
+  ASSERT_EQ(command(request(1, ruffini_Command_zero_tag)).code, ruffini_ReplyCode_REPLY_OK);
+  EXPECT_EQ(exchange_.zero_frames, 0);
+  EXPECT_EQ(stall(1'100'000), (Events{"camera_stalled", "zero_given_up"})) << "asked for, not begun";
+  EXPECT_EQ(exchange_.zero_frames, kGiveUpZero);
+  EXPECT_EQ(command(request(2, ruffini_Command_zero_tag)).code, ruffini_ReplyCode_REPLY_NOT_READY);
+  EXPECT_EQ(exchange_.zero_frames, kGiveUpZero);
+  EXPECT_EQ(frame(1'110'000), Events{"camera_back"});
+  exchange_.zero_frames = kNoZero;  // taken by the frame thread
+  EXPECT_EQ(stall(1'300'000), Events{"camera_stalled"}) << "nothing was being learned";
+  EXPECT_EQ(frame(1'310'000), Events{"camera_back"});
+  exchange_.is_zeroing = true;
+  EXPECT_EQ(stall(1'500'000), (Events{"camera_stalled", "zero_given_up"})) << "in the middle of it";
+  EXPECT_EQ(frame(1'510'000), Events{"camera_back"});
+  EXPECT_EQ(command(request(3, ruffini_Command_zero_tag)).code, ruffini_ReplyCode_REPLY_OK);
+}
+
 // Wrenches of a stalled camera are telemetry: the newest waits, and no reply is lost for them.
 TEST_F(SessionHealth, AHostThatDoesNotReadLosesNoReplyToAStall) {
   exchange_.is_camera_live = true;
