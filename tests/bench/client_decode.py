@@ -1,17 +1,20 @@
 """What it costs to read a FIELD of 1,209 nodes: bytes of the line to typed results, in C++ and in Python, one core.
 
 The peer is Protocol Buffers itself (upb, C) on the same force, displacement and sigma as packed `sint32`, as it would
-be without our packing: parsing alone, no framing, no CRC. `noisy`: every node has some force; `dead zone`: one contact.
+be without our packing: parsing alone, and parsing with the numbers as numpy arrays; no framing, no CRC. The API is
+`ruffini.SensorFrame` with force, displacement, slip and sigma read, beside a
+WRENCH. `noisy`: every node has some force; `dead zone`: one contact.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import statistics
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
+from ruffini.api.frame import Assembler
 from ruffini.device.results import Field
 from ruffini.wire import Decoder, Schema, encode_message
 from ruffini.wire.dense import encode_dense
@@ -81,8 +85,35 @@ def python_reads(schema: Schema, data: bytes, number: int) -> None:
     Field.from_message(schema.decode(frame.type, frame.payload))
 
 
-def rows(build: Path) -> list[tuple[str, int, float, float, float]]:
-    """(what, bytes on the line, C++ us, Python us, peer us)."""
+def api_reads(assembler: Assembler, schema: Schema, data: bytes) -> None:
+    """Line to a frame of the API, all of its field read."""
+    for packet in Decoder().feed(data):
+        for frame in assembler.put(packet, schema.decode(packet.type, packet.payload)):
+            assert frame.field is not None
+            assert frame.field.force.size == 3 * N_X * N_Y
+
+
+def frames_of(schema: Schema, field: bytes) -> Iterator[bytes]:
+    """WRENCH and FIELD of one frame after the other, as they come over the line."""
+    for number in itertools.count(1):
+        stamp = {"capture_us": number, "frame": number}
+        message = schema.new("Field")
+        message.ParseFromString(field)
+        message.stamp.CopyFrom(schema.new("Stamp", **stamp))
+        wrench = schema.new("Wrench", stamp=stamp, force_z_un=-5, validity=[1] * 6)
+        yield b"".join(
+            encode_message(schema.type_numbers[name], m.SerializeToString(), sensor=0, sequence=number, flags=2)
+            for name, m in (("WRENCH", wrench), ("FIELD", message))
+        )
+
+
+def as_arrays(message: Any) -> list[Values]:
+    """The peer's numbers as numpy has them."""
+    return [np.fromiter(part, np.int32, len(part)) for part in (message.force, message.displacement, message.sigma)]
+
+
+def rows(build: Path) -> list[tuple[str, int, float, float, float, float, float]]:
+    """(what, bytes on the line, then microseconds: C++, Python, API, peer, peer with arrays)."""
     schema, peer, out = Schema.own(), peer_class(), []
     number = schema.type_numbers["FIELD"]
     for what, is_noisy in (("noisy", True), ("dead zone", False)):
@@ -96,7 +127,12 @@ def rows(build: Path) -> list[tuple[str, int, float, float, float]]:
         theirs = peer(force=flat[0], displacement=flat[1], sigma=flat[2]).SerializeToString()
         python_us = median_us(lambda data=data: python_reads(schema, data, number))  # type: ignore[misc]
         peer_us = median_us(lambda theirs=theirs: peer.FromString(theirs))  # type: ignore[misc]
-        out.append((what, len(data), float(said) / 1e3, python_us, peer_us))
+        arrays_us = median_us(lambda theirs=theirs: as_arrays(peer.FromString(theirs)))  # type: ignore[misc]
+        assembler = Assembler(schema, "bench", {})
+        stream = list(itertools.islice(frames_of(schema, field_message(schema, values)), N_RUNS))
+        lines = iter(stream)
+        api_us = median_us(lambda a=assembler, lines=lines: api_reads(a, schema, next(lines)))  # type: ignore[misc]
+        out.append((what, len(data), float(said) / 1e3, python_us, api_us, peer_us, arrays_us))
     return out
 
 
@@ -104,9 +140,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--build", type=Path, required=True)
     print(f"a FIELD of {N_X * N_Y} nodes with displacement and sigma, us to read it (medians)")
-    print(f"{'':10} {'bytes':>6} {'C++':>7} {'Python':>7} {'protobuf alone':>15}")
-    for what, n_bytes, cpp_us, python_us, peer_us in rows(parser.parse_args().build):
-        print(f"{what:10} {n_bytes:6d} {cpp_us:7.1f} {python_us:7.1f} {peer_us:15.1f}")
+    print(f"{'':10} {'bytes':>6} {'C++':>7} {'Python':>7} {'API':>7} {'API, 1/s':>9} {'protobuf alone':>15} "
+          f"{'with numpy':>11} {'API : that':>11}")  # fmt: skip
+    for what, n_bytes, cpp_us, python_us, api_us, peer_us, arrays_us in rows(parser.parse_args().build):
+        print(f"{what:10} {n_bytes:6d} {cpp_us:7.1f} {python_us:7.1f} {api_us:7.1f} {1e6 / api_us:9.0f} "
+              f"{peer_us:15.1f} {arrays_us:11.1f} {api_us / arrays_us:11.2f}")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -1,0 +1,61 @@
+"""Every program of host/examples runs as it is, on the real daemon."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tiny_sensor import ROOT, Sensor, start
+
+from ruffini.device import Connection
+
+EXAMPLES = ROOT / "host" / "examples"
+
+
+def run(name: str, *arguments: str, port: str = "nowhere") -> str:
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / name), *arguments], capture_output=True, text=True, timeout=60, check=False,
+        env={**os.environ, "RUFFINI_PORT": port},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture
+def port(sensor: Sensor, tmp_path: Path):  # type: ignore[no-untyped-def]
+    with start(sensor, tmp_path, "--loop") as daemon:
+        with Connection(daemon.port) as host:
+            host.flash(sensor.calibration)
+        yield daemon.port
+
+
+def test_print_forces(port: str) -> None:
+    said = run("print_forces.py", "60", port=port)
+    assert "0001: tiny" in said
+    assert "N, sigma" in said
+    assert "SIMULATED" in said
+
+
+def test_hold_without_slip(port: str) -> None:
+    assert run("hold_without_slip.py", "1", port=port).endswith("done\n")
+
+
+def test_two_fingers(sensor: Sensor, tmp_path: Path) -> None:
+    with (
+        start(sensor, tmp_path / "a", "--loop", serial="left") as one,
+        start(sensor, tmp_path / "b", "--loop", serial="right") as two,
+    ):
+        for daemon in (one, two):
+            with Connection(daemon.port) as host:
+                host.flash(sensor.calibration)
+        said = run("two_fingers.py", one.port, two.port, "5").splitlines()
+    assert len(said) == 5
+    assert all("squeezed by" in line and "ms apart" in line for line in said)
+
+
+def test_each_example_is_run() -> None:
+    tested = Path(__file__).read_text()
+    assert [p.name for p in EXAMPLES.glob("*.py") if f'"{p.name}"' not in tested] == []
