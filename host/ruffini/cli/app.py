@@ -27,6 +27,7 @@ from ruffini.cli import (
     key,
     offline,
     report,
+    ros2,
     sim,
     skin,
     touch,
@@ -76,6 +77,7 @@ board.app.add_typer(eeprom.app, name="eeprom")
 app.add_typer(board.app, name="board")
 app.add_typer(train.app, name="train")
 app.add_typer(key.app, name="key")
+app.add_typer(ros2.app, name="ros2")
 app.add_typer(udev.app, name="udev")
 app.command("doctor")(doctor.doctor)
 app.command("demo")(demo.demo)

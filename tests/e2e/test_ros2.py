@@ -1,0 +1,175 @@
+"""From the real daemon's line to a zenoh subscriber that hears what a node with rmw_zenoh would. No ROS takes part."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+from tiny_sensor import N_FRAMES, Sensor, start
+
+from ruffini.api.frame import FLAG_STALE
+from ruffini.device import Connection
+from ruffini.ros.cdr import Types
+from ruffini.ros.messages import TOPICS
+
+RUFFINI = str(Path(sys.executable).parent / "ruffini")
+DOMAIN = 42
+TYPES = Types()
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+class Listener:
+    """Hears all samples and tokens of the domain; where the bridge connects to."""
+
+    def __init__(self) -> None:
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        config = zenoh.Config()
+        config.insert_json5("mode", '"peer"')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("listen/endpoints", f'["{self.endpoint}"]')
+        self.session = zenoh.open(config)
+        self.samples: dict[str, list[tuple[str, bytes, bytes]]] = defaultdict(list)  # by topic: key, bytes, attachment
+        self.tokens: set[str] = set()
+        self._kept = [
+            self.session.declare_subscriber(f"{DOMAIN}/**", self._hear),
+            self.session.liveliness().declare_subscriber(f"@ros2_lv/{DOMAIN}/**", self._see),
+        ]
+
+    def _hear(self, sample: Any) -> None:
+        topic = "/".join(str(sample.key_expr).split("/")[1:-2])
+        self.samples[topic].append((str(sample.key_expr), bytes(sample.payload), bytes(sample.attachment)))
+
+    def _see(self, sample: Any) -> None:
+        is_there = sample.kind == zenoh.SampleKind.PUT
+        (self.tokens.add if is_there else self.tokens.discard)(str(sample.key_expr))
+
+    def messages(self, topic: str) -> list[Any]:
+        """As rosbags' own deserialiser has them, by the type that the key names."""
+        out = []
+        for key, data, _ in self.samples[topic]:
+            package, kind, _, name = key.split("/")[-2].split("::")
+            out.append(TYPES.decode(data, f"{package}/{kind}/{name.rstrip('_')}"))
+        return out
+
+
+@pytest.fixture
+def listener() -> Iterator[Listener]:
+    made = Listener()
+    yield made
+    made.session.close()
+
+
+def start_bridge(port: str, endpoint: str, *options: str) -> subprocess.Popen[str]:
+    command = [RUFFINI, "--port", port, "ros2", "bridge", "--connect", endpoint, *options]
+    env = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env)
+
+
+def wait_until(holds: Any, timeout_s: float = 20.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not holds():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+def test_a_press_arrives_as_ros_messages(sensor: Sensor, listener: Listener, tmp_path: Path) -> None:
+    base = "ruffini_0001"
+    with start(sensor, tmp_path, "--loop") as daemon:
+        with Connection(daemon.port) as host:
+            host.flash(sensor.calibration)
+        began_ns = time.time_ns()
+        bridge = start_bridge(daemon.port, listener.endpoint, "--n-frames", str(4 * N_FRAMES), "--json")
+        wait_until(lambda: len(listener.samples[f"{base}/contacts"]) >= 2 * N_FRAMES)
+        tokens = set(listener.tokens)
+        out, err = bridge.communicate(timeout=30)
+    assert bridge.returncode == 0, err
+    assert json.loads(out) == {"node": base, "frames": 4 * N_FRAMES}
+    ended_ns = time.time_ns()
+
+    assert {key for sent in listener.samples.values() for key, _, _ in sent} == {
+        *(f"{DOMAIN}/{base}/{t.name}/{t.type.replace('/', '::').replace('msg::', 'msg::dds_::')}_/{TYPES.hash(t.type)}"
+          for t in TOPICS),
+        f"{DOMAIN}/diagnostics/diagnostic_msgs::msg::dds_::DiagnosticArray_/"
+        f"{TYPES.hash('diagnostic_msgs/msg/DiagnosticArray')}",
+    }  # fmt: skip
+    kinds = [token.split("/")[5] for token in tokens]
+    assert sorted(kinds) == ["MP"] * (len(TOPICS) + 1) + ["NN"]
+    wait_until(lambda: not listener.tokens)  # the node has left the graph
+
+    clouds, told = listener.messages(f"{base}/field"), listener.messages(f"{base}/measurement")
+    pairs = zip(listener.messages(f"{base}/wrench"), told, strict=True)
+    # Where this computer is slow the last result comes again, with its old stamp and without a number.
+    wrenches = [m for m, state in pairs if not state.flags & FLAG_STALE]
+    by_stamp = {(m.header.stamp.sec, m.header.stamp.nanosec): m for m in clouds}
+    stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in wrenches]
+    assert all(m.header.frame_id == "simulated_ruffini_0001_pad" for m in (*wrenches, *clouds))
+    assert began_ns - 10**9 < stamps[0] < stamps[-1] < ended_ns
+    assert (np.diff(stamps) > 0).all()
+    n_pressed = n_whole = 0
+    for m in wrenches:
+        force = m.wrench.force
+        cloud = by_stamp.get((m.header.stamp.sec, m.header.stamp.nanosec))
+        if cloud is None:  # a newer field replaced it on the way: best effort
+            continue
+        n_whole += 1
+        points = cloud.data.view("<f4").reshape(-1, len(cloud.fields))
+        total = points[:, 3:6].astype(float).sum(axis=0)
+        if math.isnan(force.z):
+            assert np.isnan(total).all()
+            continue
+        np.testing.assert_allclose(total, [force.x, force.y, force.z], atol=1e-5)
+        n_pressed += force.z < -0.1
+    assert n_whole > 2 * N_FRAMES
+    assert n_pressed > N_FRAMES / 2
+
+    for _, sent in listener.samples.items():
+        numbers = [struct.unpack_from("<q", attached)[0] for _, _, attached in sent]
+        assert all(len(attached) == 33 for _, _, attached in sent)
+        assert numbers[-1] - numbers[0] == len(numbers) - 1, "none was lost on loopback"
+    health = [s for m in listener.messages("diagnostics") for s in m.status]
+    assert health
+    assert all("SIMULATED" in s.message and s.hardware_id == "0001" for s in health[1:])
+
+
+def test_without_a_calibration_there_is_no_number(sensor: Sensor, listener: Listener, tmp_path: Path) -> None:
+    with start(sensor, tmp_path, "--loop") as daemon:
+        bridge = start_bridge(daemon.port, listener.endpoint)
+        wait_until(lambda: len(listener.samples["ruffini_0001/measurement"]) >= 20 and listener.samples["diagnostics"])
+        bridge.send_signal(signal.SIGINT)
+        _, err = bridge.communicate(timeout=20)
+    assert bridge.returncode == 0, err
+    got = listener.messages("ruffini_0001/measurement")
+    assert all(math.isnan(getattr(m.wrench.force, axis)) for m in got for axis in "xyz")
+    assert {v for m in got for v in m.validity} == {0}
+    assert np.isnan([m.covariance for m in got]).all()
+    status = listener.messages("diagnostics")[-1].status[0]
+    assert status.level == 2
+    assert "forces are not valid" in status.message
+
+
+def test_the_messages_package_is_written_where_it_is_wanted(tmp_path: Path) -> None:
+    command = [RUFFINI, "ros2", "messages", str(tmp_path)]
+    assert "colcon build" in subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert (tmp_path / "ruffini_msgs" / "msg" / "Measurement.msg").is_file()
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert again.returncode == 2
+    assert "is there already" in again.stderr
