@@ -25,6 +25,7 @@ from ruffini.cli import (
     flash,
     fleet,
     key,
+    latency,
     offline,
     report,
     ros2,
@@ -48,6 +49,7 @@ app.command("devices")(device.devices)
 app.command("info")(device.info)
 app.command("monitor")(device.monitor)
 app.command("record")(device.record)
+app.command("latency")(latency.latency)
 app.command("snapshot")(device.snapshot)
 app.command("view")(view.view)
 app.command("track")(offline.track)

@@ -162,7 +162,7 @@ class Connection:
                 continue
             stamp = getattr(message, "stamp", None)
             if stamp is not None and (host := self.clock.stamp(stamp.capture_us)) is not None:
-                frame = replace(frame, host_time_ns=host.ns, host_time_error_ns=host.error_ns)
+                frame = replace(frame, host_time_ns=host.ns, host_time_error_ns=host.error_ns, read_ns=now_ns)
             self.messages.append((frame, message))
         if self.damage.update(self.decoder.counters.damaged, time.monotonic()):
             self.on_damage(f"{self.port}: {DAMAGED}")

@@ -75,6 +75,7 @@ class Frame:
     # Of what was captured: when, on the host's monotonic clock, and how far off that may be. None: not known.
     host_time_ns: int | None = None
     host_time_error_ns: int | None = None
+    read_ns: int | None = None  # when its last byte was read, on that clock
 
     @property
     def is_simulated(self) -> bool:
