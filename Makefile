@@ -20,7 +20,7 @@ FUZZ_S ?= 60
 # 1: make fuzz adds its executions to tests/ledger.toml.
 LEDGER ?=
 
-.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 fresh clean
+.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 wheel deb fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -117,6 +117,13 @@ aarch64: setup  ## the core and its tests cross-compiled for 64-bit ARM, run und
 	@.ci/setup aarch64
 	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_tests)
 	@qemu-aarch64 -L /usr/aarch64-linux-gnu $(BUILD)/aarch64/ruffini_tests --gtest_brief=1
+
+wheel: build  ## the host tool as a wheel, installed and started outside the tree
+	@.ci/wheel
+
+deb: build  ## Debian packages of device, library and host tool, built in a Debian 13 root, installed and started in another (needs root, 5 GB)
+	@.ci/setup vm
+	@.ci/deb $(JOBS)
 
 fresh:  ## the README's commands in a clean root: SUITE=bookworm|trixie (needs root and debootstrap)
 	@.ci/fresh '$(SUITE)'

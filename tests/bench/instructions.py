@@ -17,8 +17,8 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-# Name, clock in GHz (Raspberry Pi 3, 4 and 5), instructions a cycle that are assumed.
-CORES = (("Cortex-A53", 1.4, 0.7), ("Cortex-A72", 1.8, 1.4), ("Cortex-A76", 2.4, 2.2))
+# Name, clock in GHz as Raspberry Pi states it (Cortex-A53, A72, A76), instructions a cycle that are assumed.
+CORES = (("Pi Zero 2 W", 1.0, 0.7), ("Pi 4", 1.8, 1.4), ("Pi 5", 2.4, 2.2))
 # In the order of the frame path of run.py's boards; light is what follows the light, uncertainty the error model.
 STAGES = (
     "difference", "markers", "light", "photometric", "poisson", "displacement",

@@ -1,0 +1,127 @@
+"""Looks whether what was installed is whole and works, on the machine where it was installed.
+
+    python3 tests/deploy/installed.py device    ruffinid of a Debian package
+    python3 tests/deploy/installed.py host      ruffini of a Debian package or a wheel, with the Python that it is for
+    python3 tests/deploy/installed.py both      the two talking over a pseudo-terminal
+
+Every file of the checkout that belongs into a package is looked for by its content. Ends at the first thing that is
+missing. Exit code 0: all is there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+SOURCE = Path(__file__).parents[2]
+DEPLOY = SOURCE / "firmware" / "deploy"
+NOT_INSTALLED = {"packages.cmake", "ruffini"}  # the rules of the packages; the host tool's starter
+LIBRARIES = ["/usr/bin/ruffinid", "/usr/lib/ruffini/libruffini_infer.so"]
+
+
+def run(*command: str, code: int | None = 0, timeout: float = 120) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
+    if code is not None and done.returncode != code:
+        sys.exit(f"installed: {' '.join(command)}: exit code {done.returncode}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def need(is_so: object, what: str) -> None:
+    if not is_so:
+        sys.exit(f"installed: {what}")
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def all_there(wanted: list[Path], installed: list[Path], where: str) -> int:
+    """How many: each wanted file is among the installed ones with the same content."""
+    there = {digest(path) for path in installed if path.is_file()}
+    missing = [str(path.relative_to(SOURCE)) for path in wanted if digest(path) not in there]
+    need(wanted and not missing, f"{where} lacks {', '.join(missing) or 'everything'}")
+    return len(wanted)
+
+
+def of_package(name: str) -> list[Path]:
+    return [Path(line) for line in run("dpkg", "-L", name).splitlines()]
+
+
+def device() -> None:
+    wanted = [p for p in DEPLOY.iterdir() if p.is_file() and p.name not in NOT_INSTALLED]
+    wanted += SOURCE.glob("boards/*/board.toml")
+    n = all_there(wanted, of_package("ruffinid"), "the package ruffinid")
+    for library in LIBRARIES:
+        need("not found" not in run("ldd", library), f"{library} lacks libraries: ldd {library}")
+    version = run("ruffinid", "--version").strip()
+    need(version, "ruffinid --version says nothing")
+    run("systemd-analyze", "verify", "--man=no", "ruffinid.service", "ruffini-gadget.service")
+    need("ruffini" in run("id", "-nG", "ruffini"), "no user ruffini")
+    report = {c["name"]: c for c in json.loads(run("ruffini-doctor", "--json", code=None))["checks"]}
+    for name in ("board", "store"):
+        need(report[name]["state"] == "ok", f"ruffini-doctor: {report[name]}")
+    print(f"ruffinid {version}: {n} files, units, user, doctor's board and store")
+
+
+def host() -> None:
+    import ruffini
+    from ruffini.native import native_folder
+
+    here = Path(ruffini.__file__).parent
+    need(SOURCE not in here.parents, f"{here} is the checkout, not what was installed")
+    wanted = [p for p in SOURCE.glob("host/ruffini/**/*") if p.suffix in (".py", ".rules") and "_native" not in p.parts]
+    wanted += SOURCE.glob("boards/*/*.toml")
+    n = all_there(wanted, list(here.glob("**/*")), str(here))
+    native = native_folder()
+    need(here in native.parents, f"{native} is not {here}'s own")
+    for name in ("libruffini.so", "ruffini.desc", "page/index.html", "page/page.js"):
+        need((native / name).is_file() and (native / name).stat().st_size > 100, f"{native / name} is missing")
+    need("ruffini/$attr{serial}" in ruffini_tool("udev", "show"), "ruffini udev show: no link by serial number")
+    ruffini_tool("board", "check", "gelslim")
+    boards = ruffini_tool("board", "list").split()
+    need("gelslim" in boards, f"ruffini board list: {boards}")
+    print(f"ruffini {ruffini.__version__}: {n} files, library, schema, page, boards")
+
+
+def ruffini_tool(*words: str) -> str:
+    """The host tool that belongs to this Python."""
+    beside = Path(sys.executable).with_name("ruffini")
+    return run(str(beside), *words)
+
+
+def both() -> None:
+    import cv2
+    import numpy as np
+
+    with tempfile.TemporaryDirectory() as folder:
+        frames = Path(folder) / "frames"
+        frames.mkdir()
+        rng = np.random.default_rng(1)
+        for k in range(4):
+            cv2.imwrite(str(frames / f"{k}.png"), rng.integers(90, 120, (240, 320, 3)).astype(np.uint8))
+        (frames / "recording.toml").write_text('board = "gelslim"\nsimulated = true\n')
+        link = f"{folder}/line"
+        command = ["ruffinid", "--board", "gelslim", "--camera", f"replay:{frames}", "--loop", "--link", f"pty:{link}"]
+        with subprocess.Popen([*command, "--store", f"{folder}/store", "--serial", "P-1"]) as process:
+            try:
+                start = time.monotonic()
+                while not Path(link).exists():
+                    need(process.poll() is None and time.monotonic() < start + 20, "ruffinid did not start")
+                    time.sleep(0.05)
+                facts = json.loads(ruffini_tool("--port", link, "info", "--json"))
+                need(facts["serial"] == "P-1", f"info: {facts}")
+                n = len(ruffini_tool("--port", link, "monitor", "--n", "5", "--json").splitlines())
+                need(n == 5, f"monitor --n 5: {n} lines")
+            finally:
+                process.terminate()
+        need(process.returncode == 0, f"ruffinid ended with {process.returncode}")
+    print("both: info and five frames of a replay over a pseudo-terminal")
+
+
+if __name__ == "__main__":
+    {"device": device, "host": host, "both": both}[sys.argv[1]]()
