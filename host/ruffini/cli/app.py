@@ -28,6 +28,7 @@ from ruffini.cli import (
     latency,
     offline,
     report,
+    rerun,
     ros2,
     sim,
     skin,
@@ -52,6 +53,7 @@ app.command("record")(device.record)
 app.command("latency")(latency.latency)
 app.command("snapshot")(device.snapshot)
 app.command("view")(view.view)
+app.command("rerun")(rerun.rerun)
 app.command("track")(offline.track)
 app.command("depth")(offline.depth)
 app.command("field")(offline.field)

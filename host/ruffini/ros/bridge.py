@@ -14,6 +14,7 @@ from ruffini.api.frame import SensorFrame
 from ruffini.api.sensor import Sensor
 from ruffini.device.connection import Connection
 from ruffini.device.health import health_words
+from ruffini.device.system_clock import SystemClock
 from ruffini.errors import NoDeviceError, RuffiniError
 from ruffini.ros.messages import (
     BAD_HEALTH,
@@ -32,7 +33,6 @@ from ruffini.ros.messages import (
 )
 
 DIAGNOSTICS_S, TURN_S = 1.0, 0.2
-LOOKS = 5
 
 
 class Node(Protocol):
@@ -43,29 +43,6 @@ class Node(Protocol):
 
     def publish(self, name: str, message: Message) -> None:
         """On a topic that was advertised."""
-
-
-class SystemClock:
-    """Times of `time.monotonic_ns` on the system clock, which ROS stamps are of.
-
-    What is between both is looked up once a second: the system clock may be set meanwhile.
-    """
-
-    def __init__(self) -> None:
-        self._offset_ns, self._due_ns = 0, 0
-
-    def from_monotonic(self, host_ns: int) -> int:
-        now_ns = time.monotonic_ns()
-        if now_ns >= self._due_ns:
-            self._due_ns = now_ns + 1_000_000_000
-            self._offset_ns = min(self._look() for _ in range(LOOKS))[1]
-        return host_ns + self._offset_ns
-
-    @staticmethod
-    def _look() -> tuple[int, int]:
-        """(how long it took, offset): the shortest look says most."""
-        before, system, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-        return after - before, system - (before + after) // 2
 
 
 class Bridge:

@@ -12,7 +12,7 @@ import types as python_types
 from typing import Any
 
 import pytest
-from ros_frames import NODES, frame
+from made_frames import NODES, frame
 
 from ruffini.errors import InputError
 from ruffini.ros.cdr import Types

@@ -7,7 +7,7 @@ import struct
 
 import numpy as np
 import pytest
-from ros_frames import FORCE, NODES, frame
+from made_frames import FORCE, NODES, frame
 
 from ruffini.ros.cdr import SOURCES, Types
 from ruffini.ros.messages import ERROR, TOPICS, Message, diagnostics, frame_id, messages_of, pad_name, ros_name

@@ -1,4 +1,4 @@
-"""Frames of a made-up sensor, for tests of what becomes of them in ROS."""
+"""Frames of a made-up sensor, for tests of what becomes of them elsewhere."""
 
 from __future__ import annotations
 

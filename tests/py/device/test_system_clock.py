@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from ruffini.ros.bridge import SystemClock
+from ruffini.device.system_clock import SystemClock
 
 
 def test_a_host_time_is_put_on_the_system_clock() -> None:
