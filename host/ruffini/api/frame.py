@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -127,15 +128,17 @@ class Assembler:
     ----------
     schema : the device's own.
     serial : of the device.
-    every : what was subscribed, by type, e.g. {"WRENCH": 1, "IMAGE": 10}.
+    every : what was subscribed, by type, e.g. {"WRENCH": 1, "IMAGE": 10}. None, of a recording: a frame is whole when
+        the next one begins.
     """
 
-    def __init__(self, schema: Schema, serial: str, every: Mapping[str, int]) -> None:
-        self._schema, self._serial, self._every = schema, serial, every
+    def __init__(self, schema: Schema, serial: str, every: Mapping[str, int] | None) -> None:
+        self._schema, self._serial, self._every = schema, serial, every or {}
         self._streams: dict[int, _Stream] = {}
         self._flag_names: dict[int, tuple[str, ...]] = {}
         self._gap: LineGap | None = None
-        self._n_settled = max(SETTLED, *(n + 1 for n in every.values()), 0)
+        # Messages that are not of every frame must have come once.
+        self._n_settled = math.inf if every is None else max([SETTLED, *(n + 1 for n in every.values())])
         self.n_late = 0  # messages of a frame that had been given out already
 
     def note_gap(self, gap: LineGap) -> None:
@@ -178,7 +181,7 @@ class Assembler:
             yield self._finish(stream)
 
     def flush(self) -> Iterator[SensorFrame]:
-        """What is still open, at the end of a recording."""
+        """What is still open, when no more comes."""
         for stream in self._streams.values():
             if stream.open is not None:
                 yield self._finish(stream)

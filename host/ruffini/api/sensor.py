@@ -6,7 +6,7 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
@@ -33,7 +33,7 @@ class Sensor:
     Attributes
     ----------
     serial_number, boards : who it is.
-    health : what is wrong with it, in words; empty: nothing, or STATUS has not come yet.
+    health : what is wrong with it, in words; empty: nothing, or no frames were asked for yet.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Sensor:
         connection.on_damage = on_note
         connection.on_turn = self._turn
         connection.read_clock()
-        connection.subscribe(**every, status=1)
+        self._every, self._is_subscribed = every, False
         self._thread = threading.Thread(target=self._read, name=f"ruffini {self.port}", daemon=True)
         self._thread.start()
 
@@ -69,7 +69,7 @@ class Sensor:
         self._thread.join(CLOSE_S)
 
     def frames(self, *, newest: bool = False, sensor: int | None = None) -> Frames:
-        """Frames from now on, without end.
+        """Frames from now on, without end. The sensor begins to send with the first call.
 
         Parameters
         ----------
@@ -86,6 +86,8 @@ class Sensor:
         self._frames.add(frames)
         if self._end is not None:
             frames.end(self._end)
+        elif not self._is_subscribed:
+            self.call(self._subscribe)
         return frames
 
     def read(self, timeout_s: float = SILENCE_S) -> SensorFrame:
@@ -134,13 +136,18 @@ class Sensor:
             self._refuse_asked()
         return future.result()
 
+    def _subscribe(self, connection: Connection) -> None:
+        if not self._is_subscribed:
+            connection.subscribe(**self._every, status=1)
+            self._is_subscribed, self._frame_s = True, time.monotonic()
+
     def _info(self, sensor: int) -> Any:
         return sensor_info(self._connection.hello, sensor, self.port)
 
     # ---- the thread ---------------------------------------------------------------------------
 
-    def _turn(self) -> None:
-        while self._asked:
+    def _turn(self, is_open: bool) -> None:
+        while self._asked and is_open:
             action, future = self._asked.popleft()
             try:
                 future.set_result(action(self._connection))
@@ -148,20 +155,22 @@ class Sensor:
                 future.set_exception(error)
         if self._is_closing:
             raise _Closed
+        silent_s = time.monotonic() - max(self._frame_s, self._connection.resumed_s)
+        if self._is_subscribed and is_open and silent_s > SILENCE_S:
+            raise NoDeviceError(f"{self.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
 
     def _read(self) -> None:
         end: BaseException = StopIteration()
         try:
-            stream = self._connection.stream(timeout_s=SILENCE_S, resume_s=self._resume_s, on_gap=self._gap)
-            for packet, message in stream:
+            for packet, message in self._connection.stream(resume_s=self._resume_s, on_gap=self._gap):
                 self._take(packet, message)
-            end = NoDeviceError(f"{self.port}: nothing came for {SILENCE_S:.0f} s: is ruffinid running?")
         except _Closed:
             pass
         except BaseException as error:  # our own bug: whoever iterates gets it
             end = error
         finally:
             self._connection.close()
+            self._give(self._assembler.flush())
             self._end = end
             for frames in list(self._frames):
                 frames.end(end)
@@ -183,7 +192,10 @@ class Sensor:
             self._on_note(f"{self.port}: {message.what}: {message.text}")
         if name == "STATUS":
             self._hear_health(message)
-        for frame in self._assembler.put(packet, message):
+        self._give(self._assembler.put(packet, message))
+
+    def _give(self, made: Iterator[SensorFrame]) -> None:
+        for frame in made:
             self._frame_s = time.monotonic()
             for frames in list(self._frames):
                 frames.put(frame)
@@ -193,9 +205,6 @@ class Sensor:
         if words != self.health:
             self.health = words
             self._on_note(f"{self.port}: health: {'; '.join(words) or 'nothing is wrong'}")
-        # STATUS comes each second, whatever the camera does.
-        if time.monotonic() - max(self._frame_s, self._connection.resumed_s) > SILENCE_S:
-            raise NoDeviceError(f"{self.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
 
 
 class _Closed(Exception):

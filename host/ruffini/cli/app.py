@@ -26,7 +26,9 @@ from ruffini.cli import (
     fleet,
     key,
     latency,
+    monitor,
     offline,
+    recording,
     report,
     rerun,
     ros2,
@@ -48,9 +50,12 @@ app = typer.Typer(
 app.callback()(device.common_options)
 app.command("devices")(device.devices)
 app.command("info")(device.info)
-app.command("monitor")(device.monitor)
+app.command("monitor")(monitor.monitor)
 app.command("record")(device.record)
 app.command("latency")(latency.latency)
+app.command("replay")(recording.replay)
+app.command("export")(recording.export)
+app.command("plot")(recording.plot)
 app.command("snapshot")(device.snapshot)
 app.command("view")(view.view)
 app.command("rerun")(rerun.rerun)

@@ -11,6 +11,10 @@ from typing import Annotated, Any
 import typer
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
+RESUME_S = 10.0
+ResumeOption = Annotated[
+    float, typer.Option(min=0, help="How long a line that was lost is waited for, seconds (0 = end with it).")
+]
 BoardOption = Annotated[str, typer.Option("--board", help="Board name, or a folder with a board.toml.")]
 
 

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import sys
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ruffini.cli.common import JsonFlag, Settings, emit, note
+from ruffini.cli.common import RESUME_S, JsonFlag, ResumeOption, Settings, emit, note
 from ruffini.errors import InputError
 
-RESUME_S = 10.0
-ResumeOption = Annotated[
-    float, typer.Option(min=0, help="How long a line that was lost is waited for, seconds (0 = end with it).")
-]
-
 if TYPE_CHECKING:
-    from ruffini.device import Connection, Contacts, Learned
+    from ruffini.device import Connection
 
 
 def common_options(
@@ -131,113 +123,13 @@ def info(json_: JsonFlag = False) -> None:
     emit(result, json_, "\n".join(lines))
 
 
-def _slip(contacts: Contacts | None) -> str:
-    """State of the largest contact, its shear ratio against the friction, and what it still takes."""
-    if contacts is None or not contacts.contacts or contacts.contacts[0].slip_state is None:
-        return ""
-    c = contacts.contacts[0]
-    known = "?" if c.friction is None else f"{c.friction:.2f} +- {c.friction_sigma:.2f}"
-    left = "" if c.slip_margin_n is None else f", {c.slip_margin_n:.2f} N left"
-    return f" {c.slip_state} {c.shear_ratio:.2f}/{known}{left}"
-
-
-def _contacts(contacts: Contacts) -> dict[str, Any]:
-    """For JSON; `force` has no number where it is not valid."""
-    told: dict[str, Any] = asdict(contacts)
-    for row, contact in zip(told["contacts"], contacts.contacts, strict=True):
-        row["force"] = [None if f != f else f for f in contact.force.tolist()]
-    return told
-
-
-def _learned(learned: Learned | None) -> str:
-    """What the network said of an earlier frame, and how late and how often it does."""
-    if learned is None:
-        return ""
-    said = " ".join(f"{name} {value}" for name, value in learned.quantities.items()) if learned.is_valid else "invalid"
-    return f" | network: {said} of frame {learned.frame}, {1e3 * learned.latency_s:.0f} ms, {learned.rate_hz:.1f} Hz"
-
-
-def _plus_minus(sigma: Any) -> tuple[str, str]:
-    """Standard deviations behind force and moment, "+-?" where they are not measured."""
-    if sigma is None:
-        return " +-?", " +-?"
-    force, torque = sigma[:3], sigma[3:] * 1e3
-    return f" +- {force[0]:.3f} {force[1]:.3f} {force[2]:.3f}", f" +- {torque[0]:.3f} {torque[1]:.3f} {torque[2]:.3f}"
-
-
-def monitor(
-    n: Annotated[int, typer.Option("--n", min=0, help="Stop after so many frames (0 = never).")] = 0,
-    resume: ResumeOption = RESUME_S,
-    json_: Annotated[bool, typer.Option("--json", help="One JSON object per line and frame.")] = False,
-) -> None:
-    """The wrench as it comes, how near the largest contact is to sliding, and what a learned network last said."""
-    from ruffini.device import Contacts, Learned, Wrench
-    from ruffini.device.connection import SILENCE_S
-    from ruffini.device.health import health_words
-    from ruffini.errors import NoDeviceError
-
-    with open_sensor() as sensor:
-        sensor.on_damage = note
-        sensor.subscribe(wrench=1, contacts=1, learned=1, status=1)
-        count, health = 0, 0
-        numbers = sensor.schema.type_numbers
-        contacts: Contacts | None = None  # a frame's come after its wrench: these are of the frame before
-        learned: Learned | None = None
-        stream = sensor.stream(timeout_s=SILENCE_S, resume_s=resume, on_gap=lambda gap: note(f"{sensor.port}: {gap}"))
-        silence = f"{sensor.port}: no frame for {SILENCE_S:.0f} s: is the camera running?"
-        heard_s = time.monotonic()  # the last frame: STATUS comes without any, too
-        for frame, message in stream:
-            if frame.type == numbers["STATUS"] and time.monotonic() - heard_s > SILENCE_S:
-                raise NoDeviceError(silence)
-            if frame.type == numbers.get("LEARNED"):
-                learned = Learned.from_message(message)
-            if frame.type == numbers.get("EVENT"):
-                note(f"{sensor.port}: {message.what}: {message.text}")
-            if frame.type == numbers["STATUS"] and message.health != health:
-                health = message.health
-                words = health_words(sensor.schema.enum_names("HealthBit", health))
-                note(f"{sensor.port}: health: {'; '.join(words) or 'nothing is wrong'}")
-            if frame.type == numbers["CONTACTS"]:
-                contacts = Contacts.from_message(message)
-            if frame.type != numbers["WRENCH"]:
-                continue
-            heard_s = time.monotonic()
-            wrench = Wrench.from_message(message)
-            flags = sensor.schema.enum_names("FlagBit", wrench.flags)
-            if json_:
-                values = [None if v != v else v for v in wrench.values.tolist()]
-                print(json.dumps({"frame": wrench.frame, "capture_s": wrench.capture_s, "wrench": values,
-                                  "host_time_ns": frame.host_time_ns, "host_time_error_ns": frame.host_time_error_ns,
-                                  "sigma": None if wrench.sigma is None else wrench.sigma.tolist(),
-                                  "covariance": None if wrench.covariance is None else wrench.covariance.tolist(),
-                                  "sigma_validity": wrench.covariance_validity,
-                                  "validity": list(wrench.validity), "flags": flags,
-                                  "contacts": None if contacts is None else _contacts(contacts),
-                                  "learned": None if learned is None else asdict(learned),
-                                  "simulated": frame.is_simulated, "replay": frame.is_replay}))  # fmt: skip
-            else:
-                fx, fy, fz = wrench.values[:3]
-                tx, ty, tz = wrench.values[3:] * 1e3
-                tag = " SIMULATED" if frame.is_simulated else ""
-                force_sigma, torque_sigma = _plus_minus(wrench.sigma)
-                line = (f"{wrench.frame:6d}  F {fx:8.3f} {fy:8.3f} {fz:8.3f}{force_sigma} N   "
-                        f"T {tx:8.3f} {ty:8.3f} {tz:8.3f}{torque_sigma} N mm"
-                        f"{_slip(contacts)}{_learned(learned)}{tag} {' '.join(flags)}")  # fmt: skip
-                end = "\r" if sys.stdout.isatty() else "\n"
-                print(line.ljust(150), end=end, flush=True)
-            count += 1
-            if n and count >= n:
-                break
-        else:
-            raise NoDeviceError(silence)
-
-
 def record(
     out: Annotated[Path, typer.Argument(help="MCAP file to write.")],
     n: Annotated[int, typer.Option("--n", min=0, help="Stop after so many frames (0 = until interrupted).")] = 0,
     image_every: Annotated[
         int, typer.Option(min=0, help="Every so many frames also the camera image (0 = never).")
     ] = 0,
+    ros: Annotated[bool, typer.Option("--ros/--no-ros", help="Wrench and field as ROS 2 messages, too.")] = True,
     resume: ResumeOption = RESUME_S,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     json_: JsonFlag = False,
@@ -251,7 +143,7 @@ def record(
         note(f"recording {sensor.port} to {out}, stop with Ctrl-C")
         sensor.on_damage = note
         counts = record_stream(
-            sensor, out, n_frames=n, image_every=image_every, resume_s=resume,
+            sensor, out, n_frames=n, image_every=image_every, has_ros=ros, resume_s=resume,
             on_gap=lambda gap: note(f"{sensor.port}: {gap}"),
         )  # fmt: skip
     total = sum(counts.values())

@@ -72,7 +72,8 @@ class Connection:
         self.n_retries = 0  # commands that were sent again
         self.damage = DamageWatch()
         self.on_damage: Callable[[str], None] = lambda _: None  # told when the line becomes too bad to steer by
-        self.on_turn: Callable[[], None] = lambda: None  # called while a stream waits, every 20 ms; may raise to end it
+        # Called while a stream waits, every 20 ms, with whether the line is open; may raise to end it.
+        self.on_turn: Callable[[bool], None] = lambda _: None
         self.resumed_s = 0.0  # when the line was last opened again, on the monotonic clock
         self.clock = DeviceClock()
         self._asked: dict[int, int] = {}  # when each time exchange was begun, ns
@@ -130,7 +131,7 @@ class Connection:
                         self.resumed_s = time.monotonic()
                         return
                 self.close()
-            self.on_turn()
+            self.on_turn(False)
             time.sleep(REOPEN_PAUSE_S)
         self.port = self._first_port
         raise NoDeviceError(f"{self.port}: the line was lost, and sensor {serial} is not back after {timeout_s:.0f} s")
@@ -217,7 +218,7 @@ class Connection:
                     frame_before = stamp.frame
                 yield frame, message
             try:
-                self.on_turn()
+                self.on_turn(True)
                 self._ask_time()
                 self._read()
             except LineLostError:

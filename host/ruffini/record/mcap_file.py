@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from ruffini.device import Connection
-from ruffini.device.connection import SILENCE_S, LineGap
+from ruffini.device.connection import DEVICE, SILENCE_S, LineGap
 from ruffini.errors import InputError, NoDeviceError
+from ruffini.record.ros_types import RosChannels
 from ruffini.wire import Frame
 
 RAW_TOPIC = "/ruffini/raw"
 CLOCK_EVERY_US = 10_000_000
+CHUNK_BYTES = 256 << 10  # what a power cut may cost
 
 
 def record_stream(
@@ -23,13 +25,15 @@ def record_stream(
     *,
     n_frames: int = 0,
     image_every: int = 0,
+    has_ros: bool = True,
     resume_s: float = 0.0,
     on_gap: Callable[[LineGap], None] = lambda _: None,
 ) -> dict[str, int]:
     """Record until `n_frames` wrenches came (0: until interrupted or the line is lost for `resume_s`).
 
     Every message goes to topic /ruffini/<type>, the sensor's HELLO first; all received bytes to /ruffini/raw, for
-    bit-exact replay; each time without line is a metadata record "gap". Times are the sensor's; a metadata record
+    bit-exact replay, with the host's monotonic time of their arrival as `publish_time`; with `has_ros` wrench and field
+    also as ROS 2 messages; each time without line is a metadata record "gap". Times are the sensor's; a metadata record
     "clock" every ten seconds says what they are on the host's clocks, and how sure. The file is finished and valid
     whatever ends it.
 
@@ -54,13 +58,13 @@ def record_stream(
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
     with stream:
-        writer = Writer(stream)
+        writer = Writer(stream, chunk_size=CHUNK_BYTES)
         writer.start(profile="ruffini", library="ruffini")
         clock_us, said_us = 0, -CLOCK_EVERY_US
         raw_channel = writer.register_channel(topic=RAW_TOPIC, message_encoding="application/octet-stream", schema_id=0)
 
         def keep_raw(data: bytes) -> None:
-            writer.add_message(raw_channel, log_time=clock_us * 1000, data=data, publish_time=clock_us * 1000)
+            writer.add_message(raw_channel, log_time=clock_us * 1000, data=data, publish_time=time.monotonic_ns())
 
         def keep_gap(gap: LineGap) -> None:
             frames = "not known" if gap.n_frames is None else str(gap.n_frames)
@@ -70,6 +74,7 @@ def record_stream(
         # First of all what sensor this is: a file must be readable without it.
         hello = sensor.hello.SerializeToString()
         writer.add_message(_channel(writer, "HELLO", sensor.schema.bytes), log_time=0, data=hello, publish_time=0)
+        ros = RosChannels(writer, sensor.hello)
         sensor.raw_sink = keep_raw
         sensor.subscribe(wrench=1, field=1, depth=1, contacts=1, markers=1, learned=1, status=1, image=image_every)
         frame_s = time.monotonic()
@@ -88,6 +93,8 @@ def record_stream(
                     publish_time=clock_us * 1000, sequence=frame.sequence,
                 )  # fmt: skip
                 counts[name] = counts.get(name, 0) + 1
+                if stamp is not None and has_ros and frame.sensor != DEVICE:
+                    ros.write(name, frame.sensor, message, clock_us * 1000, utc_ns(clock_us, frame))
                 if stamp is not None and clock_us - said_us >= CLOCK_EVERY_US and frame.host_time_ns is not None:
                     said_us = clock_us
                     writer.add_metadata("clock", clock_words(clock_us, frame))
@@ -114,10 +121,17 @@ def record_stream(
     return counts
 
 
+def utc_ns(sensor_us: int, frame: Frame) -> int:
+    """When the picture was taken on the wall's clock; the sensor's own clock where that is not known."""
+    if frame.host_time_ns is None:
+        return 1000 * sensor_us
+    return time.time_ns() - time.monotonic_ns() + frame.host_time_ns
+
+
 def clock_words(sensor_us: int, frame: Frame) -> dict[str, str]:
     """One time on the sensor's clock, on the host's monotonic one and on the wall's, which somebody may set."""
-    wall_ns = time.time_ns() - time.monotonic_ns() + (frame.host_time_ns or 0)
-    return {"sensor_us": str(sensor_us), "host_monotonic_ns": str(frame.host_time_ns), "host_utc_ns": str(wall_ns),
+    return {"sensor_us": str(sensor_us), "host_monotonic_ns": str(frame.host_time_ns),
+            "host_utc_ns": str(utc_ns(sensor_us, frame)),
             "error_ns": str(frame.host_time_error_ns)}  # fmt: skip
 
 

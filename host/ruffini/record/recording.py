@@ -1,0 +1,280 @@
+"""Recordings read again: the raw bytes of the line, so what a program gets is what it would have got from the sensor.
+
+A file that was cut off or spoilt is read as far as it goes, and says what is missing.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from ruffini.api.frame import Assembler, SensorFrame
+from ruffini.device.connection import DEVICE, LineGap
+from ruffini.device.device_clock import MAX_DRIFT, WANDER
+from ruffini.errors import InputError
+from ruffini.record.mcap_file import RAW_TOPIC
+from ruffini.wire import Decoder, Frame, Schema
+
+MAGIC = b"\x89MCAP0\r\n"
+SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA, FOOTER, DATA_END = 3, 4, 5, 6, 12, 2, 15
+HEAD = struct.Struct("<BQ")  # of a record: opcode, length
+MAX_RECORD_BYTES = 1 << 28
+
+
+@dataclass(frozen=True)
+class ClockPoint:
+    """One time on the sensor's clock, the host's monotonic one and the wall's."""
+
+    sensor_us: int
+    monotonic_ns: int
+    utc_ns: int
+    error_ns: int
+
+
+class Recording:
+    """An MCAP file that `ruffini record` or the page wrote.
+
+    Attributes
+    ----------
+    hello : the sensor's HELLO; schema : its messages.
+    problems : sentences about what could not be read, known once it was read to its end.
+    gaps : times without line, as they were noted.
+    arrival_ns : when the last message came of the frame that `frames` gave last, on the host's monotonic clock; None:
+        not known, as of the page's recordings.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it is no recording of a sensor.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.problems: list[str] = []
+        self.arrival_ns: int | None = None
+        self._read_ns: int | None = None  # when the bytes came that were read last
+        self._clock: list[ClockPoint] = []
+        self._gaps: list[LineGap] = []
+        schema = hello = None
+        self._has_raw = False
+        for kind, record in self._records(all_chunks=False):
+            if kind == SCHEMA and record.name == "ruffini.Hello":
+                schema = Schema(record.data)
+            elif kind == MESSAGE and self._topics.get(record.channel_id) == "/ruffini/hello" and schema is not None:
+                hello = schema.decode(schema.type_numbers["HELLO"], record.data)
+            elif kind == METADATA:
+                self._note(record.name, record.metadata)
+        if schema is None or hello is None or not self._has_raw:
+            raise InputError(f"{path}: is no recording of a sensor: make one with `ruffini record`")
+        self.schema: Schema = schema
+        self.hello: Any = hello
+        self.gaps = tuple(self._gaps)
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def packets(self) -> Iterator[tuple[Frame, Any]]:
+        """Messages as they came over the line, with host times where the recording has them."""
+        decoder = Decoder()
+        for kind, record in self._records(all_chunks=True):
+            if kind != MESSAGE or self._topics.get(record.channel_id) != RAW_TOPIC:
+                continue
+            self._read_ns = record.publish_time if record.publish_time != record.log_time else None
+            for frame in decoder.feed(record.data):
+                message: Any = self.schema.decode(frame.type, frame.payload)
+                if message is None:
+                    continue
+                stamp = getattr(message, "stamp", None)
+                if stamp is not None and (host := self._host_time(stamp.capture_us)) is not None:
+                    frame = replace(frame, host_time_ns=host[0], host_time_error_ns=host[1])
+                yield frame, message
+        if decoder.counters.damaged:
+            self._problem(f"what came damaged over the line was left out ({decoder.counters.damaged} frames or pieces)")
+
+    def frames(self, sensor: int | None = None) -> Iterator[SensorFrame]:
+        """Frames as `ruffini.connect` gives them, from the first to the last.
+
+        Parameters
+        ----------
+        sensor : of a device with several only this one's.
+        """
+        before: dict[int, int] = {}
+        gaps = deque(self.gaps)
+        for frame in self._assembled():
+            last = before.get(frame.sensor)
+            if sensor not in (None, frame.sensor) and frame.sensor != DEVICE:
+                continue
+            before[frame.sensor] = frame.number
+            missed = None if last is None or frame.number < last else max(frame.number - last - 1, 0)
+            # A gap was noted behind the frame that ended it: that one misses what the note says.
+            is_after = gaps and last is not None and (gaps[0].n_frames or 0) <= (missed or 0) > 0
+            is_anew = gaps and last is not None and missed is None and gaps[0].n_frames is None
+            yield replace(frame, n_missed=missed, gap=gaps.popleft() if is_after or is_anew else None)
+
+    def _assembled(self) -> Iterator[SensorFrame]:
+        assembler = Assembler(self.schema, self.hello.device_serial, None)
+        arrived: dict[tuple[int, int], int | None] = {}
+        for packet, message in self.packets():
+            if (stamp := getattr(message, "stamp", None)) is not None:
+                arrived[packet.sensor, stamp.frame] = self._read_ns
+            for frame in assembler.put(packet, message):
+                self.arrival_ns = arrived.get((frame.sensor, frame.number))
+                arrived = {key: ns for key, ns in arrived.items() if key[1] >= frame.number}
+                yield frame
+        for frame in assembler.flush():
+            self.arrival_ns = arrived.get((frame.sensor, frame.number))
+            yield frame
+
+    def utc_ns(self, capture_us: int) -> int | None:
+        """The sensor's time as the host's clock on the wall said it; None: not known."""
+        if not self._clock or (host := self._host_time(capture_us)) is None:
+            return None
+        point = self._clock[-1]
+        return host[0] + point.utc_ns - point.monotonic_ns
+
+    # ---- times --------------------------------------------------------------------------------
+
+    def _note(self, name: str, said: Mapping[str, str]) -> None:
+        try:
+            if name == "clock":
+                self._clock.append(ClockPoint(int(said["sensor_us"]), int(said["host_monotonic_ns"]),
+                                              int(said["host_utc_ns"]), int(said["error_ns"])))  # fmt: skip
+            elif name == "gap":
+                n = said["missing_frames"]
+                self._gaps.append(LineGap(float(said["lost_s"]), int(n) if n.isdecimal() else None))
+        except (KeyError, ValueError):
+            self._problem(f"a note of {name!r} makes no sense and was passed over")
+
+    def _host_time(self, capture_us: int) -> tuple[int, int] | None:
+        """Monotonic time and its bound: on the line between two notes of the clock, or beside the nearest one."""
+        clock = self._clock
+        if not clock:
+            return None
+        i = bisect_left([p.sensor_us for p in clock], capture_us)
+        if 0 < i < len(clock):
+            a, b = clock[i - 1], clock[i]
+            span_us = b.sensor_us - a.sensor_us
+            way = (b.monotonic_ns - a.monotonic_ns) - 1000 * span_us
+            offset = a.monotonic_ns - 1000 * a.sensor_us + round(way * (capture_us - a.sensor_us) / max(span_us, 1))
+            return 1000 * capture_us + offset, max(a.error_ns, b.error_ns) + round(WANDER * 1000 * span_us)
+        point = clock[min(i, len(clock) - 1)]
+        away_us = capture_us - point.sensor_us
+        return point.monotonic_ns + 1000 * away_us, point.error_ns + round(MAX_DRIFT * 1000 * abs(away_us))
+
+    # ---- the file -----------------------------------------------------------------------------
+
+    def _problem(self, text: str) -> None:
+        text = f"{self.path}: {text}"
+        if text not in self.problems:
+            self.problems.append(text)
+
+    def _records(self, *, all_chunks: bool) -> Iterator[tuple[int, Any]]:
+        """Schemas, channels, messages, metadata; of the chunks only the first ones, until HELLO was in one."""
+        self._topics: dict[int, str] = {}
+        try:
+            with self.path.open("rb") as stream:
+                if stream.read(len(MAGIC)) != MAGIC:
+                    raise InputError(f"{self.path}: is no MCAP file: record with `ruffini record`")
+                for kind, record in self._top(stream):
+                    if kind == CHUNK:
+                        if all_chunks or "/ruffini/hello" not in self._topics.values() or not self._has_raw:
+                            yield from self._inside(record)
+                    else:
+                        yield from self._read(kind, record)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be read: {error.strerror}") from error
+
+    def _top(self, stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
+        size = self.path.stat().st_size
+        while True:
+            at = stream.tell()
+            head = stream.read(HEAD.size)
+            if len(head) < HEAD.size:
+                self._problem(f"it ends after {size} bytes without an end: it was cut off, the rest is not there")
+                return
+            kind, length = HEAD.unpack(head)
+            if length > MAX_RECORD_BYTES and at + HEAD.size + length <= size:
+                self._problem(f"a record of {length} bytes at byte {at} makes no sense: the rest was not read")
+                return
+            data = stream.read(min(length, MAX_RECORD_BYTES))
+            if len(data) < length:
+                self._problem(f"it is cut off in a record at byte {at} of {size}: what is missing is not known")
+                if kind == CHUNK:
+                    yield kind, data
+                return
+            if kind in (FOOTER, DATA_END):
+                return
+            yield kind, data
+
+    def _inside(self, data: bytes) -> Iterator[tuple[int, Any]]:
+        """The records of a chunk; of one that is cut off or spoilt those that are whole."""
+        try:
+            _, _, size, crc, n = struct.unpack_from("<QQQII", data)
+            compression = data[32 : 32 + n].decode()
+            body = data[40 + n :]
+            inside = _decompressed(body, compression, min(size, MAX_RECORD_BYTES))
+        except (struct.error, UnicodeDecodeError, ValueError) as error:
+            self._problem(f"a chunk of {len(data)} bytes cannot be read and was passed over: {error}")
+            return
+        if len(inside) == size and crc and zlib.crc32(inside) != crc:
+            self._problem(f"a chunk of {len(data)} bytes is spoilt and was passed over")
+            return
+        if len(inside) < size:
+            self._problem(f"a chunk holds {len(inside)} of {size} bytes: the rest of it is lost")
+        at = 0
+        while at + HEAD.size <= len(inside):
+            kind, length = HEAD.unpack_from(inside, at)
+            at += HEAD.size
+            if at + length > len(inside):
+                return
+            yield from self._read(kind, inside[at : at + length])
+            at += length
+
+    def _read(self, kind: int, data: bytes) -> Iterator[tuple[int, Any]]:
+        from mcap import records
+        from mcap.data_stream import ReadDataStream
+        from mcap.exceptions import McapError
+
+        stream = ReadDataStream(BytesIO(data))
+        try:
+            if kind == SCHEMA:
+                yield kind, records.Schema.read(stream)
+            elif kind == CHANNEL:
+                channel = records.Channel.read(stream)
+                self._topics[channel.id] = channel.topic
+                self._has_raw |= channel.topic == RAW_TOPIC
+            elif kind == MESSAGE:
+                yield kind, records.Message.read(stream, len(data))
+            elif kind == METADATA:
+                yield kind, records.Metadata.read(stream)
+        except (McapError, struct.error, UnicodeDecodeError, ValueError, EOFError) as error:
+            self._problem(f"a record of {len(data)} bytes cannot be read and was passed over: {error}")
+
+
+def _decompressed(data: bytes, compression: str, size: int) -> bytes:
+    """As much of `size` bytes as can be had."""
+    if compression == "":
+        return data[:size]
+    if compression != "zstd":
+        raise ValueError(f"compressed with {compression!r}, which this host does not read")
+    import zstandard
+
+    out, decompressor = bytearray(), zstandard.ZstdDecompressor().decompressobj()
+    try:
+        for at in range(0, len(data), 4096):  # in pieces: what came before a spoilt one is kept
+            out += decompressor.decompress(data[at : at + 4096])
+            if len(out) >= size or decompressor.eof:
+                break
+    except zstandard.ZstdError:
+        pass
+    return bytes(out[:size])

@@ -1,0 +1,196 @@
+"""A recording as a sensor: a pty that answers as the recorded one did, at its own pace, every message marked REPLAY."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import time
+import tty
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from ruffini.record.recording import Recording
+from ruffini.wire import Decoder, Frame, encode_message
+from ruffini.wire.framing import REPLAY, SIMULATED
+
+DEVICE = 255
+NOT_PLAYED = ("HELLO", "SCHEMA", "REPLY", "TIME", "COMMAND", "SIGNED_COMMAND")
+MAX_WAITING_BYTES = 1 << 20  # for a host that does not read; then results are left out, answers are not
+REMEMBERED = 256  # frames whose time of playing is known, for results that come late
+TURN_S = 0.02
+END_S = 1.0  # for the last bytes to be taken
+
+
+class ReplayedSensor:
+    """The device's end of a new pty, whose other end is `port`.
+
+    `Stamp.capture_us` is when a picture is played, on this computer's monotonic clock; all else is as it was recorded.
+    Subscribing, HELLO, SCHEMA, STATUS and TIME are answered, any other command is refused.
+
+    Parameters
+    ----------
+    speed : 2 plays twice as fast.
+    is_loop : begin again at the end.
+    """
+
+    def __init__(self, recording: Recording, *, speed: float = 1.0, is_loop: bool = False) -> None:
+        self._recording, self._schema, self._speed, self._is_loop = recording, recording.schema, speed, is_loop
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        self.port = os.ttyname(slave)
+        os.close(slave)  # so that a host that hangs up is seen
+        os.set_blocking(self._master, False)
+        self._hello = type(recording.hello).FromString(recording.hello.SerializeToString())
+        self._hello.session_id = int.from_bytes(os.urandom(3), "little") + 1
+        self._decoder = Decoder(from_host=True)
+        self._every: dict[int, int] = {}
+        self._counted: dict[tuple[int, int], int] = {}
+        self._sequence: dict[int, int] = {}
+        self._out = bytearray()
+        self._flags, self._status = REPLAY, b""
+        self._played_us: dict[tuple[int, int], int] = {}
+        self.n_dropped = 0  # results that the host did not take in time
+        self.n_frames = 0
+
+    def __enter__(self) -> ReplayedSensor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._master)
+
+    def run(self, should_stop: Callable[[], bool] = lambda: False) -> None:
+        """Play from the first subscription on, to the end of the recording or until `should_stop`."""
+        while not self._every and not should_stop():
+            self._turn(TURN_S)
+        shift = 0  # of frame numbers, so that they go on when it begins again
+        while not should_stop():
+            last = self._play(shift, should_stop)
+            if not self._is_loop or last is None:
+                break
+            shift = last + 1
+        # What a host has not read yet is lost when the pty is closed.
+        end_s = time.monotonic() + END_S
+        while self._every and time.monotonic() < end_s and not should_stop():
+            self._turn(TURN_S)
+
+    def _play(self, shift: int, should_stop: Callable[[], bool]) -> int | None:
+        """Once from the beginning; the highest number that a frame had."""
+        began_s, first_us, last = time.monotonic(), None, None
+        for packet, message in self._recording.packets():
+            name = self._schema.type_name(packet.type)
+            if name is None or name in NOT_PLAYED:
+                continue
+            stamp = getattr(message, "stamp", None)
+            if stamp is not None and name != "LEARNED":
+                first_us = stamp.capture_us if first_us is None else first_us
+                due_s = began_s + (stamp.capture_us - first_us) * 1e-6 / self._speed
+                while (wait_s := due_s - time.monotonic()) > 0 and not should_stop():
+                    self._turn(min(wait_s, TURN_S))
+            self._turn(0)
+            if should_stop():
+                break
+            if stamp is not None:
+                last = max(stamp.frame + shift, last or 0)
+                self._set_stamp(packet.sensor, stamp, shift)
+            self._tell(name, packet, message)
+        return last
+
+    def _set_stamp(self, sensor: int, stamp: Any, shift: int) -> None:
+        key = (0 if sensor == DEVICE else sensor, stamp.frame + shift)
+        if key not in self._played_us:
+            self._played_us[key] = _now_us()
+            self.n_frames += 1
+            if len(self._played_us) > REMEMBERED:
+                del self._played_us[next(iter(self._played_us))]
+        stamp.capture_us, stamp.frame = self._played_us[key], stamp.frame + shift
+
+    def _tell(self, name: str, packet: Frame, message: Any) -> None:
+        self._flags = REPLAY | packet.flags & SIMULATED
+        payload = message.SerializeToString()
+        if name == "STATUS":
+            self._status = payload
+        every = 1 if name == "EVENT" else self._every.get(packet.type, 0)
+        key = (packet.type, packet.sensor)
+        n = self._counted[key] = self._counted.get(key, -1) + 1
+        if not every or (name != "STATUS" and n % every):
+            return
+        if len(self._out) > MAX_WAITING_BYTES:
+            self.n_dropped += 1
+            return
+        self._send(packet.type, payload, packet.sensor)
+
+    def _send(self, kind: int, payload: bytes, sensor: int = DEVICE) -> None:
+        n = self._sequence[sensor] = self._sequence.get(sensor, -1) + 1
+        self._out += encode_message(kind, payload, sensor=sensor, sequence=n, flags=self._flags)
+
+    # ---- the line -----------------------------------------------------------------------------
+
+    def _turn(self, wait_s: float) -> None:
+        """Take in what the host sent, answer, and give it what it takes; no longer than `wait_s`."""
+        readable, writable, _ = select.select([self._master], [self._master] if self._out else [], [], wait_s)
+        try:
+            if readable:
+                for frame in self._decoder.feed(os.read(self._master, 65_536)):
+                    self._answer(frame)
+            if writable:
+                del self._out[: os.write(self._master, self._out[:65_536])]
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            self._hang_up()
+            time.sleep(wait_s)
+
+    def _hang_up(self) -> None:
+        """No host has the line open: what waited for one is nobody's."""
+        self._out.clear()
+        self._every = {}
+        self._decoder = Decoder(from_host=True)
+
+    def _answer(self, frame: Frame) -> None:
+        name = self._schema.type_name(frame.type)
+        if name == "HELLO":
+            self._send(frame.type, self._hello.SerializeToString())
+        elif name == "SCHEMA":
+            said = self._schema.new("Schema", file_descriptor_set=self._schema.bytes, sha256=self._schema.sha256)
+            self._send(frame.type, said.SerializeToString())
+        elif name == "STATUS":
+            self._send(frame.type, self._status)
+        elif name == "TIME":
+            asked: Any = self._schema.decode(frame.type, frame.payload)
+            asked.received_us = asked.sent_us = _now_us()
+            self._send(frame.type, asked.SerializeToString())
+        elif name == "COMMAND":
+            self._send(self._schema.type_numbers["REPLY"], self._reply(self._schema.decode(frame.type, frame.payload)))
+
+    def _reply(self, command: Any) -> bytes:
+        reply = self._schema.new("Reply", request_id=command.request_id)
+        if command.WhichOneof("action") == "subscribe":
+            self._every = {s.type: s.every for s in command.subscribe.subscriptions if s.every}
+        else:
+            reply.code = self._schema.enum_number("ReplyCode", "REPLY_REFUSED")
+            reply.text = f"this is a recording ({self._recording.path.name}): it can be listened to, nothing else"
+        return bytes(reply.SerializeToString())
+
+
+def _now_us() -> int:
+    return time.monotonic_ns() // 1000
+
+
+@contextlib.contextmanager
+def replayed(recording: Recording, *, speed: float = 1.0, is_loop: bool = False) -> Iterator[str]:
+    """Play in a thread of its own; yields the port."""
+    import threading
+
+    stop = threading.Event()
+    with ReplayedSensor(recording, speed=speed, is_loop=is_loop) as sensor:
+        thread = threading.Thread(target=sensor.run, args=(stop.is_set,), daemon=True)
+        thread.start()
+        try:
+            yield sensor.port
+        finally:
+            stop.set()
+            thread.join()
