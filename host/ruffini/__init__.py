@@ -13,13 +13,24 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ruffini.api import AsyncSensor, FrameGroup, Sensor, SensorFrame, connect, connect_async, synchronized
+    from ruffini.record import Recording
 
-__all__ = ["AsyncSensor", "FrameGroup", "Sensor", "SensorFrame", "connect", "connect_async", "synchronized"]
+__all__ = [
+    "AsyncSensor",
+    "FrameGroup",
+    "Recording",
+    "Sensor",
+    "SensorFrame",
+    "connect",
+    "connect_async",
+    "synchronized",
+]
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
     """The API, when it is first asked for: `ruffini --help` needs none of it."""
     if name in __all__:
-        return getattr(importlib.import_module("ruffini.api"), name)
+        home = "ruffini.record" if name == "Recording" else "ruffini.api"
+        return getattr(importlib.import_module(home), name)
     raise AttributeError(f"module 'ruffini' has no attribute {name!r}")

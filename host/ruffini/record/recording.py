@@ -55,8 +55,8 @@ class Recording:
         There is no such file, or it is no recording of a sensor.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
         self.problems: list[str] = []
         self.arrival_ns: int | None = None
         self._read_ns: int | None = None  # when the bytes came that were read last
@@ -72,7 +72,7 @@ class Recording:
             elif kind == METADATA:
                 self._note(record.name, record.metadata)
         if schema is None or hello is None or not self._has_raw:
-            raise InputError(f"{path}: is no recording of a sensor: make one with `ruffini record`")
+            raise InputError(f"{self.path}: is no recording of a sensor: make one with `ruffini record`")
         self.schema: Schema = schema
         self.hello: Any = hello
         self.gaps = tuple(self._gaps)
