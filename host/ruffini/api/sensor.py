@@ -46,6 +46,7 @@ class Sensor:
         self.health: tuple[str, ...] = ()
         self._assembler = Assembler(connection.schema, self.serial_number, {k.upper(): n for k, n in every.items()})
         self._frames: weakref.WeakSet[Frames] = weakref.WeakSet()
+        self._lock = threading.Lock()  # of `_frames`
         self._asked: deque[tuple[Callable[[Connection], Any], Future[Any]]] = deque()
         self._is_closing = False
         self._end: BaseException | None = None
@@ -83,7 +84,8 @@ class Sensor:
             While iterating: the line was lost and did not come back, or no frame came for a while.
         """
         frames = Frames(1 if newest else BACKLOG, sensor)
-        self._frames.add(frames)
+        with self._lock:
+            self._frames.add(frames)
         if self._end is not None:
             frames.end(self._end)
         elif not self._is_subscribed:
@@ -172,9 +174,13 @@ class Sensor:
             self._connection.close()
             self._give(self._assembler.flush())
             self._end = end
-            for frames in list(self._frames):
+            for frames in self._waiting():
                 frames.end(end)
             self._refuse_asked()
+
+    def _waiting(self) -> list[Frames]:
+        with self._lock:
+            return list(self._frames)
 
     def _refuse_asked(self) -> None:
         while self._asked:
@@ -197,7 +203,7 @@ class Sensor:
     def _give(self, made: Iterator[SensorFrame]) -> None:
         for frame in made:
             self._frame_s = time.monotonic()
-            for frames in list(self._frames):
+            for frames in self._waiting():
                 frames.put(frame)
 
     def _hear_health(self, status: Any) -> None:

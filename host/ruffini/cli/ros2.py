@@ -60,12 +60,14 @@ def bridge(
 def urdf(
     board: BoardOption,
     name: Annotated[str, typer.Option(help="Prefix of the frames, as the bridge prints it: ruffini_SERIAL.")],
+    json_: JsonFlag = False,
 ) -> None:
     """The frames of a board, for a robot's description."""
     from ruffini.boards import find_board
     from ruffini.ros.urdf import urdf as make_urdf
 
-    print(make_urdf(find_board(board), name), end="")
+    text = make_urdf(find_board(board), name)
+    emit({"urdf": text}, json_, text.rstrip("\n"))
 
 
 @app.command()
