@@ -12,7 +12,16 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ruffini.api import AsyncSensor, FrameGroup, Sensor, SensorFrame, connect, connect_async, synchronized
+    from ruffini.api import (
+        AsyncSensor,
+        FrameGroup,
+        Sensor,
+        SensorFrame,
+        connect,
+        connect_async,
+        synchronized,
+        synchronized_async,
+    )
     from ruffini.record import Recording
 
 __all__ = [
@@ -24,6 +33,7 @@ __all__ = [
     "connect",
     "connect_async",
     "synchronized",
+    "synchronized_async",
 ]
 __version__ = "0.1.0"
 

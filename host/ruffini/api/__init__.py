@@ -3,6 +3,15 @@
 from ruffini.api.frame import SensorFrame
 from ruffini.api.in_asyncio import AsyncSensor, connect_async
 from ruffini.api.sensor import Sensor, connect
-from ruffini.api.together import FrameGroup, synchronized
+from ruffini.api.together import FrameGroup, synchronized, synchronized_async
 
-__all__ = ["AsyncSensor", "FrameGroup", "Sensor", "SensorFrame", "connect", "connect_async", "synchronized"]
+__all__ = [
+    "AsyncSensor",
+    "FrameGroup",
+    "Sensor",
+    "SensorFrame",
+    "connect",
+    "connect_async",
+    "synchronized",
+    "synchronized_async",
+]

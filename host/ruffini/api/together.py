@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import AsyncIterator, Iterator, Sequence
 from dataclasses import dataclass
 
 from ruffini.api.frame import SensorFrame
+from ruffini.api.in_asyncio import AsyncSensor
 from ruffini.api.sensor import Sensor
 from ruffini.errors import InputError
 
@@ -59,38 +60,82 @@ def synchronized(
     ...     for group in ruffini.synchronized([left, right]):
     ...         l, r = group
     """
-    if not tolerance_s > 0:
-        raise InputError(f"tolerance_s = {tolerance_s}: give seconds above zero")
+    matcher = _Matcher(len(sources), tolerance_s)
     streams = [source.frames() if isinstance(source, Sensor) else iter(source) for source in sources]
-    return _groups(streams, tolerance_s)
+    return _groups(matcher, streams)
 
 
-def _groups(streams: Sequence[Iterator[SensorFrame]], tolerance_s: float) -> Iterator[FrameGroup]:
-    n_alone = 0
-    try:
-        heads = [_next(stream) for stream in streams]
-        while True:
-            times = [frame.host_time_ns or 0 for frame in heads]
-            latest = max(times)
-            late = [i for i, time_ns in enumerate(times) if latest - time_ns > tolerance_s * 1e9]
-            if late:
-                n_alone += len(late)
-                for i in late:
-                    heads[i] = _next(streams[i])
-                continue
-            errors = sorted(frame.host_time_error_ns or 0 for frame in heads)
-            yield FrameGroup(tuple(heads), (latest - min(times)) * 1e-9, sum(errors[-2:]) * 1e-9, n_alone)
-            n_alone = 0
-            heads = [_next(stream) for stream in streams]
-    except StopIteration:  # a source has ended
-        return
+def synchronized_async(
+    sources: Sequence[AsyncSensor | AsyncIterator[SensorFrame]], tolerance_s: float = TOLERANCE_S
+) -> AsyncIterator[FrameGroup]:
+    """As `synchronized`, for `async for`."""
+    matcher = _Matcher(len(sources), tolerance_s)
+    streams = [source.frames() if isinstance(source, AsyncSensor) else aiter(source) for source in sources]
+    return _groups_async(matcher, streams)
 
 
-def _next(stream: Iterator[SensorFrame]) -> SensorFrame:
-    """The next new frame whose time is known; a sensor that was started again has to say the time anew."""
-    for _ in range(MAX_TIMELESS):
-        while (frame := next(stream)).is_stale:
-            pass
+def _groups(matcher: _Matcher, streams: Sequence[Iterator[SensorFrame]]) -> Iterator[FrameGroup]:
+    while True:
+        try:
+            for i in matcher.wanting():
+                matcher.put(i, next(streams[i]))
+        except StopIteration:  # a source has ended
+            return
+        if (group := matcher.group()) is not None:
+            yield group
+
+
+async def _groups_async(matcher: _Matcher, streams: Sequence[AsyncIterator[SensorFrame]]) -> AsyncIterator[FrameGroup]:
+    while True:
+        try:
+            for i in matcher.wanting():
+                matcher.put(i, await anext(streams[i]))
+        except StopAsyncIteration:
+            return
+        if (group := matcher.group()) is not None:
+            yield group
+
+
+class _Matcher:
+    """The oldest frame of each source that may still find partners."""
+
+    def __init__(self, n_sources: int, tolerance_s: float) -> None:
+        if not tolerance_s > 0:
+            raise InputError(f"tolerance_s = {tolerance_s}: give seconds above zero")
+        if not n_sources:
+            raise InputError("no sensors to synchronize: give at least one")
+        self._tolerance_ns = tolerance_s * 1e9
+        self._heads: list[SensorFrame | None] = [None] * n_sources
+        self._n_timeless = [0] * n_sources
+        self._n_alone = 0
+
+    def wanting(self) -> list[int]:
+        """Sources whose next frame is needed."""
+        return [i for i, head in enumerate(self._heads) if head is None]
+
+    def put(self, i: int, frame: SensorFrame) -> None:
+        """The next frame; one without a time is passed over: a sensor that was started again says it anew."""
+        if frame.is_stale:
+            return
         if frame.host_time_ns is not None:
-            return frame
-    raise InputError(f"sensor {frame.serial}: does not say when its frames were taken: update its firmware")
+            self._heads[i], self._n_timeless[i] = frame, 0
+            return
+        self._n_timeless[i] += 1
+        if self._n_timeless[i] > MAX_TIMELESS:
+            raise InputError(f"sensor {frame.serial}: does not say when its frames were taken: update its firmware")
+
+    def group(self) -> FrameGroup | None:
+        """All heads where they belong together; else those that are too old are gone."""
+        heads = [head for head in self._heads if head is not None]
+        if not heads or len(heads) < len(self._heads):
+            return None
+        times = [head.host_time_ns or 0 for head in heads]
+        latest, n_alone = max(times), self._n_alone
+        late = [i for i, time_ns in enumerate(times) if latest - time_ns > self._tolerance_ns]
+        for i in late or range(len(heads)):
+            self._heads[i] = None
+        self._n_alone = n_alone + len(late) if late else 0
+        if late:
+            return None
+        errors = sorted(head.host_time_error_ns or 0 for head in heads)
+        return FrameGroup(tuple(heads), (latest - min(times)) * 1e-9, sum(errors[-2:]) * 1e-9, n_alone)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from ruffini.api import SensorFrame, synchronized
+from ruffini.api import SensorFrame, synchronized, synchronized_async
 from ruffini.api.frames import Frames
 from ruffini.api.in_asyncio import AsyncFrames
 from ruffini.errors import InputError, NoDeviceError
@@ -108,9 +108,25 @@ def test_a_sensor_that_was_started_again_has_no_time_at_first() -> None:
     assert [tuple(f.number for f in g) for g in synchronized([left, right], 0.004)] == [(1, 1), (2, 4)]
 
 
+def test_groups_in_asyncio() -> None:
+    async def run() -> list[tuple[int, ...]]:
+        sources = [Frames(99, None) for _ in range(2)]
+        streams = [AsyncFrames(source) for source in sources]
+        for number in range(5):
+            sources[0].put(frame(number, host_ms=10.0 * number))
+            sources[1].put(frame(number + 7, host_ms=10.0 * number + 11))
+        for source in sources:
+            source.end(StopIteration())
+        return [tuple(f.number for f in group) async for group in synchronized_async(streams, 0.004)]
+
+    assert asyncio.run(run()) == [(1, 7), (2, 8), (3, 9), (4, 10)]
+
+
 def test_without_a_common_clock_there_are_no_groups() -> None:
     with pytest.raises(InputError, match="update its firmware"):
         next(synchronized([iter([frame(n) for n in range(200)]), iter([frame(1, host_ms=1)])]))
     wrong: Any = -1
     with pytest.raises(InputError, match="above zero"):
         synchronized([], wrong)
+    with pytest.raises(InputError, match="at least one"):
+        synchronized([])
