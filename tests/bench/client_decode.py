@@ -1,4 +1,4 @@
-"""What it costs to read a FIELD of 1,209 nodes: bytes of the line to typed results, in C++ and in Python, one core.
+"""What it costs to read a FIELD of 1,209 nodes: from the line to typed results, in C++, Python, the page.
 
 The peer is Protocol Buffers itself (upb, C) on the same force, displacement and sigma as packed `sint32`, as it would
 be without our packing: parsing alone, and parsing with the numbers as numpy arrays; no framing, no CRC. The API is
@@ -27,6 +27,7 @@ from ruffini.device.results import Field
 from ruffini.wire import Decoder, Schema, encode_message
 from ruffini.wire.dense import encode_dense
 
+PAGE = Path(__file__).with_name("page_decode.mjs")
 N_X, N_Y, N_RUNS = 39, 31, 1000
 Values = npt.NDArray[np.int32]
 
@@ -112,8 +113,13 @@ def as_arrays(message: Any) -> list[Values]:
     return [np.fromiter(part, np.int32, len(part)) for part in (message.force, message.displacement, message.sigma)]
 
 
-def rows(build: Path) -> list[tuple[str, int, float, float, float, float, float]]:
-    """(what, bytes on the line, then microseconds: C++, Python, API, peer, peer with arrays)."""
+def told_us(*command: str | Path) -> float:
+    """What a program prints in nanoseconds."""
+    return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout) / 1e3
+
+
+def rows(build: Path) -> list[tuple[str, int, float, float, float, float, float, float]]:
+    """(what, bytes on the line, then microseconds: C++, page, Python, API, peer, peer with arrays)."""
     schema, peer, out = Schema.own(), peer_class(), []
     number = schema.type_numbers["FIELD"]
     for what, is_noisy in (("noisy", True), ("dead zone", False)):
@@ -121,8 +127,8 @@ def rows(build: Path) -> list[tuple[str, int, float, float, float, float, float]
         data = encode_message(number, field_message(schema, values), sensor=0, sequence=0, flags=2)
         with tempfile.NamedTemporaryFile() as file:
             Path(file.name).write_bytes(data)
-            command = [str(build / "ruffini_client_decode"), file.name, str(N_RUNS)]
-            said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+            cpp_us = told_us(build / "ruffini_client_decode", file.name, str(N_RUNS))
+            page_us = told_us("node", PAGE, build / "native" / "ruffini.desc", file.name, str(N_RUNS))
         flat = [part.ravel().tolist() for part in values]
         theirs = peer(force=flat[0], displacement=flat[1], sigma=flat[2]).SerializeToString()
         python_us = median_us(lambda data=data: python_reads(schema, data, number))  # type: ignore[misc]
@@ -132,7 +138,7 @@ def rows(build: Path) -> list[tuple[str, int, float, float, float, float, float]
         stream = list(itertools.islice(frames_of(schema, field_message(schema, values)), N_RUNS))
         lines = iter(stream)
         api_us = median_us(lambda a=assembler, lines=lines: api_reads(a, schema, next(lines)))  # type: ignore[misc]
-        out.append((what, len(data), float(said) / 1e3, python_us, api_us, peer_us, arrays_us))
+        out.append((what, len(data), cpp_us, page_us, python_us, api_us, peer_us, arrays_us))
     return out
 
 
@@ -140,10 +146,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--build", type=Path, required=True)
     print(f"a FIELD of {N_X * N_Y} nodes with displacement and sigma, us to read it (medians)")
-    print(f"{'':10} {'bytes':>6} {'C++':>7} {'Python':>7} {'API':>7} {'API, 1/s':>9} {'protobuf alone':>15} "
-          f"{'with numpy':>11} {'API : that':>11}")  # fmt: skip
-    for what, n_bytes, cpp_us, python_us, api_us, peer_us, arrays_us in rows(parser.parse_args().build):
-        print(f"{what:10} {n_bytes:6d} {cpp_us:7.1f} {python_us:7.1f} {api_us:7.1f} {1e6 / api_us:9.0f} "
+    print(f"{'':10} {'bytes':>6} {'C++':>7} {'page':>7} {'Python':>7} {'API':>7} {'API, 1/s':>9} "
+          f"{'protobuf alone':>15} {'with numpy':>11} {'API : that':>11}")  # fmt: skip
+    for what, n_bytes, cpp_us, page_us, python_us, api_us, peer_us, arrays_us in rows(parser.parse_args().build):
+        print(f"{what:10} {n_bytes:6d} {cpp_us:7.1f} {page_us:7.1f} {python_us:7.1f} {api_us:7.1f} {1e6 / api_us:9.0f} "
               f"{peer_us:15.1f} {arrays_us:11.1f} {api_us / arrays_us:11.2f}")  # fmt: skip
 
 

@@ -98,7 +98,7 @@ def test_ros_messages_are_what_the_stream_says(run: Path, frames: list[SensorFra
         w, c = message.wrench, cloud  # type: ignore[attr-defined]
         np.testing.assert_array_equal([w.force.x, w.force.y, w.force.z], frame.wrench.force)
         np.testing.assert_array_equal([w.torque.x, w.torque.y, w.torque.z], frame.wrench.torque)
-        assert message.header.frame_id == "ruffini/0001/0"  # type: ignore[attr-defined]
+        assert message.header.frame_id == "simulated_ruffini_0001_pad"  # type: ignore[attr-defined]
         assert [f.name for f in c.fields] == ["x", "y", "z", "fx", "fy", "fz"]
         assert [f.offset for f in c.fields] == list(range(0, 24, 4))
         assert {(f.datatype, f.count) for f in c.fields} == {(7, 1)}

@@ -94,7 +94,7 @@ def record_stream(
                 )  # fmt: skip
                 counts[name] = counts.get(name, 0) + 1
                 if stamp is not None and has_ros and frame.sensor != DEVICE:
-                    ros.write(name, frame.sensor, message, clock_us * 1000, utc_ns(clock_us, frame))
+                    ros.write(name, frame, message, clock_us * 1000, utc_ns(clock_us, frame))
                 if stamp is not None and clock_us - said_us >= CLOCK_EVERY_US and frame.host_time_ns is not None:
                     said_us = clock_us
                     writer.add_metadata("clock", clock_words(clock_us, frame))

@@ -14,6 +14,8 @@ import numpy as np
 
 from ruffini.api.sensor import node_places, sensor_info
 from ruffini.device.results import Array, Field, Wrench
+from ruffini.ros.messages import frame_id, pad_name
+from ruffini.wire import Frame
 
 HEADER = """\
 ================================================================================
@@ -124,11 +126,12 @@ class RosChannels:
         self._channels: dict[tuple[str, int], int] = {}
         self._nodes: dict[int, Array] = {}
 
-    def write(self, name: str, sensor: int, message: Any, log_time_ns: int, time_ns: int) -> None:
+    def write(self, name: str, packet: Frame, message: Any, log_time_ns: int, time_ns: int) -> None:
         """One message of the sensor; all but WRENCH and FIELD are passed over. `time_ns`: mid-exposure, UTC."""
-        frame_id = f"ruffini/{self._hello.device_serial}/{sensor}"
+        sensor = packet.sensor
+        where = frame_id(pad_name(self._hello.device_serial, sensor, len(self._hello.sensors)), packet)
         if name == "WRENCH":
-            data = wrench_stamped(Wrench.from_message(message), time_ns, frame_id)
+            data = wrench_stamped(Wrench.from_message(message), time_ns, where)
             channel = self._channel("wrench", sensor, "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED)
         elif name == "FIELD":
             field = Field.from_message(message)
@@ -136,7 +139,7 @@ class RosChannels:
                 self._nodes[sensor] = node_places(sensor_info(self._hello, sensor, "HELLO"))
             if field.raw_force.shape[:2] != self._nodes[sensor].shape[:2]:
                 return  # not the nodes that HELLO told of
-            data = point_cloud(field, self._nodes[sensor], time_ns, frame_id)
+            data = point_cloud(field, self._nodes[sensor], time_ns, where)
             channel = self._channel("field", sensor, "sensor_msgs/msg/PointCloud2", POINT_CLOUD)
         else:
             return

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
 from ruffini.device.results import VALID, Contact, Field, believed
+from ruffini.wire import Frame
 
 Array = npt.NDArray[np.float64]
 NAN = math.nan
@@ -69,7 +70,7 @@ def pad_name(serial: str, sensor: int, n_sensors: int) -> str:
     return ros_name(serial) + (f"_{sensor}" if n_sensors > 1 else "")
 
 
-def frame_id(name: str, frame: SensorFrame) -> str:
+def frame_id(name: str, frame: SensorFrame | Frame) -> str:
     """Name of the frame that a message's numbers are in."""
     mark = "simulated_" if frame.is_simulated else "replay_" if frame.is_replay else ""
     return f"{mark}{name}_pad"
@@ -110,15 +111,14 @@ def _measurement(frame: SensorFrame, head: Message, stamp_error_s: float) -> Mes
 
 
 def cloud_values(field: Field, nodes: Array) -> dict[str, Array]:
-    """(n_y, n_x) values of the field by the name of its PointField; nodes (n_y, n_x, 2) metres."""
-    columns = {"x": nodes[..., 0], "y": nodes[..., 1], "z": np.zeros(nodes.shape[:2])}
-    parts = {"f": field.force, "u": field.displacement, "s": field.sigma}
-    validities = {"u": field.validity, "s": (field.sigma_validity,) * 3}
-    for letter, part in parts.items():
-        if part is None:
-            continue
-        safe = believed(part, validities[letter], field.flags) if letter in validities else part
-        columns |= {letter + axis: safe[..., i] for i, axis in enumerate("xyz")}
+    """(n_y, n_x) values of the field by the name of its PointField; nodes (n_y, n_x, 2) metres at rest."""
+    parts: dict[str, Array] = {"": np.concatenate([nodes, np.zeros((*nodes.shape[:2], 1))], axis=2), "f": field.force}
+    if field.displacement is not None:
+        parts["u"] = believed(field.displacement, field.validity, field.flags)
+        parts[""] = parts[""] + np.nan_to_num(parts["u"])  # where the nodes have moved to, as far as that is known
+    if field.sigma is not None:
+        parts["s"] = believed(field.sigma, (field.sigma_validity,) * 3, field.flags)
+    columns = {letter + axis: part[..., i] for letter, part in parts.items() for i, axis in enumerate("xyz")}
     if field.slip is not None:
         columns["slip"] = field.slip.astype(np.float64)
     return columns

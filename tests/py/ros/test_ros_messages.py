@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from made_frames import FORCE, NODES, frame
 
+from ruffini.record.ros_types import point_cloud, wrench_stamped
 from ruffini.ros.cdr import SOURCES, Types
 from ruffini.ros.messages import ERROR, TOPICS, Message, diagnostics, frame_id, messages_of, pad_name, ros_name
 
@@ -57,7 +58,8 @@ def test_every_message_comes_back_as_it_went(types: Types) -> None:
     cloud = got["field"]
     assert [f.name for f in cloud.fields] == ["x", "y", "z", "fx", "fy", "fz", "ux", "uy", "uz", "slip"]
     points = cloud.data.view("<f4").reshape(cloud.height, cloud.width, -1)
-    np.testing.assert_allclose(points[..., :2], NODES, atol=1e-9)
+    rest = np.concatenate([NODES, np.zeros((2, 3, 1))], axis=2)
+    np.testing.assert_allclose(points[..., :3], rest + FORCE * 1e-7, atol=1e-9)  # where they have moved to
     np.testing.assert_allclose(points[..., 3:6], FORCE * 1e-5, atol=1e-9)
     np.testing.assert_allclose(points[..., 6:9], FORCE * 1e-7, atol=1e-12)
     assert (points[..., 9] == 2).all()
@@ -74,6 +76,22 @@ def test_every_message_comes_back_as_it_went(types: Types) -> None:
     assert math.isnan(contact.friction)
 
 
+def test_recordings_have_the_same_messages(types: Types) -> None:
+    """Those are written without rosbags: byte for byte the same wrench, the same points and forces."""
+    one = frame()
+    assert one.wrench is not None
+    assert one.field is not None
+    where, sent = frame_id("ruffini_1", one), parts()
+    assert wrench_stamped(one.wrench, STAMP_NS, where) == types.encode(sent["wrench"])
+    kind = "sensor_msgs/msg/PointCloud2"
+    theirs = types.decode(point_cloud(one.field, NODES, STAMP_NS, where), kind)
+    ours = types.decode(types.encode(sent["field"]), kind)
+    assert (theirs.header, theirs.height, theirs.width, theirs.is_dense) == (ours.header, 2, 3, True)
+    assert [f.name for f in theirs.fields] == [f.name for f in ours.fields][:6]
+    points = [m.data.view("<f4").reshape(2, 3, -1)[..., :6] for m in (theirs, ours)]
+    np.testing.assert_allclose(*points, rtol=1e-6)
+
+
 def test_what_is_not_valid_is_nan_everywhere_and_says_why(types: Types) -> None:
     got = {
         name: types.decode(types.encode(m), m.type)
@@ -87,7 +105,8 @@ def test_what_is_not_valid_is_nan_everywhere_and_says_why(types: Types) -> None:
     assert not got["field"].is_dense
     points = got["field"].data.view("<f4").reshape(2, 3, -1)
     assert np.isnan(points[..., [5, 8]]).all()  # fz, uz
-    assert np.isfinite(points[..., [3, 4, 6, 7]]).all()
+    assert np.isfinite(points[..., [0, 1, 2, 3, 4, 6, 7]]).all()
+    assert (points[..., 2] == 0).all()  # how far along z is not known: drawn at rest
     assert np.isnan(got["depth"].data.view("<f4")).all()
     assert math.isnan(got["contacts"].contacts[0].force.z)
     assert math.isnan(got["contacts"].contacts[0].peak_depth)
