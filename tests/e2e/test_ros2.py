@@ -11,6 +11,7 @@ import struct
 import subprocess
 import sys
 import time
+import xml.etree.ElementTree as ET
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
-from tiny_sensor import N_FRAMES, Sensor, start
+from tiny_sensor import N_FRAMES, ROOT, Sensor, start
 
 from ruffini.api.frame import FLAG_STALE
 from ruffini.device import Connection
@@ -27,6 +28,7 @@ from ruffini.ros.cdr import Types
 from ruffini.ros.messages import TOPICS
 
 RUFFINI = str(Path(sys.executable).parent / "ruffini")
+README = ROOT / "host" / "ruffini" / "ros" / "README.md"
 DOMAIN = 42
 TYPES = Types()
 
@@ -164,6 +166,14 @@ def test_without_a_calibration_there_is_no_number(sensor: Sensor, listener: List
     status = listener.messages("diagnostics")[-1].status[0]
     assert status.level == 2
     assert "forces are not valid" in status.message
+
+
+def test_the_frames_of_a_board_as_its_readme_asks_for_them() -> None:
+    (asked,) = [line for line in README.read_text().splitlines() if line.startswith("ruffini ros2 urdf")]
+    words = asked.partition("#")[0].split()[1:]
+    robot = ET.fromstring(subprocess.run([RUFFINI, *words], capture_output=True, text=True, check=True).stdout)
+    assert robot.get("name") == "ruffini_0001"
+    assert [link.get("name") for link in robot.iter("link")][1] == "ruffini_0001_pad"
 
 
 def test_the_messages_package_is_written_where_it_is_wanted(tmp_path: Path) -> None:

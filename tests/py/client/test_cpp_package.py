@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -46,14 +48,12 @@ def run(*command: str | Path, cwd: Path, **more: str) -> str:
 
 @pytest.fixture(scope="module")
 def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of host/cpp alone, built and installed."""
+    """A copy of host/cpp alone, built and installed by the commands of its README, word for word."""
     root = tmp_path_factory.mktemp("package")
-    run("cp", "-r", ROOT / "host" / "cpp", root / "cpp", cwd=root)
-    run("cmake", "-S", "cpp", "-B", "build", f"-DCMAKE_INSTALL_PREFIX={root / 'prefix'}", "-DCMAKE_BUILD_TYPE=Debug",
-        "-DCMAKE_INSTALL_LIBDIR=lib", "-DRUFFINI_WERROR=ON", cwd=root)  # fmt: skip
-    run("cmake", "--build", "build", cwd=root)
-    run("cmake", "--install", "build", cwd=root)
-    (root / "prefix").rename(root / "moved")  # whoever packs it for elsewhere moves it
+    shutil.copytree(ROOT / "host" / "cpp", root / "host" / "cpp")
+    (commands,) = re.findall(r"```sh\n(.*?)```", (ROOT / "host" / "cpp" / "README.md").read_text(), re.S)
+    run("bash", "-euc", commands, cwd=root, CXXFLAGS="-Werror")
+    (root / "out" / "prefix").rename(root / "moved")  # whoever packs it for elsewhere moves it
     return root / "moved"
 
 
@@ -74,7 +74,7 @@ def test_a_project_finds_it_with_cmake(prefix: Path, tmp_path: Path) -> None:
 
 def test_a_compiler_finds_it_with_pkg_config(prefix: Path, tmp_path: Path) -> None:
     (tmp_path / "main.cpp").write_text(PROGRAM)
-    where = str(prefix / "lib" / "pkgconfig")
+    where = str(next(prefix.rglob("pkgconfig")))
     flags = run("pkg-config", "--cflags", "--libs", "ruffini_client", cwd=tmp_path, PKG_CONFIG_PATH=where).split()
     run("c++", "-std=c++17", "main.cpp", "-o", "newtons", *flags, cwd=tmp_path)
     assert says(tmp_path / "newtons") == "-0.0010 N\n"
