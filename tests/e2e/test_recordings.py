@@ -22,9 +22,11 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from test_bad_input import HOST, is_one_sentence, run_host
 from tiny_sensor import N_FRAMES, Sensor, start
+from told_sensor import ToldSensor, info_of, told_field
 
 import ruffini
 from ruffini.api import SensorFrame
+from ruffini.boards import find_board
 from ruffini.device import Connection
 from ruffini.device.connection import LineGap
 from ruffini.errors import InputError, NoDeviceError, RefusedError
@@ -234,6 +236,28 @@ def test_parquet(run: Path, frames: list[SensorFrame], tmp_path: Path) -> None:
     assert frames[-1].wrench is not None
     assert table["force_z_n"][-1].as_py() == frames[-1].wrench.force[2]
     assert table.schema.metadata[b"serial"] == b"0001"
+
+
+def test_of_a_device_with_two_sensors_one_is_chosen(tmp_path: Path) -> None:
+    board = find_board("gelslim")
+    infos = [info_of(board, sensor, (20, 16)) for sensor in (0, 1)]
+    path, out = tmp_path / "two.mcap", tmp_path / "two.npz"
+    with ToldSensor(infos, told_field(20, 16)) as told, Connection(told.port) as host:
+        told.stop_after = 12
+        record_stream(host, path)
+    for verb in ("export", "plot"):
+        code, _, text = run_host(verb, str(path))
+        assert (code, is_one_sentence(text)) == (2, True)
+        assert "has sensors 0, 1: choose one with --sensor" in text
+        assert run_host(verb, str(path), "--sensor", "2")[0] == 2
+    code, _, text = run_host("export", str(path), "--format", "npz", "--sensor", "1")
+    assert code == 0, text
+    arrays = np.load(out)
+    assert arrays["frame"].tolist() == list(range(12))
+    np.testing.assert_allclose(arrays["field_force_n"].sum(axis=(1, 2)), arrays["force_n"], atol=1e-6)
+    code, said, text = run_host("plot", str(path), "--sensor", "0", "--json")
+    assert code == 0, text
+    assert json.loads(said)["frames"] == 12
 
 
 # ---- the page ------------------------------------------------------------------------------------

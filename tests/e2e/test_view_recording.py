@@ -14,7 +14,7 @@ from told_sensor import ToldSensor, info_of, told_field
 
 from ruffini.boards import find_board
 from ruffini.device import Connection
-from ruffini.record import record_stream
+from ruffini.record import Recording, record_stream
 from ruffini.wire import Decoder, Schema
 
 
@@ -51,6 +51,11 @@ def test_what_the_page_records_others_read_and_it_shows_again(page: Page, told: 
         assert messages["ruffini.Field"] > 5
         assert abs(messages["ruffini.Field"] - frames["FIELD"]) <= 1
         assert decoder.counters.bad_crc == decoder.counters.malformed == 0
+        recording = Recording(path)
+        shown = list(recording.frames())
+        assert len(shown) > 5
+        assert all(frame.is_simulated and frame.is_valid and frame.field is not None for frame in shown[1:-1])
+        assert recording.problems == []
         open_file(page, path)
         state = wait_for(page, "the recording", lambda s: sensor_of(s)["isReplay"] and sensor_of(s)["field"])
     assert len(state["lines"]) == 1

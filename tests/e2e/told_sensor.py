@@ -59,7 +59,7 @@ class ToldSensor:
         tty.setraw(self._slave)
         os.set_blocking(self.master, False)
         self.port = os.ttyname(self._slave)
-        self.n_frames = 0
+        self.n_frames, self.stop_after = 0, 0  # frames until it falls silent; 0: never
         self.commands: list[Any] = []
         self._sequence = dict.fromkeys([*self._sensors, 255], 0)
         self._stop = threading.Event()
@@ -87,6 +87,8 @@ class ToldSensor:
                 next_s = max(next_s + self._period_s, time.monotonic() - 1)
                 if is_subscribed:
                     self._send_frame()
+                if self.stop_after and self.n_frames == self.stop_after:
+                    return
 
     def _answer(self, frame: Any) -> bool:
         name = SCHEMA.type_name(frame.type)

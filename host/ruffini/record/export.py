@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
 from ruffini.api.sensor import node_places, sensor_info
+from ruffini.device.results import VALID
 from ruffini.errors import InputError
 from ruffini.record.recording import Recording
 
@@ -119,6 +120,7 @@ def _row(recording: Recording, frame: SensorFrame) -> dict[str, Any]:
     wrench, contacts = frame.wrench, frame.contacts
     sigma = None if wrench is None else wrench.sigma
     first = contacts.contacts[0] if contacts is not None and contacts.contacts else None
+    known = first if first is not None and first.validity == VALID else None
     capture_us = round(frame.capture_s * 1e6)
     utc_ns = recording.utc_ns(capture_us)
     return {
@@ -128,9 +130,9 @@ def _row(recording: Recording, frame: SensorFrame) -> dict[str, Any]:
         "validity": (0,) * 6 if wrench is None else wrench.validity,
         "sigma_force_n": NAN3 if sigma is None else sigma[:3], "sigma_torque_nm": NAN3 if sigma is None else sigma[3:],
         "n_contacts": -1 if contacts is None else len(contacts.contacts),
-        "contact_center_m": (np.nan, np.nan) if first is None else first.center,
+        "contact_center_m": (np.nan, np.nan) if known is None else known.center,
         "contact_force_n": NAN3 if first is None else first.force,
-        "contact_area_m2": np.nan if first is None else first.area,
+        "contact_area_m2": np.nan if known is None else known.area,
         "flag_bits": frame.flag_bits, "flags": " ".join(frame.flags), "is_stale": frame.is_stale,
         "is_simulated": frame.is_simulated, "is_replay": frame.is_replay,
         "n_missed": -1 if frame.n_missed is None else frame.n_missed,

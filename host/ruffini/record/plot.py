@@ -113,7 +113,7 @@ def _read(recording: Recording, sensor: int) -> _Story:
         story.sigma.append(unknown if wrench is None or wrench.sigma is None else wrench.sigma)
         first = contacts.contacts[0] if contacts is not None and contacts.contacts else None
         story.n_contacts.append(np.nan if contacts is None else len(contacts.contacts))
-        story.area.append(np.nan if first is None else first.area)
+        story.area.append(np.nan if first is None or first.validity != VALID else first.area)
         story.slip_share.append(np.nan if first is None or first.slip_share is None else first.slip_share)
         arrived_ns, host_ns = recording.arrival_ns, frame.host_time_ns
         story.latency_s.append(np.nan if arrived_ns is None or host_ns is None else (arrived_ns - host_ns) * 1e-9)
@@ -234,6 +234,7 @@ def _contact_figure(story: _Story) -> Any:
         else:
             ax.text(0.5, 0.5, "not measured", transform=ax.transAxes, ha="center", va="center", color="#777")
         ax.set_ylabel(label)
+        _shade(ax, story)
         ax.set_ylim(bottom=0)
         ax.grid(alpha=0.3)
     axes[2].set_xlabel("time on the sensor's clock, s")
