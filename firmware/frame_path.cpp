@@ -139,7 +139,9 @@ void FramePath::follow_light() {
   is_light_steady_ =
       n_drifting_ < kDriftFrames || std::any_of(touched.begin(), touched.end(), [](uint8_t m) { return m != 0; });
   if (is_balanced ? !light_.level_is_sure() : light_.is_off()) state_.flags |= kFlagLight;
-  if (has_targets() && light_.is_lit_from_outside()) state_.flags |= kFlagLight;
+  const int daylight_q12 = has_targets() ? LightTracker::kTiltedQ12 : LightTracker::kDaylightQ12;
+  const LightLevel usual = is_balanced ? light_.level() : LightLevel{};
+  if (light_.is_lit_from_outside(daylight_q12, usual)) state_.flags |= kFlagLight;
   state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;
 }
 

@@ -20,7 +20,6 @@ constexpr int kMaxStepQ12 = 32;          // 1/128
 constexpr int kStepShift = 8 - 4;        // Q12 to Q20, a sixteenth
 constexpr int kStillFrames = 16;         // a quarter of a second at 60 Hz
 constexpr int kStillPxQ16 = 65'536 / 4;  // six times the noise of a marker
-constexpr int kOutsideQ12 = 328;         // 8 %
 constexpr int kOffStillQ12 = 164;        // 4 %
 constexpr int kOffAllQ12 = 3 * 246;      // 6 % of each of three channels
 constexpr int32_t kMinGain = Rest::kUnitGain * 3 / 4;
@@ -119,7 +118,7 @@ void LightTracker::measure(const std::array<Level, 3>& start) {
 }
 
 void LightTracker::run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest) {
-  is_off_ = is_lit_from_outside_ = false;
+  is_off_ = false;
   level_is_sure_ = false;
   level_.fill(0);
   if (n_samples_ == 0) return;
@@ -135,15 +134,19 @@ void LightTracker::run(std::span<const RelativeChange> change, std::span<const M
     most = std::max(most, std::abs(level[c].median));
   }
   measure(level);
-  size_t n_brighter = 0;
-  for (size_t i = 0; i < n_samples_; ++i) {
-    n_brighter += std::min({sample_[0][i], sample_[1][i], sample_[2][i]}) > kOutsideQ12 ? 1U : 0U;
-  }
-  is_lit_from_outside_ = 8 * n_brighter >= n_samples_;
   const bool is_still = 8 * n_level >= 7 * n_samples_ && is_at_rest(markers);
   is_off_ = (is_still && most > kOffStillQ12) || (2 * n_level >= n_samples_ && std::abs(all) > kOffAllQ12);
   n_still_ = is_still ? std::min(n_still_ + 1, kStillFrames) : 0;
   if (n_still_ == kStillFrames) follow(level, rest);
+}
+
+bool LightTracker::is_lit_from_outside(int more_q12, const LightLevel& level) const {
+  size_t n_brighter = 0;
+  for (size_t i = 0; i < n_samples_; ++i) {
+    const auto more_q16 = [&](size_t c) { return sample_[c][i] * 16 - level[c]; };
+    n_brighter += std::min({more_q16(0), more_q16(1), more_q16(2)}) > 16 * more_q12 ? 1U : 0U;
+  }
+  return n_samples_ > 0 && 8 * n_brighter >= n_samples_;
 }
 
 void LightTracker::follow(const std::array<Level, 3>& level, Rest& rest) {

@@ -26,7 +26,7 @@ from ruffini.sim.scenario import Scenario
 from ruffini.sim.serve import TwinServer
 
 # Not seen on this pad, which has few and large pixels (firmware/README.md, Health).
-SILENT = ("daylight, 0.3 of the level", "torn gel, radius 2 mm", "spots on 50 %", "one column white")
+SILENT = ("torn gel, radius 2 mm", "spots on 50 %", "one column white")
 
 
 @dataclass

@@ -21,6 +21,7 @@ CONDITIONS = {
     "exposure x 1.3": Conditions(exposure=1.3),
     "exposure x 0.7": Conditions(exposure=0.7),
     "exposure x 0.3": Conditions(exposure=0.3),
+    "daylight, 0.1 of the level": Conditions(leak=0.1),
     "daylight, 0.3 of the level": Conditions(leak=0.3),
     "torn gel, radius 2 mm": Conditions(tear_um=(0, 0, 2000)),
 }

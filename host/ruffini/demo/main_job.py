@@ -109,6 +109,7 @@ def _stream(board: Board, recording: Path, out: Path, calibration: bytes, truth:
             sensor.flash(calibration, progress)
         note(f"flashed {len(calibration) / 1e6:.1f} MB over {port}, in force")
         with LiveField(f"{board.name} on {port}") as live:
+            stale = sensor.schema.enum_number("FlagBit", "FLAG_STALE")
             sensor.subscribe(wrench=1, field=1, depth=10, markers=1, status=1)
             try:
                 for frame, message in sensor.stream(timeout_s=3.0):
@@ -122,6 +123,8 @@ def _stream(board: Board, recording: Path, out: Path, calibration: bytes, truth:
                         run.results[name][message.stamp.frame] = steps * (message.position_lsb_upx * 1e-6)
                     elif name in RESULTS:
                         result = RESULTS[name].from_message(message)
+                        if result.flags & stale:  # a busy machine's stall: the last wrench again, marked
+                            continue
                         run.results[name][result.frame] = result
                         if name == "WRENCH" and result.frame in run.results["FIELD"]:
                             _show(live, run, result, truth, sensor)

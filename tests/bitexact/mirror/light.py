@@ -68,7 +68,7 @@ def light_level(sample: I64, median: I64) -> tuple[I64, bool]:
 class Light:
     """Rest (h, w, 3) under the light of now: gain (3,) Q20, followed while nothing touches."""
 
-    def __init__(self, rest: I64, dark: I64 | None = None) -> None:
+    def __init__(self, rest: I64, dark: I64 | None = None, is_balanced: bool = False) -> None:
         height, width, _ = rest.shape
         unlit = np.zeros_like(rest) if dark is None else np.minimum(dark, rest)
         self._unit = np.minimum(rest, 16 * 255), reciprocal(rest - unlit)
@@ -76,8 +76,9 @@ class Light:
         samples = [(y, x) for y in range(4, height - 1, 8) for x in range(4, width - 7, 16)]
         self._samples = [(y, x) for y, x in samples if all(_is_usable(row) for row in rest[y : y + 2, x : x + 8])]
         self.gain = np.full(3, UNIT_GAIN)
+        self._is_balanced = is_balanced
         self._n_still = 0
-        self.is_off = False
+        self.is_off = self.is_lit_from_outside = False
         self.level = np.zeros(3, np.int64)
         self.level_is_sure = False
         self._set()
@@ -102,7 +103,8 @@ class Light:
         self.level, self.level_is_sure = light_level(sample, median)
         n_level = int((np.abs(sample - median) <= 61).sum(axis=0).min())
         seen = markers[markers[:, LOST] == 0]
-        self.is_lit_from_outside = bool(8 * int((sample.min(axis=1) > 328).sum()) >= n)
+        usual = self.level if self._is_balanced else 0
+        self.is_lit_from_outside = bool(8 * int(((16 * sample - usual).min(axis=1) > 16 * 102).sum()) >= n)
         is_still = 8 * n_level >= 7 * n and bool((np.abs(seen[:, [DX, DY]]) <= 16384).all())
         self.is_off = (is_still and np.abs(median).max() > 164) or (2 * n_level >= n and abs(median.sum()) > 738)
         self._n_still = min(self._n_still + 1, 16) if is_still else 0

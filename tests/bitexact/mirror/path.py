@@ -85,7 +85,7 @@ class FramePath:
     def learn(self, frames: npt.NDArray[np.uint8]) -> int:
         """Rest from untouched frames; number of markers found."""
         rest = rest_image(frames)
-        self.light = Light(rest, self._dark)
+        self.light = Light(rest, self._dark, self._is_balanced)
         n_found = self._lattice.learn(detect_dots(self.board, grey_of_rest(rest)))
         self._templates = DotTemplates(self.board, rest, self._lattice.rows)
         return n_found

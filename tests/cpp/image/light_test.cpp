@@ -87,6 +87,24 @@ TEST(LightTracker, ExposureThatChangesDuringAContactIsSaidAndNotFollowed) {
   EXPECT_EQ(pad.light.gain(), Rest::unit_gain());
 }
 
+TEST(LightTracker, DaylightFromOneSideIsToldFromASlope) {
+  Pad pad;
+  pad.show({5222, 5222, 5222}, kWidth * 3 / 4);  // 27 % more, and a shade over three quarters: 2 % more there
+  EXPECT_TRUE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, {}));
+  pad.show({5222, 5222, 4150}, kWidth * 3 / 4);  // not of the third lamp
+  EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, {}));
+  pad.show({4100, 4100, 4100}, kWidth * 3 / 4);  // darker
+  EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, {}));
+  pad.show({4340, 4340, 4340});  // 6 %
+  EXPECT_TRUE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, {}));
+  EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kTiltedQ12, {}));
+  EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, pad.light.level())) << "everywhere alike";
+  pad.rest.load(std::vector<uint16_t>(3 * kPixels, 16 * 20));  // too dark to tell
+  pad.light.learn(pad.rest.image());
+  pad.show({5222, 5222, 5222});
+  EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, {}));
+}
+
 TEST(LightTracker, StopsAtAQuarterAndGoesOnSayingSo) {
   Pad pad;
   for (int i = 0; i < 1'200; ++i) pad.show({4096 * 3 / 2, 4096 * 3 / 2, 4096 * 3 / 2});
