@@ -20,7 +20,7 @@ FUZZ_S ?= 60
 # 1: make fuzz adds its executions to tests/ledger.toml.
 LEDGER ?=
 
-.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 wheel deb fresh clean
+.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 wheel deb arm64 vm fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -124,6 +124,14 @@ wheel: build  ## the host tool as a wheel, installed and started outside the tre
 deb: build  ## Debian packages of device, library and host tool, built in a Debian 13 root, installed and started in another (needs root, 5 GB)
 	@.ci/setup vm
 	@.ci/deb $(JOBS)
+
+arm64: build  ## the packages for 64-bit ARM, cross-built, installed beside what they need and started under QEMU (needs root, 6 GB)
+	@.ci/setup vm
+	@.ci/arm64 $(JOBS)
+
+vm: build  ## a virtual board: the packages under systemd on a real kernel's GPIO, I2C, USB gadget and camera interfaces (needs root, 6 GB)
+	@.ci/setup vm
+	@.ci/vm $(JOBS)
 
 fresh:  ## the README's commands in a clean root: SUITE=bookworm|trixie (needs root and debootstrap)
 	@.ci/fresh '$(SUITE)'
