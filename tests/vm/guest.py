@@ -23,6 +23,7 @@ ENVIRONMENT = Path("/etc/ruffini/ruffinid.env")
 GADGET = Path("/sys/kernel/config/usb_gadget/ruffini")
 I2C = Path("/sys/module/i2c_bench/parameters")
 LAMPS, TOUCH = 3, 5  # lines
+WATCHDOG_S = 8
 GEL = ["--bus", "/dev/i2c-0", "--address", "0x51", "--address-bytes", "2"]
 RESULT, LOG = Path("/vm/result.json"), Path("/run/ruffinid.log")
 checks: list[Callable[[], str]] = []
@@ -323,8 +324,13 @@ def lamps_busy() -> str:
 @check
 def service() -> str:
     """Service under systemd: READY=1, sandbox, real time, memory locked, watchdog, restarted when killed or hung"""
+    # This computer is emulated: ten to twenty times slower than its host, and that has others to serve.
+    drop_in = Path("/run/systemd/system/ruffinid.service.d/emulated.conf")
+    drop_in.parent.mkdir(parents=True)
+    drop_in.write_text(f"[Service]\nTimeoutStartSec=120\nWatchdogSec={WATCHDOG_S}\n")
+    run("systemctl", "daemon-reload")
     start = time.monotonic()
-    run("systemctl", "start", "ruffinid", timeout=60)
+    run("systemctl", "start", "ruffinid", timeout=130)
     ready = time.monotonic() - start
     assert run("systemctl", "is-active", "ruffinid").strip() == "active"
     process = main_process()
@@ -337,15 +343,15 @@ def service() -> str:
     policy = run("chrt", "-p", process)
     assert "SCHED_FIFO" in policy, policy
     assert json.loads(ruffini("info", "--json"))["serial"] == "VM-0001"
-    time.sleep(6)  # three watchdogs
+    time.sleep(1.5 * WATCHDOG_S)
     assert run("systemctl", "show", "ruffinid", "-p", "NRestarts").strip() == "NRestarts=0"
     killed = restarted(process, "KILL")
     hung = restarted(main_process(), "STOP")
     assert "Watchdog timeout" in run("journalctl", "-u", "ruffinid", "--no-pager"), "no watchdog in the journal"
     assert json.loads(ruffini("info", "--json"))["serial"] == "VM-0001"
     return (
-        f"READY=1 after {ready:.1f} s; a killed process was back after {killed:.1f} s, one that hung (SIGSTOP) "
-        f"after {hung:.1f} s; locked {status['VmLck'].strip()}"
+        f"READY=1 after {ready:.1f} s; killed, it was back after {killed:.1f} s; hung (SIGSTOP), with WatchdogSec="
+        f"{WATCHDOG_S}, after {hung:.1f} s; locked {status['VmLck'].strip()}"
     )
 
 
@@ -357,8 +363,8 @@ def restarted(process: str, signal: str) -> float:
     """Seconds from the signal to another process that has said READY=1."""
     start = time.monotonic()
     run("kill", f"-{signal}", process)
-    until("another process", lambda: main_process() not in ("0", process))
-    until("active again", lambda: run("systemctl", "is-active", "ruffinid", code=None).strip() == "active")
+    until("another process", lambda: main_process() not in ("0", process), 60)
+    until("active again", lambda: run("systemctl", "is-active", "ruffinid", code=None).strip() == "active", 120)
     return time.monotonic() - start
 
 
@@ -385,7 +391,7 @@ def host_doctor() -> str:
     return report["sensor"]["found"]
 
 
-def set_up() -> None:
+def set_up() -> str:
     for module in ("i2c-dev", "gpio-sim", "libcomposite", "dummy_hcd", "cdc-acm"):
         run("modprobe", module)
     run("insmod", "/vm/i2c_bench.ko", "eeproms=0x50,0x51")
@@ -402,6 +408,7 @@ def set_up() -> None:
     ENVIRONMENT.write_text(re.sub("^SERIAL=.*", "SERIAL=VM-0001", text, flags=re.M))
     os.environ.update(BOARD="/vm/vmpad", SERIAL="VM-0001")
     settle()
+    return os.uname().release
 
 
 def main() -> None:
@@ -417,7 +424,7 @@ def main() -> None:
         start = time.monotonic()
         row: dict[str, object] = {"check": (function.__doc__ or "").strip(), "ok": True, "found": ""}
         try:
-            row["found"] = function() or ""
+            row["found"] = function()
         except BaseException as error:
             row.update(ok=False, found=f"{error}\n{traceback.format_exc()}")
         row["seconds"] = round(time.monotonic() - start, 1)
