@@ -44,7 +44,7 @@ class LightTracker {
   // apart, no slope of the surface does that: it takes from one what it gives to another.
   // 2.5 %: a large object on a real pad does that to 1 sample in 17, presses on the twin to 1 in 100.
   static constexpr int kDaylightQ12 = 102;
-  static constexpr int kTiltedQ12 = 328;    // 8 %: what carries the pad may come nearer to all lamps
+  static constexpr int kTiltedQ12 = 328;  // 8 %: what carries the pad may come nearer to all lamps
   [[nodiscard]] bool is_lit_from_outside(int more_q12, const LightLevel& level) const;
   // Of the last frame; unsure where fewer than an eighth of the samples agree, or by more than 25 %.
   [[nodiscard]] const LightLevel& level() const { return level_; }
