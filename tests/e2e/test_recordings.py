@@ -31,6 +31,8 @@ from ruffini.device import Connection
 from ruffini.device.connection import LineGap
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.record import Recording, record_stream
+from ruffini.record.export import export as write_table
+from ruffini.record.plot import plot as write_page
 from ruffini.record.replay import replayed
 
 if TYPE_CHECKING:
@@ -238,26 +240,24 @@ def test_parquet(run: Path, frames: list[SensorFrame], tmp_path: Path) -> None:
     assert table.schema.metadata[b"serial"] == b"0001"
 
 
-def test_of_a_device_with_two_sensors_one_is_chosen(tmp_path: Path) -> None:
-    board = find_board("gelslim")
+def test_of_a_device_with_two_sensors_one_is_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    board, path = find_board("gelslim"), tmp_path / "two.mcap"
     infos = [info_of(board, sensor, (20, 16)) for sensor in (0, 1)]
-    path, out = tmp_path / "two.mcap", tmp_path / "two.npz"
+    monkeypatch.setattr("ruffini.record.mcap_file.SILENCE_S", 0.5)  # the recording ends then
     with ToldSensor(infos, told_field(20, 16)) as told, Connection(told.port) as host:
         told.stop_after = 12
         record_stream(host, path)
-    for verb in ("export", "plot"):
-        code, _, text = run_host(verb, str(path))
-        assert (code, is_one_sentence(text)) == (2, True)
-        assert "has sensors 0, 1: choose one with --sensor" in text
-        assert run_host(verb, str(path), "--sensor", "2")[0] == 2
-    code, _, text = run_host("export", str(path), "--format", "npz", "--sensor", "1")
-    assert code == 0, text
-    arrays = np.load(out)
+    recording = Recording(path)
+    code, _, text = run_host("export", str(path))
+    assert (code, is_one_sentence(text)) == (2, True)
+    assert "has sensors 0, 1: choose one with --sensor" in text
+    with pytest.raises(InputError, match="has no sensor 2: it has 0, 1"):
+        write_table(recording, tmp_path / "two.npz", "npz", 2)
+    assert write_table(recording, tmp_path / "two.npz", "npz", 1) == {"frames": 12, "fields": 12}
+    arrays = np.load(tmp_path / "two.npz")
     assert arrays["frame"].tolist() == list(range(12))
     np.testing.assert_allclose(arrays["field_force_n"].sum(axis=(1, 2)), arrays["force_n"], atol=1e-6)
-    code, said, text = run_host("plot", str(path), "--sensor", "0", "--json")
-    assert code == 0, text
-    assert json.loads(said)["frames"] == 12
+    assert write_page(recording, tmp_path / "two.html", 0)["frames"] == 12
 
 
 # ---- the page ------------------------------------------------------------------------------------
@@ -351,12 +351,12 @@ def test_what_is_no_recording_is_refused_with_a_sentence(case: str, tmp_path: Pa
             writer.start()
             writer.add_message(writer.register_channel("/imu", "json", 0), 0, b"{}", 0)
             writer.finish()
-    for verb in (["replay"], ["replay", "--text"], ["export"], ["plot"]):
-        code, out, text = run_host(*verb, str(path))
-        assert (code, out, is_one_sentence(text)) == (2, "", True), text
-        assert "file.mcap" in text or "NOTHING" in text
-    assert not list(tmp_path.glob("*.html"))
-    assert not list(tmp_path.glob("*.csv"))
+    assert opened(path) is None
+    verb = {"text": "replay", "empty": "plot"}.get(case, "export")
+    code, out, text = run_host(verb, str(path))
+    assert (code, out, is_one_sentence(text)) == (2, "", True), text
+    assert path.name in text
+    assert {p.suffix for p in tmp_path.iterdir()} <= {".mcap"}
 
 
 def test_a_gap_of_the_line_is_before_the_frame_that_ended_it(sensor: Sensor, tmp_path: Path) -> None:
