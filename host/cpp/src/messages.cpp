@@ -122,9 +122,9 @@ bool read(Reader r, Contact& out, uint32_t flags) {
     const uint32_t n = r.number();
     if (n == 1) out.id = r.u32();
     if (n == 2) out.area_m2 = r.u32() * kNano;
-    if (n == 3 || n == 4) out.center_m[n - 3] = static_cast<double>(r.s64()) * kMicro;
+    if (n == 3 || n == 4) out.center_m[n - 3] = r.s32() * kMicro;
     if (n == 5 || n == 6 || n == 7) force[n - 5] = static_cast<double>(r.s64()) * kMicro;
-    if (n == 8) peak_depth = static_cast<double>(r.s64()) * kNano;
+    if (n == 8) peak_depth = r.s32() * kNano;
     if (n == 9) validity = r.u64();
     if (n == 10) out.slip_state = static_cast<SlipState>(std::min<uint64_t>(r.u64(), 255));
     if (n == 11) ratio = r.u32() * kMilli;
@@ -205,8 +205,9 @@ bool read(Reader r, Hello& out) {
 
 bool read_drops(Reader r, Status& out) {
   while (r.next()) {
-    if (r.number() == 1 || r.number() == 3) out.dropped_frames += r.u64();
+    if (r.number() == 1) out.replaced_frames = r.u64();
     if (r.number() == 2) out.dropped_packets = r.u64();
+    if (r.number() == 3) out.invalid_frames = r.u64();
   }
   return r.ok();
 }
@@ -215,7 +216,7 @@ bool read_temperature(Reader r, Status& out) {
   auto& [place, celsius] = out.temperatures_c.emplace_back();
   while (r.next()) {
     if (r.number() == 1) place = r.text();
-    if (r.number() == 2) celsius = static_cast<double>(r.s64()) * kMilli;
+    if (r.number() == 2) celsius = r.s32() * kMilli;
   }
   return r.ok() && out.temperatures_c.size() <= kMaxTemperatures;
 }

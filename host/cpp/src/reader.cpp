@@ -112,6 +112,8 @@ uint64_t Reader::u64() {
 
 int64_t Reader::s64() { return unzigzag(u64()); }
 
+int32_t Reader::s32() { return static_cast<int32_t>(unzigzag(u32())); }
+
 Reader Reader::message() {
   if (wire_type_ != kLength) is_ok_ = false;
   return is_ok_ ? Reader(bytes_, n_bytes_) : Reader(bytes_, 0);

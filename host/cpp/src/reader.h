@@ -23,7 +23,9 @@ class Reader {
   void refuse() { is_ok_ = false; }
 
   [[nodiscard]] uint64_t u64();
+  // Of 32 bits: what is beyond them is cut off, as protobuf has it.
   [[nodiscard]] uint32_t u32() { return static_cast<uint32_t>(u64()); }
+  [[nodiscard]] int32_t s32();
   [[nodiscard]] int64_t s64();
   [[nodiscard]] std::string text();
   [[nodiscard]] Reader message();

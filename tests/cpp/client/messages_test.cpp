@@ -216,7 +216,8 @@ TEST(ClientMessages, StatusEventReplyAndTime) {
       packet(3, {0x10, 0xB0, 0xEA, 0x01, 0x2A, 4, 0x08, 2, 0x18, 1, 0x42, 6, 0x0A, 1, 'g', 0x10, 0xA0, 0x06, 0x48, 4});
   const auto& s = std::get<Status>(status.message);
   EXPECT_DOUBLE_EQ(s.frame_rate_hz, 30.0);
-  EXPECT_EQ(s.dropped_frames, 3U);
+  EXPECT_EQ(s.replaced_frames, 2U);
+  EXPECT_EQ(s.invalid_frames, 1U);
   EXPECT_EQ(s.health, 4U);
   ASSERT_EQ(s.temperatures_c.size(), 1U);
   EXPECT_DOUBLE_EQ(s.temperatures_c[0].second, 0.4);

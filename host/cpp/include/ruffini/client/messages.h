@@ -23,7 +23,7 @@ enum class Validity : uint8_t {
   kInvalid = 3,       // measured, and known to be wrong; also whatever this library does not know
 };
 
-// FlagBit of ruffini.proto that are used most; Stamp::flags has them all.
+// Some FlagBits of ruffini.proto; Stamp::flags has them all.
 enum Flag : uint32_t { kNoReference = 1, kStale = 256, kWindowBorder = 512, kKnownFlags = (1U << 18) - 1 };
 
 struct Stamp {
@@ -100,8 +100,8 @@ struct Contact {
 
 struct Contacts {
   Stamp stamp;
-  std::vector<Contact> contacts;  // largest first
-  uint32_t n_found = 0;
+  uint32_t n_found = 0;  // contacts holds the largest, largest first
+  std::vector<Contact> contacts;
 };
 
 struct SensorInfo {
@@ -125,8 +125,9 @@ struct Hello {
 struct Status {
   uint64_t uptime_us = 0, frames_captured = 0, frames_processed = 0;
   double frame_rate_hz = 0.0;
-  uint64_t dropped_frames = 0, dropped_packets = 0;  // not processed in time; not read by the host
-  uint32_t health = 0;                               // HealthBit mask, 0: well
+  uint64_t replaced_frames = 0, invalid_frames = 0,
+           dropped_packets = 0;  // newer came; unreadable; not read by the host
+  uint32_t health = 0;           // HealthBit mask, 0: well
   std::vector<std::pair<std::string, double>> temperatures_c;
 };
 
@@ -137,9 +138,8 @@ struct Event {
 };
 
 struct Reply {
-  uint32_t request_id = 0;
-  uint32_t code = 0;  // 0: done
-  std::string text;   // for a person
+  uint32_t request_id = 0, code = 0;  // code 0: done
+  std::string text;                   // for a person
 };
 
 // Answer to Encoder::time: host minus device is (asked + answered - received - sent) / 2.
