@@ -92,7 +92,7 @@ def test_pictures_are_the_field_that_comes_with_them(plugin: Any, port: str) -> 
         cam.connect()
         pressed = 0
         for _ in range(60):
-            picture, touch = cam.async_read(1_000), cam.touch
+            picture, touch = cam.async_read(10_000), cam.touch
             assert (picture.shape, picture.dtype) == ((70, 90, 3), np.uint8)
             assert touch.points.shape[1] == 6
             assert touch.is_simulated
@@ -107,7 +107,7 @@ def test_pictures_are_the_field_that_comes_with_them(plugin: Any, port: str) -> 
             np.testing.assert_allclose(shown, want, atol=0.51)
             pressed += touch.wrench[2] < -0.1
         assert pressed > 5
-        assert 0 < time.perf_counter() - touch.captured_s < 2
+        assert 0 < time.perf_counter() - touch.captured_s < 30
 
 
 def test_each_picture_is_given_out_once_and_the_latest_again(plugin: Any, port: str) -> None:
@@ -115,7 +115,7 @@ def test_each_picture_is_given_out_once_and_the_latest_again(plugin: Any, port: 
         cam.connect()
         numbers = []
         for _ in range(10):
-            cam.async_read(1_000)
+            cam.async_read(10_000)
             numbers.append(cam.touch.number)
         assert all(b > a for a, b in itertools.pairwise(numbers))
         assert cam.read_latest().shape == cam.read_latest().shape == (240, 320, 3)
