@@ -113,10 +113,11 @@ bench: setup  ## time of every stage with peers beside them; accuracy on simulat
 	@$(PYTHON) tests/bench/accuracy.py $(if $(QUICK),--presses 6)
 	@$(PYTHON) tests/bench/twin.py
 
-aarch64: setup  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu
+aarch64: build  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu; instructions of each stage
 	@.ci/setup aarch64
-	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_tests)
+	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_tests ruffini_one_frame)
 	@qemu-aarch64 -L /usr/aarch64-linux-gnu $(BUILD)/aarch64/ruffini_tests --gtest_brief=1
+	@$(PYTHON) tests/bench/instructions.py --binary $(BUILD)/aarch64/ruffini_one_frame
 
 wheel: build  ## the host tool as a wheel, installed and started outside the tree
 	@.ci/wheel

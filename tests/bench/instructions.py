@@ -2,10 +2,11 @@
 
     cmake -S . -B BUILD -DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF -DRUFFINI_TESTS=OFF
     cmake --build BUILD --target ruffini_one_frame
-    tests/bench/instructions.py --binary BUILD/ruffini_one_frame FOLDER...
+    tests/bench/instructions.py --binary BUILD/ruffini_one_frame [FOLDER...]
 
-FOLDER: as tests/bench/run.py leaves it in build/bench. The counts are exact. The times are estimates, not measurements:
-instructions over clock and over instructions a cycle as such cores reach on integer vector code; memory is not in it.
+FOLDER: as tests/bench/run.py leaves it in build/bench; without, its smaller board is made anew, as in `make aarch64`.
+The counts are exact. The times are estimates, not measurements: instructions over clock and over
+instructions a cycle as such cores reach on integer vector code; memory is not in it.
 """
 
 from __future__ import annotations
@@ -14,8 +15,11 @@ import argparse
 import re
 import subprocess
 import sys
+import tempfile
 from collections import Counter
 from pathlib import Path
+
+from run import make_data, seventy_markers, solve_tensors
 
 # Name, clock in GHz as Raspberry Pi states it (Cortex-A53, A72, A76), instructions a cycle that are assumed.
 CORES = (("Pi Zero 2 W", 1.0, 0.7), ("Pi 4", 1.8, 1.4), ("Pi 5", 2.4, 2.2))
@@ -60,10 +64,19 @@ def count(binary: Path, folder: Path) -> list[int]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--binary", type=Path, required=True, help="ruffini_one_frame for aarch64")
-    parser.add_argument("folder", type=Path, nargs="+", help="a board and its pictures")
+    parser.add_argument("folder", type=Path, nargs="*", help="a board and its pictures")
     arguments = parser.parse_args()
-    for folder in arguments.folder:
-        counted = count(arguments.binary, folder)
+    with tempfile.TemporaryDirectory() as made:
+        if not arguments.folder:
+            board = seventy_markers(320)
+            arguments.folder = [Path(made) / "320x240"]
+            make_data(board, arguments.folder[0], solve_tensors(board))
+        report(arguments.binary, arguments.folder)
+
+
+def report(binary: Path, folders: list[Path]) -> None:
+    for folder in folders:
+        counted = count(binary, folder)
         if len(counted) != len(STAGES):
             sys.exit(f"{folder}: {len(counted)} stretches, {len(STAGES)} stages: STAGES is no longer the frame path's")
         counts = dict(zip(STAGES, counted, strict=True))
