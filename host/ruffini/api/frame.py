@@ -14,7 +14,7 @@ from ruffini.wire import Frame, Schema
 
 FLAG_STALE = 256
 DEVICE = 255
-SETTLED = 2  # frames that were seen to their end: from then on it is known which messages come
+SETTLED = 3  # frames that were seen to their end: from then on it is known what comes of each frame
 LATEST = 64  # frames that a message may come behind; further back, the sensor counts anew
 
 
@@ -35,6 +35,7 @@ class SensorFrame:
     n_missed : frames of the camera between the one before and this one that did not come to you. None: not known, the
         first one or a sensor that was started again.
     gap : the line was lost before this frame.
+    is_whole : every message that is due has come. A repeated result is of WRENCH alone.
     messages : the protobuf messages as they came, by type.
     """
 
@@ -52,6 +53,7 @@ class SensorFrame:
     learned: Learned | None = None  # the newest word of a learned network: `learned.frame` says of which frame
     gap: LineGap | None = None
     n_missed: int | None = None
+    is_whole: bool = True
 
     @property
     def is_stale(self) -> bool:
@@ -116,9 +118,17 @@ class _Stream:
     open: _Open | None = None
     last: int | None = None  # number of the frame that was given out
     n_seen: int = 0  # frames that were seen to their end
+    held: list[_Open] = field(default_factory=list)  # the first ones, until it is known what makes them whole
     last_with: dict[str, int] = field(default_factory=dict)  # message type: last frame that had it
+    every: dict[str, int] = field(default_factory=dict)  # message type: shortest way between two frames that had it
     learned: Any = None
     is_over: bool = False  # the sensor was started again
+
+    def saw(self, name: str, number: int) -> None:
+        """A message of that frame has come."""
+        if (way := number - self.last_with.get(name, number)) > 0:
+            self.every[name] = min(way, self.every.get(name, way))
+        self.last_with[name] = number
 
 
 class Assembler:
@@ -133,12 +143,12 @@ class Assembler:
     """
 
     def __init__(self, schema: Schema, serial: str, every: Mapping[str, int] | None) -> None:
-        self._schema, self._serial, self._every = schema, serial, every or {}
+        self._schema, self._serial = schema, serial
         self._streams: dict[int, _Stream] = {}
         self._flag_names: dict[int, tuple[str, ...]] = {}
         self._gap: LineGap | None = None
-        # Messages that are not of every frame must have come once.
-        self._n_settled = math.inf if every is None else max([SETTLED, *(n + 1 for n in every.values())])
+        # Messages that are not of every frame must have come twice.
+        self._n_settled = math.inf if every is None else max([SETTLED, *(2 * n + 1 for n in every.values())])
         self.n_late = 0  # messages of a frame that had been given out already
 
     def note_gap(self, gap: LineGap) -> None:
@@ -154,7 +164,7 @@ class Assembler:
         if stamp is None or name is None:
             return
         if packet.sensor == DEVICE:
-            yield self._made(_Open(stamp.frame, packet, {name: message}), None)
+            yield self._made(_Open(stamp.frame, packet, {name: message}), None, False)
             return
         stream = self._streams.setdefault(packet.sensor, _Stream())
         if name == "LEARNED":
@@ -163,45 +173,59 @@ class Assembler:
         number = stamp.frame
         newest = stream.open.number - 1 if stream.open is not None else stream.last
         if stream.is_over or (newest is not None and newest - number >= LATEST):
-            if stream.open is not None:
-                yield self._finish(stream)
+            yield from self._release(stream)
             stream = self._streams[packet.sensor] = _Stream()
         elif newest is not None and newest >= number:
-            stream.last_with[name] = number  # the next frame waits for its like
+            stream.saw(name, number)  # frames to come wait for its like
             self.n_late += 1
             return
         if stream.open is not None and number != stream.open.number:
-            yield self._finish(stream)
             stream.n_seen += 1
+            if stream.n_seen <= SETTLED:
+                stream.held.append(stream.open)
+                stream.last, stream.open = stream.open.number, None
+                if stream.n_seen == SETTLED:
+                    yield from self._release(stream)
+            else:
+                yield self._finish(stream)
         if stream.open is None:
             stream.open, self._gap = _Open(number, packet, {}, self._gap), None
         stream.open.messages[name] = message
-        stream.last_with[name] = number
+        stream.saw(name, number)
         if stream.n_seen >= self._n_settled and not self._due(stream):
             yield self._finish(stream)
 
     def flush(self) -> Iterator[SensorFrame]:
         """What is still open, when no more comes."""
         for stream in self._streams.values():
-            if stream.open is not None:
-                yield self._finish(stream)
+            yield from self._release(stream)
+
+    def _release(self, stream: _Stream) -> Iterator[SensorFrame]:
+        """What was held, and what is open."""
+        for whole in stream.held:
+            always = {name for name in stream.last_with if stream.every.get(name) == 1}
+            yield self._made(whole, None, always <= set(whole.messages))
+        stream.held = []
+        if stream.open is not None:
+            yield self._finish(stream)
 
     def _due(self, stream: _Stream) -> bool:
         """Is a message of the open frame still to come?"""
         assert stream.open is not None
         number = stream.open.number
         return any(
-            name not in stream.open.messages and number - last >= self._every.get(name, 1)
+            name not in stream.open.messages and number - last >= stream.every.get(name, math.inf)
             for name, last in stream.last_with.items()
         )
 
     def _finish(self, stream: _Stream) -> SensorFrame:
         assert stream.open is not None
+        is_whole = not self._due(stream)
         whole, stream.open = stream.open, None
         stream.last = whole.number
-        return self._made(whole, stream.learned)
+        return self._made(whole, stream.learned, is_whole)
 
-    def _made(self, whole: _Open, learned: Learned | None) -> SensorFrame:
+    def _made(self, whole: _Open, learned: Learned | None, is_whole: bool) -> SensorFrame:
         bits = 0
         for message in whole.messages.values():
             bits |= message.stamp.flags
@@ -213,5 +237,5 @@ class Assembler:
         return SensorFrame(
             self._serial, packet.sensor, whole.number, stamp.capture_us * 1e-6, packet.host_time_ns,
             packet.host_time_error_ns, bits, names, packet.is_simulated, packet.is_replay, whole.messages, learned,
-            whole.gap,
+            whole.gap, None, is_whole,
         )  # fmt: skip

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ruffini.api.frame import SensorFrame
+from ruffini.device.connection import LineGap
 
 
 class Frames:
@@ -17,12 +18,14 @@ class Frames:
     the next frame's `n_missed` counts it. Ends when the sensor is closed; a sensor that is gone raises what happened.
     """
 
-    def __init__(self, capacity: int, sensor: int | None) -> None:
+    def __init__(self, capacity: int, sensor: int | None, *, partial: bool = False) -> None:
         self._waiting: deque[SensorFrame] = deque(maxlen=capacity)
-        self._sensor = sensor
+        self._sensor, self._partial = sensor, partial
+        self._gap: LineGap | None = None  # before a frame that was not given out
         self._changed = threading.Condition()
         self._end: BaseException | None = None
         self._before: dict[int, int] = {}  # by sensor: the frame that was taken last
+        self.n_partial = 0  # frames of which a part was lost on the way, and which were not wanted
         self.n_replaced = 0  # frames that a newer one replaced before they were taken
         self.wake: Callable[[], None] = lambda: None  # called by the reading thread whenever something changed
 
@@ -58,6 +61,12 @@ class Frames:
         """One more frame."""
         if self._sensor is not None and frame.sensor not in (self._sensor, 255):
             return
+        if not (frame.is_whole or frame.is_stale or self._partial):
+            self.n_partial += 1
+            self._gap = frame.gap or self._gap
+            return
+        if self._gap is not None and not frame.is_stale:
+            frame, self._gap = replace(frame, gap=frame.gap or self._gap), None
         with self._changed:
             self.n_replaced += len(self._waiting) == self._waiting.maxlen
             self._waiting.append(frame)

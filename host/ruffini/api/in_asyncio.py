@@ -70,9 +70,9 @@ class AsyncSensor:
             raise NoDeviceError("not connected yet: use `async with ruffini.connect_async(...) as sensor`")
         return self._sensor
 
-    def frames(self, *, newest: bool = False, sensor: int | None = None) -> AsyncFrames:
+    def frames(self, *, newest: bool = False, sensor: int | None = None, partial: bool = False) -> AsyncFrames:
         """As `Sensor.frames`, for `async for`."""
-        return AsyncFrames(self.sensor.frames(newest=newest, sensor=sensor))
+        return AsyncFrames(self.sensor.frames(newest=newest, sensor=sensor, partial=partial))
 
     async def read(self) -> SensorFrame:
         """One frame: the next that comes."""

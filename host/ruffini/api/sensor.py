@@ -69,7 +69,7 @@ class Sensor:
         self._is_closing = True
         self._thread.join(CLOSE_S)
 
-    def frames(self, *, newest: bool = False, sensor: int | None = None) -> Frames:
+    def frames(self, *, newest: bool = False, sensor: int | None = None, partial: bool = False) -> Frames:
         """Frames from now on, without end. The sensor begins to send with the first call.
 
         Parameters
@@ -77,13 +77,15 @@ class Sensor:
         newest : of what came while the program was busy only the newest, for control loops. Else every frame that
             came; at most BACKLOG of them wait.
         sensor : of a device with several only this one's.
+        partial : also frames of which a part was lost on the way; that part is None. A line that is too slow for all
+            that was asked for loses parts: ask for less, e.g. connect(depth=0).
 
         Raises
         ------
         NoDeviceError
             While iterating: the line was lost and did not come back, or no frame came for a while.
         """
-        frames = Frames(1 if newest else BACKLOG, sensor)
+        frames = Frames(1 if newest else BACKLOG, sensor, partial=partial)
         with self._lock:
             self._frames.add(frames)
         if self._end is not None:

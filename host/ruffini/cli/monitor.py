@@ -27,7 +27,7 @@ def monitor(
     from ruffini.api import connect
 
     with connect(Settings.port, Settings.serial, field=0, depth=0, resume_s=resume, on_note=note) as sensor:
-        for frame in itertools.islice(sensor.frames(), n or None):
+        for frame in itertools.islice(sensor.frames(partial=True), n or None):
             show(frame, as_json=json_)
 
 

@@ -43,7 +43,7 @@ def replay(
     if text:
         from ruffini.cli.monitor import show
 
-        for frame in recording.frames():
+        for frame in recording.frames(partial=True):
             show(frame, as_json=json_)
     else:
         from ruffini.record.replay import ReplayedSensor

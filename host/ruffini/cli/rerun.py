@@ -53,7 +53,7 @@ def rerun(
             except RuffiniError:
                 continue  # a board without a field
         sink = RerunSink(rr, stream, ros_name(sensor.serial_number), nodes, arrow_m_per_n=arrow_m_per_n)
-        frames, n_done = sensor.frames(), 0
+        frames, n_done = sensor.frames(partial=True), 0
         while not stop.is_set() and (n_frames is None or n_done < n_frames):
             if (frame := frames.get(0.2)) is not None:
                 sink.put(frame)

@@ -100,7 +100,7 @@ def _about(recording: Recording, sensor: int) -> dict[str, Any]:
 
 
 def _blocks(recording: Recording, sensor: int) -> Iterator[Block]:
-    frames = recording.frames(sensor)
+    frames = recording.frames(sensor, partial=True)
     head = list(itertools.islice(frames, BLOCK))
     field = next((f.field for f in head if f.field is not None), None)
     shape = None if field is None else field.raw_force.shape

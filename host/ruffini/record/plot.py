@@ -100,7 +100,7 @@ def plot(recording: Recording, out: Path, sensor: int | None = None) -> dict[str
 
 def _read(recording: Recording, sensor: int) -> _Story:
     story, first_s = _Story(), None
-    for frame in recording.frames(sensor):
+    for frame in recording.frames(sensor, partial=True):
         wrench, contacts = frame.wrench, frame.contacts
         if frame.is_stale:
             continue  # said before

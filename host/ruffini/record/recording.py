@@ -101,25 +101,29 @@ class Recording:
         if decoder.counters.damaged:
             self._problem(f"what came damaged over the line was left out ({decoder.counters.damaged} frames or pieces)")
 
-    def frames(self, sensor: int | None = None) -> Iterator[SensorFrame]:
+    def frames(self, sensor: int | None = None, *, partial: bool = False) -> Iterator[SensorFrame]:
         """Frames as `ruffini.connect` gives them, from the first to the last.
 
         Parameters
         ----------
         sensor : of a device with several only this one's.
+        partial : also frames of which a part was lost on the way; that part is None.
         """
         before: dict[int, int] = {}
-        gaps = deque(self.gaps)
+        gaps, gap = deque(self.gaps), None
         for frame in self._assembled():
             last = before.get(frame.sensor)
             if sensor not in (None, frame.sensor) and frame.sensor != DEVICE:
                 continue
-            before[frame.sensor] = frame.number
             missed = None if last is None or frame.number < last else max(frame.number - last - 1, 0)
             # A gap was noted behind the frame that ended it: that one misses what the note says.
             is_after = gaps and last is not None and (gaps[0].n_frames or 0) <= (missed or 0) > 0
             is_anew = gaps and last is not None and missed is None and gaps[0].n_frames is None
-            yield replace(frame, n_missed=missed, gap=gaps.popleft() if is_after or is_anew else None)
+            gap = gaps.popleft() if is_after or is_anew else gap
+            if frame.is_whole or frame.is_stale or partial:
+                before[frame.sensor] = frame.number
+                yield replace(frame, n_missed=missed, gap=gap)
+                gap = None
 
     def _assembled(self) -> Iterator[SensorFrame]:
         assembler = Assembler(self.schema, self.hello.device_serial, None)

@@ -77,7 +77,7 @@ class Bridge:
         NoDeviceError
             The line was lost and did not come back; /diagnostics said so.
         """
-        frames = self._sensor.frames()
+        frames = self._sensor.frames(partial=True)
         while not is_over() and (n_frames is None or self.n_frames < n_frames):
             try:
                 frame = frames.get(TURN_S)

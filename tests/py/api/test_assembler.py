@@ -34,13 +34,13 @@ class Line:
 
 
 def settled(**every: int) -> Line:
-    """After two frames of WRENCH and FIELD."""
+    """After three frames of WRENCH and FIELD."""
     line = Line(**every)
-    for number in (1, 2):
-        assert line.put("WRENCH", number) == ([1] if number == 2 else [])
+    for number in (0, 1, 2):
+        assert line.put("WRENCH", number) == []
         assert line.put("FIELD", number) == []
-    assert line.put("WRENCH", 3) == [2]
-    assert line.put("FIELD", 3) == [3], "two frames seen to their end: it is known what comes"
+    assert line.put("WRENCH", 3) == [0, 1, 2], "three frames seen to their end: it is known what comes"
+    assert line.put("FIELD", 3) == [3]
     return line
 
 
@@ -57,18 +57,45 @@ def test_a_message_that_was_lost_holds_a_frame_until_the_next() -> None:
     assert line.put("WRENCH", 4) == []
     assert line.put("WRENCH", 6) == [4]
     assert line.out[-1].field is None
+    assert not line.out[-1].is_whole
     assert line.put("FIELD", 6) == [6]
+    assert line.out[-1].is_whole
+
+
+def test_the_first_frame_is_not_taken_for_whole_before_it_is_known_what_comes() -> None:
+    line = Line()
+    line.put("FIELD", 1)  # subscribed in the middle of a frame
+    for number in (2, 3, 4, 5):
+        line.put("WRENCH", number)
+        line.put("FIELD", number)
+    assert [(f.number, f.is_whole) for f in line.out] == [(1, False), (2, True), (3, True), (4, True), (5, True)]
+
+
+def test_in_a_recording_a_message_is_due_as_often_as_it_came() -> None:
+    assembler, out = Assembler(SCHEMA, "0001", None), []
+    line = Line()
+    line.assembler = assembler
+    for number in range(20):
+        line.put("WRENCH", number)
+        if number != 7:
+            line.put("FIELD", number)
+        if number % 5 == 0 and number != 10:
+            line.put("IMAGE", number)
+    out = line.out + list(assembler.flush())
+    assert [f.number for f in out] == list(range(20))
+    assert [f.number for f in out if not f.is_whole] == [7, 10, 11, 12, 13, 14]
 
 
 def test_what_comes_behind_its_frame_is_counted_and_waited_for_from_then_on() -> None:
     line = settled()
-    line.put("WRENCH", 4)
-    line.put("FIELD", 4)
-    assert line.put("CONTACTS", 4) == []
-    assert line.assembler.n_late == 1
-    line.put("WRENCH", 5)
-    assert line.put("FIELD", 5) == []
-    assert line.put("CONTACTS", 5) == [5]
+    for number in (4, 5):
+        line.put("WRENCH", number)
+        assert line.put("FIELD", number) == [number]
+        assert line.put("CONTACTS", number) == []
+    assert line.assembler.n_late == 2
+    line.put("WRENCH", 6)
+    assert line.put("FIELD", 6) == []
+    assert line.put("CONTACTS", 6) == [6]
 
 
 def test_an_image_of_every_third_frame_delays_no_other() -> None:
@@ -97,11 +124,11 @@ def test_a_sensor_that_counts_anew_is_followed() -> None:
         line.put("WRENCH", number)
         line.put("FIELD", number)
     line.assembler.note_gap(LineGap(0.5, None))
-    for number in (0, 1, 2):
+    for number in range(4):
         line.put("WRENCH", number)
         line.put("FIELD", number)
-    assert [f.number for f in line.out[-5:]] == [5000, 5001, 0, 1, 2]
-    assert [f.gap for f in line.out[-3:]] == [LineGap(0.5, None), None, None]
+    assert [f.number for f in line.out[-6:]] == [5000, 5001, 0, 1, 2, 3]
+    assert [f.gap for f in line.out[-4:]] == [LineGap(0.5, None), None, None, None]
     assert all(set(f.messages) == {"WRENCH", "FIELD"} for f in line.out)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from ruffini.api import SensorFrame, synchronized, synchronized_async
 from ruffini.api.frames import Frames
 from ruffini.api.in_asyncio import AsyncFrames
+from ruffini.device.connection import LineGap
 from ruffini.errors import InputError, NoDeviceError
 
 
@@ -43,6 +45,20 @@ def test_a_sensor_that_was_started_again_has_missed_nobody_knows_what() -> None:
     for number in (100, 0, 2):
         frames.put(frame(number))
     assert [next(frames).n_missed for _ in range(3)] == [None, None, 1]
+
+
+def test_what_is_not_whole_is_counted_and_given_to_who_wants_it() -> None:
+    every, whole = Frames(9, None, partial=True), Frames(9, None)
+    gap = LineGap(0.5, 3)
+    for frames in (every, whole):
+        frames.put(frame(1))
+        frames.put(replace(frame(5), is_whole=False, gap=gap))
+        frames.put(replace(frame(5, flags=256), is_whole=False))
+        frames.put(frame(6))
+        frames.end(StopIteration())
+    assert [(f.number, f.n_missed, f.gap) for f in every] == [(1, None, None), (5, 3, gap), (5, 0, None), (6, 0, None)]
+    assert [(f.number, f.n_missed, f.gap) for f in whole] == [(1, None, None), (5, 3, None), (6, 0, gap)]
+    assert (every.n_partial, whole.n_partial) == (0, 1)
 
 
 def test_one_of_several_sensors_and_what_is_repeated_for_all() -> None:
