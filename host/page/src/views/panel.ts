@@ -62,7 +62,7 @@ export class Panel {
       make("div", { class: "lower" }, ...lower, this.charts.element),
     );
     this.element.append(inside);
-    this.showContacts([]);
+    this.showNoContacts("none was sent yet");
     this.setTint("normal");
   }
 
@@ -130,10 +130,15 @@ export class Panel {
     this.field?.showWrench(wrench);
   }
 
+  private showNoContacts(why: string): void {
+    this.contacts.replaceChildren(make("tr", {}, make("td", { colspan: String(CONTACT_HEAD.length), class: "none" }, why)));
+  }
+
   private showContacts(list: Contact[]): void {
     const { perN, name } = this.unit;
     if (!list.length) {
-      this.contacts.replaceChildren(make("tr", {}, make("td", { colspan: String(CONTACT_HEAD.length), class: "none" }, "nothing touches")));
+      const isKnown = !this.latest.wrench?.validity.includes(INVALID);
+      this.showNoContacts(isKnown ? "nothing touches" : "not known: see what is flagged above");
       return;
     }
     const rows = list.map((c) => {
