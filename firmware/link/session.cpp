@@ -18,7 +18,8 @@ namespace {
 
 constexpr uint64_t kStatusPeriodUs = 1'000'000;
 constexpr uint64_t kStalePeriodUs = 100'000;
-constexpr size_t kMaxReplies = 64;  // a host that asks faster than it reads is not answered
+constexpr uint64_t kHandsOffUs = 500'000;  // who zeroes keeps off for so long beyond the frames that it needs
+constexpr size_t kMaxReplies = 64;         // a host that asks faster than it reads is not answered
 
 }  // namespace
 
@@ -333,7 +334,8 @@ void Session::watch_camera(uint64_t now_us) {
     send_event(now_us, ruffini_Event_Severity_SEVERITY_WARNING, "camera_back",
                "frames come again, after " + std::to_string(silence_us / 1'000) + " ms without a good one");
   }
-  if (is_stalled_ && !was_stalled) give_up_zero(now_us);
+  if (!is_stalled_) has_given_up_zero_ = false;
+  if (is_stalled_ && !has_given_up_zero_ && stall_.silence_us(now_us) > kHandsOffUs) give_up_zero(now_us);
   const bool is_asked = exchange_.every[ruffini_MessageType_MESSAGE_TYPE_WRENCH] != 0;
   if (is_stalled_ && is_asked && (!was_stalled || now_us - stale_us_ >= kStalePeriodUs)) {
     stale_us_ = now_us;
@@ -343,6 +345,7 @@ void Session::watch_camera(uint64_t now_us) {
 
 // By the time that frames come again a finger may lie on the pad: nobody asked for that to be rest.
 void Session::give_up_zero(uint64_t now_us) {
+  has_given_up_zero_ = true;
   const bool is_asked = exchange_.zero_frames.exchange(kGiveUpZero) >= 0;
   if (!is_asked && !exchange_.is_zeroing) return;
   send_event(now_us, ruffini_Event_Severity_SEVERITY_WARNING, "zero_given_up",

@@ -118,7 +118,8 @@ class Session {
   ruffini_Reply last_reply_{};
   StallWatch stall_;
   bool is_stalled_ = false;
-  uint64_t stale_us_ = 0;  // of the last stale wrench
+  bool has_given_up_zero_ = false;  // in this stall
+  uint64_t stale_us_ = 0;           // of the last stale wrench
   uint64_t started_us_ = 0;
   bool is_status_asked_ = false;
   uint64_t status_us_ = 0;  // of the last one

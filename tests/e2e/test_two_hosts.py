@@ -79,11 +79,6 @@ class SharedLine:
                     waiting[end] = waiting[end][whole:]
 
 
-def status_of(host: Connection) -> Any:
-    host._send("STATUS")
-    return host._wait_for("STATUS", 5.0, lambda m: True)
-
-
 def test_the_second_of_two_hosts_is_told_who_changes_the_sensor(sensor: Sensor, tmp_path: Path) -> None:
     with (
         start(sensor, tmp_path / "store", "--loop") as daemon,
@@ -96,7 +91,7 @@ def test_the_second_of_two_hosts_is_told_who_changes_the_sensor(sensor: Sensor, 
             second.checked(zero={"n_frames": 5, "even_if_touched": True})
         second.subscribe(wrench=1)
         assert next(iter(second.stream(timeout_s=10)), None) is not None, "reading needs no lease"
-        assert f"process {os.getpid()}" in status_of(first).access.holder
+        assert f"process {os.getpid()}" in first.status().access.holder
         first._writer.has_lease = False  # killed: it says nothing any more
         deadline = time.monotonic() + 20
         while True:  # the lease ends by itself
@@ -139,7 +134,7 @@ def test_a_sensor_with_owners_is_changed_by_them_only_and_not_by_what_they_sent_
         assert code == 0, text
         with Connection(line.ports[0]) as host:
             host.checked(zero={"n_frames": 5, "even_if_touched": True})
-            assert not status_of(host).access.is_open
+            assert not host.status().access.is_open
         recorded = bytes(line.sent)
         monkeypatch.setenv("RUFFINI_KEYS", str(tmp_path / "none"))
         with Connection(line.ports[1]) as stranger:
@@ -148,11 +143,11 @@ def test_a_sensor_with_owners_is_changed_by_them_only_and_not_by_what_they_sent_
             with pytest.raises(RefusedError, match="changed by its owners only"):
                 stranger.checked(zero={"n_frames": 5, "even_if_touched": True})
             before = stranger.hello.sensors[0].calibration.sha256
-            n_refused = status_of(stranger).access.n_refused
+            n_refused = stranger.status().access.n_refused
             line.send(recorded)  # all of it, the challenges, too
             time.sleep(0.5)
             stranger.refresh_hello()
-            status = status_of(stranger)
+            status = stranger.status()
             assert stranger.hello.sensors[0].calibration.sha256 == before
             assert status.access.n_refused > n_refused
             assert status.drops.rx_malformed == 0
@@ -160,7 +155,7 @@ def test_a_sensor_with_owners_is_changed_by_them_only_and_not_by_what_they_sent_
         assert (code, "changed by its owners only" in text) == (4, True), text
     with start(sensor, tmp_path / "store", *options, "--no-challenge") as daemon, Connection(daemon.port) as host:
         host.checked(zero={"n_frames": 5, "even_if_touched": True})
-        assert status_of(host).access.is_open
+        assert host.status().access.is_open
 
 
 def test_what_a_modem_manager_and_an_echoing_terminal_send_is_counted_and_harmless(
@@ -175,7 +170,7 @@ def test_what_a_modem_manager_and_an_echoing_terminal_send_is_counted_and_harmle
             assert host.serial_number == "0001"
             host.subscribe(wrench=1)
             assert next(iter(host.stream(timeout_s=10)), None) is not None
-            status = status_of(host)
+            status = host.status()
             assert status.drops.rx_malformed + status.drops.rx_bad_crc + status.drops.rx_oversize > 0
         os.close(end)
 

@@ -112,6 +112,11 @@ def test_what_is_shown_is_what_was_sent_and_near_the_truth(
     assert page.inner_text("#who") == "tiny 0000"
 
 
+def is_untouched(state: dict[str, Any]) -> bool:
+    wrench = sensor_of(state)["wrench"]
+    return wrench["validity"][2] == VALID and abs(wrench["values"][2]) < 0.1
+
+
 def normal_shown(page: Page) -> float:
     return float(page.inner_text(".cell:nth-child(3) output").replace(MINUS, "-"))
 
@@ -130,7 +135,13 @@ def test_keys_zero_the_pad_change_units_and_ask_for_the_camera(pressed: tuple[st
         wait_for(page, "the refusal", lambda s: "Press Zero once more" in s["notice"])
         page.keyboard.press("z")
         # The ball that is held is rest from now on.
-        wait_for(page, "no press", lambda s: abs(sensor_of(s)["wrench"]["values"][2]) < 0.1)
+        with contextlib.suppress(AssertionError):  # a busy machine's camera may stand still for half a second
+            wait_for(page, "no press", is_untouched, 5.0)
+        if not is_untouched(state_of(page)):
+            page.keyboard.press("z")
+            wait_for(page, "another refusal", lambda s: "Press Zero once more" in s["notice"])
+            page.keyboard.press("z")
+            wait_for(page, "no press", is_untouched)
         with page.expect_download() as download:
             page.keyboard.press("s")
         assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
