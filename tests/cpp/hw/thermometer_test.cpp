@@ -1,6 +1,7 @@
 #include "hw/thermometer.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -9,7 +10,8 @@ namespace ruffini {
 namespace {
 
 std::optional<int32_t> said(const std::string& text) {
-  const std::string path = testing::TempDir() + "thermometer_test_temp1_input";
+  // Tests are processes that run side by side.
+  const std::string path = testing::TempDir() + "thermometer_test_temp1_input" + std::to_string(::getpid());
   std::ofstream(path) << text;
   return Thermometer(path).milli_celsius();
 }
