@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from tiny_sensor import ROOT, Sensor, start
+from tiny_sensor import ROOT, Sensor, calibrated_pair, start
 
 from ruffini.device import Connection
 
@@ -44,14 +44,8 @@ def test_hold_without_slip(port: str) -> None:
 
 
 def test_two_fingers(sensor: Sensor, tmp_path: Path) -> None:
-    with (
-        start(sensor, tmp_path / "a", "--loop", serial="left") as one,
-        start(sensor, tmp_path / "b", "--loop", serial="right") as two,
-    ):
-        for daemon in (one, two):
-            with Connection(daemon.port) as host:
-                host.flash(sensor.calibration)
-        said = run("two_fingers.py", one.port, two.port, "5").splitlines()
+    with calibrated_pair(sensor, tmp_path) as (left, right):
+        said = run("two_fingers.py", left.port, right.port, "5").splitlines()
     assert len(said) == 5
     assert all("squeezed by" in line and "ms apart" in line for line in said)
 

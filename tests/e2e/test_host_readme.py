@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from test_bad_input import run_host
-from tiny_sensor import ROOT, Sensor, start
+from tiny_sensor import ROOT, Sensor, calibrated_pair, start
 
 from ruffini.device import Connection
 from ruffini.record import record_stream
@@ -25,19 +25,13 @@ def blocks(kind: str) -> list[str]:
 
 
 def test_python(sensor: Sensor, tmp_path: Path) -> None:
-    with (
-        start(sensor, tmp_path / "a", "--loop", serial="left") as one,
-        start(sensor, tmp_path / "b", "--loop", serial="right") as two,
-    ):
-        for daemon in (one, two):
-            with Connection(daemon.port) as host:
-                host.flash(sensor.calibration)
-                if daemon is one:
-                    record_stream(host, tmp_path / "run.mcap", n_frames=10)
-        ports = f"LEFT, RIGHT = {one.port!r}, {two.port!r}\n"
+    with calibrated_pair(sensor, tmp_path) as (left, right):
+        with Connection(left.port) as host:
+            record_stream(host, tmp_path / "run.mcap", n_frames=10)
+        ports = f"LEFT, RIGHT = {left.port!r}, {right.port!r}\n"
         done = subprocess.run(
             [sys.executable, "-c", ports + "\n".join(blocks("python"))], capture_output=True, text=True, timeout=60,
-            check=False, cwd=tmp_path, env={**os.environ, "RUFFINI_PORT": one.port},
+            check=False, cwd=tmp_path, env={**os.environ, "RUFFINI_PORT": left.port},
         )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "left ('tiny',)" in done.stdout

@@ -15,6 +15,7 @@ from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.operator import make_operator
 from ruffini.demo.daemon import find_daemon
+from ruffini.device import Connection
 from ruffini.fem.operators import Noise
 from ruffini.sim.unit import TwinUnit
 
@@ -133,6 +134,19 @@ def start(sensor: Sensor, store: Path, *options: str, serial: str = "0001", link
     finally:
         process.kill()
         process.communicate(timeout=10)
+
+
+@contextlib.contextmanager
+def calibrated_pair(sensor: Sensor, folder: Path) -> Iterator[tuple[Daemon, Daemon]]:
+    """Two sensors, left and right, with their calibration."""
+    with (
+        start(sensor, folder / "left", "--loop", serial="left") as left,
+        start(sensor, folder / "right", "--loop", serial="right") as right,
+    ):
+        for daemon in (left, right):
+            with Connection(daemon.port) as host:
+                host.flash(sensor.calibration)
+        yield left, right
 
 
 @dataclass(frozen=True)
