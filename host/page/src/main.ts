@@ -176,8 +176,15 @@ function sums(force: Float32Array): number[] {
 
 // ---- what a person can do -------------------------------------------------------------------------
 
+/** What a page cannot do: it has no key to sign with. */
+function onlyOwners(keys: string[]): string {
+  return `This sensor is changed by its owners only (${keys.length > 1 ? "keys" : "key"} ${keys.join(", ")}), and a page holds no key. On a computer that has one of them`;
+}
+
 /** A sensor refuses while something presses; asked again, that becomes part of rest. */
 function zero(): void {
+  const locked = strands.find(({ hello }) => hello?.ownersKeys.length);
+  if (locked) return say(`${onlyOwners(locked.hello!.ownersKeys)}: \`ruffini cal zero\`.`, true);
   const evenIfTouched = isZeroRefused;
   say(`Learning the rest image: ${evenIfTouched ? "with what presses on the pad" : "keep everything off the pad"}.`);
   void Promise.all(strands.map(({ line }) => line.command("zero", { nFrames: 0, evenIfTouched }))).then((answers) => {
@@ -221,7 +228,8 @@ function askToFlash(file: File): void {
   const [strand, other] = strands.filter(({ hello }) => hello);
   if (!strand) return say("No sensor is connected.", true);
   if (other) return say("Several sensors are shown: flash them one at a time, each in a viewer of its own.", true);
-  const { serial, sensors } = strand.hello!;
+  const { serial, sensors, ownersKeys } = strand.hello!;
+  if (ownersKeys.length) return flashDialog.refuse(`${onlyOwners(ownersKeys)}: \`ruffini cal flash ${file.name} --key NAME\`.`);
   const { isPresent, createdUtc } = sensors[0]!.calibration;
   const before = isPresent ? `It takes the place of the calibration of ${createdUtc || "an unknown day"}, which the sensor keeps.` : "The sensor has no calibration yet.";
   const what = `${file.name}, ${(file.size / 1e6).toFixed(2)} MB, onto ${sensors[0]!.board} ${serial}. ${before}`;

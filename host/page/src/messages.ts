@@ -19,6 +19,8 @@ export interface Hello {
   serial: string;
   firmware: string;
   session: number;
+  /** Keys of who alone may change something on it; empty: anybody may. */
+  ownersKeys: string[];
   sensors: SensorInfo[];
 }
 

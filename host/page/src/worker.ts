@@ -63,8 +63,14 @@ function greet(hello: Decoded, schema: Schema): void {
   const { deviceSerial, firmwareVersion, sessionId } = hello as unknown as Record<string, string | number>;
   post({
     kind: "hello",
-    hello: { serial: String(deviceSerial), firmware: String(firmwareVersion), session: Number(sessionId), sensors },
+    hello: { serial: String(deviceSerial), firmware: String(firmwareVersion), session: Number(sessionId), ownersKeys: ownersKeys(hello), sensors },
   });
+}
+
+function ownersKeys(hello: Decoded): string[] {
+  if (!hello["needsKey"]) return [];
+  const ids = (hello["keyIds"] ?? []) as string[];
+  return ids.length ? ids : ["unknown"];
 }
 
 function subscribe(): void {

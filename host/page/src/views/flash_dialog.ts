@@ -28,6 +28,13 @@ export class FlashDialog {
     this.dialog.showModal();
   }
 
+  /** It cannot be done from here: `why`, and what to do instead. */
+  refuse(why: string): void {
+    this.ask("", () => undefined);
+    this.show(0, why, false);
+    this.end();
+  }
+
   show(part: number, text: string, isOk: boolean): void {
     this.part.value = part;
     this.said.textContent = text;
