@@ -140,7 +140,7 @@ bool read(Reader r, Contact& out, uint32_t flags) {
     out.force_n[i] = measured(force[i], validity_of(by_axis.empty() ? validity : by_axis[i], flags));
   }
   out.peak_depth_m = measured(peak_depth, validity_of(validity, flags));
-  if (out.slip_state > SlipState::kSlides) out.slip_state = SlipState::kNotMeasured;
+  if ((flags & ~kKnownFlags) != 0 || out.slip_state > SlipState::kSlides) out.slip_state = SlipState::kNotMeasured;
   if (out.slip_state == SlipState::kNotMeasured) return true;
   out.shear_ratio = ratio;
   out.slip_share = share;

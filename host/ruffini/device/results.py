@@ -143,10 +143,13 @@ class Field:
         return believed(self.raw_force, self.validity, self.flags)
 
     def slip_margin(self, friction: float) -> Array:
-        """Shear that each node still takes, friction |f_z| - |f_t|, (n_y, n_x) newtons; 0 where nothing presses."""
-        pressure = np.clip(-self.raw_force[..., 2], 0, None)
-        margin = friction * pressure - np.hypot(self.raw_force[..., 0], self.raw_force[..., 1])
-        return np.where(pressure > 0, margin, 0.0)
+        """Shear that each node still takes, friction |f_z| - |f_t|, (n_y, n_x) newtons; 0 where nothing presses.
+
+        NaN everywhere unless all three components are VALID.
+        """
+        pressure = np.clip(-self.force[..., 2], 0, None)
+        margin = friction * pressure - np.hypot(self.force[..., 0], self.force[..., 1])
+        return np.where(pressure == 0, margin * 0, margin)
 
 
 @dataclass(frozen=True)
@@ -192,7 +195,7 @@ class Contact:
 
     @classmethod
     def from_message(cls, m: Any, flags: int = 0) -> Contact:
-        state = SLIP_STATES.get(getattr(m, "slip_state", 0))
+        state = None if flags & ~KNOWN_FLAGS else SLIP_STATES.get(getattr(m, "slip_state", 0))
         told = state is not None
         known = told and m.friction_1e3 > 0
         parts = m.helmholtz if _has(m, "helmholtz") else None

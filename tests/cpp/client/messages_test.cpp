@@ -106,6 +106,14 @@ TEST(ClientMessages, AContactThatBeginsToSlip) {
   EXPECT_DOUBLE_EQ(c.contacts[0].slip_margin_n, 25e-3);
   EXPECT_EQ(c.n_found, 1U);
   EXPECT_TRUE(std::isnan(c.contacts[0].force_n[2].value));
+
+  Payload flagged = golden("contact that begins to slip");
+  const Payload stamp = {0x0A, 4, 0x18, 0x80, 0x80, 0x10};  // flags 1 << 18, which this library does not know
+  flagged.insert(flagged.end(), stamp.begin(), stamp.end());
+  const Packet unknown = packet(7, flagged);
+  const Contact& untold = std::get<Contacts>(unknown.message).contacts.at(0);
+  EXPECT_EQ(untold.slip_state, SlipState::kNotMeasured);
+  EXPECT_TRUE(std::isnan(untold.slip_margin_n));
 }
 
 void put_varint(Payload& out, uint64_t v) {

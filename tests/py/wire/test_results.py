@@ -7,7 +7,7 @@ import pytest
 from golden import read_vectors
 from google.protobuf import descriptor_pb2
 
-from ruffini.device.results import NOT_MEASURED, VALID, Contacts, Depth, Field, Image, Wrench
+from ruffini.device.results import INVALID, NOT_MEASURED, VALID, Contacts, Depth, Field, Image, Wrench
 from ruffini.errors import InputError
 from ruffini.wire import Decoder
 from ruffini.wire.messages import Schema
@@ -67,13 +67,24 @@ def test_an_old_device_has_no_slip() -> None:
 def test_slip_of_the_nodes_and_their_margin() -> None:
     force = {"n_x": 1, "n_y": 1, "n_components": 3, "data": b"\x03" + bytes([0o46 | (0o5 << 6 & 0xFF), 1]) + bytes(10)}
     slip = {"n_x": 1, "n_y": 1, "n_components": 1, "data": b"\x02\x02" + bytes(7)}
-    message = Schema.own().new("Field", force_lsb_un=10, force=force, slip=slip, displacement=force)
-    field = Field.from_message(message)
+    parts = {"force_lsb_un": 10, "force": force, "slip": slip, "displacement": force}
+    field = Field.from_message(Schema.own().new("Field", validity=[VALID] * 3, **parts))
     assert field.slip is not None
     assert field.slip.tolist() == [[1]]
     assert field.force_steps.tolist() == [[[3, 2, -3]]]  # zigzag 6, 4, 5
     margin = field.slip_margin(0.5)
     assert margin[0, 0] == pytest.approx(1e-5 * (0.5 * 3 - np.hypot(3, 2)))
+    for validity in ([], [VALID, INVALID, VALID], [VALID, VALID, INVALID]):
+        field = Field.from_message(Schema.own().new("Field", validity=validity, **parts))
+        assert np.isnan(field.slip_margin(0.5)).all()
+
+
+def test_slip_with_a_flag_of_a_later_sensor_is_not_told() -> None:
+    message = Schema.own().new("Contacts", stamp={"flags": 1 << 30}, contacts=[
+        {"validity": VALID, "slip_state": 1, "shear_ratio_1e3": 120, "friction_1e3": 500, "slip_margin_un": 25_000},
+    ])  # fmt: skip
+    (contact,) = Contacts.from_message(message).contacts
+    assert (contact.slip_state, contact.shear_ratio, contact.slip_margin_n) == (None, None, None)
 
 
 def test_how_sure_the_wrench_is() -> None:
