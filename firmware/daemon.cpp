@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <optional>
 
 #include "store/last_run.h"
 
@@ -43,7 +44,7 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Surr
   if (!options.network) return;
   exchange_.network.is_asked = true;
   network_ = std::make_unique<Inference>(options.network, pool_, kBuffers + Inference::kBuffers, exchange_.network,
-                                         options.is_lockstep);
+                                         options.is_lockstep, [this] { begin("inference"); });
 }
 
 void Daemon::run(const std::atomic<bool>& stop) {
@@ -59,9 +60,14 @@ void Daemon::run(const std::atomic<bool>& stop) {
   frame.join();
 }
 
+void Daemon::begin(const char* role) {
+  RunRecord::name_thread(role);
+  if (options_.begun) options_.begun(role);
+}
+
 void Daemon::capture_loop() {
   using namespace std::chrono_literals;
-  RunRecord::name_thread("capture");
+  begin("capture");
   while (options_.waits_for_host && !is_stopping() &&
          std::none_of(exchange_.every.begin(), exchange_.every.end(), [](const auto& n) { return n.load() != 0; })) {
     std::this_thread::sleep_for(1ms);
@@ -114,7 +120,7 @@ bool Daemon::take_in_order(FramePool::Buffer& buffer) {
 }
 
 void Daemon::frame_loop() {
-  RunRecord::name_thread("frame");
+  begin("frame");
   while (!is_stopping()) {
     mailbox_.wait_full();
     if (!process_once()) {
@@ -156,7 +162,9 @@ void Daemon::swap_path() {
 }
 
 void Daemon::read_computer() {
-  exchange_.milli_celsius = around_.io->milli_celsius().value_or(kNoTemperature);
+  const std::optional<int32_t> milli_celsius = around_.io->milli_celsius();
+  exchange_.milli_celsius = milli_celsius.value_or(kNoTemperature);
+  if (options_.has_light_fault) exchange_.has_light_fault = options_.has_light_fault(milli_celsius);
   exchange_.throttled = around_.io->throttled().value_or(0);
 }
 
@@ -272,7 +280,7 @@ void Daemon::publish(ruffini_MessageType type, std::span<const uint8_t> frames) 
 }
 
 void Daemon::link_loop() {
-  RunRecord::name_thread("link");
+  begin("link");
   while (!stop_->load(std::memory_order_relaxed)) {
     if (!serve_once(kLinkPollMs)) {
       std::this_thread::sleep_for(kReopenPause);

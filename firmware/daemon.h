@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 
@@ -35,6 +36,10 @@ struct DaemonOptions {
   // Asked about once a second by the link thread: a sentence where what is round the sensor is not as at the start, and
   // forces would be wrong. The daemon then ends with it; empty: never.
   std::function<std::string()> lost{};
+  // Asked as `lost`, with what the thermometer says: whether the lamps are not as the board asks; empty: never.
+  std::function<bool(std::optional<int32_t> milli_celsius)> has_light_fault{};
+  // Called by each thread (capture, frame, link, inference) when it begins; empty: nothing is to be done.
+  std::function<void(const char* role)> begun{};
 };
 
 // All that the daemon knows of the world; the medium is the calibrator's.
@@ -66,6 +71,7 @@ class Daemon {
   [[nodiscard]] std::string problem() const { return lost_.empty() ? around_.camera->problem() : lost_; }
 
  private:
+  void begin(const char* role);
   void capture_loop();
   void frame_loop();
   void link_loop();

@@ -1,5 +1,6 @@
 // ruffinid: composition root. Everything else is in the folders beside this file (README.md).
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <sys/mman.h>
 
 #include <CLI/CLI.hpp>
@@ -10,14 +11,18 @@
 #include <filesystem>
 
 #include "board/parse.h"
+#include "capture/alternating_camera.h"
 #include "capture/libcamera_camera.h"
+#include "capture/paired_camera.h"
 #include "capture/replay_camera.h"
 #include "capture/twin_camera.h"
 #include "daemon.h"
 #include "hw/doctor.h"
 #include "hw/linux_board.h"
 #include "hw/pad_hardware.h"
+#include "hw/strobe.h"
 #include "hw/system.h"
+#include "hw/thread_place.h"
 #include "link/serial_port.h"
 #include "store/folder_storage.h"
 #include "store/last_run.h"
@@ -66,7 +71,7 @@ uint64_t now_ns() {
 struct Arguments {
   std::string board;
   std::string boards_dir = RUFFINI_BOARDS_DIR;
-  std::string camera;
+  std::vector<std::string> cameras;
   std::string link;
   std::string store;
   std::string serial;
@@ -78,6 +83,7 @@ struct Arguments {
   bool is_loop = false;
   bool locks_memory = false;
   bool is_doctor = false;
+  bool is_lights_off = false;
   bool is_json = false;
   ruffini::DaemonOptions daemon;
 };
@@ -89,18 +95,65 @@ ruffini::Result<ruffini::BoardSettings> load_board(const Arguments& arguments) {
                                  : (fs::path(arguments.boards_dir) / arguments.board).string());
 }
 
-ruffini::Result<std::unique_ptr<ruffini::Camera>> open_camera(const Arguments& arguments,
-                                                              const ruffini::BoardSettings& board) {
+ruffini::Result<std::unique_ptr<ruffini::Camera>> open_one(const std::string& camera, const Arguments& arguments,
+                                                           const ruffini::BoardSettings& board) {
   const bool is_lockstep = arguments.daemon.is_lockstep;
-  if (arguments.camera.rfind("libcamera:", 0) == 0) return ruffini::open_libcamera(arguments.camera.substr(10), board);
-  if (arguments.camera.rfind("twin:", 0) == 0) {
-    return ruffini::open_twin(arguments.camera.substr(5), is_lockstep, board);
-  }
-  if (arguments.camera.rfind("replay:", 0) == 0) {
-    return ruffini::open_replay({arguments.camera.substr(7), is_lockstep, arguments.is_loop}, board);
+  if (camera.rfind("libcamera:", 0) == 0) return ruffini::open_libcamera(camera.substr(10), board);
+  if (camera.rfind("twin:", 0) == 0) return ruffini::open_twin(camera.substr(5), is_lockstep, board);
+  if (camera.rfind("replay:", 0) == 0) {
+    return ruffini::open_replay({camera.substr(7), is_lockstep, arguments.is_loop}, board);
   }
   return ruffini::Error{ruffini::ErrorKind::kBadInput,
-                        "--camera " + arguments.camera + ": give libcamera:NAME, replay:PATH or twin:SOCKET"};
+                        "--camera " + camera + ": give libcamera:NAME, replay:PATH or twin:SOCKET"};
+}
+
+using CameraResult = ruffini::Result<std::unique_ptr<ruffini::Camera>>;
+
+// One that makes the whole picture, or two of half a picture each.
+CameraResult open_cameras(const Arguments& arguments, const ruffini::BoardSettings& board) {
+  if (arguments.cameras.size() == 1) return open_one(arguments.cameras[0], arguments, board);
+  if (board.stereo.tolerance_us == 0) {
+    return ruffini::Error{ruffini::ErrorKind::kBadInput,
+                          "--camera is given twice, but board.toml has no [stereo]: give one, or add that section"};
+  }
+  ruffini::BoardSettings half = board;
+  half.camera.width_px /= 2;
+  auto left = open_one(arguments.cameras[0], arguments, half);
+  if (!left) return left;
+  auto right = open_one(arguments.cameras[1], arguments, half);
+  if (!right) return right;
+  return ruffini::pair_cameras(std::move(left).value(), std::move(right).value(), board.camera.width_px,
+                               board.camera.height_px, static_cast<uint64_t>(board.stereo.tolerance_us));
+}
+
+// What a twin's lamps do it says by its numbers; a board's are switched here. Recordings hold what was computed from.
+CameraResult open_alternating(const Arguments& arguments, const ruffini::BoardSettings& board,
+                              ruffini::OutputLine* lamps) {
+  ruffini::BoardSettings faster = board;
+  faster.camera.rate_mhz *= 2;
+  auto camera = open_cameras(arguments, faster);
+  if (!camera || camera.value()->is_replay()) return camera;
+  const size_t n_bytes = size_t{3} * static_cast<size_t>(board.camera.width_px * board.camera.height_px);
+  if (arguments.cameras[0].rfind("twin:", 0) == 0) {
+    return ruffini::alternate(std::move(camera).value(), ruffini::lamps_by_number, n_bytes);
+  }
+  if (lamps == nullptr) {
+    return ruffini::Error{ruffini::ErrorKind::kUnavailable,
+                          "light.alternation needs the lamps' line, which cannot be had: see the line above"};
+  }
+  const auto period_us = static_cast<uint64_t>(1'000'000'000 / faster.camera.rate_mhz);
+  auto strobe = std::make_shared<ruffini::Strobe>(*lamps, period_us, static_cast<uint64_t>(board.exposure.time_us));
+  const auto during = [strobe](const ruffini::FramePool::Buffer& frame) {
+    const std::optional<bool> is_lit = strobe->saw(frame.capture_us);
+    return !is_lit ? ruffini::Lamps::kNotKnown : *is_lit ? ruffini::Lamps::kLit : ruffini::Lamps::kDark;
+  };
+  fmt::print(stderr, "ruffinid: light.alternation: {} frames a second of the camera, {} pairs\n",
+             static_cast<double>(faster.camera.rate_mhz) / 1'000, static_cast<double>(board.camera.rate_mhz) / 1'000);
+  return ruffini::alternate(std::move(camera).value(), during, n_bytes);
+}
+
+CameraResult open_camera(const Arguments& arguments, const ruffini::BoardSettings& board, ruffini::OutputLine* lamps) {
+  return board.light.alternates ? open_alternating(arguments, board, lamps) : open_cameras(arguments, board);
 }
 
 // Everything that a start needs, looked at; the camera is opened as a start would.
@@ -110,9 +163,10 @@ int doctor(const Arguments& arguments) {
   const auto board = load_board(arguments);
   if (board) {
     checks.push_back({"board", CheckState::kOk, board.value().name, ""});
-    const auto camera = open_camera(arguments, board.value());
+    checks.push_back(ruffini::examine_threads(board.value().threads));
+    const auto camera = open_cameras(arguments, board.value());
     checks.push_back({"frames", camera ? CheckState::kOk : CheckState::kFailed,
-                      camera ? arguments.camera : camera.error().message, ""});
+                      camera ? fmt::format("{}", fmt::join(arguments.cameras, ", ")) : camera.error().message, ""});
   } else {
     checks.push_back({"board", CheckState::kFailed, board.error().message, ""});
   }
@@ -125,6 +179,10 @@ int run(const Arguments& arguments) {
   if (arguments.is_doctor) return doctor(arguments);
   auto board = load_board(arguments);
   if (!board) return fail(board.error());
+  if (arguments.is_lights_off) {
+    const std::string problem = ruffini::PadHardware::lights_off(board.value());
+    return problem.empty() ? 0 : fail({ruffini::ErrorKind::kUnavailable, problem});
+  }
   constexpr size_t kMaxSerialBytes = sizeof ruffini_Hello::device_serial - 1;
   if (arguments.serial.size() > kMaxSerialBytes) {
     return fail({ruffini::ErrorKind::kBadInput,
@@ -140,7 +198,7 @@ int run(const Arguments& arguments) {
   if (!pad) return fail(pad.error());
   if (!pad.value().dark().empty()) fmt::print(stderr, "ruffinid: {}\n", pad.value().dark());
   const bool is_lockstep = arguments.daemon.is_lockstep;
-  auto camera = open_camera(arguments, board.value());
+  auto camera = open_camera(arguments, board.value(), pad.value().lamps());
   if (!camera) return fail(camera.error());
   const std::string serial = !arguments.serial.empty()            ? arguments.serial
                              : pad.value().board_serial().empty() ? "0000"
@@ -150,6 +208,16 @@ int run(const Arguments& arguments) {
   const ruffini::RunRecord record(arguments.store);
   ruffini::DaemonOptions options = arguments.daemon;
   options.lost = [&pad] { return pad.value().lost(); };
+  options.has_light_fault = [&pad, said = std::string()](std::optional<int32_t> milli_celsius) mutable {
+    const std::string fault = pad.value().lamp_fault(milli_celsius);
+    if (!fault.empty() && fault != said && fault != pad.value().dark()) fmt::print(stderr, "ruffinid: {}\n", fault);
+    said = fault;
+    return !fault.empty();
+  };
+  options.begun = [&board](const char* role) {
+    const std::string problem = ruffini::place_thread(role, ruffini::thread_of(board.value().threads, role));
+    if (!problem.empty()) fmt::print(stderr, "ruffinid: {}\n", problem);
+  };
   if (!board.value().learned.network.empty() && !record.is_safe_mode()) {
     const std::string path = (fs::path(arguments.store) / board.value().learned.network).string();
     options.network = [path, settings = board.value()] { return ruffini::load_network(path, settings); };
@@ -221,10 +289,12 @@ int main(int argc, char** argv) {
   app.add_option("--board", arguments.board, "board name, or a folder with a board.toml")->required();
   app.add_option("--boards-dir", arguments.boards_dir, "where board names are looked up");
   app.add_option(
-         "--camera", arguments.camera,
+         "--camera", arguments.cameras,
          "libcamera:NAME, a part of a camera's id, or nothing; replay:PATH, a video file or a folder of images; "
-         "twin:SOCKET of `ruffini sim serve`")
-      ->required();
+         "twin:SOCKET of `ruffini sim serve`. Twice with [stereo] of board.toml: left, then right")
+      ->required()
+      ->expected(1, 2)
+      ->allow_extra_args(false);
   app.add_option("--link", arguments.link, "serial device, pty, or pty:SYMLINK")->required();
   app.add_option("--store", arguments.store, "folder that keeps the calibration")->required();
   app.add_option("--serial", arguments.serial, "serial number of this unit; empty: what its EEPROM says");
@@ -234,6 +304,8 @@ int main(int argc, char** argv) {
                "take the public development key's, too, though keys are enrolled");
   app.add_flag("--lock-memory", arguments.locks_memory, "no page that was used leaves memory");
   app.add_flag("--doctor", arguments.is_doctor, "say what is missing on this computer, with the remedy; exit code 1");
+  app.add_flag("--lights-off", arguments.is_lights_off,
+               "switch the board's lamps off, and do nothing else: after a daemon that was killed");
   app.add_flag("--json", arguments.is_json, "what --doctor says as one JSON object");
   app.add_flag("--no-challenge", arguments.has_no_challenge,
                "take commands that change something from anybody on the line, though keys are enrolled");

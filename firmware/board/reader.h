@@ -88,6 +88,23 @@ class BoardReader {
     return values;
   }
 
+  // A list of one or more integers, each in [low, high].
+  std::vector<int64_t> integers(const char* key, int64_t low, int64_t high) {
+    std::vector<int64_t> values;
+    const toml::node* node = find(key);
+    const toml::array* list = node == nullptr ? nullptr : node->as_array();
+    const auto refuse = [&] {
+      fail(path(key) + " must be a list of integers from " + std::to_string(low) + " to " + std::to_string(high));
+    };
+    if (list == nullptr || list->empty()) return refuse(), values;
+    for (const toml::node& item : *list) {
+      const auto value = item.value_exact<int64_t>();
+      if (!value || *value < low || *value > high) return refuse(), values;
+      values.push_back(*value);
+    }
+    return values;
+  }
+
   int choice(const char* key, const std::vector<std::string>& allowed) {
     const std::string value = text(key);
     const auto found = std::find(allowed.begin(), allowed.end(), value);

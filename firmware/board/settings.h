@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/image_view.h"
+#include "board/hardware_settings.h"
 #include "board/reflex_settings.h"
 
 namespace ruffini {
@@ -106,39 +107,9 @@ struct SkinSettings {
 };
 inline constexpr int kMaxAveragedFrames = 10;
 
-// What the camera is told instead of its automatics; all 0: it is left to them.
-struct ExposureSettings {
-  int64_t time_us = 0;
-  int64_t gain_1e3 = 0;
-  int64_t red_1e3 = 0;  // gains of the channels over green
-  int64_t blue_1e3 = 0;
-
-  [[nodiscard]] bool is_manual() const { return time_us != 0; }
-};
-
-// A thermometer of Linux (hw/thermometer.h); both empty: none.
-struct TemperatureSettings {
-  std::string place;  // what STATUS calls it
-  std::string path;
-};
-
 // A learned network beside the frame path (proto/NETWORK.md): its file in the store's folder; empty: none.
 struct LearnedSettings {
   std::string network;
-};
-
-// The pad's lamps, switched on while ruffinid runs; an empty line: they have a switch of their own.
-struct LightSettings {
-  std::string chip;
-  std::string line;
-};
-
-// Memories on I2C that say which board and which gel these are (hw/identity.h); an empty bus: none; address 0: not that.
-struct EepromSettings {
-  std::string bus;
-  int64_t board_address = 0;
-  int64_t gel_address = 0;
-  int address_bytes = 1;  // 1 up to 256 bytes of memory, 2 above
 };
 
 struct BoardSettings {
@@ -157,10 +128,13 @@ struct BoardSettings {
   ContactSettings contact;
   SkinSettings skin;
   LightSettings light;
+  LedDriverSettings led_driver;
+  StereoSettings stereo;
   EepromSettings eeprom;
   TemperatureSettings temperature;
   LearnedSettings learned;
   ReflexSettings reflex;
+  ThreadsSettings threads;
   int64_t force_lsb_un = 0;
   int64_t calibration_kb = kMaxCalibrationKb;  // room for the calibration file
   int n_rest_frames = 0;

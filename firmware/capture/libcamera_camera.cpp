@@ -5,15 +5,13 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <condition_variable>
-#include <cstdlib>
-#include <ctime>
 #include <future>
-#include <map>
 #include <mutex>
 #include <thread>
 #include <vector>
 
+#include "capture/libcamera_metadata.h"
+#include "capture/libcamera_session.h"
 #include "capture/pixels.h"
 #include "hw/frame_memory.h"
 
@@ -24,7 +22,6 @@ namespace lc = libcamera;
 using std::chrono::milliseconds;
 using SteadyClock = std::chrono::steady_clock;
 
-constexpr unsigned kRequests = 4;
 constexpr milliseconds kWait{100};     // for one frame; then the daemon looks whether it is to stop
 constexpr milliseconds kStall{1'000};  // without frames: the stream is started again
 constexpr milliseconds kStopTime{2'000};
@@ -46,83 +43,24 @@ const std::array<Format, 5>& formats() {
   return kFormats;
 }
 
-YuvRule rule_of(const std::optional<lc::ColorSpace>& space) {
-  if (!space) return kFull601;
-  const bool is_full = space->range == lc::ColorSpace::Range::Full;
-  if (space->ycbcrEncoding == lc::ColorSpace::YcbcrEncoding::Rec709) return is_full ? kFull709 : kLimited709;
-  return is_full ? kFull601 : kLimited601;
-}
-
-int64_t clock_ns(clockid_t clock) {
-  timespec now{};
-  ::clock_gettime(clock, &now);
-  return int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
-}
-
-bool is_within(double value, double wanted, double part) { return std::abs(value - wanted) <= part * wanted; }
-
-// Everything of libcamera, so that it can be left alone as a whole where a call does not come back.
-struct Session {
-  lc::CameraManager manager;
-  std::shared_ptr<lc::Camera> camera;
-  std::unique_ptr<lc::CameraConfiguration> configuration;
-  std::unique_ptr<lc::FrameBufferAllocator> allocator;
-  std::vector<std::unique_ptr<lc::FrameBuffer>> own_buffers;
-  std::map<const lc::FrameBuffer*, FrameMapping> mappings;
-  std::vector<std::unique_ptr<lc::Request>> requests;
-  bool is_acquired = false;
-  bool is_running = false;
-
-  std::mutex mutex;  // of what follows
-  std::condition_variable changed;
-  std::array<lc::Request*, kRequests> done{};
-  size_t n_done = 0;
-  bool is_gone = false;
-
-  // libcamera's thread.
-  void complete(lc::Request* request) {
-    if (request->status() == lc::Request::RequestCancelled) return;
-    const std::lock_guard lock(mutex);
-    if (n_done < done.size()) done[n_done++] = request;
-    changed.notify_one();
-  }
-  void disconnect() {
-    const std::lock_guard lock(mutex);
-    is_gone = true;
-    changed.notify_one();
-  }
-
-  ~Session() {
-    requests.clear();
-    mappings.clear();
-    own_buffers.clear();
-    allocator.reset();
-    if (camera) {
-      camera->requestCompleted.disconnect();
-      camera->disconnected.disconnect();
-      if (is_acquired) camera->release();
-      camera.reset();
-    }
-    manager.stop();
-  }
-};
-
 class LibcameraCamera : public Camera {
  public:
-  explicit LibcameraCamera(const BoardSettings& board) : board_(board), session_(std::make_unique<Session>()) {}
+  explicit LibcameraCamera(const BoardSettings& board)
+      : board_(board), session_(std::make_unique<LibcameraSession>()) {}
   LibcameraCamera(LibcameraCamera&&) = delete;
   ~LibcameraCamera() override {
     if (session_ && session_->is_running) stop_in_time();
   }
 
   Status open(const std::string& name) {
-    if (session_->manager.start() != 0) return unavailable("libcamera", "did not start: does /dev/media* exist?");
+    session_->manager = camera_manager();
+    if (!session_->manager) return unavailable("libcamera", "did not start: does /dev/media* exist?");
     if (Status found = find(name); !found) return found;
     if (Status configured = configure(); !configured) return configured;
     if (Status made = make_buffers(); !made) return made;
     if (Status asked = ask_controls(); !asked) return asked;
-    session_->camera->requestCompleted.connect(session_.get(), &Session::complete);
-    session_->camera->disconnected.connect(session_.get(), &Session::disconnect);
+    session_->camera->requestCompleted.connect(session_.get(), &LibcameraSession::complete);
+    session_->camera->disconnected.connect(session_.get(), &LibcameraSession::disconnect);
     if (!start()) return unavailable(id_, "did not start: is another program using it? dmesg says more");
     return Unit{};
   }
@@ -149,7 +87,7 @@ class LibcameraCamera : public Camera {
   Status find(const std::string& name) {
     std::string ids;
     std::vector<std::shared_ptr<lc::Camera>> fitting;
-    for (const auto& camera : session_->manager.cameras()) {
+    for (const auto& camera : session_->manager->cameras()) {
       ids += (ids.empty() ? "" : ", ") + camera->id();
       if (camera->id().find(name) != std::string::npos) fitting.push_back(camera);
     }
@@ -355,7 +293,7 @@ class LibcameraCamera : public Camera {
       return CaptureStatus::kNothing;
     }
     if (about.status != lc::FrameMetadata::FrameSuccess) return CaptureStatus::kInvalidFrame;
-    if (const std::string drift = drift_of(request.metadata()); !drift.empty()) {
+    if (const std::string drift = drift_of(request.metadata(), board_.exposure); !drift.empty()) {
       if (++n_drifted_ >= kMaxDrifted) {
         problem_ = "camera " + id_ + " has " + drift + ": give [exposure] numbers that it can keep";
         return CaptureStatus::kEnd;
@@ -365,40 +303,6 @@ class LibcameraCamera : public Camera {
     n_drifted_ = 0;
     copy(*frame, buffer.pixels.data());
     return CaptureStatus::kFrame;
-  }
-
-  // libcamera: stamps are of the start of the first row's exposure, by the clock that counts in sleep, too; some
-  // pipelines give the kernel's monotonic time. A stamp ahead of that can only be the former.
-  static uint64_t middle_us(const lc::ControlList& said, const lc::FrameMetadata& about) {
-    int64_t stamp_ns = said.get(lc::controls::SensorTimestamp).value_or(static_cast<int64_t>(about.timestamp));
-    const int64_t now_ns = clock_ns(CLOCK_MONOTONIC);
-    if (stamp_ns <= 0) stamp_ns = now_ns;
-    if (stamp_ns > now_ns) stamp_ns -= clock_ns(CLOCK_BOOTTIME) - now_ns;
-    const int64_t exposure_us = said.get(lc::controls::ExposureTime).value_or(0);
-    return static_cast<uint64_t>(std::max<int64_t>(stamp_ns / 1'000 + exposure_us / 2, 0));
-  }
-
-  // What the frame was really taken with, where that is not what [exposure] asks; what is not told is not judged.
-  [[nodiscard]] std::string drift_of(const lc::ControlList& said) const {
-    const ExposureSettings& asked = board_.exposure;
-    if (!asked.is_manual()) return {};
-    // A sensor's steps: rows of exposure, sixteenths of gain.
-    constexpr double kPart = 0.02;
-    if (const auto time = said.get(lc::controls::ExposureTime);
-        time && !is_within(*time, static_cast<double>(asked.time_us), kPart)) {
-      return "an exposure of " + std::to_string(*time) + " us, asked " + std::to_string(asked.time_us);
-    }
-    if (const auto gain = said.get(lc::controls::AnalogueGain);
-        gain && !is_within(double{*gain} * 1'000, static_cast<double>(asked.gain_1e3), 2 * kPart)) {
-      return "a gain of " + std::to_string(*gain) + ", asked " + std::to_string(asked.gain_1e3) + " thousandths";
-    }
-    const auto colours = said.get(lc::controls::ColourGains);
-    if (colours && (!is_within(double{(*colours)[0]} * 1'000, static_cast<double>(asked.red_1e3), kPart) ||
-                    !is_within(double{(*colours)[1]} * 1'000, static_cast<double>(asked.blue_1e3), kPart))) {
-      return "colour gains of " + std::to_string((*colours)[0]) + " (red), " + std::to_string((*colours)[1]) +
-             " (blue), asked " + std::to_string(asked.red_1e3) + ", " + std::to_string(asked.blue_1e3) + " thousandths";
-    }
-    return {};
   }
 
   void copy(const lc::FrameBuffer& frame, uint8_t* out) const {
@@ -415,8 +319,8 @@ class LibcameraCamera : public Camera {
   }
 
   BoardSettings board_;
-  std::unique_ptr<Session> session_;
-  Session* left_alone_ = nullptr;  // never deleted: the kernel may still write there
+  std::unique_ptr<LibcameraSession> session_;
+  LibcameraSession* left_alone_ = nullptr;  // never deleted: the kernel may still write there
   std::string id_;
   std::string problem_;
   bool is_simulated_ = false;

@@ -10,6 +10,9 @@
 #include <filesystem>
 #include <fstream>
 #include <optional>
+#include <thread>
+
+#include "hw/thread_place.h"
 
 namespace ruffini {
 namespace {
@@ -226,6 +229,22 @@ std::string quoted(const std::string& text) {
 }  // namespace
 
 std::vector<Check> examine(const DoctorRequest& request) { return Examination(request).all(); }
+
+Check examine_threads(const ThreadsSettings& threads) {
+  std::string found;
+  std::string problems;
+  for (const char* role : {"capture", "frame", "link", "inference"}) {
+    const ThreadSettings& wanted = thread_of(threads, role);
+    if (wanted.priority == 0 && wanted.cpus == 0) continue;
+    std::thread([&] {
+      const std::string problem = place_thread(role, wanted);
+      found += (found.empty() ? "" : ", ") + std::string(role) + " " + thread_placed();
+      if (!problem.empty()) problems += (problems.empty() ? "" : "; ") + problem;
+    }).join();
+  }
+  if (found.empty()) return {"threads", CheckState::kOk, "as the daemon is started, all alike", ""};
+  return {"threads", problems.empty() ? CheckState::kOk : CheckState::kWarning, found, problems};
+}
 
 bool has_failed(const std::vector<Check>& checks) {
   return std::any_of(checks.begin(), checks.end(), [](const Check& c) { return c.state == CheckState::kFailed; });

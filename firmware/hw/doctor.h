@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "board/hardware_settings.h"
+
 namespace ruffini {
 
 enum class CheckState { kOk, kWarning, kFailed };
@@ -23,6 +25,9 @@ struct DoctorRequest {
 
 // Devices and permissions (of the user who asks), USB port, clock, governor, throttling, heat, memory lock.
 [[nodiscard]] std::vector<Check> examine(const DoctorRequest& request);
+
+// Priorities and CPUs of [threads], each tried by a thread of its own.
+[[nodiscard]] Check examine_threads(const ThreadsSettings& threads);
 
 [[nodiscard]] bool has_failed(const std::vector<Check>& checks);
 // A line for each check, its remedy under it.

@@ -1,8 +1,20 @@
 #include "hw/pad_hardware.h"
 
+#include <chrono>
+#include <thread>
 #include <utility>
 
 namespace ruffini {
+namespace {
+
+Result<std::unique_ptr<LedDriver>> open_driver(const LedDriverSettings& settings) {
+  auto bus = open_i2c(settings.bus);
+  if (!bus) return bus.error();
+  return LedDriver::open(std::move(bus).value(), settings,
+                         [](std::chrono::milliseconds time) { std::this_thread::sleep_for(time); });
+}
+
+}  // namespace
 
 Result<PadHardware> PadHardware::open(const BoardSettings& board) {
   std::unique_ptr<I2cBus> bus;
@@ -12,15 +24,47 @@ Result<PadHardware> PadHardware::open(const BoardSettings& board) {
     bus = std::move(opened).value();
   }
   auto pad = open(board, std::move(bus));
-  if (!pad || board.light.line.empty()) return pad;
-  auto lamps = open_output_line(board.light.chip, board.light.line);
-  if (lamps && lamps.value()->set(true)) {
-    pad.value().lamps_ = std::move(lamps).value();
-  } else {
-    pad.value().dark_ =
-        "the lamps stay dark: " + (lamps ? std::string("their line cannot be set") : lamps.error().message);
+  if (!pad) return pad;
+  std::string& dark = pad.value().dark_;
+  if (!board.light.line.empty()) {
+    auto lamps = open_output_line(board.light.chip, board.light.line);
+    if (lamps && lamps.value()->set(true)) {
+      pad.value().lamps_ = std::move(lamps).value();
+    } else {
+      dark = lamps ? std::string("their line cannot be set") : lamps.error().message;
+    }
   }
+  if (!board.led_driver.bus.empty()) {
+    auto driver = open_driver(board.led_driver);
+    if (driver) {
+      pad.value().driver_ = std::move(driver).value();
+    } else {
+      dark += (dark.empty() ? "" : "; ") + driver.error().message;
+    }
+  }
+  if (!dark.empty()) dark = "the lamps stay dark: " + dark;
   return pad;
+}
+
+std::string PadHardware::lamp_fault(std::optional<int32_t> milli_celsius) {
+  if (!dark_.empty() || driver_ == nullptr) return dark_;
+  return driver_->look(milli_celsius);
+}
+
+// Both give the lamps back dark; a line's new owner begins with it off.
+std::string PadHardware::lights_off(const BoardSettings& board) {
+  std::string problem;
+  if (!board.led_driver.bus.empty()) {
+    LedDriverSettings none = board.led_driver;
+    none.currents_ua.clear();
+    none.ramp_ms = 0;
+    if (const auto driver = open_driver(none); !driver) problem = driver.error().message;
+  }
+  if (!board.light.line.empty()) {
+    const auto line = open_output_line(board.light.chip, board.light.line);
+    if (!line) problem += (problem.empty() ? "" : "; ") + line.error().message;
+  }
+  return problem;
 }
 
 PadHardware::~PadHardware() {

@@ -31,11 +31,13 @@ void run_when_idle() {
 
 }  // namespace
 
-Inference::Inference(NetworkLoader loader, FramePool& pool, int n_buffers, NetworkHealth& health, bool is_lockstep)
+Inference::Inference(NetworkLoader loader, FramePool& pool, int n_buffers, NetworkHealth& health, bool is_lockstep,
+                     std::function<void()> begun)
     : loader_(std::move(loader)),
       pool_(pool),
       health_(health),
       is_lockstep_(is_lockstep),
+      begun_(std::move(begun)),
       stamp_(static_cast<size_t>(n_buffers)),
       thread_([this] { loop(); }) {}
 
@@ -69,6 +71,7 @@ void Inference::settle() {
 }
 
 void Inference::loop() {
+  if (begun_) begun_();
   if (!is_lockstep_) run_when_idle();
   if (const Status loaded = load(); loaded) {
     health_.state.store(NetworkState::kRuns, std::memory_order_release);

@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <string>
 #include <thread>
@@ -21,8 +22,9 @@ class Inference {
  public:
   static constexpr int kBuffers = 2;  // of the pool, that it may hold: one looked at, one waiting
 
-  // With `is_lockstep` it runs at full priority: the frame thread waits for it.
-  Inference(NetworkLoader loader, FramePool& pool, int n_buffers, NetworkHealth& health, bool is_lockstep);
+  // With `is_lockstep` it runs at full priority: the frame thread waits for it. Its thread calls `begun` at first.
+  Inference(NetworkLoader loader, FramePool& pool, int n_buffers, NetworkHealth& health, bool is_lockstep,
+            std::function<void()> begun = {});
   Inference(const Inference&) = delete;
   Inference& operator=(const Inference&) = delete;
   ~Inference();
@@ -46,6 +48,7 @@ class Inference {
   FramePool& pool_;
   NetworkHealth& health_;
   bool is_lockstep_;
+  std::function<void()> begun_;
   NetworkCard card_;
   std::unique_ptr<Network> network_;
   std::vector<float> raw_;

@@ -44,7 +44,8 @@ struct Exchange {
   std::atomic<FramePath*> next_path{nullptr};                // to swap in between frames; ownership passes
   std::atomic<int32_t> milli_celsius{kNoTemperature};        // of the board's thermometer
   // Of the link thread alone.
-  std::atomic<uint32_t> throttled{0};  // hw/throttling.h
+  std::atomic<uint32_t> throttled{0};        // hw/throttling.h
+  std::atomic<bool> has_light_fault{false};  // the lamps are not as the board asks
   // Written by the frame thread, read by the link thread.
   std::atomic<FramePath*> retired_path{nullptr};  // to be deleted by the link thread
   SpscRing telemetry{kTelemetryRingBytes};        // u8 message type, then its frames

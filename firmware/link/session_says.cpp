@@ -162,6 +162,7 @@ void Session::tell_health(ruffini_Status& m, uint64_t n_frames) {
   status_late_ = m.missed_deadlines;
   m.throttled = exchange_.throttled;
   if ((m.throttled & kThrottledNow) != 0) m.health |= ruffini_HealthBit_HEALTH_THROTTLED;
+  if (exchange_.has_light_fault) m.health |= ruffini_HealthBit_HEALTH_LIGHT;
   m.zero_moved_nm = exchange_.zero_moved_nm;
   if (exchange_.is_zero_at_limit) m.health |= ruffini_HealthBit_HEALTH_ZERO_LIMIT;
   m.reflex = static_cast<ruffini_ReflexState>(exchange_.reflex.load());

@@ -41,6 +41,11 @@ class CoreStages:
     def cos_pi_q30(self, numerator: int, denominator: int) -> int:
         return int(self._lib.stages_cos_pi_q30(ctypes.c_int64(numerator), ctypes.c_int64(denominator)))
 
+    def without_ambient(self, lit: npt.NDArray[np.uint8], dark: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        out = lit.copy()
+        self._lib.stages_take_ambient_away(_pointer(out, np.uint8), _pointer(dark, np.uint8), out.size)
+        return out
+
     def rest(self, frames: npt.NDArray[np.uint8]) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.int16]]:
         image = np.zeros(frames.shape[1:], np.uint16)
         reciprocal = np.zeros((3, *frames.shape[1:3]), np.int16)

@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include "base/ambient.h"
 #include "board/parse.h"
 #include "estimators/contacts.h"
 #include "estimators/slip.h"
@@ -107,6 +108,10 @@ Stages* stages_open(const char* board_toml, char* error) {
 }
 
 void stages_close(Stages* stages) { delete stages; }
+
+void stages_take_ambient_away(uint8_t* lit, const uint8_t* dark, int n) {
+  take_ambient_away({lit, static_cast<size_t>(n)}, {dark, static_cast<size_t>(n)});
+}
 
 int32_t stages_cos_pi_q30(int64_t numerator, int64_t denominator) { return cos_pi_q30(numerator, denominator); }
 

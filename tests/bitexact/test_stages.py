@@ -14,7 +14,7 @@ from mirror.displacement import displacement, filled
 from mirror.dot_templates import DotTemplates
 from mirror.dots import detect_dots
 from mirror.fixed import Saturations
-from mirror.light import difference, grey, reciprocal, rest_image
+from mirror.light import difference, grey, reciprocal, rest_image, without_ambient
 from mirror.markers import ABSENT, DX, DY, LOST, Lattice
 from mirror.photometric import Bend, cell_depth, cell_slope, marker_mask, unmix_of_cells
 from mirror.poisson import cos_pi_q30, poisson
@@ -74,6 +74,15 @@ def test_cosines_are_the_nearest_integers(open_stages: OpenStages) -> None:
         numerators = np.arange(-7, 4 * denominator + 9, dtype=np.int64)
         expected = cos_pi_q30(numerators, denominator)
         assert [core.cos_pi_q30(int(n), denominator) for n in numerators] == expected.tolist()
+
+
+def test_without_ambient(open_stages: OpenStages) -> None:
+    core, _ = open_stages(SIZES[0])
+    every = np.arange(256, dtype=np.uint8)
+    lit, dark = np.repeat(every, 256), np.tile(every, 256)  # each value with each
+    assert np.array_equal(core.without_ambient(lit, dark), without_ambient(lit, dark))
+    for n in (1, 15, 16, 17, 63):  # round the widths of vectors
+        assert np.array_equal(core.without_ambient(lit[-n:], dark[-n:]), without_ambient(lit[-n:], dark[-n:]))
 
 
 @pytest.mark.parametrize("text", SIZES)

@@ -52,6 +52,23 @@ def test_up_describes_one_serial_line(fake):
     assert (fake.run_folder / "identity.env").read_text() == "SERIAL=A-0042\n"
 
 
+def test_two_pads_are_two_lines_and_one_again_is_one(fake):
+    fake.environment["PADS"] = "2"
+    assert fake.run("up").returncode == 0
+    lines = [fake.gadget / "configs/c.1" / name for name in ("acm.usb0", "acm.usb1")]
+    assert [line.resolve().name for line in lines] == ["acm.usb0", "acm.usb1"]
+    assert all((fake.gadget / "functions" / line.name).is_dir() for line in lines)
+    before = fake.files()
+    assert fake.run("up").returncode == 0
+    assert fake.files() == before
+    fake.environment["PADS"] = "1"
+    assert fake.run("up").returncode == 0
+    assert [line.exists() for line in lines] == [True, False]
+    assert fake.content("UDC") == "fe980000.usb"
+    fake.environment["PADS"] = "3"
+    assert fake.run("up").returncode == 2
+
+
 def test_up_again_writes_nothing(fake):
     fake.run("up")
     before = fake.files()

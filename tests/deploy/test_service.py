@@ -50,6 +50,22 @@ def test_exposure(capsys):
     assert measured <= MAX_EXPOSURE
 
 
+def test_a_second_pads_service_has_places_of_its_own(tmp_path):
+    """The README's edit of the unit: its own settings, store and serial number; systemd knows all of it."""
+    edit = re.search(r"sudo sed -i '(.*?)' /etc/systemd", (DEPLOY / "README.md").read_text(), re.S)
+    assert edit
+    unit = unit_with_programs(tmp_path, UNITS[0])
+    first = unit.read_text()
+    subprocess.run(["sed", "-i", edit[1], str(unit)], check=True)
+    second = unit.read_text()
+    assert "EnvironmentFile=/etc/ruffini/second.env" in second
+    assert "identity.env" not in second
+    assert "StateDirectory=ruffini-second\n" in second
+    n_stores = first.count("/var/lib/ruffini")
+    assert n_stores == second.count("/var/lib/ruffini-second") == 2
+    assert UNITS[0] not in analyze("verify", "--man=no", str(unit)).stderr
+
+
 def test_a_weaker_sandbox_is_seen(tmp_path):
     weaker = tmp_path / UNITS[0]
     weaker.write_text((DEPLOY / UNITS[0]).read_text().replace("CapabilityBoundingSet=\n", ""))

@@ -10,7 +10,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from ruffini.boards.hardware import Eeprom, Exposure, Learned, Light, Reflex, Temperature
+from ruffini.boards.hardware import (
+    Eeprom,
+    Exposure,
+    Learned,
+    LedDriver,
+    Light,
+    Reflex,
+    Stereo,
+    Temperature,
+    Threads,
+    check_hardware,
+)
 from ruffini.boards.section import PRINTABLE, Listed, Text
 from ruffini.boards.section import Section as Section
 from ruffini.errors import InputError
@@ -203,6 +214,8 @@ class Board(Section):
     camera: Camera
     exposure: Exposure | None = None
     light: Light | None = None
+    led_driver: LedDriver | None = None
+    stereo: Stereo | None = None
     eeprom: Eeprom | None = None
     pad: Pad
     grid: Grid
@@ -216,6 +229,7 @@ class Board(Section):
     temperature: Temperature | None = None
     learned: Learned | None = None
     reflex: Reflex | None = None
+    threads: Threads | None = None
     memory: Memory | None = None
     pipeline: Pipeline
 
@@ -250,6 +264,11 @@ class Board(Section):
         y = observed_range(self.grid.n_y, self.pad.size_y_um, self.window.min_y_um, self.window.max_y_um)
         x = observed_range(self.grid.n_x, self.pad.size_x_um, self.window.min_x_um, self.window.max_x_um)
         return slice(y[0], y[0] + y[1]), slice(x[0], x[0] + x[1])
+
+    @property
+    def alternates(self) -> bool:
+        """Whether every second frame of the camera is taken with the lamps off; camera.rate_mhz counts pairs."""
+        return self.light is not None and self.light.alternates
 
     def _check_markers(self) -> None:
         markers, pad = self.markers, self.pad
@@ -375,8 +394,10 @@ class Board(Section):
         rows, columns = self.observed
         if rows.stop - rows.start < 2 or columns.stop - columns.start < 2:
             raise ValueError("[window] holds fewer than 2 node lines: widen it or refine [grid]")
-        if self.exposure is not None and self.exposure.time_us * camera.rate_mhz > 1_000_000_000:
-            raise ValueError("exposure.time_us is longer than a frame at camera.rate_mhz")
+        check_hardware(
+            camera.rate_mhz, camera.width_px, exposure=self.exposure, light=self.light, stereo=self.stereo,
+            led_driver=self.led_driver, has_thermometer=self.temperature is not None,
+        )  # fmt: skip
         self._check_markers()
         self._check_fingertip()
         self._check_gauge()

@@ -22,10 +22,39 @@ class Exposure(Section):
 
 
 class Light(Section):
-    """[light]: the GPIO line of the pad's lamps."""
+    """[light]: the GPIO line of the pad's lamps; lit_dark: every second frame of the camera is taken without them."""
 
     chip: DevicePath
     line: Annotated[str, Field(min_length=1, max_length=31, pattern=PRINTABLE)]
+    alternation: Literal["none", "lit_dark"] = "none"
+
+    @property
+    def alternates(self) -> bool:
+        """Whether it is lit_dark."""
+        return self.alternation == "lit_dark"
+
+
+class LedDriver(Section):
+    """[led_driver]: the PCA9955B that the lamps hang on."""
+
+    bus: DevicePath
+    address: I2cAddress
+    resistor_ohm: Annotated[int, Field(ge=500, le=10_000)]
+    currents_ua: Annotated[list[Annotated[int, Field(ge=0, le=57_375)]], Field(min_length=1, max_length=16)]
+    ramp_ms: Annotated[int, Field(ge=0, le=10_000)]
+    max_milli_celsius: Annotated[int, Field(ge=0, le=150_000)] | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> LedDriver:
+        if not self.bus.startswith("/"):
+            raise ValueError("led_driver.bus must begin with /")
+        return self
+
+
+class Stereo(Section):
+    """[stereo]: two cameras, each of half the picture, side by side."""
+
+    tolerance_us: Annotated[int, Field(ge=1, le=100_000)]
 
 
 class Eeprom(Section):
@@ -43,6 +72,22 @@ class Eeprom(Section):
         if self.board_address == self.gel_address:
             raise ValueError("[eeprom] needs board_address or gel_address, and not the same for both")
         return self
+
+
+Priority = Annotated[int, Field(ge=1, le=49)] | None  # of SCHED_FIFO; the kernel's interrupt threads have 50
+Cpus = Annotated[list[Annotated[int, Field(ge=0, le=63)]], Field(min_length=1)] | None
+
+
+class Threads(Section):
+    """[threads]: what the daemon's threads go before, and where they run."""
+
+    capture_priority: Priority = None
+    capture_cpus: Cpus = None
+    frame_priority: Priority = None
+    frame_cpus: Cpus = None
+    link_priority: Priority = None
+    link_cpus: Cpus = None
+    inference_cpus: Cpus = None
 
 
 class Temperature(Section):
@@ -84,3 +129,42 @@ class Reflex(Section):
         if self.force_un == 0 and self.slip == "none":
             raise ValueError("[reflex] has no limit: give force_un above 0, or slip")
         return self
+
+
+def check_hardware(
+    rate_mhz: int,
+    width_px: int,
+    *,
+    exposure: Exposure | None,
+    light: Light | None,
+    stereo: Stereo | None,
+    led_driver: LedDriver | None,
+    has_thermometer: bool,
+) -> None:
+    """What no single section can tell; rate and width are [camera]'s.
+
+    Raises
+    ------
+    ValueError
+        They do not fit together.
+    """
+    alternates = light is not None and light.alternates
+    n_exposures = 2 if alternates else 1
+    if exposure is not None and n_exposures * exposure.time_us * rate_mhz > 1_000_000_000:
+        raise ValueError(
+            "exposure.time_us is longer than half a frame at camera.rate_mhz, which light.alternation takes two "
+            "exposures in"
+            if alternates
+            else "exposure.time_us is longer than a frame at camera.rate_mhz"
+        )
+    if stereo is not None:
+        if stereo.tolerance_us * 2 * rate_mhz > 1_000_000_000:
+            raise ValueError("stereo.tolerance_us is longer than half a frame at camera.rate_mhz")
+        if width_px % 2:
+            raise ValueError("[stereo] needs an even camera.width_px: each camera makes half of it")
+        if alternates:
+            raise ValueError("[stereo] and light.alternation lit_dark cannot be had together")
+    if alternates and exposure is None:
+        raise ValueError("light.alternation lit_dark needs [exposure]: the camera's automatics would follow the lamps")
+    if led_driver is not None and led_driver.max_milli_celsius is not None and not has_thermometer:
+        raise ValueError("led_driver.max_milli_celsius needs [temperature]")

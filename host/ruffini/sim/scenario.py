@@ -175,15 +175,18 @@ class Scenario(Section):
                 now = fault.applied(now)
         return now
 
-    def is_sent(self, frame: int) -> bool:
-        """Whether the frame reaches the camera's line at all; by the seed, whenever it is asked."""
+    def is_sent(self, frame: int, *, is_unlit: bool = False) -> bool:
+        """Whether the frame reaches the camera's line at all; by the seed, whenever it is asked.
+
+        is_unlit : the one without lamps before it, of a board that alternates.
+        """
         for i, fault in enumerate(self.fault):
             if not fault.covers(frame):
                 continue
             if fault.kind == "stall":
                 return False
             if fault.kind == "drop":
-                lot = np.random.default_rng([self.seed, i, frame]).integers(1000)
+                lot = np.random.default_rng([self.seed, i, frame, *([1] if is_unlit else [])]).integers(1000)
                 if lot < fault.share_1e3:
                     return False
         return True
@@ -195,17 +198,21 @@ class Scenario(Section):
         displacement_m: Array,
         previous_m: Array | None,
         tray: TrayPose | None = None,
+        *,
+        is_unlit: bool = False,
     ) -> npt.NDArray[np.uint8]:
         """Frame `frame`, (h, w, 3) uint8 B G R, of displacements (n, 3) now and one frame before, metres.
 
         Recordings and the live twin make theirs here, so they are equal bit for bit.
+        is_unlit : with the lamps off, as `is_sent` has it.
         """
+        conditions = self.conditions(frame)
         return renderer.image(
             displacement_m,
-            np.random.default_rng([self.seed, frame]),
+            np.random.default_rng([self.seed, frame, *([1] if is_unlit else [])]),
             previous_m=previous_m,
             time_s=frame * 1e3 / renderer.board.camera.rate_mhz,
-            conditions=self.conditions(frame),
+            conditions=dataclasses.replace(conditions, is_unlit=is_unlit),
             tray=tray,
         )
 

@@ -2,7 +2,8 @@
 
 The bytes are described in firmware/capture/twin_camera.h. Frame i of a scenario is the same picture, bit for
 bit, whenever it is made: its noise follows from (seed, i). Paced, frames that the twin is late for are
-skipped as a camera would; in lockstep every frame is made.
+skipped as a camera would; in lockstep every frame is made. Of a board whose lamps alternate each frame is two of
+the camera's: number 2 i with the lamps off, then 2 i + 1 with them on.
 """
 
 from __future__ import annotations
@@ -221,9 +222,13 @@ class TwinServer:
             if states is None:
                 self._send(camera, struct.pack("<4sIQ", b"RFTF", 0, frame))
                 return
+            if self._board.alternates and self._scenario.is_sent(frame, is_unlit=True):
+                dark = self._scenario.picture(self._renderer, frame, *states, is_unlit=True).tobytes()
+                self._send(camera, struct.pack("<4sIQ", b"RFTF", len(dark), 2 * frame) + dark)
             if self._scenario.is_sent(frame):
                 data = self._scenario.picture(self._renderer, frame, *states).tobytes()
-                self._send(camera, struct.pack("<4sIQ", b"RFTF", len(data), frame) + data)
+                number = 2 * frame + 1 if self._board.alternates else frame
+                self._send(camera, struct.pack("<4sIQ", b"RFTF", len(data), number) + data)
                 self.n_sent += 1
                 self.after_sending(frame)
             frame += 1

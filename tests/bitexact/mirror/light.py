@@ -11,6 +11,12 @@ from mirror.markers import DX, DY, LOST
 DARK_LEVEL = 8
 
 
+def without_ambient(lit: npt.NDArray[np.uint8], dark: npt.NDArray[np.uint8]) -> I64:
+    """Lit less dark, not below 0; full stays full."""
+    less = np.maximum(lit.astype(np.int64) - dark.astype(np.int64), 0)
+    return np.asarray(np.where(lit == 255, 255, less))
+
+
 def rest_image(frames: npt.NDArray[np.uint8]) -> I64:
     """(16 sum + n / 2) / n per channel, in 1/16 grey levels."""
     n = len(frames)

@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "board/parse.h"
+#include "capture/paired_camera.h"
 
 namespace ruffini {
 namespace {
@@ -82,6 +83,32 @@ TEST_F(LibcameraTest, OpensAgainAfterItWasClosed) {
     ASSERT_TRUE(camera) << camera.error().message;
     FramePool pool(2, kWidth, kHeight);
     EXPECT_TRUE(frame(*camera.value(), pool));
+  }
+}
+
+// libcamera allows one manager in a process; the pipeline's stamps are those of the moments at which it was asked.
+TEST_F(LibcameraTest, TwoCamerasAtOnceMakeOnePicture) {
+  auto left = open_libcamera("VirtualPad", board_);
+  ASSERT_TRUE(left) << left.error().message;
+  auto right = open_libcamera("VirtualRight", board_);
+  ASSERT_TRUE(right) << right.error().message;
+  auto both = pair_cameras(std::move(left).value(), std::move(right).value(), 2 * kWidth, kHeight, 9'000);
+  ASSERT_TRUE(both);
+  FramePool pool(2, 2 * kWidth, kHeight);
+  uint64_t before_us = 0;
+  for (int i = 0; i < 8; ++i) {
+    const std::optional<int> index = frame(*both.value(), pool);
+    ASSERT_TRUE(index) << both.value()->problem();
+    const FramePool::Buffer& buffer = pool[*index];
+    EXPECT_GT(buffer.capture_us, before_us);
+    before_us = buffer.capture_us;
+    const size_t row = size_t{3} * 2 * kWidth * (kHeight / 2);
+    const auto at = [&](size_t x, size_t channel) { return int{buffer.pixels[row + 3 * x + channel]}; };
+    for (const size_t middle : {size_t{kWidth / 6}, size_t{kWidth + kWidth / 6}}) {  // red is at the left of each
+      EXPECT_GT(at(middle, 2), at(middle, 0) + 80);
+      EXPECT_LT(at(middle + 2 * kWidth / 3, 2), at(middle + 2 * kWidth / 3, 0) - 80);
+    }
+    pool.give_back(*index);
   }
 }
 

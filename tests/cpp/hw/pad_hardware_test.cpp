@@ -74,6 +74,29 @@ TEST_F(PadHardwareTest, LampsThatCannotBeHadAreSaidAndLeftOut) {
   EXPECT_NE(other.value().dark().find("is no GPIO chip"), std::string::npos) << other.value().dark();
 }
 
+TEST_F(PadHardwareTest, ADriverThatCannotBeHadIsSaidBesideTheLineAndStaysAFault) {
+  board_.eeprom = {};
+  board_.light = {"gpiochip-none", "LAMPS"};
+  board_.led_driver = {"/dev/i2c-none", 0x15, 1'000, {1'000}, 0, INT32_MAX};
+  auto pad = PadHardware::open(board_);
+  ASSERT_TRUE(pad);
+  EXPECT_NE(pad.value().dark().find("/dev/gpiochip-none"), std::string::npos) << pad.value().dark();
+  EXPECT_NE(pad.value().dark().find("; /dev/i2c-none: cannot be opened"), std::string::npos) << pad.value().dark();
+  EXPECT_EQ(pad.value().lamp_fault({}), pad.value().dark());
+  EXPECT_EQ(pad.value().lamps(), nullptr);
+  const std::string off = PadHardware::lights_off(board_);
+  EXPECT_NE(off.find("/dev/i2c-none"), std::string::npos) << off;
+  EXPECT_NE(off.find("/dev/gpiochip-none"), std::string::npos) << off;
+}
+
+TEST_F(PadHardwareTest, WithoutLampsOfItsOwnNothingIsSaidOfThem) {
+  auto pad = open();
+  ASSERT_TRUE(pad);
+  EXPECT_EQ(pad.value().lamp_fault({}), "");
+  board_.eeprom = {};
+  EXPECT_EQ(PadHardware::lights_off(board_), "");
+}
+
 TEST_F(PadHardwareTest, AnotherGelIsToldAtOnce) {
   auto pad = open();
   ASSERT_TRUE(pad);

@@ -239,6 +239,9 @@ TEST_F(SessionHealth, StatusSaysWhatIsWrongWithCameraComputerCreepAndReflex) {
   exchange_.throttled = 0x8;
   EXPECT_TRUE(adds(ruffini_HealthBit_HEALTH_THROTTLED));
   exchange_.throttled = 0;
+  exchange_.has_light_fault = true;
+  EXPECT_TRUE(adds(ruffini_HealthBit_HEALTH_LIGHT));
+  exchange_.has_light_fault = false;
   exchange_.is_zero_at_limit = true;
   EXPECT_TRUE(adds(ruffini_HealthBit_HEALTH_ZERO_LIMIT));
   exchange_.is_zero_at_limit = false;

@@ -57,6 +57,9 @@ threshold_1e3 = 500
 """
 EXPOSURE = "[exposure]\ngain_1e3 = 2000\nred_1e3 = 1500\nblue_1e3 = 1700\n"
 EEPROM = '[eeprom]\nbus = "/dev/i2c-1"\naddress_bytes = 2\n'
+LIGHT = '[light]\nchip = "gpiochip0"\nline = "LAMPS"\n'
+DRIVER = '[led_driver]\nbus = "/dev/i2c-1"\naddress = 21\nresistor_ohm = 1000\nramp_ms = 0\n'
+TEMPERATURE = '[temperature]\nplace = "gel"\npath = "/t"\n'
 WITHOUT_LIGHT = '["difference", "markers", "displacement", "operator", "support", "wrench", "contacts"]'
 WITH_CONTACT_MODEL = '["difference", "markers", "feature_wrench", "contact_model"]'
 WITH_TARGETS = '["difference", "targets", "feature_wrench"]'
@@ -164,6 +167,15 @@ GOOD: dict[str, Change] = {
     "light": append(f'[light]\nchip = "gpiochip0"\nline = "{"L" * 31}"\n'),
     "eeprom": append(f"{EEPROM}board_address = 80\ngel_address = 81\n"),
     "eeprom-of-the-gel": append(f"{EEPROM}gel_address = 119\n"),
+    "light-alternates": append(f'{LIGHT}alternation = "lit_dark"\n{EXPOSURE}time_us = 8333\n'),
+    "led-driver": append(f"{DRIVER}currents_ua = {[57375] * 16}\n"),
+    "led-driver-with-a-limit": append(f"{DRIVER}currents_ua = [0]\nmax_milli_celsius = 150000\n{TEMPERATURE}"),
+    "stereo": append("[stereo]\ntolerance_us = 8333\n"),
+    "threads": append(
+        "[threads]\ncapture_priority = 49\ncapture_cpus = [0, 63]\nframe_priority = 1\nframe_cpus = [1]\n"
+        "link_priority = 20\nlink_cpus = [2]\ninference_cpus = [3, 3]\n"
+    ),
+    "threads-of-one": append("[threads]\nframe_priority = 40\n"),
     "learned": append('[learned]\nnetwork = "net.onnx"\n'),
     "reflex": append(REFLEX),
     "reflex-by-slip": append(REFLEX.replace("5000000", "0").replace('"none"', '"incipient"')),
@@ -261,6 +273,32 @@ BAD: dict[str, tuple[Change, str]] = {
     "eeprom-twice": (append(f"{EEPROM}board_address = 80\ngel_address = 80\n"), "not the same"),
     "eeprom-reserved-address": (append(f"{EEPROM}gel_address = 7\n"), "gel_address"),
     "eeprom-relative-bus": (append(f"{EEPROM.replace('/dev/', '')}gel_address = 80\n"), "begin with /"),
+    "light-alternates-too-slow": (
+        append(f'{LIGHT}alternation = "lit_dark"\n{EXPOSURE}time_us = 8334\n'), "longer than half a frame"
+    ),
+    "light-alternates-with-automatics": (append(f'{LIGHT}alternation = "lit_dark"\n'), "needs [exposure]"),
+    "light-alternation-unknown": (append(f'{LIGHT}alternation = "often"\n'), "alternation"),
+    "led-driver-of-no-lamp": (append(f"{DRIVER}currents_ua = []\n"), "currents_ua"),
+    "led-driver-of-17-lamps": (append(f"{DRIVER}currents_ua = {[1] * 17}\n"), "currents_ua"),
+    "led-driver-of-58-ma": (append(f"{DRIVER}currents_ua = [57376]\n"), "currents_ua"),
+    "led-driver-relative-bus": (append(f"{DRIVER.replace('/dev/', '')}currents_ua = [1]\n"), "begin with /"),
+    "led-driver-without-a-thermometer": (
+        append(f"{DRIVER}currents_ua = [1]\nmax_milli_celsius = 60000\n"), "needs [temperature]"
+    ),
+    "stereo-of-a-whole-frame": (append("[stereo]\ntolerance_us = 8334\n"), "longer than half a frame"),
+    "stereo-of-an-odd-width": (
+        all_of(put("camera.width_px", "321"), put("depth.step_px", "1"), append("[stereo]\ntolerance_us = 9\n")),
+        "even camera.width_px",
+    ),
+    "stereo-that-alternates": (
+        append(f'{LIGHT}alternation = "lit_dark"\n[stereo]\ntolerance_us = 9\n'), "cannot be had together"
+    ),
+    "threads-before-interrupts": (append("[threads]\nframe_priority = 50\n"), "frame_priority"),
+    "threads-of-priority-zero": (append("[threads]\nlink_priority = 0\n"), "link_priority"),
+    "threads-of-no-cpu": (append("[threads]\nframe_cpus = []\n"), "frame_cpus"),
+    "threads-of-cpu-64": (append("[threads]\nframe_cpus = [64]\n"), "frame_cpus"),
+    "threads-of-a-text": (append('[threads]\nframe_cpus = "0-3"\n'), "frame_cpus"),
+    "threads-idle-before-others": (append("[threads]\ninference_priority = 9\n"), "inference_priority"),
     "learned-without-network": (append("[learned]\n"), "network"),
     "learned-in-a-folder": (append('[learned]\nnetwork = "../net.onnx"\n'), "without /"),
     "memory-empty": (lambda t: t + "[memory]\n", "calibration_kb"),

@@ -16,7 +16,7 @@ class Conditions:
 
     exposure : factor on all light; lamps_off : numbers of dark lamps; is_capped : nothing gets in;
     tear_um : middle x, y and radius of a hole in the coating, through which the room is seen;
-    leak : daylight that enters from the left edge, over the mean level.
+    leak : daylight that enters from the left edge, over the mean level; is_unlit : all lamps are switched off.
     """
 
     exposure: float = 1.0
@@ -24,6 +24,7 @@ class Conditions:
     is_capped: bool = False
     tear_um: tuple[int, int, int] | None = None
     leak: float = 0.0
+    is_unlit: bool = False
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,8 @@ class Renderer:
     node_b_mm: Array
     has_dots: bool = True
     views: list[Seen] = field(init=False)
-    _last: tuple[tuple[object, ...], Floats] | None = field(init=False, default=None)  # the last light and its reasons
+    # The last light and its reasons, of lit frames and of unlit ones.
+    _last: dict[bool, tuple[tuple[object, ...], Floats]] = field(init=False, default_factory=dict)
 
     @classmethod
     def over_chart(cls, board: Board, twin: TwinSettings, n_nodes: int = 49) -> Renderer:
@@ -171,11 +172,12 @@ class Renderer:
     def _light(self, displacement_m: Array, time_s: float, conditions: Conditions, tray: TrayPose | None) -> Floats:
         """Light of all views; the last one is kept, since often nothing moves from frame to frame."""
         told = (displacement_m.tobytes(), time_s if self._wear.led_drift_1e3 else 0.0, conditions, tray)
-        if self._last is None or self._last[0] != told:
+        last = self._last.get(conditions.is_unlit)
+        if last is None or last[0] != told:
             deformed = self.surface.deform(displacement_m)
             parts = [self._view(seen, deformed, time_s, conditions, tray) for seen in self.views]
-            self._last = (told, np.concatenate(parts, axis=1))
-        return self._last[1]
+            last = self._last[conditions.is_unlit] = (told, np.concatenate(parts, axis=1))
+        return last[1]
 
     def _view(
         self, seen: Seen, deformed: DeformedSurface, time_s: float, conditions: Conditions, tray: TrayPose | None
@@ -188,6 +190,8 @@ class Renderer:
             origin, direction, lamps = (origin - shift_mm) @ turn, direction @ turn, (lamps - shift_mm) @ turn
         # Openings do not move: the mask is bonded to the window.
         hits = seen.rest if seen.openings else deformed.hit(origin, direction)
+        if conditions.is_unlit:
+            return self._spoilt(np.zeros((*hits.a.shape, 3), np.float32), hits, conditions)
         gains = self._lamp_gain(time_s, conditions)
         light = self._direct(seen, deformed, hits, gains, lamps)
         light = (light + np.float32(self._ambient)) * (seen.vignette * np.float32(self._gain))

@@ -1,0 +1,206 @@
+#include "board/cross_check.h"
+
+#include <algorithm>
+#include <set>
+
+namespace ruffini {
+namespace {
+
+bool stages_in_order(const std::vector<std::string>& stages) {
+  auto place = known_stages().begin();
+  for (const std::string& stage : stages) {
+    place = std::find(place, known_stages().end(), stage);
+    if (place == known_stages().end()) return false;
+    ++place;
+  }
+  return !stages.empty();
+}
+
+void check_views(BoardReader& in, const BoardSettings& board) {
+  const MarkerSettings& markers = board.markers;
+  if (!markers.places.empty()) return in.fail("markers.places_um needs markers.layout = \"scattered\"");
+  if (board.camera.width_px % markers.lattice.n_y != 0) {
+    return in.fail("camera.width_px is no multiple of the markers.n_y views that it holds");
+  }
+  const auto makes_a_field = [](const std::string& stage) { return stage == "displacement" || stage == "photometric"; };
+  if (std::any_of(board.stages.begin(), board.stages.end(), makes_a_field)) {
+    in.fail("markers.layout views has no nodes: leave the stages displacement and photometric out");
+  }
+}
+
+void check_scattered(BoardReader& in, const BoardSettings& board) {
+  const MarkerSettings& markers = board.markers;
+  if (markers.polarity == Polarity::kTexture) return in.fail("markers.polarity texture needs markers.layout lattice");
+  if (markers.has_views) return check_views(in, board);
+  if (markers.places.empty()) return;
+  if (std::ssize(markers.places) != markers.lattice.count()) {
+    return in.fail("markers.places_um lists " + std::to_string(markers.places.size()) +
+                   " places, but n_x times n_y is " + std::to_string(markers.lattice.count()));
+  }
+  std::set<std::pair<int64_t, int64_t>> different;
+  for (const PadPlace& at : markers.places) {
+    different.insert({at.x_um, at.y_um});
+    if (at.x_um > board.pad.size_x_um || at.y_um > board.pad.size_y_um) {
+      return in.fail("markers.places_um reaches beyond the pad");
+    }
+  }
+  if (different.size() != markers.places.size()) in.fail("markers.places_um lists a place twice");
+}
+
+void check_markers(BoardReader& in, const BoardSettings& board) {
+  const MarkerSettings& markers = board.markers;
+  if (markers.lattice.count() == 0) {
+    const auto needs_them = [](const std::string& stage) { return stage == "markers" || stage == "displacement"; };
+    if (std::any_of(board.stages.begin(), board.stages.end(), needs_them)) in.fail("section [markers] is missing");
+    return;
+  }
+  if (markers.is_scattered) {
+    check_scattered(in, board);
+  } else if (!markers.places.empty()) {
+    in.fail("markers.places_um needs markers.layout = \"scattered\"");
+  } else if (markers.first_x_um + (markers.lattice.n_x - 1) * markers.pitch_x_um > board.pad.size_x_um ||
+             markers.first_y_um + (markers.lattice.n_y - 1) * markers.pitch_y_um > board.pad.size_y_um) {
+    in.fail("[markers] lattice reaches beyond the pad");
+  }
+  if (markers.diameter_um >= markers.pitch_x_um || markers.diameter_um >= markers.pitch_y_um) {
+    in.fail("markers.diameter_um must be below the pitch");
+  }
+  if (markers.polarity != Polarity::kTexture) return;
+  if (std::find(board.stages.begin(), board.stages.end(), "photometric") != board.stages.end()) {
+    in.fail("markers.polarity texture leaves no shading to the stage photometric: leave one of them out");
+  }
+  if (std::min(board.camera.width_px, board.camera.height_px) < 64) {  // TextureFlow::kMinSizePx
+    in.fail("markers.polarity texture needs an image of at least 64 x 64 pixels");
+  }
+}
+
+bool has_stage(const BoardSettings& board, const char* name) {
+  return std::find(board.stages.begin(), board.stages.end(), name) != board.stages.end();
+}
+
+void check_gauge(BoardReader& in, const BoardSettings& board) {
+  if (!board.depth.has_gauge_table()) return;
+  if (!has_stage(board, "poisson") || !has_stage(board, "displacement")) {
+    in.fail("depth.gauge spacing, volume and both need the stages poisson and displacement");
+  } else if (board.markers.is_scattered) {
+    in.fail("depth.gauge spacing, volume and both need markers.layout lattice");
+  }
+}
+
+void check_depth(BoardReader& in, const BoardSettings& board) {
+  if (board.depth.source == DepthSource::kLight) return;
+  if (!has_stage(board, "displacement")) {
+    in.fail("depth.source markers needs the stage displacement");
+  } else if (has_stage(board, "photometric") || has_stage(board, "poisson")) {
+    in.fail("depth.source markers takes no depth from light: leave the stages photometric and poisson out");
+  } else if (board.markers.is_scattered) {
+    in.fail("depth.source markers needs markers.layout lattice");
+  }
+}
+
+void check_targets(BoardReader& in, const BoardSettings& board) {
+  const TargetSettings& targets = board.targets;
+  if (has_stage(board, "feature_wrench")) {
+    if (!has_stage(board, "targets") && !has_stage(board, "markers")) {
+      in.fail("stage feature_wrench needs the stage targets or markers");
+    } else if (has_stage(board, "wrench")) {
+      in.fail("stages wrench and feature_wrench both say the wrench: leave one of them out");
+    }
+  }
+  if (has_stage(board, "contact_model")) {
+    if (!has_stage(board, "feature_wrench") || board.markers.polarity != Polarity::kTexture) {
+      in.fail("stage contact_model needs the stage feature_wrench and markers.polarity texture");
+    } else if (has_stage(board, "contacts")) {
+      in.fail("stages contacts and contact_model both say the contacts: leave one of them out");
+    }
+  }
+  if (has_stage(board, "contact_depth") && !has_stage(board, "contact_model")) {
+    in.fail("stage contact_depth needs the stage contact_model");
+  }
+  if (has_stage(board, "helmholtz")) {
+    const MarkerSettings& m = board.markers;
+    const int64_t most = 4;  // Helmholtz::kMostOblong
+    if (!has_stage(board, "contact_model")) {
+      in.fail("stage helmholtz needs the stage contact_model");
+    } else if (m.pitch_x_um > most * m.pitch_y_um || m.pitch_y_um > most * m.pitch_x_um) {
+      in.fail("stage helmholtz needs markers.pitch_x_um and pitch_y_um within four times each other");
+    }
+  }
+  if (targets.places.empty()) {
+    if (has_stage(board, "targets")) in.fail("section [targets] is missing");
+    return;
+  }
+  if (std::ssize(targets.places) > 16) in.fail("targets.places_um lists more than 16 places");
+  for (const PadPlace& at : targets.places) {
+    if (at.x_um > board.pad.size_x_um || at.y_um > board.pad.size_y_um) {
+      in.fail("targets.places_um reaches beyond the pad");
+    }
+  }
+  const int64_t distance_um = board.camera.standoff_um - targets.below_um;
+  if (distance_um <= 0) return in.fail("targets.below_um is not in front of the camera");
+  const int64_t radius_px = targets.diameter_um * board.camera.focal_mpx / (2'000 * distance_um);
+  if (radius_px < 16 || radius_px > 200) {  // DiscEdge::kMinRadiusPx, kMaxRadiusPx
+    in.fail("targets.diameter_um makes a radius of " + std::to_string(radius_px) +
+            " px in the image: 16 to 200 can be measured");
+  }
+}
+
+void check_skin(BoardReader& in, const BoardSettings& board) {
+  const SkinSettings& skin = board.skin;
+  const int64_t weights = skin.weights[0] + skin.weights[1] + skin.weights[2];
+  const bool has_stage = std::find(board.stages.begin(), board.stages.end(), "skin") != board.stages.end();
+  if (weights == 0 && skin.level == 0) {
+    if (has_stage) in.fail("section [skin] is missing");
+    return;
+  }
+  if (weights < 1 || weights > 8) in.fail("[skin] weights must sum to 1 to 8");
+  if ((skin.shape == SkinShape::kPlane) != (skin.radius_um == 0)) {
+    in.fail("skin.radius_um must be 0 for a plane and above 0 for a tube or a dome");
+  }
+}
+
+}  // namespace
+
+void cross_check(BoardReader& in, const BoardSettings& board) {
+  const WindowSettings& window = board.window;
+  if (window.max_x_um > board.pad.size_x_um || window.max_y_um > board.pad.size_y_um) {
+    in.fail("[window] reaches beyond the pad");
+  } else if (window.min_x_um >= window.max_x_um || window.min_y_um >= window.max_y_um) {
+    in.fail("[window] is empty: min must be below max");
+  } else if (observed_nodes(board.grid.n_x, board.pad.size_x_um, window.min_x_um, window.max_x_um).count < 2 ||
+             observed_nodes(board.grid.n_y, board.pad.size_y_um, window.min_y_um, window.max_y_um).count < 2) {
+    in.fail("[window] holds fewer than 2 node lines: widen it or refine [grid]");
+  }
+  check_markers(in, board);
+  check_gauge(in, board);
+  check_depth(in, board);
+  check_skin(in, board);
+  const MarkerSettings& markers = board.markers;
+  const bool has_two_eyes = markers.has_views && markers.lattice.n_y == 2 && has_stage(board, "markers");
+  if (has_stage(board, "fingertip") && !has_two_eyes) {
+    in.fail("stage fingertip needs the stage markers and markers.layout views with n_y 2");
+  }
+  check_targets(in, board);
+  if (board.depth.step_px == 3 || board.camera.width_px % board.depth.step_px != 0 ||
+      board.camera.height_px % board.depth.step_px != 0) {
+    in.fail("depth.step_px must be 1, 2 or 4 and divide the image");
+  }
+  const int64_t widest_px = std::max(board.camera.width_px, board.camera.height_px);
+  if (board.depth.step_px > 0 && widest_px / board.depth.step_px > 640) {  // Poisson::kMaxCells
+    in.fail("the depth grid has more than 640 cells: use a larger depth.step_px");
+  }
+  if (widest_px * 1000 * board.camera.standoff_um > 2'000'000 * board.camera.focal_mpx) {
+    in.fail("[camera] sees more than 2 m of pad: check focal_mpx and standoff_um");
+  }
+  if (board.camera.center_x_mpx >= int64_t{1000} * board.camera.width_px ||
+      board.camera.center_y_mpx >= int64_t{1000} * board.camera.height_px) {
+    in.fail("[camera] center is outside the image");
+  }
+  if (!stages_in_order(board.stages)) {
+    std::string list;
+    for (const std::string& name : known_stages()) list += (list.empty() ? "" : ", ") + name;
+    in.fail("pipeline.stages must be some of " + list + ", in this order");
+  }
+}
+
+}  // namespace ruffini

@@ -1,0 +1,105 @@
+"""[threads] of board.toml: where the real ruffinid's threads run, as the kernel says."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from tiny_sensor import Sensor, start, write_board
+
+from ruffini.boards import find_board
+from ruffini.demo.daemon import find_daemon
+
+
+def asking(tmp_path: Path, sensor: Sensor, threads: str) -> Sensor:
+    folder = write_board(tmp_path / "tiny", {})
+    with (folder / "board.toml").open("a") as file:
+        file.write(f"\n[threads]\n{threads}")
+    return Sensor(find_board(folder), folder, sensor.recording, b"")
+
+
+def threads_of(pid: int) -> dict[str, int]:
+    """Thread ids by name; waits until all are named."""
+    for _ in range(500):
+        tasks = Path(f"/proc/{pid}/task").iterdir()
+        found = {(task / "comm").read_text().strip(): int(task.name) for task in tasks}
+        if {"capture", "frame", "link"} <= found.keys():
+            return found
+        time.sleep(0.01)
+    raise AssertionError(found)
+
+
+def may_be_real_time() -> bool:
+    done = subprocess.run(["chrt", "-f", "10", "true"], capture_output=True, check=False)
+    return done.returncode == 0
+
+
+def test_each_thread_is_where_its_board_wants_it(sensor: Sensor, tmp_path: Path) -> None:
+    cpus = sorted(os.sched_getaffinity(0))
+    is_allowed = may_be_real_time()
+    wanted = f"capture_cpus = [{cpus[-1]}]\nframe_cpus = [{cpus[0]}]\n"
+    if is_allowed:
+        wanted += "capture_priority = 12\nframe_priority = 11\n"
+    with start(asking(tmp_path, sensor, wanted), tmp_path / "store", "--loop") as daemon:
+        found = threads_of(daemon.process.pid)
+        for _ in range(500):  # named first, placed then
+            if os.sched_getaffinity(found["capture"]) == {cpus[-1]} and os.sched_getaffinity(found["frame"]) == {
+                cpus[0]
+            }:
+                break
+            time.sleep(0.01)
+        assert os.sched_getaffinity(found["capture"]) == {cpus[-1]}
+        assert os.sched_getaffinity(found["frame"]) == {cpus[0]}
+        assert os.sched_getaffinity(found["link"]) == set(cpus)
+        assert os.sched_getscheduler(found["link"]) == os.SCHED_OTHER
+        if not is_allowed:
+            pytest.skip("the kernel grants no real-time priority here: places alone were looked at")
+        for _ in range(500):
+            if os.sched_getscheduler(found["frame"]) == os.SCHED_FIFO == os.sched_getscheduler(found["capture"]):
+                break
+            time.sleep(0.01)
+        for role, priority in (("capture", 12), ("frame", 11)):
+            assert os.sched_getscheduler(found[role]) == os.SCHED_FIFO
+            assert os.sched_getparam(found[role]).sched_priority == priority
+
+
+def test_what_cannot_be_had_is_said_and_the_sensor_runs(sensor: Sensor, tmp_path: Path) -> None:
+    board = asking(tmp_path, sensor, "link_cpus = [63]\n")
+    if 63 in os.sched_getaffinity(0):
+        pytest.skip("a computer that has CPU 63")
+    with start(board, tmp_path / "store", "--loop") as daemon:
+        threads_of(daemon.process.pid)
+        assert daemon.process.stderr is not None
+        said = daemon.process.stderr.readline()
+        assert said.startswith("ruffinid: thread link: CPU 63: this computer gives it ")
+        assert "correct threads.link_cpus in board.toml" in said
+        assert daemon.process.poll() is None
+
+
+def no_real_time() -> None:
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+    if os.geteuid() == 0:
+        os.setuid(65_534)
+
+
+def test_the_doctor_tells_threads_with_the_remedy(sensor: Sensor, tmp_path: Path) -> None:
+    cpu = max(os.sched_getaffinity(0))
+    board = asking(tmp_path, sensor, f"frame_priority = 45\nframe_cpus = [{cpu}]\n")
+    for part in (board.folder, *board.folder.parents):
+        if part.is_relative_to("/tmp") and part != Path("/tmp") and part.owner() == Path(__file__).home().owner():
+            part.chmod(0o755)  # the doctor is asked by a user without rights
+    command = [
+        str(find_daemon()), "--doctor", "--board", str(board.folder), "--camera", f"replay:{board.recording}",
+        "--link", "pty", "--store", str(tmp_path),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False, preexec_fn=no_real_time)
+    lines = done.stdout.splitlines()
+    at = lines.index(f"warning  threads: frame ordinary on CPU {cpu}")
+    assert (
+        lines[at + 1].strip().startswith("thread frame: real-time priority 45 cannot be had (Operation not permitted)")
+    )
+    assert "LimitRTPRIO=45" in lines[at + 1]
