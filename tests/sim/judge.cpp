@@ -235,6 +235,11 @@ void Judge::check_reply(const ReferenceFrame& frame) {
   const auto owed =
       std::find_if(owed_.begin(), owed_.end(), [&](const Owed& o) { return o.request_id == m.request_id; });
   if (owed != owed_.end()) owed_.erase(owed);
+  if (m.code == ruffini_ReplyCode_REPLY_BUSY && asked != delivered_.end()) {  // not run: the same request may be yet
+    former_.insert(*asked);
+    delivered_.erase(asked);
+    return;
+  }
   const auto queried = queried_.find(m.request_id);
   if (asked == delivered_.end() || queried == queried_.end() || m.code != ruffini_ReplyCode_REPLY_OK) return;
   if (m.flash_state != ruffini_FlashState_FLASH_STATE_ACTIVE || m.text[0] != '\0') return;
