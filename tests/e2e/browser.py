@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
-import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from ruffini.view.server import serve
+from ruffini.view.guided import serving
+from ruffini.view.line import SharedLine
 
 CHROMIUM = "/usr/bin/chromium"
 SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -30,33 +29,9 @@ def chromium() -> Iterator[Browser]:
 @contextlib.contextmanager
 def viewer(*ports: str) -> Iterator[str]:
     """The server in a thread of its own; yields its address."""
-    loop, stop, ready, told = asyncio.new_event_loop(), asyncio.Event(), threading.Event(), list[str]()
-    problem: list[BaseException] = []
-
-    def say(address: str) -> None:
-        told.append(address)
-        ready.set()
-
-    def run() -> None:
-        try:
-            loop.run_until_complete(serve(list(ports), 0, say, stop))
-        except BaseException as error:
-            problem.append(error)
-        finally:
-            ready.set()
-            loop.close()
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    ready.wait(PATIENCE_S)
-    if problem:
-        raise problem[0]
-    try:
+    told = list[str]()
+    with serving([SharedLine(port) for port in ports], 0, told.append):
         yield told[0]
-    finally:
-        with contextlib.suppress(RuntimeError):  # it has ended itself
-            loop.call_soon_threadsafe(stop.set)
-        thread.join(PATIENCE_S)
 
 
 def state_of(page: Page) -> dict[str, Any]:

@@ -1,10 +1,12 @@
 // One line of a sensor, seen from the page: its worker, and what was asked through it.
 
+import type { Guide } from "./guide";
 import type { Answer, FromWorker, Hello, Snapshot, ToWorker } from "./messages";
 
 export interface LineEvents {
   onHello(hello: Hello): void;
   onSnapshot(snapshot: Snapshot): void;
+  onGuide(guide: Guide): void;
   onOpen(): void;
   onFlashing(part: number, text: string, isOver: boolean, isOk: boolean): void;
   /** A recording was ended: here is the file. */
@@ -41,6 +43,7 @@ export class Line {
   private hear(message: FromWorker): void {
     if (message.kind === "hello") this.events.onHello(message.hello);
     else if (message.kind === "snapshot") this.events.onSnapshot(message.snapshot);
+    else if (message.kind === "guide") this.events.onGuide(message.guide);
     else if (message.kind === "recorded") this.events.onRecorded(message.blob, message.nMessages);
     else if (message.kind === "flashing") this.events.onFlashing(message.part, message.text, message.isOver, message.isOk);
     else if (message.kind === "problem") this.events.onProblem(message.text);

@@ -1,5 +1,6 @@
 // The page: lines, panels, keys.
 
+import type { Guide } from "./guide";
 import { Line } from "./line";
 import type { Answer, Hello, Snapshot } from "./messages";
 import { save, screenshot } from "./screenshot";
@@ -7,6 +8,7 @@ import { NO_SERIAL, serialOf, SerialSource } from "./serial";
 import { button, make } from "./views/dom";
 import type { Tint } from "./views/field3d";
 import { FlashDialog } from "./views/flash_dialog";
+import { GuidePanel } from "./views/guide_panel";
 import { Health } from "./views/health";
 import { Panel } from "./views/panel";
 import { UNITS } from "./views/units";
@@ -21,6 +23,7 @@ interface Strand {
   line: Line;
   panels: Map<number, Panel>;
   health: Health;
+  guide: GuidePanel | undefined; // where a collection goes on with its sensor
   hello: Hello | undefined;
   waiting: Snapshot | undefined; // comes on the screen with the next frame of it
   nDrawn: number;
@@ -55,12 +58,13 @@ function subscription(): Record<string, number> {
 
 function addStrand(): Strand {
   const health = new Health();
-  const strand: Strand = { line: undefined as unknown as Line, panels: new Map(), health, hello: undefined, waiting: undefined, nDrawn: 0, openedMs: undefined, firstFrameMs: undefined };
+  const strand: Strand = { line: undefined as unknown as Line, panels: new Map(), health, guide: undefined, hello: undefined, waiting: undefined, nDrawn: 0, openedMs: undefined, firstFrameMs: undefined };
   strand.line = new Line({
     onHello: (hello) => greet(strand, hello),
     onSnapshot: (snapshot) => {
       strand.waiting = snapshot;
     },
+    onGuide: (guide) => showGuide(strand, guide),
     onFlashing: (part, text, isOver, isOk) => {
       flashDialog.show(part, text, isOk);
       if (isOver) flashDialog.end();
@@ -108,6 +112,17 @@ function greet(strand: Strand, hello: Hello): void {
   publish();
 }
 
+function showGuide(strand: Strand, guide: Guide): void {
+  if (!strand.guide) {
+    const panel = new GuidePanel((word) => strand.line.tell({ kind: "answer", word, asked: panel.latest?.asked ?? 0 }));
+    strand.guide = panel;
+    main.prepend(panel.element);
+  }
+  const first = [...strand.panels.values()][0];
+  strand.guide.show(guide, first?.info);
+  first?.aim(guide.end ? undefined : guide.target);
+}
+
 function draw(): void {
   requestAnimationFrame(draw);
   for (const strand of strands) {
@@ -143,6 +158,7 @@ function publish(snapshot?: Snapshot): void {
     firmware: strand.hello?.firmware,
     nDrawn: strand.nDrawn,
     firstFrameMs: strand.firstFrameMs,
+    guide: strand.guide?.latest,
     health: snapshot?.health,
     status: snapshot?.status,
     sensors: Object.fromEntries(
@@ -242,6 +258,7 @@ function openFile(file: File): void {
     strand.line.close();
     for (const panel of strand.panels.values()) panel.close();
     strand.health.element.remove();
+    strand.guide?.element.remove();
   }
   say("");
   addStrand().line.tell({ kind: "file", file });
@@ -326,7 +343,9 @@ document.querySelector("#keys")!.append(
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
   if (event.key === " " && event.target instanceof HTMLButtonElement) return; // presses that button
-  const found = BUTTONS.find((b) => b.dataset["key"] === event.key.toLowerCase());
+  if (event.key === "Enter" && event.target instanceof HTMLButtonElement) return; // likewise
+  const guides = strands.flatMap(({ guide }) => guide?.buttons.filter((b) => !b.hidden) ?? []);
+  const found = [...guides, ...BUTTONS].find((b) => b.dataset["key"] === event.key.toLowerCase());
   if (!found) return;
   event.preventDefault();
   found.click();

@@ -1,6 +1,7 @@
 // What the page and the worker that owns a line say to each other.
 
 import type { SensorInfo } from "./board";
+import type { Guide } from "./guide";
 import type { Contacts, Depth, Field, Image, Learned, Wrench } from "./results";
 import type { Counters } from "./wire/framing";
 
@@ -12,6 +13,7 @@ export type ToWorker =
   | { kind: "file"; file: Blob } // a recording in the place of a line
   | { kind: "record"; isOn: boolean }
   | { kind: "flash"; file: Blob }
+  | { kind: "answer"; word: "done" | "stop"; asked: number } // to a collection that has this page beside it
   | { kind: "shown" } // the last snapshot is on the screen: the next one may come
   | { kind: "close" };
 
@@ -82,6 +84,7 @@ export type FromWorker =
   | { kind: "problem"; text: string }
   | { kind: "line"; isOpen: boolean; port: string; text: string }
   | { kind: "snapshot"; snapshot: Snapshot }
+  | { kind: "guide"; guide: Guide }
   | { kind: "flashing"; part: number; text: string; isOver: boolean; isOk: boolean }
   | { kind: "recorded"; blob: Blob; nMessages: number }
   | { kind: "reply"; id: number; answer: Answer };

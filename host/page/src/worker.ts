@@ -4,6 +4,7 @@ import { sensorInfo } from "./board";
 import type { FromWorker, SensorNews, ToWorker } from "./messages";
 import { type Counters, Decoder, REPLAY } from "./wire/framing";
 import { flash } from "./flashing";
+import { readGuide } from "./guide";
 import { Model } from "./model";
 import { Recording } from "./recording";
 import { Replay } from "./replay";
@@ -12,6 +13,7 @@ import { type Decoded, Schema } from "./wire/schema";
 
 const AGAIN_MS = 1000; // between two tries to reach the server
 const REPLY_REFUSED = 4; // ReplyCode
+const GUIDE_OVER = "The collection has ended, and the page is no longer connected.";
 
 const post = (message: FromWorker, transfer: Transferable[] = []): void => self.postMessage(message, { transfer });
 
@@ -26,6 +28,8 @@ let notSent = 0;
 let fileDecoder: Decoder | undefined;
 let recording: Recording | undefined;
 let lastHello: { schema: Schema; payload: Uint8Array } | undefined;
+let tell: ((told: Record<string, unknown>) => void) | undefined; // the server, where one stands between
+let isGuideOver = false;
 let isDrawn = true;
 let isClosed = false;
 
@@ -150,9 +154,10 @@ function openSocket(url: string): void {
   const socket = new WebSocket(url);
   socket.binaryType = "arraybuffer";
   let nSeen = 0;
+  tell = (told) => socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify(told));
   socket.onmessage = ({ data }: MessageEvent<ArrayBuffer | string>) => {
     if (typeof data === "string") {
-      hearServer(JSON.parse(data) as Record<string, unknown>, socket);
+      hearServer(data, socket);
       return;
     }
     receive(new Uint8Array(data));
@@ -161,12 +166,24 @@ function openSocket(url: string): void {
   socket.onclose = () => {
     close();
     if (isClosed) return;
-    post({ kind: "line", isOpen: false, port: "", text: "The viewer's server has gone: start `ruffini view` again." });
+    const gone = isGuideOver ? GUIDE_OVER : "The viewer's server has gone: start `ruffini view` again.";
+    post({ kind: "line", isOpen: false, port: "", text: gone });
     setTimeout(() => openSocket(url), AGAIN_MS);
   };
 }
 
-function hearServer(told: Record<string, unknown>, socket: WebSocket): void {
+function hearServer(text: string, socket: WebSocket): void {
+  let told: Record<string, unknown>;
+  try {
+    told = Object(JSON.parse(text)) as Record<string, unknown>;
+  } catch {
+    return; // no JSON: not of this server
+  }
+  const guide = readGuide(told);
+  if (guide) {
+    isGuideOver = guide.end !== undefined;
+    post({ kind: "guide", guide });
+  }
   if (told["kind"] === "health") {
     const { bad_crc, malformed, oversize, incomplete, lost, echo, not_shown } = told as unknown as Counters & { not_shown: number };
     lineCounters = { bad_crc, malformed, oversize, incomplete, lost, echo };
@@ -211,6 +228,8 @@ self.onmessage = async ({ data }: MessageEvent<ToWorker>) => {
   } else if (data.kind === "record") {
     if (data.isOn) beginRecording();
     else await endRecording();
+  } else if (data.kind === "answer") {
+    tell?.({ guide: data.word, asked: data.asked });
   } else if (data.kind === "shown") {
     isDrawn = true;
     offer();

@@ -11,6 +11,7 @@ import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.cli.device import open_sensor
+from ruffini.cli.view import HTTP_PORT
 from ruffini.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from ruffini.rig.guarded_stage import Limits
     from ruffini.rig.program import Span
     from ruffini.rig.settings import RigSettings
+    from ruffini.view.guided import GuidingPage
 
 SIMULATED, LOG = "sim", "log"
 
@@ -55,6 +57,11 @@ def collect(
     seed: Annotated[int, typer.Option(help="The plan follows from it.")] = 1,
     calibration: Annotated[Path | None, typer.Option(help="Flashed first (--rig sim: needed for forces).")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print every move, move nothing.")] = False,
+    view: Annotated[
+        bool, typer.Option("--view", help="Guide in the browser, too: where to press next, how hard, how good it is.")
+    ] = False,
+    http_port: Annotated[int, typer.Option(min=0, max=65535, help="--view: port for the page (0 = any).")] = HTTP_PORT,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="--view: print the address, open nothing.")] = False,
     ball_mm: Annotated[float, typer.Option(help="--rig sim: diameter of the ball.")] = 6.0,
     machine: Annotated[str, typer.Option(help="--rig sim: marlin or grbl.")] = "marlin",
     unit: Annotated[int | None, typer.Option(help="--rig sim: unit of a fleet, off its board file.")] = None,
@@ -77,6 +84,8 @@ def collect(
     span = span_of(found, depth_mm * 1e-3, shear_mm * 1e-3, _reach(settings, found))
     count = n or (6 if quick else len(CONDITIONS) if program == "conditions" else 20)
     if program == LOG:
+        if view:
+            raise InputError(f"--view guides along a plan, and program {LOG!r} has none")
         return _by_log(found, settings, out, calibration, options, json_, dry_run=dry_run)
     items = plan(program, span, count, seed, _by_hand(grams, force_n, torque_nmm, normal_n))
     items = [item._replace(hold_s=hold_s) if isinstance(item, Touch) else item for item in items]
@@ -92,7 +101,9 @@ def collect(
     log = LogWriter(out, {"board": found.name, "program": program, "seed": seed, "n": count, "depth_mm": depth_mm,
                           "shear_mm": shear_mm, "rig": rig, "tip": _tip(settings, ball_mm)})  # fmt: skip
     n_before = len(log.done())
-    with _bench(settings, found, program, limits, calibration, options) as bench, progress_bar("touches") as bar:
+    next_step = f"ruffini cal fit {out} --board {board} --out calibration.safetensors"
+    page = _page(f"{program} on {found.name}", next_step, http_port, opens=not no_browser) if view else None
+    with _bench(settings, found, program, limits, calibration, options, page) as bench, progress_bar("touches") as bar:
 
         def tell(p: collecting.Progress) -> None:
             bar(p.n_done / p.n_total)
@@ -216,9 +227,9 @@ def _limits(settings: RigSettings | None, board: Board, span: Span, ball_mm: flo
 @contextlib.contextmanager
 def _bench(
     settings: RigSettings | None, board: Board, program: str, limits: Limits | None, calibration: Path | None,
-    options: TwinOptions,
+    options: TwinOptions, page: GuidingPage | None,
 ) -> Iterator[Bench]:  # fmt: skip
-    """The bench, homed and at rest."""
+    """The bench, homed and at rest; the page beside it ends with it."""
     from dataclasses import replace
 
     from ruffini.demo.twin_session import open_simulated
@@ -232,8 +243,29 @@ def _bench(
                 parts = open_simulated(stack, board, program, replace(options, progress=progress)).parts
             note(f"SIMULATED bench of {board.name}")
         else:
-            parts = open_real(stack, settings, stack.enter_context(open_sensor()), TerminalPerson(note))
+            person = TerminalPerson(note, page=page.keys if page else None)
+            parts = open_real(stack, settings, stack.enter_context(open_sensor()), person)
         if calibration is not None:
             parts.sensor.flash(calibration.read_bytes())
         key = stack.enter_context(stop_key())
-        yield stack.enter_context(ready_bench(parts, board, limits, key))
+        if page is None:
+            yield stack.enter_context(ready_bench(parts, board, limits, key))
+            return
+        stack.enter_context(page.shown(parts.sensor))
+        parts = replace(parts, person=page.heard(parts.person))
+        bench = stack.enter_context(ready_bench(parts, board, limits, page.guard(key)))
+        page.look_at(bench)
+        yield bench
+
+
+def _page(program: str, next_step: str, http_port: int, *, opens: bool) -> GuidingPage:
+    import webbrowser
+
+    from ruffini.view.guided import GuidingPage
+
+    def ready(address: str) -> None:
+        note(f"page: {address}")
+        if opens:
+            webbrowser.open(address)
+
+    return GuidingPage(program, next_step, http_port, ready)

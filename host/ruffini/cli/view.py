@@ -30,6 +30,7 @@ def view(
 
     from ruffini.device.ports import candidate_ports
     from ruffini.errors import NoDeviceError
+    from ruffini.view.line import SharedLine
     from ruffini.view.server import page_folder, serve
 
     page_folder()
@@ -44,7 +45,7 @@ def view(
         stop = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await serve(ports, http_port, ready, stop)
+        await serve([SharedLine(port) for port in ports], http_port, ready, stop)
 
     with contextlib.ExitStack() as stack:
         if demo:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ruffini import host_clock
 from ruffini.errors import InputError, RefusedError
 from ruffini.rig.guarded_stage import GuardedStage
+from ruffini.rig.guide import MAX_DRIFT, Guide
 from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.program import HOLD_S, Tool
 from ruffini.rig.reference import Reading
@@ -26,7 +27,6 @@ Array = npt.NDArray[np.float64]
 REST_S = 0.3
 MAX_HOLD_S = 10.0  # for a slow reference, a slow camera, a slow line that brings a picture
 TARE_S = 0.15
-MAX_DRIFT = 0.05  # of full scale, since it was tared: it is not the same reference any more
 
 
 class Person(Protocol):
@@ -62,6 +62,7 @@ class Bench:
     max_hold_s: float = MAX_HOLD_S
     mount: Callable[[Tool], None] | None = None  # puts an indenter there; None: the person is asked
     drift: Array = field(default_factory=lambda: np.zeros(6))  # of the reference, since it was first tared
+    guide: Guide = field(default_factory=Guide)  # what it is at, for whoever looks on
 
     def put_on(self, tool: Tool) -> None:
         """Another indenter hangs on the stage; raises RefusedError where nobody puts it there."""
@@ -91,6 +92,7 @@ class Bench:
             Sensor or reference went away or is saturated, or a guard says stop.
         """
         deadline = started_s + max(self.max_hold_s, least_s + self.max_hold_s / 2)
+        self.guide.hold = (started_s, least_s)
         while host_clock.now() < deadline:
             self.guard()
             self.reference.latest()
@@ -101,6 +103,7 @@ class Bench:
             if has_all and has_image and host_clock.now() - started_s > least_s:
                 break
             host_clock.sleep(0.02)
+        self.guide.hold = None
         return host_clock.now()
 
     def catch_up(self, until_s: float) -> None:

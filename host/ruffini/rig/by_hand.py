@@ -11,6 +11,7 @@ from ruffini import host_clock
 from ruffini.errors import RefusedError
 from ruffini.rig.bench import Bench
 from ruffini.rig.checks import check_axes, check_unit
+from ruffini.rig.guide import TOLERANCE
 from ruffini.rig.manual import HandPress, Target
 from ruffini.rig.program import Condition, HandTouch, Weight
 from ruffini.rig.stage import Place
@@ -19,7 +20,6 @@ from ruffini.rig.units import GRAVITY_M_S2
 
 Path = list[tuple[float, Place]]
 
-TOLERANCE = 0.15  # of the force that a hand is asked for
 PATIENCE_S = 120.0
 BEGUN, ENDED = 0.15, 0.05  # of the load that is asked for: where a load begins and ends
 QUIET_S = 0.3  # of nothing, after a load
@@ -48,7 +48,11 @@ def weight(bench: Bench, item: Weight, _: Path) -> dict[str, Any]:
 def touch(bench: Bench, item: HandTouch, _: Path) -> dict[str, Any]:
     """A person presses as hard as is said, and lets go."""
     begun = host_clock.now()
-    hand = HandPress(lambda: bench.reference.latest().wrench, bench.max_force_n, bench.person.say)
+
+    def holds(since_s: float | None, for_s: float) -> None:
+        bench.guide.hold = None if since_s is None else (since_s, for_s)
+
+    hand = HandPress(lambda: bench.reference.latest().wrench, bench.max_force_n, bench.person.say, holds)
     held, _right = hand.press(Target(item.x_m, item.y_m, item.force_n, TOLERANCE * item.force_n), guard=bench.guard)
     lifted = bench.hold(held)
     hand.release(FREE_N, guard=bench.guard)

@@ -68,6 +68,7 @@ def collect(
     kept = log.touches()
     open_items = [(i, item) for i, item in enumerate(plan) if i not in kept]
     n_redone = 0
+    bench.guide.begin(plan, list(kept))
     with bench.safely():
         if open_items:
             _recall(bench, kept)
@@ -95,8 +96,9 @@ def _each(bench: Bench, open_items: list[tuple[int, Item]], n_total: int, log: L
         def again(text: str, n_done: int = n_done, n_redone: int = n_redone) -> None:
             tell(Progress(n_done, n_total, n_redone + 1, float("nan"), f"once more: {text}"))
 
-        record, tries = _good_touch(bench, item, again)
+        record, tries = _good_touch(bench, i, item, again)
         log.write(i, record)
+        bench.guide.good(i)
         uncontrolled.append(i)
         if len(uncontrolled) == CONTROL_EVERY or n + 1 == len(open_items):
             _control(bench, log, uncontrolled)
@@ -116,6 +118,7 @@ def _control(bench: Bench, log: LogWriter, numbers: list[int]) -> None:
         bench.stage.approach(0.0, 0.0)
     except PadMovedError as error:
         log.doubt(numbers)
+        bench.guide.doubt(numbers)
         error.add_note(f"touches {', '.join(map(str, numbers))} came after the pad was last where it was: "
                        "they are set aside and will be done again")  # fmt: skip
         raise
@@ -136,13 +139,15 @@ def finish(log: LogWriter, bench: Bench) -> None:
     log.finish({"reference": reference, "checks": checks, **estimate(list(log.touches().values()), reference)})
 
 
-def _good_touch(bench: Bench, item: Item, again: Callable[[str], None]) -> tuple[TouchRecord, int]:
+def _good_touch(bench: Bench, i: int, item: Item, again: Callable[[str], None]) -> tuple[TouchRecord, int]:
     faults: list[str] = []
     for tries in range(1, MAX_TRIES + 1):
+        bench.guide.touch(i)
         record, faults = perform(bench, item)
         if not faults:
             record.facts["tries"] = tries
             return record, tries
+        bench.guide.bad(i, "; ".join(faults))
         again("; ".join(faults))
     raise RefusedError(f"{item.told()} was bad {MAX_TRIES} times: {'; '.join(faults)}")
 

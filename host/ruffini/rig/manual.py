@@ -14,6 +14,7 @@ from ruffini.rig.stage import Guard, nobody
 
 Array = npt.NDArray[np.float64]
 Say = Callable[[str], None]
+Holds = Callable[[float | None, float], None]  # since when the force is right (None: it is not), and how long it has to
 
 POLL_S = 0.02
 FREE_PART = 0.25  # of the smallest target: nothing presses
@@ -33,8 +34,10 @@ class Target:
 class HandPress:
     """Guides a person through one press after the other; forces are the reference's, ON the pad."""
 
-    def __init__(self, force_of: Callable[[], Array], max_force_n: float, say: Say) -> None:
-        self._force_of, self._max_force_n, self._say = force_of, max_force_n, say
+    def __init__(
+        self, force_of: Callable[[], Array], max_force_n: float, say: Say, holds: Holds = lambda _since, _for: None
+    ) -> None:
+        self._force_of, self._max_force_n, self._say, self._holds = force_of, max_force_n, say, holds
         self._said = ""
 
     def press(self, target: Target, *, timeout_s: float = 60.0, guard: Guard = nobody) -> tuple[float, float]:
@@ -63,6 +66,7 @@ class HandPress:
             elif now - since >= target.hold_s:
                 self._told("good")
                 return since, now
+            self._holds(since, target.hold_s)
             host_clock.sleep(POLL_S)
         raise RefusedError(f"no steady press of {target.force_n:.2f} +- {target.tolerance_n:.2f} N at {place} within "
                            f"{timeout_s:g} s: press with something heavier, or allow more")  # fmt: skip

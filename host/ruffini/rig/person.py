@@ -1,22 +1,46 @@
-"""The person at the terminal."""
+"""The person at the terminal, or at a page beside it."""
 
 from __future__ import annotations
 
 import os
+import select
 from collections.abc import Callable
 
 from ruffini.errors import RefusedError
 from ruffini.rig.stop_key import stdin
 
 GO_ON = (b"\n", b"\r")
+STOP = b"q"
+
+
+class PageKeys:
+    """What a page presses, as a terminal has it: Enter goes on, anything else stops."""
+
+    def __init__(self) -> None:
+        self.descriptor, self._write = os.pipe()
+        os.set_blocking(self.descriptor, False)
+        os.set_blocking(self._write, False)
+
+    def press(self, *, is_stop: bool) -> None:
+        """From any thread."""
+        os.write(self._write, STOP if is_stop else GO_ON[0])
+
+    def guard(self) -> None:
+        """Raises RefusedError once a page said stop."""
+        if select.select([self.descriptor], [], [], 0)[0] and STOP in os.read(self.descriptor, 64):
+            raise RefusedError("stopped from the page: what was collected is kept, the same command goes on from there")
+
+    def close(self) -> None:
+        os.close(self.descriptor)
+        os.close(self._write)
 
 
 class TerminalPerson:
-    """Reads what it is told, and answers with Enter; any other key stops."""
+    """Reads what it is told, and answers with Enter; any other key stops. A page may answer as well."""
 
-    def __init__(self, say: Callable[[str], None], descriptor: int | None = None) -> None:
+    def __init__(self, say: Callable[[str], None], descriptor: int | None = None, page: PageKeys | None = None) -> None:
         self.say = say
-        self._terminal = stdin() if descriptor is None else descriptor
+        self._keyboards = [stdin() if descriptor is None else descriptor, page.descriptor if page else None]
 
     def confirm(self, text: str) -> None:
         """Ask, and wait for Enter.
@@ -27,7 +51,17 @@ class TerminalPerson:
             Another key, or nobody is there.
         """
         self.say(f"{text}, then press Enter (any other key stops)")
-        answer = b"" if self._terminal is None else os.read(self._terminal, 1)
+        answer = self._answer()
         if answer not in GO_ON:
             raise RefusedError(f"stopped {'by a key' if answer else 'because nobody answers'} at {text!r}: what was "
                                "collected is kept, the same command goes on from there")  # fmt: skip
+
+    def _answer(self) -> bytes:
+        """One key, from wherever it comes; none where all keyboards have ended."""
+        keyboards = [d for d in self._keyboards if d is not None]
+        while keyboards:
+            for keyboard in select.select(keyboards, [], [])[0]:
+                if key := os.read(keyboard, 1):
+                    return key
+                keyboards.remove(keyboard)
+        return b""

@@ -206,6 +206,17 @@ class StreamWatch:
                     of_type[type(sample)].append(sample)
         return window
 
+    def recent(self, duration_s: float) -> list[StreamSample]:
+        """Frames of the last `duration_s`; none where the camera stands still. Raises nothing."""
+        since, found = host_clock.now() - duration_s, list[StreamSample]()
+        with self._lock:
+            for arrived_s, sample in reversed(self._samples):
+                if arrived_s <= since:
+                    break
+                if isinstance(sample, StreamSample):
+                    found.append(sample)
+        return found[::-1]
+
     def forget(self, host_s: float) -> None:
         """Free what arrived before `host_s`."""
         with self._lock:

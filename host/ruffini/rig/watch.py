@@ -106,6 +106,13 @@ class Watch:
         with self._changed:
             return [self._tared(r) for r in self._readings if r.host_s > host_s]
 
+    def recent(self, duration_s: float) -> list[Reading]:
+        """Readings of the last `duration_s`, tare taken off; none where it is silent. Raises nothing."""
+        since = host_clock.now() - duration_s
+        with self._changed:
+            n = next((i for i, r in enumerate(reversed(self._readings)) if r.host_s <= since), len(self._readings))
+            return [self._tared(r) for r in self._readings[len(self._readings) - n :]]
+
     def collect(self, duration_s: float) -> list[Reading]:
         """Readings of the next `duration_s`; raises as `latest`."""
         start = host_clock.now()

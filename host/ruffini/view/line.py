@@ -7,6 +7,7 @@ import contextlib
 import json
 import threading
 import time
+from abc import ABC, abstractmethod
 from dataclasses import asdict
 from typing import Any
 
@@ -20,94 +21,56 @@ HEALTH_S = 1.0
 FIRST_OPEN_S = 5.0
 
 
-class SharedLine:
-    """A serial port, read by a thread of its own, opened again whenever it was lost.
+class Line(ABC):
+    """What comes over a sensor's line, for all pages that look at it. Runs in the server's loop."""
 
-    The device knows one set of subscriptions: it is asked for what any of the pages wants.
-    """
-
-    def __init__(self, port: str) -> None:
+    def __init__(self, port: str, schema: Schema) -> None:
         self.port = port
         self.boxes: dict[Outbox, dict[int, int]] = {}  # what each page subscribed to: message type -> every
-        self._schema = Schema.own()
+        self._schema = schema
         self._decoder = Decoder()
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._serial: Any = None
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._read_for_ever, daemon=True)
-        self._sequence = 0
         self._problem = f"{port} is not open yet"
         self._n_bytes = 0
-        self._writing = asyncio.Lock()
 
+    @abstractmethod
     async def start(self) -> None:
-        """Open the port.
+        """Open it; raises NoDeviceError where it is missing or busy."""
 
-        Raises
-        ------
-        NoDeviceError
-            It is missing or busy.
-        """
-        self._loop = asyncio.get_running_loop()
-        self._serial = await asyncio.to_thread(open_port, self.port)
-        self._problem = ""
-        self._thread.start()
-
+    @abstractmethod
     async def close(self) -> None:
-        """Give the port back."""
-        self._stop.set()
-        await asyncio.to_thread(self._thread.join, FIRST_OPEN_S)
+        """Give it back."""
 
-    # ---- the thread ---------------------------------------------------------------------------
+    @abstractmethod
+    async def send(self, box: Outbox, frame: Frame) -> None:
+        """A page's message."""
 
-    def _read_for_ever(self) -> None:
-        while not self._stop.is_set():
-            try:
-                data = self._serial.read(max(self._serial.in_waiting, 1))
-                if data:
-                    self._tell(self._receive, data)
-            except (OSError, TypeError) as error:  # SerialException is an OSError
-                self._tell(self._say_lost, f"{self.port}: the line was lost ({error}): plug the sensor in again")
-                self._reopen()
-        with contextlib.suppress(OSError):
-            self._serial.close()
+    async def leave(self, box: Outbox) -> None:
+        """A page has gone."""
+        self.boxes.pop(box, None)
 
-    def _reopen(self) -> None:
-        with contextlib.suppress(OSError):
-            self._serial.close()
-        while not self._stop.wait(REOPEN_S):
-            try:
-                self._serial = open_port(self.port)
-            except NoDeviceError as error:
-                self._tell(self._say_lost, str(error))
-                continue
-            self._tell(self._say_open)
-            return
+    @abstractmethod
+    def hear(self, told: dict[str, Any]) -> None:
+        """What a page says to whoever asks it something."""
 
-    def _tell(self, function: Any, *arguments: Any) -> None:
+    @abstractmethod
+    async def say_goodbye(self) -> None:
+        """Before the server ends."""
+
+    def tell(self, function: Any, *arguments: Any) -> None:
+        """Call a function in the server's loop, from any thread."""
         with contextlib.suppress(RuntimeError):  # the loop has ended
             assert self._loop is not None
             self._loop.call_soon_threadsafe(function, *arguments)
-
-    # ---- the loop -----------------------------------------------------------------------------
 
     def _receive(self, data: bytes) -> None:
         self._n_bytes += len(data)
         for frame in self._decoder.feed(data):
             for box in self.boxes:
-                box.put(frame, self._schema)
+                self._put(box, frame)
 
-    def _say_lost(self, problem: str) -> None:
-        self._problem = problem
-        self._say_state()
-
-    def _say_open(self) -> None:
-        self._problem, self._decoder = "", Decoder()
-        self._say_state()
-
-    def _say_state(self) -> None:
-        for box in self.boxes:
-            box.put_text("line", self.state())
+    def _put(self, box: Outbox, frame: Frame) -> None:
+        box.put(frame, self._schema)
 
     def state(self) -> str:
         """JSON: is the line open, and if not, why."""
@@ -124,6 +87,77 @@ class SharedLine:
                 told = {"kind": "health", "bytes_per_s": round(rate), "not_shown": box.n_dropped,
                         "pages": len(self.boxes), **asdict(self._decoder.counters)}  # fmt: skip
                 box.put_text("health", json.dumps(told))
+
+
+class SharedLine(Line):
+    """A serial port, read by a thread of its own, opened again whenever it was lost.
+
+    The device knows one set of subscriptions: it is asked for what any of the pages wants.
+    """
+
+    def __init__(self, port: str) -> None:
+        super().__init__(port, Schema.own())
+        self._serial: Any = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._read_for_ever, daemon=True)
+        self._sequence = 0
+        self._writing = asyncio.Lock()
+
+    async def start(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._serial = await asyncio.to_thread(open_port, self.port)
+        self._problem = ""
+        self._thread.start()
+
+    async def close(self) -> None:
+        self._stop.set()
+        await asyncio.to_thread(self._thread.join, FIRST_OPEN_S)
+
+    def hear(self, told: dict[str, Any]) -> None:
+        """Nobody asks here."""
+
+    async def say_goodbye(self) -> None:
+        """A page sees by itself that the server is gone."""
+
+    # ---- the thread ---------------------------------------------------------------------------
+
+    def _read_for_ever(self) -> None:
+        while not self._stop.is_set():
+            try:
+                data = self._serial.read(max(self._serial.in_waiting, 1))
+                if data:
+                    self.tell(self._receive, data)
+            except (OSError, TypeError) as error:  # SerialException is an OSError
+                self.tell(self._say_lost, f"{self.port}: the line was lost ({error}): plug the sensor in again")
+                self._reopen()
+        with contextlib.suppress(OSError):
+            self._serial.close()
+
+    def _reopen(self) -> None:
+        with contextlib.suppress(OSError):
+            self._serial.close()
+        while not self._stop.wait(REOPEN_S):
+            try:
+                self._serial = open_port(self.port)
+            except NoDeviceError as error:
+                self.tell(self._say_lost, str(error))
+                continue
+            self.tell(self._say_open)
+            return
+
+    # ---- the loop -----------------------------------------------------------------------------
+
+    def _say_lost(self, problem: str) -> None:
+        self._problem = problem
+        self._say_state()
+
+    def _say_open(self) -> None:
+        self._problem, self._decoder = "", Decoder()
+        self._say_state()
+
+    def _say_state(self) -> None:
+        for box in self.boxes:
+            box.put_text("line", self.state())
 
     # ---- what pages send ----------------------------------------------------------------------
 

@@ -41,6 +41,11 @@ class Outbox:
         self._texts[kind] = text
         self._ready.set()
 
+    @property
+    def is_empty(self) -> bool:
+        """Has the page taken all of it?"""
+        return not (self._answers or self._newest or self._texts)
+
     async def take(self) -> tuple[list[str], bytes]:
         """All that waits, as soon as something does."""
         await self._ready.wait()

@@ -2,8 +2,10 @@
 
 A WebSocket carries the device's frames as they are in proto/README.md, in binary messages; the page's commands come
 back alike. Text messages are JSON of the server's own: {"kind": "line"} says whether the line is open,
-{"kind": "health"} what came over it; the page answers each binary message with {"seen": n}, its number. No more than
-two are on their way at a time: what is newer than those waits here, and the newest replaces what is older.
+{"kind": "health"} what came over it, {"kind": "guide"} what a collection is at that has the page beside it
+(rig/guide.py). The page answers each binary message with {"seen": n}, its number, and a collection's question of
+number n with {"guide": "done", "asked": n}, or "stop" at any time. No more than two binary messages are on their way
+at a time: what is newer than those waits here, and the newest replaces what is older.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -20,7 +22,7 @@ from aiohttp import WSMsgType, web
 
 from ruffini.errors import InputError, RuffiniError
 from ruffini.native import native_folder
-from ruffini.view.line import SharedLine
+from ruffini.view.line import Line
 from ruffini.view.outbox import Outbox
 from ruffini.wire import Decoder
 
@@ -32,7 +34,7 @@ POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; connect-src 'self' "
     "ws://127.0.0.1:* ws://localhost:*; worker-src 'self'; frame-ancestors 'none'; base-uri 'none'"
 )
-LINES: web.AppKey[list[SharedLine]] = web.AppKey("lines", list[SharedLine])
+LINES: web.AppKey[list[Line]] = web.AppKey("lines", list[Line])
 
 
 def page_folder() -> Path:
@@ -104,7 +106,7 @@ async def _send_all(socket: web.WebSocketResponse, box: Outbox, seen: asyncio.Se
                 seen.release()
 
 
-async def _receive_all(socket: web.WebSocketResponse, line: SharedLine, box: Outbox, seen: asyncio.Semaphore) -> None:
+async def _receive_all(socket: web.WebSocketResponse, line: Line, box: Outbox, seen: asyncio.Semaphore) -> None:
     decoder, n_seen = Decoder(from_host=True), 0
     async for message in socket:
         if message.type is WSMsgType.BINARY:
@@ -112,16 +114,19 @@ async def _receive_all(socket: web.WebSocketResponse, line: SharedLine, box: Out
                 await line.send(box, frame)
         elif message.type is WSMsgType.TEXT:
             with contextlib.suppress(ValueError, TypeError, KeyError, RecursionError):
+                told = json.loads(message.data)
+                if "guide" in told:
+                    line.hear(told)
                 # One at a time: a page cannot ask for more than is its due.
-                if json.loads(message.data)["seen"] == n_seen + 1:
+                elif told["seen"] == n_seen + 1:
                     n_seen += 1
                     seen.release()
 
 
-def make_app(lines: list[SharedLine]) -> web.Application:
+def make_app(lines: Sequence[Line]) -> web.Application:
     """Routes and lines; the lines are opened when it starts and closed when it ends."""
     app = web.Application(middlewares=[_only_from_here])
-    app[LINES] = lines
+    app[LINES] = list(lines)
     app.router.add_get("/", _index)
     app.router.add_get("/lines.json", _lines)
     app.router.add_get(r"/line/{line:\d{1,3}}", _socket)
@@ -142,7 +147,7 @@ def make_app(lines: list[SharedLine]) -> web.Application:
     return app
 
 
-async def serve(ports: list[str], http_port: int, ready: Callable[[str], None], stop: asyncio.Event) -> None:
+async def serve(lines: Sequence[Line], http_port: int, ready: Callable[[str], None], stop: asyncio.Event) -> None:
     """Serve the page until `stop`; `ready` gets its address. HTTP port 0: any that is free.
 
     Raises
@@ -152,7 +157,7 @@ async def serve(ports: list[str], http_port: int, ready: Callable[[str], None], 
     InputError
         The HTTP port is taken.
     """
-    runner = web.AppRunner(make_app([SharedLine(port) for port in ports]), access_log=None, shutdown_timeout=1)
+    runner = web.AppRunner(make_app(lines), access_log=None, shutdown_timeout=1)
     try:
         await runner.setup()
         site = web.TCPSite(runner, HOST, http_port)
@@ -165,5 +170,7 @@ async def serve(ports: list[str], http_port: int, ready: Callable[[str], None], 
             ) from error
         ready(f"http://{HOST}:{runner.addresses[0][1]}/")
         await stop.wait()
+        for line in lines:
+            await line.say_goodbye()
     finally:
         await runner.cleanup()

@@ -110,7 +110,7 @@ def through_the_door(device: Device, work: object) -> object:
 
     async def both() -> object:
         stop, address = asyncio.Event(), asyncio.get_running_loop().create_future()
-        server = asyncio.create_task(serve([device.port], 0, address.set_result, stop))
+        server = asyncio.create_task(serve([SharedLine(device.port)], 0, address.set_result, stop))
         try:
             return await asyncio.wait_for(work(await address), 20)  # type: ignore[operator]
         finally:

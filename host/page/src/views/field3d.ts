@@ -42,6 +42,7 @@ export class Field3d {
   private readonly contactArrows: THREE.InstancedMesh;
   private readonly wrenchArrow: THREE.Mesh<THREE.BufferGeometry, THREE.MeshStandardMaterial>;
   private readonly pressure: THREE.Mesh;
+  private readonly target: THREE.Mesh;
   private isDirty = true;
   private readonly place = new THREE.Vector3();
   private readonly force = new THREE.Vector3();
@@ -78,8 +79,12 @@ export class Field3d {
       new THREE.RingGeometry(0.018 * this.size, 0.027 * this.size, 32),
       new THREE.MeshBasicMaterial({ color: 0xd55e00, side: THREE.DoubleSide, depthTest: false }),
     );
-    this.wrenchArrow.visible = this.pressure.visible = false;
-    this.scene.add(this.contactArrows, this.wrenchArrow, this.pressure);
+    this.target = new THREE.Mesh(
+      new THREE.RingGeometry(0.05 * this.size, 0.062 * this.size, 48),
+      new THREE.MeshBasicMaterial({ color: 0xf0e442, side: THREE.DoubleSide, depthTest: false }),
+    );
+    this.wrenchArrow.visible = this.pressure.visible = this.target.visible = false;
+    this.scene.add(this.contactArrows, this.wrenchArrow, this.pressure, this.target);
   }
 
   /** What a body looks like that does not send its surface. */
@@ -243,6 +248,14 @@ export class Field3d {
     }
     this.contactArrows.count = n;
     this.contactArrows.instanceMatrix.needsUpdate = true;
+    this.isDirty = true;
+  }
+
+  /** A ring on the pad where to press next, millimetres; none. */
+  aim(target: { x: number; y: number } | undefined): void {
+    const isFlat = this.info.shape.kind === "flat"; // places on a tube or a dome are not on a plane
+    this.target.visible = target !== undefined && isFlat;
+    if (target) this.target.position.set(1e-3 * target.x, 1e-3 * target.y, 0.004 * this.size);
     this.isDirty = true;
   }
 

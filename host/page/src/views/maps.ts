@@ -115,18 +115,20 @@ export class PadMap {
     context.globalAlpha = 1;
   }
 
-  /** Rings at the contacts' places, by their part of the picture's width and height. */
-  ring(places: [number, number][]): void {
+  /** Rings at the contacts' places, by their part of the picture's width and height; dashed: at a place to press. */
+  ring(places: [number, number][], isTarget = false): void {
     const context = this.canvas.getContext("2d")!;
+    context.setLineDash(isTarget ? [6, 4] : []);
     for (const [x, y] of places) {
       for (const [colour, width] of [["#000", 4], ["#fff", 2]] as const) {
         context.strokeStyle = colour;
         context.lineWidth = width;
         context.beginPath();
-        context.arc(x * this.canvas.width, y * this.canvas.height, 8, 0, 2 * Math.PI);
+        context.arc(x * this.canvas.width, y * this.canvas.height, isTarget ? 13 : 8, 0, 2 * Math.PI);
         context.stroke();
       }
     }
+    context.setLineDash([]);
   }
 
   private fit(): void {
@@ -141,6 +143,7 @@ export class Maps {
   readonly element = document.createElement("div");
   readonly maps: Record<string, PadMap> = {};
   private places: [number, number][] = [];
+  private target: [number, number][] = [];
 
   constructor(private readonly info: SensorInfo) {
     this.element.className = "maps";
@@ -168,10 +171,20 @@ export class Maps {
   }
 
   showContacts(contacts: Contacts): void {
+    this.places = contacts.contacts.map(({ center: [x, y] }) => this.partOf(x, y));
+  }
+
+  /** A ring where to press next, millimetres; none. Drawn with the next field. */
+  aim(target: { x: number; y: number } | undefined): void {
+    this.target = target ? [this.partOf(1e-3 * target.x, 1e-3 * target.y)] : [];
+  }
+
+  /** A place on the pad by its part of the map's width and height. */
+  private partOf(x: number, y: number): [number, number] {
     const { grid, padX, padY, fieldForces } = this.info;
     const [x0, y0] = fieldForces ? [grid.originX, grid.originY] : [-padX / 2, -padY / 2];
     const [w, h] = fieldForces ? [(grid.nX - 1) * grid.stepX, (grid.nY - 1) * grid.stepY] : [padX, padY];
-    this.places = contacts.contacts.map(({ center: [x, y] }) => [(x - x0) / w, (y - y0) / h]);
+    return [(x - x0) / w, (y - y0) / h];
   }
 
   showField(field: Field, unit: Unit): void {
@@ -181,6 +194,7 @@ export class Maps {
     this.sigma(field, unit);
     if (!this.info.stages.includes("poisson")) this.nodeDepth(field);
     this.maps["normal"].ring(this.places);
+    this.maps["normal"].ring(this.target, true);
   }
 
   private normal(field: Field, unit: Unit): void {

@@ -168,6 +168,12 @@ export class Panel {
     this.learned.textContent = `Network, of frame ${learned.frame}, ${text(learned.latencyS * 1e3, 0)} ms later: ${said}`;
   }
 
+  /** A ring where to press next, millimetres; none. */
+  aim(target: { x: number; y: number } | undefined): void {
+    this.maps.aim(target);
+    this.field?.aim(target);
+  }
+
   close(): void {
     this.field?.close();
     this.element.remove();
