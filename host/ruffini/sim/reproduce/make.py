@@ -49,7 +49,9 @@ Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 # Stages and sections of board.toml that change no picture of a twin, younger than the first frozen boards.
 ONLY_READ = ("targets", "feature_wrench", "contact_model", "helmholtz", "contact_depth")
-NO_PICTURE = {"targets", "temperature", "learned", "exposure", "light", "eeprom", "reflex"}
+NO_PICTURE = {
+    "targets", "temperature", "learned", "exposure", "light", "eeprom", "reflex", "led_driver", "stereo", "threads",
+}  # fmt: skip
 RING_LEFT = 0.6  # of the ringing of a bench that has touched, from frame to frame
 
 
