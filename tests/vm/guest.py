@@ -327,7 +327,7 @@ def service() -> str:
     # This computer is emulated: ten to twenty times slower than its host, and that has others to serve.
     drop_in = Path("/run/systemd/system/ruffinid.service.d/emulated.conf")
     drop_in.parent.mkdir(parents=True)
-    drop_in.write_text(f"[Service]\nTimeoutStartSec=120\nWatchdogSec={WATCHDOG_S}\n")
+    drop_in.write_text(f"[Service]\nTimeoutStartSec=120\nTimeoutStopSec=60\nWatchdogSec={WATCHDOG_S}\n")
     run("systemctl", "daemon-reload")
     start = time.monotonic()
     run("systemctl", "start", "ruffinid", timeout=130)
