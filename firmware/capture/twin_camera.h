@@ -5,7 +5,8 @@
 // twin keeps the board's rate and skips what it is late for) or 'L' lockstep (every frame, as fast as it is taken; the
 // time of a frame is its number times the board's period, whenever it comes).
 // Then, for each frame: "RFTF", bytes u32, number u64 (gaps mean drops), pixels B G R row by row.
-// "RFTF" with 0 bytes is the end.
+// "RFTF" with 0 bytes is the end. Of a board with light.alternation each frame is two: number 2 i with the lamps off, 2 i + 1
+// with them on.
 #pragma once
 
 #include <memory>

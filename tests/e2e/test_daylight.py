@@ -121,3 +121,29 @@ def test_frames_whose_partner_was_lost_are_not_used_and_counted(alternating: Twi
     alone = sum(dark != lit for dark, lit in came)
     # A dark one that is followed by a lit one of another pair is one invalid frame, not two.
     assert 0 < status.drops.invalid_frame <= alone
+
+
+def test_a_recording_of_it_holds_what_the_device_computes_from(alternating: Twin, tmp_path: Path) -> None:
+    """The device's own picture, asked for over the line, is the twin's lit one less its dark one, bit for bit."""
+    scenario = story(alternating.board, DAYLIGHT)
+    frames = Scripted(alternating.unit, scenario)
+    assert alternating.board.folder is not None
+    server = TwinServer(alternating.unit.renderer(), frames, scenario, tmp_path / "twin")
+    with (
+        server,
+        running_daemon(alternating.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store", "--lockstep",
+                       "--wait-for-host") as port,
+        Connection(port) as sensor,
+    ):  # fmt: skip
+        sensor.subscribe(image=1)
+        n_rest = alternating.board.pipeline.n_rest_frames
+        image = next(
+            message
+            for frame, message in sensor.stream(timeout_s=5)
+            if sensor.schema.type_name(frame.type) == "IMAGE" and message.stamp.frame > n_rest + 1
+        )
+    wanted = server.picture(image.stamp.frame)
+    assert wanted is not None
+    sent = np.frombuffer(image.data, np.uint8).reshape(image.height_px, image.width_px, -1)
+    assert sent.shape[2] == 3
+    assert np.array_equal(sent, wanted[:: image.step_px, :: image.step_px])

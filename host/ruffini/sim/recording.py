@@ -109,7 +109,8 @@ def record_touches(
         displacement = moment.displacement.copy()
         before, previous = previous, displacement
         progress((frame + 1) / total)
-        if not scenario.is_sent(frame):
+        is_pair_lost = unit.board.alternates and not scenario.is_sent(frame, is_unlit=True)
+        if is_pair_lost or not scenario.is_sent(frame):
             continue
         rows["frame"].append(frame)
         rows["wrench"].append(moment.wrench())
@@ -120,7 +121,7 @@ def record_touches(
         rows["judged"].append(moment.judged)
         rows["touch"].append(moment.touch)
         rows["tray"].append(np.zeros(6) if moment.tray is None else moment.tray.row())
-        picture = scenario.picture(renderer, frame, displacement, before, moment.tray)
+        picture = scenario.computed_from(renderer, frame, displacement, before, moment.tray)
         _write(out / "frames" / f"{frame:06d}.png", _png(picture))
     rate_hz = unit.board.camera.rate_mhz * 1e-3
     _write(out / "truth.npz", _truth_npz(rate_hz, rows))

@@ -216,6 +216,24 @@ class Scenario(Section):
             tray=tray,
         )
 
+    def computed_from(
+        self,
+        renderer: Renderer,
+        frame: int,
+        displacement_m: Array,
+        previous_m: Array | None,
+        tray: TrayPose | None = None,
+    ) -> npt.NDArray[np.uint8]:
+        """What the frame path gets of a frame: `picture`, of a board that alternates less what is there unlit.
+
+        As firmware/base/ambient.h: not below 0, and what is full stays full.
+        """
+        lit = self.picture(renderer, frame, displacement_m, previous_m, tray)
+        if not renderer.board.alternates:
+            return lit
+        dark = self.picture(renderer, frame, displacement_m, previous_m, tray, is_unlit=True)
+        return np.where(lit == 255, lit, lit - np.minimum(lit, dark)).astype(np.uint8)
+
 
 def scenario_of(tree: dict[str, Any], where: str) -> Scenario:
     """A scenario of keys and values; `where` names their source in messages.

@@ -183,9 +183,9 @@ class TwinServer:
             self._path.unlink(missing_ok=True)
 
     def picture(self, frame: int) -> npt.NDArray[np.uint8] | None:
-        """Frame `frame` as the camera would get it; None = the end."""
+        """Frame `frame` as the frame path would get it; None = the end."""
         states = self._frames.states(frame)
-        return None if states is None else self._scenario.picture(self._renderer, frame, *states)
+        return None if states is None else self._scenario.computed_from(self._renderer, frame, *states)
 
     def _serve(self, camera: socket.socket) -> None:
         settings = self._board.camera
