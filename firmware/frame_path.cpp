@@ -93,7 +93,8 @@ void FramePath::learn_features() {
   if (!board_.markers.has_views) displacement_.learn(markers());
   if (!fingertip_) return;
   fingertip_->learn(markers());
-  is_other_pad_ = is_other_pad_ || fingertip_->is_other_pad();
+  const auto eyes = seeing([&](size_t eye) { return printed_.was_seen_at_rest(eye); });
+  is_other_pad_ = is_other_pad_ || (eyes && fingertip_->is_other_pad(*eyes));
 }
 
 void FramePath::run_difference(const FrameView& frame) {
@@ -311,9 +312,9 @@ void FramePath::run_fingertip() {
     s.contacts = {};
     s.wrench = {};
     s.uncertainty.wrench = {};
-    if (is_blind(0) && is_blind(1)) return;
-    const Eyes eyes = is_blind(1) ? Eyes::kLeft : is_blind(0) ? Eyes::kRight : Eyes::kBoth;
-    s.tip = fingertip_->run(markers(), eyes, s.saturations);
+    const auto eyes = seeing([&](size_t eye) { return !is_blind(eye); });
+    if (!eyes) return;
+    s.tip = fingertip_->run(markers(), *eyes, s.saturations);
     if (!s.tip.is_touched) return;
     if (!s.tip.is_known) s.flags |= kFlagFeatures;
     if (!s.tip.is_in_range) s.flags |= kFlagOverRange;

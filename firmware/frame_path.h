@@ -130,7 +130,9 @@ class FramePath {
   void run_skin(const FrameView& frame, uint64_t capture_us);
   void run_feature_wrench(uint64_t capture_us);
   void run_fingertip();
-  [[nodiscard]] bool is_blind(size_t view) const { return printed_.n_lost(view) > board_.markers.max_lost; }
+  [[nodiscard]] bool is_blind(size_t view) const {
+    return !printed_.was_seen_at_rest(view) || printed_.n_lost(view) > board_.markers.max_lost;
+  }
   [[nodiscard]] int n_features() const;
   void run_contact_model();
   void run_helmholtz();

@@ -46,9 +46,12 @@ bool FramePath::is_touched() const {
 
 bool FramePath::is_wrong() const { return (state_.flags & kWrongFlags) != 0; }
 
-// A view of several that has lost too many counts as blind; the others see.
+// A view of several that has lost too many, or that never saw them, counts as blind; the others see.
 bool FramePath::are_markers_lost() {
-  if (!board_.markers.has_views) return state_.markers.n_lost > board_.markers.max_lost;
+  if (!board_.markers.has_views) {
+    const int count = board_.markers.lattice.count(), n_missing = count - n_markers_at_rest_;
+    return state_.markers.n_lost > board_.markers.max_lost || 100 * n_missing > (100 - kMinMarkersPercent) * count;
+  }
   size_t n_blind = 0;
   for (size_t view = 0; view < printed_.n_views(); ++view) {
     if (is_blind(view)) ++n_blind;
@@ -65,11 +68,7 @@ void FramePath::judge_input() {
   const int n_views = static_cast<int>(printed_.n_views());
   if (s.difference.exposure.dark * 2 > n_pixels * (2 * n_views - 1) / n_views) s.flags |= kFlagDark;
   if (s.difference.exposure.full * 20 > n_pixels) s.flags |= kFlagOverexposed;
-  const int n_missing = board_.markers.lattice.count() - n_markers_at_rest_;
-  if (has(Stage::kMarkers) &&
-      (are_markers_lost() || 100 * n_missing > (100 - kMinMarkersPercent) * board_.markers.lattice.count())) {
-    s.flags |= kFlagMarkersLost;
-  }
+  if (has(Stage::kMarkers) && are_markers_lost()) s.flags |= kFlagMarkersLost;
   if (is_other_pad_) s.flags |= kFlagOtherPad;
   if (s.targets.n_lost > 0) s.flags |= kFlagMarkersLost;
   const int64_t limit_q3 = board_.pad.thickness_um * 8 / 2;

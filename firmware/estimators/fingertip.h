@@ -47,8 +47,8 @@ class Fingertip {
   [[nodiscard]] static Result<Fingertip> load(const Calibration& calibration);
 
   void learn(std::span<const Marker> markers) { field_.learn(markers); }
-  // Fewer than half of the calibrated pins are there: another fingertip.
-  [[nodiscard]] bool is_other_pad() const { return 2 * field_.n_pins_there() < field_.n_pins(); }
+  // The eyes that saw anything at rest have fewer than half of the calibrated pins: another fingertip.
+  [[nodiscard]] bool is_other_pad(Eyes eyes) const { return 2 * field_.n_pins_there(eyes) < field_.n_pins(); }
   [[nodiscard]] size_t n_pins() const { return static_cast<size_t>(field_.n_pins()); }
   TipTouch run(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations);
 

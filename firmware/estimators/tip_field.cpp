@@ -113,30 +113,29 @@ int TipField::nearest(std::span<const Marker> markers, const std::array<int64_t,
 }
 
 void TipField::learn(std::span<const Marker> markers) {
-  n_there_ = 0;
   const size_t half = markers.size() / kEyes;
   for (Pin& pin : pin_) {
-    bool is_there = true;
     for (size_t eye = 0; eye < kEyes; ++eye) {
       const int found = nearest(markers.subspan(eye * half, half), pin.rest_q8[eye], gate_q8_);
       pin.marker[eye] = found < 0 ? -1 : found + static_cast<int>(eye * half);
-      is_there = is_there && found >= 0;
     }
-    if (!is_there) pin.marker = {-1, -1};
-    n_there_ += is_there ? 1 : 0;
   }
+}
+
+int TipField::n_pins_there(Eyes eyes) const {
+  return static_cast<int>(std::count_if(pin_.begin(), pin_.end(), [&](const Pin& pin) { return pin.is_there(eyes); }));
 }
 
 bool TipField::find_middle() {
   int64_t most = 0;
   for (const Pin& pin : pin_) {
-    if (pin.marker[0] >= 0) most = std::max(most, -round_shift(dot(pin.moved, pin.normal), kUnit));
+    if (pin.is_used) most = std::max(most, -round_shift(dot(pin.moved, pin.normal), kUnit));
   }
   if (most < least_press_) return false;
   const int64_t floor = most * 77 >> 8;
   Vector sum{};
   for (const Pin& pin : pin_) {
-    if (pin.marker[0] < 0) continue;
+    if (!pin.is_used) continue;
     const int64_t weight = std::max<int64_t>(-round_shift(dot(pin.moved, pin.normal), kUnit) - floor, 0);
     for (size_t i = 0; i < 3; ++i) sum[i] += weight * pin.normal[i];
   }
@@ -152,7 +151,7 @@ TipField::Vector TipField::at(const Vector& g) const {
   Vector sum{};
   int64_t weight = kFloor;
   for (const Pin& pin : pin_) {
-    if (pin.marker[0] < 0) continue;
+    if (!pin.is_used) continue;
     const int64_t x = pin.turned[0] - g[0], y = pin.turned[1] - g[1], z = pin.turned[2] - g[2];
     const int64_t step = (x * x + y * y + z * z) >> 13;  // of Q28
     if (step >= kKernelSteps) continue;
@@ -181,9 +180,11 @@ void TipField::sample() {
 bool TipField::run(std::span<const Marker> markers, Eyes eyes) {
   for (Pin& pin : pin_) {
     pin.moved = {};
-    if (pin.marker[0] < 0) continue;
-    std::array<int64_t, 4> shift;
+    pin.is_used = pin.is_there(eyes);
+    if (!pin.is_used) continue;
+    std::array<int64_t, 4> shift{};
     for (size_t eye = 0; eye < kEyes; ++eye) {
+      if (pin.marker[eye] < 0) continue;
       const Marker& m = markers[static_cast<size_t>(pin.marker[eye])];
       shift[2 * eye] = std::clamp<int64_t>(m.displacement_x.raw(), -kMaxShift, kMaxShift);
       shift[2 * eye + 1] = std::clamp<int64_t>(m.displacement_y.raw(), -kMaxShift, kMaxShift);

@@ -11,6 +11,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -21,6 +22,13 @@
 namespace ruffini {
 
 enum class Eyes : uint8_t { kBoth, kLeft, kRight, kCount };
+
+// Those of the left (0) and the right eye (1) that see; nothing: neither.
+template <typename Sees>
+[[nodiscard]] std::optional<Eyes> seeing(const Sees& sees) {
+  if (sees(0)) return sees(1) ? Eyes::kBoth : Eyes::kLeft;
+  return sees(1) ? std::optional(Eyes::kRight) : std::nullopt;
+}
 
 class TipField {
  public:
@@ -36,8 +44,8 @@ class TipField {
 
   // Which marker at rest is which pin; markers of the left eye come first.
   void learn(std::span<const Marker> markers);
-  // Pins that the rest picture shows in both eyes.
-  [[nodiscard]] int n_pins_there() const { return n_there_; }
+  // Pins that the rest picture shows in these eyes: only they are used.
+  [[nodiscard]] int n_pins_there(Eyes eyes) const;
   [[nodiscard]] int n_pins() const { return static_cast<int>(pin_.size()); }
 
   // Whether something presses. Only then the rest is of this frame.
@@ -58,6 +66,11 @@ class TipField {
     std::array<std::array<int64_t, 12>, static_cast<size_t>(Eyes::kCount)> gain{};  // M, um per px Q8
     Vector moved{};                                                                 // u
     Vector turned{};                                                                // R n
+    bool is_used = false;                                                           // in this frame
+
+    [[nodiscard]] bool is_there(Eyes eyes) const {
+      return (marker[0] >= 0 || eyes == Eyes::kRight) && (marker[1] >= 0 || eyes == Eyes::kLeft);
+    }
   };
   [[nodiscard]] static int nearest(std::span<const Marker> markers, const std::array<int64_t, 2>& place_q8,
                                    int64_t gate_q8);
@@ -70,7 +83,6 @@ class TipField {
   std::vector<int32_t> features_;
   int64_t gate_q8_ = 0;      // a pin at rest from where it was calibrated
   int64_t least_press_ = 0;  // -n . u of a touch
-  int n_there_ = 0;
   Vector middle_{};
   Matrix turn_{};
 };

@@ -60,7 +60,10 @@ int PrintedMarkers::learn(std::span<const uint16_t> grey, std::span<const uint16
   n_dots_at_rest_ = static_cast<int>(dots.size());
   share_out(dots);
   int n_found = 0;
-  for (View& view : views_) n_found += view.tracker.learn(view.dots);
+  for (View& view : views_) {
+    view.n_at_rest = view.tracker.learn(view.dots);
+    n_found += view.n_at_rest;
+  }
   gather();
   templates_.learn(rest, markers_);
   return n_found;

@@ -28,12 +28,17 @@ class PrintedMarkers {
   [[nodiscard]] size_t n_views() const { return views_.size(); }
   // Of one view: markers lost in the last frame that were there at rest.
   [[nodiscard]] int n_lost(size_t view) const { return views_[view].n_lost; }
+  // The rest image shows at least half of its markers.
+  [[nodiscard]] bool was_seen_at_rest(size_t view) const {
+    return 2 * static_cast<size_t>(views_[view].n_at_rest) >= n_per_view_;
+  }
 
  private:
   struct View {
     MarkerTracker tracker;
     int64_t left_q16 = 0;  // of the frame's pixels
     int n_lost = 0;
+    int n_at_rest = 0;
     std::vector<Dot> dots{};
     std::span<Marker> own{};  // the tracker's, to be refined
   };

@@ -105,6 +105,32 @@ def test_what_is_strange_or_too_deep_is_invalid_and_what_is_covered_is_not_told(
 
 
 @pytest.mark.parametrize(
+    ("times", "out_px", "validity"),
+    [
+        (0.37, (1.0, 1.5, 2.0, 2.35), NOT_MEASURED),  # up to 0.39 mm deep
+        (1.0, (1.0, 1.5, 2.0), VALID),
+        (4.2, (1.0, 1.1, 1.2, 1.3), NOT_MEASURED),  # from 1.84 mm on, but within range
+    ],
+)
+def test_hardness_is_told_of_presses_between_0_4_and_1_8_mm_alone(
+    times: float, out_px: tuple[float, ...], validity: int
+) -> None:
+    kind, rest = tables(np.random.default_rng(2), 63), texture()
+    gel = np.array([[times], [1], [1], [1]])
+    kind["contact_model.size_out"] = np.round(kind["contact_model.size_out"] * gel).astype(np.int32)
+    with opened(kind) as core:
+        rested(core, rest)
+        for each in out_px:
+            said = core.process(pressed(rest, each))
+            depth = core.modelled().gel_depth_um
+            assert (400 <= depth <= 1800) == (validity == VALID)
+            assert 0 < depth < 2500
+            assert not said.flags
+            assert core.modelled().depth_validity == VALID
+        assert core.modelled().hardness_validity == validity
+
+
+@pytest.mark.parametrize(
     ("name", "value", "why"),
     [
         ("contact_model.sigma", np.zeros((2, 10), np.int32), "sigma"),

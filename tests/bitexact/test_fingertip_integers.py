@@ -21,7 +21,7 @@ from ruffini.sim.settings import load_twin
 
 BOARD = find_board(Path(__file__).parents[2] / "boards" / "stereo-fingertip")
 MOST_UN, WIDTH_PX = 1_300_000, 320
-OVER_RANGE, FEATURES, OTHER_PAD, VIEW_LOST = 32, 2048, 4096, 16384
+MARKERS_LOST, OVER_RANGE, FEATURES, OTHER_PAD, VIEW_LOST = 8, 32, 2048, 4096, 16384
 VALID, INVALID = 1, 3
 WIDTHS = (11, 16, 13, 12, 14)  # of the smallest network: places, components, hidden, outputs
 
@@ -151,6 +151,40 @@ def test_every_number_is_the_mirrors(seed: int, make: Callable[..., dict[str, np
     assert touched >= 9
     assert flat >= 3
     assert told >= 1 or make is hostile
+
+
+@pytest.mark.parametrize("eye", [0, 1])
+def test_an_eye_that_is_dead_from_the_start_leaves_the_other(eye: int) -> None:
+    """Even where the other one lacks a few pins at rest: it is no other pad, and no half of the markers is missing."""
+    tables, touched = tensors(np.random.default_rng(1)), 0
+    rest, lost = rest_markers()
+    own = Fingertip(tables, MOST_UN)
+    with opened(tables) as path:
+        for depth, a, b in (*BOARD.pipeline.n_rest_frames * ((0, 0, 0),), (1400, 2, -12), (2000, 14, 8)):
+            picture = frame(depth, a, b).copy()
+            picture[:, eye * WIDTH_PX : (eye + 1) * WIDTH_PX] = 0
+            picture[100:130, (1 - eye) * WIDTH_PX + 100 : (1 - eye) * WIDTH_PX + 130] = 0
+            said = path.process(picture)
+            if depth == 0:
+                continue
+            if depth == 1400:
+                rest, _, lost = path.markers()
+                own.learn((rest * 65536).astype(np.int64), (lost == 2).astype(np.int64))
+            row = own.run(path.features().reshape(2, -1, 2), 2 - eye)
+            assert list(path.tip()) == row
+            assert said.flags & (VIEW_LOST | OTHER_PAD | MARKERS_LOST) == VIEW_LOST
+            assert said.force_z_validity == VALID
+            touched += row[0]
+    assert said.n_markers_at_rest < 292
+    assert touched == 2
+
+
+def test_two_eyes_that_are_dead_from_the_start_feel_nothing() -> None:
+    with opened(tensors(np.random.default_rng(1))) as path:
+        for _ in range(BOARD.pipeline.n_rest_frames + 1):
+            said = path.process(np.zeros_like(frame(0, 0, 0)))
+    assert said.flags & MARKERS_LOST
+    assert said.force_z_validity == INVALID
 
 
 @pytest.mark.parametrize(("limit", "is_known"), [((30_000, 30_000), True), ((1, 30_000), False), ((30_000, 1), False)])

@@ -91,7 +91,6 @@ class Fingertip:
                 away2 = np.where(is_absent[eye] != 0, gate2, away.sum(axis=1))
                 best = int(away2.argmin())
                 self.marker[eye, p] = best if away2[best] < gate2 else -1
-        self.marker[:, (self.marker < 0).any(axis=0)] = -1
 
     def _held(self, values: Ints, limit: int) -> Ints:
         self.n_saturated += int((np.abs(values) > limit).sum())
@@ -99,9 +98,11 @@ class Fingertip:
 
     def field(self, moved_q16: Ints, eyes: int) -> tuple[Ints, Ints, Ints] | None:
         """Features (3 g + 2,), R (3, 3), c (3,); None where nothing presses."""
-        there = self.marker[0] >= 0
+        there = (self.marker >= 0)[[[0, 1], [0], [1]][eyes]].all(axis=0)
         normal = self.t["normal"][there]
-        shift = np.concatenate([moved_q16[eye][self.marker[eye][there]] for eye in range(2)], axis=1)
+        shift = np.concatenate([
+            np.where(self.marker[eye][there, None] < 0, 0, moved_q16[eye][self.marker[eye][there]]) for eye in range(2)
+        ], axis=1)  # fmt: skip
         gain = self.t["gain"][eyes][there]
         limit = 1 << 18
         u = np.clip(round_shift((gain * np.clip(shift, -(1 << 24), 1 << 24)[:, None]).sum(axis=2), 20), -limit, limit)

@@ -88,7 +88,7 @@ TEST(Fingertip, AHostileTableOverflowsNothing) {
     auto tip = loaded(bytes);
     ASSERT_TRUE(tip.has_value()) << tip.error().message;
     tip.value().learn(markers(0));
-    EXPECT_FALSE(tip.value().is_other_pad());
+    EXPECT_FALSE(tip.value().is_other_pad(Eyes::kBoth));
     for (const Eyes eyes : {Eyes::kBoth, Eyes::kLeft, Eyes::kRight}) {
       SaturationCounter saturations;
       const TipTouch touch = tip.value().run(markers(std::numeric_limits<int32_t>::max()), eyes, saturations);

@@ -54,6 +54,18 @@ def test_a_tool_that_is_followed_is_where_the_surest_frames_say() -> None:
     assert levels["0.6-0.8"] == pytest.approx(1.0, abs=0.01)
 
 
+def test_full_scale_error_is_the_largest_error_over_the_largest_force() -> None:
+    """Equation (4) of the paper, of each test; then their mean."""
+    tests = [played("test_force", off=0.1), played("test_force", off=0.02)]
+    tests[0].ours[4, FORCE] = tests[0].truth[4, FORCE] - 0.3
+    for one in tests:
+        one.ours[-1] = one.truth[-1]
+    said = stereo_pins._paper_tests(tests)
+    assert said["full_scale_of_each_test"] == pytest.approx([30, 2])
+    assert said["full-scale error"] == pytest.approx(16)
+    assert said["force_of_each_test"] == pytest.approx([(18 * 0.1 + 0.3) / 20, 19 * 0.02 / 20])
+
+
 def test_pictures_that_are_alike_bound_the_error_of_x() -> None:
     """Frame by frame: alike, two deviations apart, far apart; 3 mm has no pair."""
     one = np.zeros((3, 100))
