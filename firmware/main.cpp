@@ -164,6 +164,7 @@ int doctor(const Arguments& arguments) {
   if (board) {
     checks.push_back({"board", CheckState::kOk, board.value().name, ""});
     checks.push_back(ruffini::examine_threads(board.value().threads));
+    checks.push_back(ruffini::examine_lamps(board.value().led_driver));
     const auto camera = open_cameras(arguments, board.value());
     checks.push_back({"frames", camera ? CheckState::kOk : CheckState::kFailed,
                       camera ? fmt::format("{}", fmt::join(arguments.cameras, ", ")) : camera.error().message, ""});

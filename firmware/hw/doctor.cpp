@@ -9,9 +9,12 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <optional>
 #include <thread>
+#include <utility>
 
+#include "hw/led_driver.h"
 #include "hw/thread_place.h"
 
 namespace ruffini {
@@ -244,6 +247,21 @@ Check examine_threads(const ThreadsSettings& threads) {
   }
   if (found.empty()) return {"threads", CheckState::kOk, "as the daemon is started, all alike", ""};
   return {"threads", problems.empty() ? CheckState::kOk : CheckState::kWarning, found, problems};
+}
+
+Check examine_lamps(const LedDriverSettings& driver, I2cBus* bus) {
+  if (driver.bus.empty()) return {"lamps", CheckState::kOk, "without a driver on I2C", ""};
+  std::unique_ptr<I2cBus> own;
+  if (bus == nullptr) {
+    auto opened = open_i2c(driver.bus);
+    if (!opened) return {"lamps", CheckState::kFailed, opened.error().message, ""};
+    own = std::move(opened).value();
+    bus = own.get();
+  }
+  if (const Status found = LedDriver::find(*bus, driver.address); !found) {
+    return {"lamps", CheckState::kFailed, "their driver: " + found.error().message, ""};
+  }
+  return {"lamps", CheckState::kOk, "their driver answers on " + bus->name(), ""};
 }
 
 bool has_failed(const std::vector<Check>& checks) {

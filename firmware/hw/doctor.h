@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "board/hardware_settings.h"
+#include "hw/i2c.h"
 
 namespace ruffini {
 
@@ -28,6 +29,9 @@ struct DoctorRequest {
 
 // Priorities and CPUs of [threads], each tried by a thread of its own.
 [[nodiscard]] Check examine_threads(const ThreadsSettings& threads);
+
+// [led_driver]: whether it answers; nothing is switched. `bus`: of a test; else the board's is opened.
+[[nodiscard]] Check examine_lamps(const LedDriverSettings& driver, I2cBus* bus = nullptr);
 
 [[nodiscard]] bool has_failed(const std::vector<Check>& checks);
 // A line for each check, its remedy under it.

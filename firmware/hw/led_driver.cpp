@@ -47,6 +47,11 @@ Result<std::unique_ptr<LedDriver>> LedDriver::open(std::unique_ptr<I2cBus> bus, 
   return driver;
 }
 
+Status LedDriver::find(I2cBus& bus, int64_t address) {
+  std::array<uint8_t, 1> mode{};
+  return exchange(bus, static_cast<uint8_t>(address), std::array{kMode1}, mode);
+}
+
 Status LedDriver::light(const Sleep& sleep) {
   if (Status dark = off(); !dark) return dark;
   if (Status awake = write(kMode1, std::array<uint8_t, 1>{0}); !awake) return awake;

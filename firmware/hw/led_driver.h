@@ -31,6 +31,8 @@ class LedDriver {
   // Errors: kUnavailable (nobody answers, or what is written does not stay), kBadInput (a current beyond 255 steps).
   [[nodiscard]] static Result<std::unique_ptr<LedDriver>> open(std::unique_ptr<I2cBus> bus,
                                                                const LedDriverSettings& settings, const Sleep& sleep);
+  // Whether something answers at the address, without switching anything. Errors: kUnavailable.
+  [[nodiscard]] static Status find(I2cBus& bus, int64_t address);
   // Off; nobody is left to hear where that fails.
   ~LedDriver();
   LedDriver(const LedDriver&) = delete;

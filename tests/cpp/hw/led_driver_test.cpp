@@ -7,6 +7,8 @@
 #include <deque>
 #include <vector>
 
+#include "hw/doctor.h"
+
 namespace ruffini {
 namespace {
 
@@ -138,6 +140,21 @@ TEST_F(LedDriverTest, AnotherChipIsToldApart) {
   const auto driver = open();
   ASSERT_FALSE(driver);
   EXPECT_NE(driver.error().message.find("is it a PCA9955B?"), std::string::npos);
+}
+
+TEST_F(LedDriverTest, TheDoctorFindsItAndSwitchesNothing) {
+  ChipBus bus(chip_);
+  const Check there = examine_lamps(settings_, &bus);
+  EXPECT_EQ(there.state, CheckState::kOk);
+  EXPECT_EQ(there.found, "their driver answers on /dev/i2c-9");
+  EXPECT_TRUE(chip_.writes.empty());
+  settings_.address = 0x16;
+  const Check silent = examine_lamps(settings_, &bus);
+  EXPECT_EQ(silent.state, CheckState::kFailed);
+  EXPECT_NE(silent.found.find("address 0x16: nobody answers"), std::string::npos) << silent.found;
+  settings_.bus = "/dev/i2c-none";
+  EXPECT_NE(examine_lamps(settings_).found.find("/dev/i2c-none: cannot be opened"), std::string::npos);
+  EXPECT_EQ(examine_lamps({}).state, CheckState::kOk);
 }
 
 TEST_F(LedDriverTest, SilenceIsSaidAndOver) {
