@@ -101,7 +101,7 @@ def collect(
     log = LogWriter(out, {"board": found.name, "program": program, "seed": seed, "n": count, "depth_mm": depth_mm,
                           "shear_mm": shear_mm, "rig": rig, "tip": _tip(settings, ball_mm)})  # fmt: skip
     n_before = len(log.done())
-    next_step = f"ruffini cal fit {out} --board {board} --out calibration.safetensors"
+    next_step = f"Next: ruffini cal fit {out} --board {board} --out calibration.safetensors"
     page = _page(f"{program} on {found.name}", next_step, http_port, opens=not no_browser) if view else None
     with _bench(settings, found, program, limits, calibration, options, page) as bench, progress_bar("touches") as bar:
 

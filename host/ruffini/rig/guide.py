@@ -147,7 +147,8 @@ def quality(bench: Bench, live: Live) -> list[Quality]:
     """How good it is: reference, frames, flags, stillness, forces beside each other, drift."""
     drift = float(np.nan_to_num(abs(bench.drift) / bench.reference.facts.full_scale).max())
     return [
-        _reference(live), _frames(live, bench.bad_flags), _flags(live, bench.bad_flags), _still(live), _beside(live),
+        _reference(live), _frames(live, bench.bad_flags), _flags(live, bench.bad_flags),
+        _still(live, by_sensor=bench.weight is not None), _beside(live),
         _quality("drift of the reference", drift < MAX_DRIFT, f"{100 * drift:.1f} % of its range since it was tared"),
     ]  # fmt: skip
 
@@ -182,12 +183,14 @@ def _flags(live: Live, bad_flags: dict[int, str]) -> Quality:
     return _quality("flags", not names, ", ".join(names) or "none")
 
 
-def _still(live: Live) -> Quality:
-    """How much the force moves, by the reference, or by the sensor where that is slow."""
+def _still(live: Live, *, by_sensor: bool) -> Quality:
+    """How much the force moves, by the reference, or by the sensor where that is slow or a placed weight."""
     since = host_clock.now() - STILL_S
     of_reference = [r.wrench[FZ] for r in live.readings if r.host_s > since]
     of_sensor = [f.wrench[FZ] for f in live.frames if f.host_s > since]
-    forces = [f for f in (of_reference if len(of_reference) >= MIN_STILL else of_sensor) if math.isfinite(f)]
+    forces = [
+        f for f in (of_sensor if by_sensor or len(of_reference) < MIN_STILL else of_reference) if math.isfinite(f)
+    ]
     if len(forces) < MIN_STILL:
         return _quality("stillness", None, "not known")
     spread, mean = (max(forces) - min(forces)) / 2, abs(float(np.mean(forces)))

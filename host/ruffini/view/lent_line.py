@@ -17,7 +17,7 @@ from ruffini.wire import Frame
 TELL_S = 0.1  # between two states
 GOODBYE_S = 2.0  # real: that long a page has time to take the last one
 ANSWERS = ("HELLO", "SCHEMA", "REPLY", "TIME")  # are of whoever owns the line
-REFUSED = "a collection goes on with this sensor: its page only looks on; end it first"
+BUSY = "a collection goes on with this sensor: its page only looks on; end it first"
 
 
 class LentLine(Line):
@@ -91,7 +91,7 @@ class LentLine(Line):
 
     def _reply(self, box: Outbox, command: Any) -> None:
         is_subscribe = command.WhichOneof("action") == "subscribe"
-        code, text = ("REPLY_OK", "") if is_subscribe else ("REPLY_REFUSED", REFUSED)
+        code, text = ("REPLY_OK", "") if is_subscribe else ("REPLY_BUSY", BUSY)
         number = self._schema.enum_number("ReplyCode", code)
         self._answer(box, "REPLY", self._schema.new("Reply", request_id=command.request_id, code=number, text=text))
 

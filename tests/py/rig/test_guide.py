@@ -55,7 +55,7 @@ def bench(
             recent=lambda s: [r for r in readings if r.host_s > now - s], silence_s=0.5,
             facts=SimpleNamespace(full_scale=np.array([20, 20, 20, np.nan, np.nan, np.nan])),
         ),
-        drift=np.array([0, 0, 0.4, 0, 0, 0]), bad_flags={DARK: "dark", 32: "over_range"},
+        drift=np.array([0, 0, 0.4, 0, 0, 0]), bad_flags={DARK: "dark", 32: "over_range"}, weight=None,
     )  # fmt: skip
 
 
@@ -137,6 +137,8 @@ def test_what_is_good_and_what_is_not() -> None:
     readings = moving.reference.recent(9.0)
     moving.reference.recent = lambda _: [r._replace(wrench=r.wrench * (1 + 0.1 * i)) for i, r in enumerate(readings)]
     assert rows(moving)["stillness"][0] is False
+    moving.weight = object()  # it is said to lie there: the sensor knows whether it does
+    assert rows(moving)["stillness"][0] is True
     assert rows(bench(0.01, 0.0))["stillness"][0] is None  # nothing presses
 
 

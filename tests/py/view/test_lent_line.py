@@ -90,7 +90,7 @@ def test_a_page_gets_the_owners_frames_and_may_change_nothing() -> None:
     assert hello == HELLO
     assert schema.file_descriptor_set == SCHEMA.bytes
     assert (subscribed.request_id, subscribed.code) == (5, 0)
-    assert (refused.request_id, refused.code) == (6, SCHEMA.enum_number("ReplyCode", "REPLY_REFUSED"))
+    assert (refused.request_id, refused.code) == (6, SCHEMA.enum_number("ReplyCode", "REPLY_BUSY"))
     assert "only looks on" in refused.text
     assert types == [NUMBER["WRENCH"]]
     assert owner.raw_sink is None  # given back

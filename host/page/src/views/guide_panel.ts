@@ -3,7 +3,7 @@
 import type { SensorInfo } from "../board";
 import { type Guide, largestGap, type Load, type Quality } from "../guide";
 import { button, make } from "./dom";
-import { short, text } from "./units";
+import { text } from "./units";
 
 const MARGIN = 0.08; // of the pad's length, round its picture
 const RING_PX = 15;
@@ -61,7 +61,7 @@ export class GuidePanel {
     say(this.said, guide.end ? (guide.end.isOk ? "Complete." : "It has ended.") : guide.said);
     this.done.hidden = !guide.asked || this.isOver;
     this.stop.hidden = this.isOver;
-    say(this.end, guide.end ? `${guide.end.text} ${guide.end.next}` : "");
+    say(this.end, guide.end ? `${guide.end.text.replace(/\.?$/, ".")} ${guide.end.next}` : "");
     this.end.classList.toggle("bad", guide.end?.isOk === false);
     this.showCounts(guide);
     this.load.show(this.isOver ? undefined : guide.load);
@@ -80,7 +80,7 @@ export class GuidePanel {
   private showCounts({ nDone, nTotal, nRedone, touches }: Guide): void {
     const gap = largestGap(touches);
     const redone = nRedone ? ` · ${nRedone} done again` : "";
-    const cover = gap === undefined ? "" : ` · no place of the plan further than ${short(gap)} mm from a touch`;
+    const cover = !gap ? "" : ` · no place of the plan further than ${text(gap, 1)} mm from a touch`;
     say(this.counts, nTotal ? `${nDone} of ${nTotal} touches${redone}${cover}` : "no touch yet");
     this.touches.max = Math.max(nTotal, 1);
     this.touches.value = nDone;
@@ -98,7 +98,7 @@ export class GuidePanel {
   /** As a person sees the pad: x to the right, y up. */
   private drawPad(guide: Guide, info: SensorInfo | undefined): void {
     const [w, h] = [(info?.padX ?? 0.02) * 1e3, (info?.padY ?? 0.02) * 1e3];
-    const where = guide.target ? `${guide.touches.length ? "Press in the ring" : "Next"}: x ${text(guide.target.x, 1)}, y ${text(guide.target.y, 1)} mm. ` : "";
+    const where = guide.target && !this.isOver ? `${guide.touches.length ? "Press in the ring" : "Next"}: x ${text(guide.target.x, 1)}, y ${text(guide.target.y, 1)} mm. ` : "";
     this.pad.hidden = !guide.touches.length;
     say(this.where, guide.touches.length ? `${where}As you see the pad from where you press: x to the right, y up.` : where);
     if (this.pad.hidden) return;
