@@ -74,16 +74,15 @@ Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes)
 
 Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::string& problem) {
   clock_ = clock;
-  auto prepared = prepare_stored();
-  if (!prepared) return prepared.error();
+  Prepared prepared = prepare_stored();
   if (store_.has_lost_trial()) {
     if (!problem_.empty()) problem_ += "; ";
     problem_ += "the last flash was on trial when the power went: flash it again; what was before is in force";
   }
   if (!store_.problem().empty()) problem_ += (problem_.empty() ? "" : "; ") + store_.problem();
   problem = problem_;
-  active_ = prepared.value().calibration;
-  return std::move(prepared.value().path);
+  active_ = std::move(prepared.calibration);
+  return std::move(prepared.path);
 }
 
 Result<std::unique_ptr<FramePath>> Calibrator::start_safe(ClockFunction clock, std::string& problem) {
@@ -94,7 +93,7 @@ Result<std::unique_ptr<FramePath>> Calibrator::start_safe(ClockFunction clock, s
   return FramePath::configure(board_, nullptr, clock_);
 }
 
-Result<Calibrator::Prepared> Calibrator::prepare_stored() {
+Calibrator::Prepared Calibrator::prepare_stored() {
   problem_.clear();
   struct Source {
     const char* name;
@@ -108,13 +107,11 @@ Result<Calibrator::Prepared> Calibrator::prepare_stored() {
     auto prepared = source.bytes ? prepare(source.bytes.value()) : Result<Prepared>(source.bytes.error());
     if (prepared) {
       if (!problem_.empty()) problem_ += std::string("; ") + source.name + " is in force";
-      return prepared;
+      return std::move(prepared).value();
     }
     problem_ += std::string(problem_.empty() ? "" : "; ") + source.name + " not used: " + prepared.error().message;
   }
-  auto path = FramePath::configure(board_, nullptr, clock_);
-  if (!path) return path.error();
-  return Prepared{std::move(path).value(), {}};
+  return {FramePath::configure(board_, nullptr, clock_).value(), {}};  // tables can be wrong, and here are none
 }
 
 Status Calibrator::begin(uint64_t size_bytes, const std::string& sha256) {
@@ -189,8 +186,7 @@ std::optional<TrialEnd> Calibrator::poll() {
       "the new calibration was on trial, and " + std::to_string(now.n_good) + " of " + std::to_string(now.n_frames) +
       " frames were good (" + words_of(exchange_.wrong_flags) +
       "): what was before is in force again; see that its light is on and nothing is before the lens, and flash again";
-  const Status reverted = revert();
-  if (!reverted) problem_ = reverted.error().message;
+  revert();
   problem_ = why + (problem_.empty() ? "" : "; " + problem_);
   return TrialEnd{false, problem_};
 }
@@ -202,25 +198,25 @@ TrialEnd Calibrator::confirm() {
   problem_ = confirmed.error().message;
   if (store_.reject()) {  // the medium still has it on trial
     const std::string why = problem_;
-    const Status reverted = revert();
-    problem_ = reverted ? why + "; what was before is in force again" : why + "; " + reverted.error().message;
+    revert();
+    problem_ = why + "; what was before is in force again";
   } else {
     problem_ += "; the new calibration is in force, and may not be so after a power cut";
   }
   return {false, problem_};
 }
 
-Status Calibrator::revert() {
+void Calibrator::revert() {
   is_on_trial_ = false;
   (void)store_.reject();  // what stays is removed at the next start
-  auto before = prepare_stored();
-  if (!before) return before.error();
-  put_in_force(std::move(before).value());
-  return Unit{};
+  put_in_force(prepare_stored());
 }
 
 Status Calibrator::undo() {
-  if (is_on_trial_) return revert();
+  if (is_on_trial_) {
+    revert();
+    return Unit{};
+  }
   const auto before = store_.load_previous();
   if (!before) return before.error();
   if (before.value().empty()) {

@@ -87,11 +87,11 @@ class Calibrator {
   // Whatever is used passes here: layout, signature, target, security epoch, bounds proof.
   [[nodiscard]] Result<Prepared> prepare(std::span<const uint8_t> bytes) const;
   // For the newest stored file that is sound, or for none; what is wrong with others goes to `problem_`.
-  [[nodiscard]] Result<Prepared> prepare_stored();
+  [[nodiscard]] Prepared prepare_stored();
   void put_in_force(Prepared prepared);
   [[nodiscard]] TrialEnd confirm();
   // Goes back to what is in force on the medium.
-  [[nodiscard]] Status revert();
+  void revert();
 
   BoardSettings board_;
   std::string serial_;

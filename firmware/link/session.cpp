@@ -255,17 +255,17 @@ void Session::subscribe(const ruffini_Subscribe& request) {
 
 void Session::send(ruffini_MessageType type, const pb_msgdesc_t* fields, const void* message) {
   if (replies_.size() >= kMaxReplies) return;
-  std::vector<uint8_t> payload = serialised(fields, message);
-  if (!payload.empty()) replies_.push_back({type, std::move(payload)});
+  replies_.push_back({type, serialised(fields, message)});
 }
 
-// Empty: the message cannot be encoded.
+// No byte at all where every field is zero. A message of our own, whose texts end within their fields, can be encoded.
 std::vector<uint8_t> Session::serialised(const pb_msgdesc_t* fields, const void* message) {
   size_t n_bytes = 0;
-  if (!pb_get_encoded_size(&n_bytes, fields, message)) return {};
+  (void)pb_get_encoded_size(&n_bytes, fields, message);
   std::vector<uint8_t> payload(n_bytes);
   pb_ostream_t stream = pb_ostream_from_buffer(payload.data(), payload.size());
-  return pb_encode(&stream, fields, message) ? payload : std::vector<uint8_t>{};
+  (void)pb_encode(&stream, fields, message);
+  return payload;
 }
 
 // With the number that it has once its first byte goes out: what is written grows, whatever waited for how long.

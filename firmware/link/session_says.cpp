@@ -24,8 +24,10 @@ namespace {
 
 constexpr uint32_t kAgedSkin1e3 = 250;  // off the calibration's light: what touches look like was learned with another
 
+// Where the tag finds no room, what is longer does not either: its result is that of both.
 bool write_schema(pb_ostream_t* stream, const pb_field_t* field, void* const*) {
-  return pb_encode_tag_for_field(stream, field) && pb_encode_string(stream, kSchemaBytes, kSchemaSize);
+  (void)pb_encode_tag_for_field(stream, field);
+  return pb_encode_string(stream, kSchemaBytes, kSchemaSize);
 }
 
 // Node position from the pad's centre, nanometres: (2 i - (n - 1)) size / (2 (n - 1)).
@@ -102,10 +104,8 @@ void Session::send_stale_wrench() {
     m.validity[i] = is_measured ? ruffini_Validity_VALIDITY_INVALID : ruffini_Validity_VALIDITY_NOT_MEASURED;
   }
   // Telemetry, not a reply: a host that does not read finds the newest.
-  std::vector<uint8_t> payload = serialised(ruffini_Wrench_fields, &m);
-  if (payload.empty()) return;
   Outgoing& slot = newest(ruffini_MessageType_MESSAGE_TYPE_WRENCH);
-  slot.bytes = std::move(payload);
+  slot.bytes = serialised(ruffini_Wrench_fields, &m);
   slot.is_bare = true;
 }
 

@@ -117,6 +117,19 @@ TEST_F(AccessTest, EverySingleBitThatIsChangedIsRefused) {
   EXPECT_EQ(n_bits, 48 + 512 + 32 + 8);
 }
 
+TEST_F(AccessTest, AHolderNamesItselfAloneAndKeepsItsNameOverAPause) {
+  access_.name(0, "nobody");
+  ASSERT_TRUE(access_.take(1));
+  access_.name(1, "first host");
+  access_.name(0, "nobody");
+  access_.name(2, "second host");
+  EXPECT_EQ(access_.holder(), "first host");
+  clock_.us += Access::kLeaseUs + 1;
+  EXPECT_EQ(access_.holder(), "");
+  ASSERT_TRUE(access_.take(1));
+  EXPECT_EQ(access_.holder(), "first host");
+}
+
 TEST_F(AccessTest, FiveWrongSignaturesAMinuteAndNoMoreIsLookedAt) {
   const Access::Nonce nonce = access_.challenge();
   const Bytes command = {1};

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <filesystem>
 
-#include "support/crash_medium.h"
 #include "support/install.h"
 #include "support/signed_calibration.h"
 #include "support/test_board.h"
@@ -217,43 +216,6 @@ TEST_F(CalibratorTest, UndoEndsATrialAndASecondFlashWaitsForItsEnd) {
   EXPECT_EQ(in_force_after_a_restart(), sha256(file_));
 }
 
-// The medium fails just when the trial has gone well.
-TEST_F(CalibratorTest, ATrialThatCannotBeConfirmedGoesBackAndSaysWhy) {
-  struct Failing final : test::CrashMedium {
-    Status rename(const std::string& from, const std::string& to) override {
-      if (fails_rename && from == "trial.safetensors") return Error{ErrorKind::kStorage, "read-only now"};
-      return CrashMedium::rename(from, to);
-    }
-    Status sync_folder() override {
-      if (fails_sync) return Error{ErrorKind::kStorage, "an I/O error"};
-      return CrashMedium::sync_folder();
-    }
-    bool fails_rename = false;
-    bool fails_sync = false;
-  };
-  for (const bool is_renamed : {false, true}) {
-    auto made = std::make_unique<Failing>();
-    Failing& medium = *made;
-    Calibrator calibrator(board_, "0042", SlotStore::open(std::move(made)), exchange_);
-    std::string problem;
-    ASSERT_TRUE(calibrator.start(still_clock, problem));
-    ASSERT_TRUE(calibrator.begin(file_.size(), sha256(file_)));
-    ASSERT_TRUE(calibrator.chunk(0, file_));
-    ASSERT_TRUE(calibrator.commit());
-    show(32, 32);
-    (is_renamed ? medium.fails_sync : medium.fails_rename) = true;
-    const auto end = calibrator.poll();
-    ASSERT_TRUE(end.has_value());
-    EXPECT_FALSE(end->is_confirmed);
-    EXPECT_FALSE(calibrator.is_on_trial());
-    EXPECT_EQ(calibrator.active().is_present, is_renamed);
-    EXPECT_EQ(exchange_.next_path.load()->calibration_id() != 0, is_renamed);
-    const char* said = is_renamed ? "may not be so after a power cut" : "read-only now; what was before";
-    EXPECT_NE(end->text.find(said), std::string::npos) << end->text;
-    EXPECT_EQ(calibrator.problem(), end->text);
-  }
-}
-
 TEST_F(CalibratorTest, ARecordingHasNoTrial) {
   Calibrator once(board_, "0042", SlotStore::open(folder_).value(), exchange_, TrialRule{0, 0});
   std::string problem;
@@ -306,29 +268,6 @@ TEST_F(CalibratorTest, WhereNothingStoredCanBeUsedTheFactorysIs) {
   ASSERT_TRUE(later.start(still_clock, problem));
   EXPECT_EQ(later.active().sha256, sha256(file_));
   EXPECT_NE(problem.find("the factory's is in force"), std::string::npos) << problem;
-}
-
-// A medium whose newest file cannot be read, and on which nothing can be written.
-TEST_F(CalibratorTest, OnAMediumThatFailsWhatCanBeReadMeasuresAndAFlashIsRefused) {
-  struct Failing final : test::CrashMedium {
-    using CrashMedium::CrashMedium;
-    Result<Bytes> read(const std::string& name, ReadFrom from) const override {
-      if (name == "calibration-2.safetensors") return Error{ErrorKind::kStorage, "an I/O error"};
-      return CrashMedium::read(name, from);
-    }
-    Status can_write() const override { return Error{ErrorKind::kStorage, "read-only"}; }
-  };
-  const auto kept = [](Bytes bytes) { return std::make_shared<test::Inode>(test::Inode{std::move(bytes), 0, true}); };
-  const test::Names names = {{"calibration-1.safetensors", kept(file_)}, {"calibration-2.safetensors", kept(newer())}};
-  Calibrator calibrator(board_, "0042", SlotStore::open(std::make_unique<Failing>(names)), exchange_);
-  std::string problem;
-  ASSERT_TRUE(calibrator.start(still_clock, problem));
-  EXPECT_EQ(calibrator.active().sha256, sha256(file_));
-  EXPECT_NE(problem.find("an I/O error; the one before it is in force; read-only"), std::string::npos) << problem;
-  const Status begun = calibrator.begin(file_.size(), sha256(file_));
-  ASSERT_FALSE(begun);
-  EXPECT_EQ(begun.error().kind, ErrorKind::kStorage);
-  EXPECT_NE(begun.error().message.find("nothing can be flashed"), std::string::npos) << begun.error().message;
 }
 
 TEST_F(CalibratorTest, AnOlderVersionIsRefusedAndUndoGoesBackToIt) {
@@ -392,6 +331,12 @@ TEST_F(CalibratorTest, OneSpoiltByteBeforeTheHashWasTakenFailsTheSignature) {
   EXPECT_NE(error.message.find("signature"), std::string::npos) << error.message;
 }
 
+TEST_F(CalibratorTest, AFileWhoseVersionIsNoNumberIsRefused) {
+  const Error error = refusal_of(stamped("x", "0"));
+  EXPECT_EQ(error.kind, ErrorKind::kBadInput);
+  EXPECT_NE(error.message.find("version = \"x\""), std::string::npos) << error.message;
+}
+
 TEST_F(CalibratorTest, AFileForAnotherBoardIsRefused) {
   BoardSettings other = board_;
   other.name = "other";
@@ -446,7 +391,10 @@ TEST_F(CalibratorTest, TheSameHashResumesAndAnotherStartsAnew) {
   ASSERT_TRUE(calibrator_.chunk(0, Bytes{1, 2}));
   ASSERT_TRUE(calibrator_.begin(4, sha256(Bytes{1, 2, 3, 4})));
   EXPECT_EQ(calibrator_.next_offset(), 2U);
-  ASSERT_TRUE(calibrator_.begin(4, sha256(Bytes{4, 3, 2, 1})));
+  ASSERT_TRUE(calibrator_.begin(5, sha256(Bytes{1, 2, 3, 4}))) << "another file, whatever its hash";
+  EXPECT_EQ(calibrator_.next_offset(), 0U);
+  ASSERT_TRUE(calibrator_.chunk(0, Bytes{1, 2}));
+  ASSERT_TRUE(calibrator_.begin(5, sha256(Bytes{4, 3, 2, 1})));
   EXPECT_EQ(calibrator_.next_offset(), 0U);
 }
 

@@ -313,7 +313,8 @@ TEST_F(SessionHealth, ZeroIsRefusedWhileSomethingPressesUnlessItIsMeant) {
 TEST_F(SessionHealth, StatusSaysHowFarASkinHasAged) {
   EXPECT_EQ(status().skin_light_1e3, 0U) << "no skin, nothing to say";
   EXPECT_FALSE(status().health & ruffini_HealthBit_HEALTH_SKIN_AGED);
-  for (const auto& [light_1e3, has_aged] : {std::pair<uint32_t, bool>{751, false}, {749, true}, {1'249, false}}) {
+  for (const auto& [light_1e3, has_aged] :
+       {std::pair<uint32_t, bool>{751, false}, {749, true}, {1'249, false}, {1'251, true}}) {
     exchange_.skin_light_1e3 = light_1e3;
     const ruffini_Status said = status();
     EXPECT_EQ(said.skin_light_1e3, light_1e3);

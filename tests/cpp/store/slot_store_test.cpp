@@ -166,7 +166,7 @@ TEST_F(SlotStoreTest, NamesThatItWouldNotGiveAreNotRead) {
   for (const char* odd :
        {"calibration-007.safetensors", "calibration-x.safetensors", "calibration-9.safetensors.bak",
         "calibration-.safetensors", "calibration--9.safetensors", "calibration-18446744073709551615.safetensors",
-        "calibration-99999999999999999999.safetensors"}) {
+        "calibration-99999999999999999999.safetensors", "kalibrierung-9.safetensors"}) {
     std::ofstream(folder_ / odd) << "odd";
     EXPECT_EQ(store.load().value(), Bytes(10, 1)) << odd;
   }
