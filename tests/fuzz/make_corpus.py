@@ -13,12 +13,12 @@ import numpy as np
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.wire.framing import cobs_decode
+from ruffini.wire.framing import cobs_decode, encode_message
 from ruffini.wire.messages import Schema
 
 ROOT = Path(__file__).parents[2]
 TARGETS = ("frame", "dense", "calibration", "board", "session", "slots", "message", "card", "client", "host")
-MESSAGES = (11, 1, 3, 4, 7, 10, 12, 13)  # MessageType of each message of message_target.cpp, in its order
+MESSAGES = (11, 1, 3, 4, 7, 10, 12, 13, 15, 14)  # MessageType of each message of message_target.cpp, in its order
 TYPE_AT, PAYLOAD_AT, CRC_BYTES = 2, 12, 4  # in a decoded frame
 
 # What session_target.cpp does, step by step: its case, then its arguments.
@@ -51,10 +51,30 @@ def unstuffed(data: bytes) -> bytes:
     return cobs_decode(data.rstrip(b"\0")) or b""
 
 
+def write_young_messages(folder: Path, schema: Schema) -> None:
+    """SIGNED_COMMAND and TIME, which the vectors do not have: as a message, in a frame, and in a session."""
+    zero = schema.new("Command", request_id=7, holder=1, zero={"n_frames": 3}).SerializeToString()
+    challenge = schema.new("Command", request_id=6, holder=1, challenge={}).SerializeToString()
+    for name, message in (
+        ("SIGNED_COMMAND", schema.new("SignedCommand", command=zero, counter=1, signature=bytes(range(64)))),
+        ("TIME", schema.new("Time", token=150, received_us=1 << 40, sent_us=(1 << 40) + 1)),
+    ):
+        number, payload = schema.type_numbers[name], message.SerializeToString()
+        frame = encode_message(number, payload, sensor=255, sequence=1)
+        (folder / "frame" / name).write_bytes(frame)
+        for target in ("host", "client"):
+            (folder / target / name).write_bytes(b"\0" + frame)
+        (folder / "message" / name).write_bytes(bytes([MESSAGES.index(number)]) + payload)
+        asked = bytes([2, len(challenge)]) + challenge + bytes([1, 1, number, 255, 0, 1, len(payload)]) + payload
+        (folder / "session" / name).write_bytes(asked + bytes(READ))
+
+
 def main(folder: Path) -> None:
     for target in TARGETS:
         (folder / target).mkdir(parents=True, exist_ok=True)
-    types = sorted(Schema.own().type_numbers.values())
+    schema = Schema.own()
+    types = sorted(schema.type_numbers.values())
+    write_young_messages(folder, schema)
     for i, line in enumerate((ROOT / "proto/vectors/frames.txt").read_text().splitlines()):
         if line.startswith("#"):
             continue

@@ -25,11 +25,14 @@ union AnyMessage {
   ruffini_Command command;
   ruffini_Reply reply;
   ruffini_Learned learned;
+  ruffini_SignedCommand signed_command;
+  ruffini_Time time;
 };
 
 constexpr std::array kMessages = {ruffini_Command_fields, ruffini_Hello_fields,    ruffini_Status_fields,
                                   ruffini_Wrench_fields,  ruffini_Contacts_fields, ruffini_Event_fields,
-                                  ruffini_Reply_fields,   ruffini_Learned_fields};
+                                  ruffini_Reply_fields,   ruffini_Learned_fields,  ruffini_SignedCommand_fields,
+                                  ruffini_Time_fields};
 
 // Debian's nanopb is not instrumented: what it says is told to libFuzzer as coverage of our own.
 constexpr size_t kCounters = 4'096;
