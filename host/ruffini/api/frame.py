@@ -164,6 +164,8 @@ class Assembler:
         if stamp is None or name is None:
             return
         if packet.sensor == DEVICE:
+            for stream in self._streams.values():  # what it repeats goes first: nothing older is still to come
+                yield from self._release(stream)
             yield self._made(_Open(stamp.frame, packet, {name: message}), None, False)
             return
         stream = self._streams.setdefault(packet.sensor, _Stream())

@@ -135,13 +135,17 @@ def test_a_sensor_that_counts_anew_is_followed() -> None:
 def test_a_repeated_result_is_a_frame_of_its_own_without_a_number() -> None:
     line = settled()
     line.put("WRENCH", 4, validity=[1] * 6, **WRENCH)
-    assert line.put("WRENCH", 4, sensor=255, flags=256, validity=[3] * 6) == [4]
-    stale = line.out[-1]
+    assert line.put("WRENCH", 4, sensor=255, flags=256, validity=[3] * 6) == [4, 4], "behind the one that it repeats"
+    first, stale = line.out[-2:]
+    assert not first.is_stale
+    assert not first.is_whole
     assert stale.is_stale
     assert not stale.is_valid
     assert stale.wrench is not None
     assert np.isnan(stale.wrench.force).all()
-    assert line.put("FIELD", 4) == [4], "the frame that was open goes on"
+    assert line.put("WRENCH", 4, sensor=255, flags=256, validity=[3] * 6) == [4]
+    assert line.put("WRENCH", 5) == []
+    assert line.put("FIELD", 5) == [5], "and then frames come again"
 
 
 def test_a_learned_result_is_of_its_own_frame() -> None:
