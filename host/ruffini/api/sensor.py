@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 import weakref
@@ -185,10 +186,11 @@ class Sensor:
             return list(self._frames)
 
     def _refuse_asked(self) -> None:
-        while self._asked:
-            _, future = self._asked.popleft()
-            gone = NoDeviceError(f"{self.port} is closed: connect again")
-            future.set_exception(self._end if isinstance(self._end, RuffiniError) else gone)
+        gone = NoDeviceError(f"{self.port} is closed: connect again")
+        with contextlib.suppress(IndexError):  # no more; the reading thread and who calls after its end both look
+            while True:
+                _, future = self._asked.popleft()
+                future.set_exception(self._end if isinstance(self._end, RuffiniError) else gone)
 
     def _gap(self, gap: LineGap) -> None:
         self._assembler.note_gap(gap)
