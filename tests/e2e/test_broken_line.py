@@ -158,7 +158,8 @@ def test_a_sensor_that_was_started_again_says_so_and_another_one_is_not_taken_fo
         first.process.kill()
         first.process.wait()
         stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}"))
-        host.messages.clear()
+        while host.messages:
+            host.messages.popleft()
         assert next(iter(host.stream(timeout_s=2, resume_s=5, on_gap=gaps.append)))
         assert [gap.n_frames for gap in gaps] == [None]
         assert "started again" in str(gaps[0])

@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ruffini.device import flashing
+from ruffini.device.backlog import Backlog
 from ruffini.device.device_clock import DeviceClock
 from ruffini.device.ports import candidate_ports, open_port
 from ruffini.device.writer import Writer
@@ -24,7 +24,7 @@ RETRIES = 3
 REOPEN_PAUSE_S = 0.02
 REOPEN_HELLO_S = 0.6  # a sensor that was just plugged in answers, or the next try will
 SILENCE_S = 5.0  # without a frame: the camera stands still
-MAX_BACKLOG = 4096  # messages kept while a command waits for its reply
+MAX_ASKED = 4096  # time exchanges that wait for their answers
 DEVICE = 255
 YOUNG_TYPES = ("learned",)  # that a device in use may not know yet
 DAMAGED = (
@@ -67,7 +67,7 @@ class Connection:
         self._subscribed: dict[str, int] = {}
         self.schema = Schema.own()
         self.decoder = Decoder()
-        self.messages: deque[tuple[Frame, Any]] = deque(maxlen=MAX_BACKLOG)
+        self.messages = Backlog()  # what comes while a command waits for its reply
         self.raw_sink: Callable[[bytes], None] | None = None
         self.n_retries = 0  # commands that were sent again
         self.damage = DamageWatch()
@@ -164,7 +164,7 @@ class Connection:
             stamp = getattr(message, "stamp", None)
             if stamp is not None and (host := self.clock.stamp(stamp.capture_us)) is not None:
                 frame = replace(frame, host_time_ns=host.ns, host_time_error_ns=host.error_ns, read_ns=now_ns)
-            self.messages.append((frame, message))
+            self.messages.append(frame, message)
         if self.damage.update(self.decoder.counters.damaged, time.monotonic()):
             self.on_damage(f"{self.port}: {DAMAGED}")
 
@@ -175,7 +175,7 @@ class Connection:
             return
         self._asked_s = time.monotonic()
         self._time_token += 1
-        if len(self._asked) > MAX_BACKLOG:
+        if len(self._asked) > MAX_ASKED:
             self._asked.clear()  # answers that never came
         self._asked[self._time_token] = time.monotonic_ns()
         self._send("TIME", self.schema.new("Time", token=self._time_token).SerializeToString())
@@ -233,19 +233,14 @@ class Connection:
     def _wait_for(self, type_name: str, timeout_s: float, accept: Callable[[Any], bool]) -> Any | None:
         wanted = self.schema.type_numbers[type_name]
         deadline = time.monotonic() + timeout_s
-        kept: deque[tuple[Frame, Any]] = deque(maxlen=MAX_BACKLOG)
-        try:
-            while time.monotonic() < deadline:
-                while self.messages:
-                    frame, message = self.messages.popleft()
-                    if frame.type == wanted and accept(message):
-                        return message
-                    kept.append((frame, message))
-                self._read()
-            return None
-        finally:
-            kept.extend(self.messages)  # the oldest go where the backlog is full
-            self.messages = kept
+        seen = 0
+        while time.monotonic() < deadline:
+            found = self.messages.take(lambda frame, message: frame.type == wanted and accept(message), seen)
+            if found is not None:
+                return found
+            seen = self.messages.n_added
+            self._read()
+        return None
 
     # ---- sending ------------------------------------------------------------------------------
 
@@ -268,7 +263,8 @@ class Connection:
         self._write(b"\0")  # end whatever half frame is in the device's buffer
         # Where a slow device was asked more than once it answered more than once: those answers are of before.
         number = self.schema.type_numbers["HELLO"]
-        self.messages = deque((m for m in self.messages if m[0].type != number), maxlen=MAX_BACKLOG)
+        while self.messages.take(lambda frame, _: frame.type == number) is not None:
+            pass
         for _ in range(tries):
             self._send("HELLO")
             hello = self._wait_for("HELLO", timeout_s / tries, lambda m: True)
