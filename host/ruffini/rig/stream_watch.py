@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import deque
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -22,6 +23,7 @@ STALL_S = 2.0
 WARM_S = 5.0  # for so long a temperature is believed; STATUS comes once a second
 AREA_STEPS = 256  # of a square pixel, in MARKERS
 START_S = 20.0  # until it has learned rest
+KEPT_S = 300.0  # of the stream: longer than any touch lasts, and a person may leave a question open for hours
 
 
 class StreamSample(NamedTuple):
@@ -114,7 +116,7 @@ class StreamWatch:
         )
         self.name, self.stall_s, self.has_images = f"sensor on {sensor.port}", stall_s, image_every > 0
         self._sensor = sensor
-        self._samples: list[tuple[float, Sample]] = []  # with the host's time of arrival
+        self._samples: deque[tuple[float, Sample]] = deque()  # with the host's time of arrival
         self._newest: StreamSample | None = None
         self._warmth: tuple[float, dict[str, float]] = (-np.inf, {})  # real time of arrival; degrees by place
         self._error: RuffiniError | None = None
@@ -149,6 +151,7 @@ class StreamWatch:
                     made = by_type[frame.type](now, message) if is_result else []
                     with self._lock:
                         self._samples += [(now, sample) for sample in made]
+                        self._forget(now - KEPT_S)
                         self._newest = next((s for s in made if isinstance(s, StreamSample)), self._newest)
                     if made and isinstance(made[0], StreamSample):
                         host_clock.has_seen(made[0].frame)
@@ -220,7 +223,11 @@ class StreamWatch:
     def forget(self, host_s: float) -> None:
         """Free what arrived before `host_s`."""
         with self._lock:
-            self._samples = [(t, sample) for t, sample in self._samples if t > host_s]
+            self._forget(host_s)
+
+    def _forget(self, host_s: float) -> None:
+        while self._samples and self._samples[0][0] <= host_s:
+            self._samples.popleft()
 
 
 def _frame(now: float, message: Any) -> list[Sample]:

@@ -73,3 +73,14 @@ def test_a_device_that_says_no_temperature_has_none():
     with StreamWatch(sensor) as watch:
         wait_for(lambda: watch.since(0).frames)
         assert watch.temperatures() == {}
+
+
+def test_what_arrived_long_ago_is_freed(monkeypatch):
+    monkeypatch.setattr(stream_watch, "KEPT_S", 10.0)
+    monkeypatch.setattr(stream_watch.host_clock, "now", iter([5.0, 14.9, 15.1, *[16.0] * 1000]).__next__)
+    sensor = Scripted(*(("Wrench", {"stamp": {"capture_us": i, "frame": i}}) for i in (1, 2, 3)))
+    with StreamWatch(sensor) as watch:
+        wait_for(lambda: 3 in [f.frame for f in watch.since(0).frames])
+        assert [f.frame for f in watch.since(0).frames] == [2, 3]
+        watch.forget(14.9)
+        assert [f.frame for f in watch.since(0).frames] == [3]
