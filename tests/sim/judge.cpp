@@ -52,6 +52,7 @@ void Judge::booted(const Calibrator& calibrator, const Exchange& exchange, const
   sequence_.clear();
   delivered_.clear();
   former_.clear();
+  run_.clear();
   owed_.clear();
   n_encoded_ = n_sent_ = n_lost_ = n_stalled_steps_ = 0;
   is_mailbox_full_ = false;
@@ -67,10 +68,11 @@ void Judge::stopped(bool in_store) {
 void Judge::host_restarted() {
   former_.merge(delivered_);
   delivered_.clear();
+  run_.clear();
 }
 
 void Judge::before_serving() {
-  fresh_.clear();
+  asked_.clear();
   zero_before_ = exchange_->zero_frames;
 }
 
@@ -78,7 +80,7 @@ void Judge::after_serving(bool is_line_up, bool has_room) {
   observe();
   if (was_asked(ruffini_Command_flash_undo_tag) && disk_.has_failed()) now_ = before_ = std::nullopt;  // done or not
   const int zero = exchange_->zero_frames;
-  want(zero < 0 || zero_before_ >= 0 || was_asked(ruffini_Command_zero_tag), "a zero is run once");
+  want(zero < 0 || zero_before_ >= 0 || ran(ruffini_Command_zero_tag), "a zero is run once");
   if (!is_line_up) {
     owed_.clear();
     from_device_ = ReferenceDecoder();
@@ -102,7 +104,8 @@ void Judge::received(std::span<const uint8_t> bytes) {
     ruffini_Command command = ruffini_Command_init_zero;
     pb_istream_t in = pb_istream_from_buffer(frame->payload.data(), frame->payload.size());
     if (!pb_decode(&in, ruffini_Command_fields, &command)) continue;
-    if (delivered_.emplace(command.request_id, now_us_).second) fresh_.push_back(command.which_action);
+    delivered_.emplace(command.request_id, now_us_);
+    asked_.emplace_back(command.request_id, command.which_action);
     if (command.which_action == ruffini_Command_flash_query_tag) {
       queried_[command.request_id] = text_of(command.action.flash_query.sha256);
     }
@@ -113,7 +116,16 @@ void Judge::received(std::span<const uint8_t> bytes) {
 }
 
 bool Judge::was_asked(pb_size_t action) const {
-  return std::find(fresh_.begin(), fresh_.end(), action) != fresh_.end();
+  return std::any_of(asked_.begin(), asked_.end(), [&](const auto& a) { return a.second == action; });
+}
+
+// A request may come again: it is run the first time, or later where it was refused before.
+bool Judge::ran(pb_size_t action) {
+  const auto found = std::find_if(asked_.rbegin(), asked_.rend(),
+                                  [&](const auto& a) { return a.second == action && run_.count(a.first) == 0; });
+  if (found == asked_.rend()) return false;
+  run_.insert(found->first);
+  return true;
 }
 
 void Judge::observe() {
@@ -134,13 +146,13 @@ void Judge::observe() {
 void Judge::changed(const Truth& before, const Truth& after) {
   if (after.is_on_trial) {
     want(!before.is_on_trial, "a trial is ended before the next");
-    want(was_asked(ruffini_Command_flash_commit_tag), "a commit is run once");
+    want(ran(ruffini_Command_flash_commit_tag), "a commit is run once");
     trial_frames_ = trial_good_ = 0;
     tried_over_ = before.sha256;
   } else if (before.is_on_trial) {
     trial_ended(before, after);
   } else {
-    want(was_asked(ruffini_Command_flash_undo_tag), "an undo is run once");
+    want(ran(ruffini_Command_flash_undo_tag), "an undo is run once");
     want(!before_ || *before_ == after.sha256, "an undo brings back what was before");
     before_ = before.sha256;
     now_ = after.sha256;
@@ -163,7 +175,7 @@ void Judge::trial_ended(const Truth& before, const Truth& after) {
     return;
   }
   ++n_reverted_;
-  const bool is_asked = was_asked(ruffini_Command_flash_undo_tag);
+  const bool is_asked = ran(ruffini_Command_flash_undo_tag);
   want(is_asked || trial_frames_ >= kTrialFrames || disk_.has_failed(), "a trial has all of its frames");
   want(tried_over_ == after.sha256 || disk_.has_failed(), "a trial's end brings back what was before");
 }
@@ -235,11 +247,6 @@ void Judge::check_reply(const ReferenceFrame& frame) {
   const auto owed =
       std::find_if(owed_.begin(), owed_.end(), [&](const Owed& o) { return o.request_id == m.request_id; });
   if (owed != owed_.end()) owed_.erase(owed);
-  if (m.code == ruffini_ReplyCode_REPLY_BUSY && asked != delivered_.end()) {  // not run: the same request may be yet
-    former_.insert(*asked);
-    delivered_.erase(asked);
-    return;
-  }
   const auto queried = queried_.find(m.request_id);
   if (asked == delivered_.end() || queried == queried_.end() || m.code != ruffini_ReplyCode_REPLY_OK) return;
   if (m.flash_state != ruffini_FlashState_FLASH_STATE_ACTIVE || m.text[0] != '\0') return;

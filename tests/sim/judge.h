@@ -12,6 +12,7 @@
 #include <set>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "event_log.h"
@@ -67,6 +68,7 @@ class Judge {
   void changed(const Truth& before, const Truth& after);
   void trial_ended(const Truth& before, const Truth& after);
   [[nodiscard]] bool was_asked(pb_size_t action) const;
+  [[nodiscard]] bool ran(pb_size_t action);
   void check_sequence(const ReferenceFrame& frame);
   void check_wrench(const ReferenceFrame& frame);
   void check_reply(const ReferenceFrame& frame);
@@ -95,11 +97,12 @@ class Judge {
   // The line.
   ReferenceDecoder from_device_;
   ReferenceDecoder to_device_;
-  std::map<uint8_t, uint32_t> sequence_;     // by sensor
-  std::map<uint32_t, std::string> queried_;  // by request
-  std::map<uint32_t, uint64_t> delivered_;   // requests that reached the device, when first
-  std::map<uint32_t, uint64_t> former_;      // those of hosts before: their replies may still come
-  std::vector<pb_size_t> fresh_;             // actions that it was asked for in this step, for the first time
+  std::map<uint8_t, uint32_t> sequence_;               // by sensor
+  std::map<uint32_t, std::string> queried_;            // by request
+  std::map<uint32_t, uint64_t> delivered_;             // requests that reached the device, when first
+  std::map<uint32_t, uint64_t> former_;                // those of hosts before: their replies may still come
+  std::vector<std::pair<uint32_t, pb_size_t>> asked_;  // requests of this step with what they ask for
+  std::set<uint32_t> run_;                             // requests whose work was seen
   std::deque<Owed> owed_;
   uint64_t blocked_us_ = 0;
   int zero_before_ = -1;
