@@ -42,6 +42,8 @@ Result<std::unique_ptr<LedDriver>> LedDriver::open(std::unique_ptr<I2cBus> bus, 
                                              " uA): correct it, or solder a smaller resistor"};
     }
     driver->steps_[i] = static_cast<uint8_t>(step);
+    uint8_t& lit = driver->lit_[i / kPerByte];
+    if (step != 0) lit = static_cast<uint8_t>(lit | 1U << 2 * (i % kPerByte));
   }
   if (Status lit = driver->light(sleep); !lit) return lit.error();
   return driver;
@@ -56,10 +58,6 @@ Status LedDriver::light(const Sleep& sleep) {
   if (Status dark = off(); !dark) return dark;
   if (Status awake = write(kMode1, std::array<uint8_t, 1>{0}); !awake) return awake;
   if (Status cleared = write(kMode2, std::array<uint8_t, 1>{kClear}); !cleared) return cleared;
-  LedOut on{};
-  for (size_t i = 0; i < kOutputs; ++i) {
-    if (steps_[i] != 0) on[i / kPerByte] = static_cast<uint8_t>(on[i / kPerByte] | 1U << 2 * (i % kPerByte));
-  }
   const int n = settings_.ramp_ms > 0 ? kRampSteps : 1;
   for (int k = 1; k <= n; ++k) {
     std::array<uint8_t, kOutputs> now{};
@@ -67,16 +65,24 @@ Status LedDriver::light(const Sleep& sleep) {
                    [&](uint8_t s) { return static_cast<uint8_t>(s * k / n); });
     if (Status set = write(kIref0, now); !set) return set;
     if (k == 1) {
-      if (Status set = write(kLedOut0, on); !set) return set;
+      if (Status set = write(kLedOut0, lit_); !set) return set;
     }
     if (k < n) sleep(std::chrono::milliseconds(settings_.ramp_ms / kRampSteps));
   }
-  std::array<uint8_t, kOutputs> kept{};
-  if (Status told = read(kIref0, kept); !told) return told;
-  if (kept == steps_) return Unit{};
+  const Result<bool> kept = is_as_set();
+  if (!kept) return kept.error();
+  if (kept.value()) return Unit{};
   return Error{ErrorKind::kUnavailable, bus_->name() +
                                             ": what answers at led_driver.address does not keep its currents: "
                                             "is it a PCA9955B?"};
+}
+
+Result<bool> LedDriver::is_as_set() {
+  std::array<uint8_t, kOutputs> steps{};
+  if (Status told = read(kIref0, steps); !told) return told.error();
+  LedOut lit{};
+  if (Status told = read(kLedOut0, lit); !told) return told.error();
+  return steps == steps_ && lit == lit_;
 }
 
 std::string LedDriver::look(std::optional<int32_t> milli_celsius) {
@@ -93,6 +99,9 @@ std::string LedDriver::look(std::optional<int32_t> milli_celsius) {
     if (Status dark = off(); !dark) out_ += "; " + dark.error().message;
     return out_;
   }
+  const Result<bool> kept = is_as_set();
+  if (!kept) return "the lamps' driver: " + kept.error().message;
+  if (!kept.value()) return "the lamps' driver forgot its currents: did its supply fail? Start ruffinid again";
   if ((mode[0] & kFaulty) != 0) return faults_of_outputs();
   if (has_limit && !milli_celsius) return "led_driver.max_milli_celsius: the thermometer of [temperature] says nothing";
   return {};

@@ -39,7 +39,8 @@ class LedDriver {
   LedDriver& operator=(const LedDriver&) = delete;
 
   // About once a second: what is wrong, in a sentence; empty: the lamps are as asked. Too hot, by the chip or by
-  // [temperature] (nothing: not known): the lamps go out, and stay out until ruffinid is started again.
+  // [temperature] (nothing: not known): the lamps go out, and stay out until ruffinid is started again. Currents that
+  // a dip of the supply took are told, not written again: the lamps' heat and the rest picture are not the same after it.
   [[nodiscard]] std::string look(std::optional<int32_t> milli_celsius);
   // All outputs off.
   [[nodiscard]] Status off();
@@ -52,13 +53,15 @@ class LedDriver {
   [[nodiscard]] Status write(uint8_t first, std::span<const uint8_t> values);
   [[nodiscard]] Status read(uint8_t first, std::span<uint8_t> values);
   [[nodiscard]] Status light(const Sleep& sleep);
+  [[nodiscard]] Result<bool> is_as_set();
   [[nodiscard]] std::string faults_of_outputs();
 
   std::unique_ptr<I2cBus> bus_;
   uint8_t address_;
   LedDriverSettings settings_;
   std::array<uint8_t, kOutputs> steps_{};
-  std::string out_;  // why the lamps were put out; empty: they are lit
+  std::array<uint8_t, kOutputs / 4> lit_{};  // LEDOUT of the outputs that have a current
+  std::string out_;                          // why the lamps were put out; empty: they are lit
 };
 
 }  // namespace ruffini

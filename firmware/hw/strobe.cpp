@@ -75,7 +75,9 @@ void Strobe::loop() {
       continue;
     }
     const SteadyClock::time_point due{std::chrono::microseconds(*next_us)};
-    if (changed_.wait_until(lock, due) == std::cv_status::no_timeout) continue;  // told of a frame, or to end
+    changed_.wait_until(lock, due);
+    // Told of a frame, or to end. Not where it is due meanwhile: the plan asked again would name the switch after it.
+    if (is_ending_ || now_us() < *next_us) continue;
     if (line_.set(!is_on)) {
       is_on = !is_on;
       plan_.switched(now_us(), is_on);

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -87,10 +87,13 @@ class Guide:
 
 
 class HeardPerson:
-    """A person, whose page shows what they are told."""
+    """A person, whose page shows what they are told.
 
-    def __init__(self, person: Person, guide: Guide) -> None:
-        self._person, self._guide = person, guide
+    forget : lets go of what the page has pressed so far; raises RefusedError where that was a stop.
+    """
+
+    def __init__(self, person: Person, guide: Guide, forget: Callable[[], None]) -> None:
+        self._person, self._guide, self._forget = person, guide, forget
 
     def say(self, text: str) -> None:
         self._guide.said = text
@@ -98,6 +101,7 @@ class HeardPerson:
 
     def confirm(self, text: str) -> None:
         guide = self._guide
+        self._forget()  # pressed as the terminal answered the question before: it is no answer to this one
         guide.n_asked += 1
         guide.is_asked = True
         guide.said = text  # last: who sees the question may answer it

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 from collections.abc import Callable
@@ -22,12 +23,16 @@ class PageKeys:
         os.set_blocking(self._write, False)
 
     def press(self, *, is_stop: bool) -> None:
-        """From any thread."""
-        os.write(self._write, STOP if is_stop else GO_ON[0])
+        """From any thread. Thousands that nobody has looked at are enough: what comes after them is lost."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._write, STOP if is_stop else GO_ON[0])
 
     def guard(self) -> None:
-        """Raises RefusedError once a page said stop."""
-        if select.select([self.descriptor], [], [], 0)[0] and STOP in os.read(self.descriptor, 64):
+        """Forget what was pressed so far. Raises RefusedError where a stop was among it."""
+        pressed = b""
+        while select.select([self.descriptor], [], [], 0)[0]:
+            pressed += os.read(self.descriptor, 4096)
+        if STOP in pressed:
             raise RefusedError("stopped from the page: what was collected is kept, the same command goes on from there")
 
     def close(self) -> None:

@@ -39,7 +39,7 @@ class GuidingPage:
 
     def heard(self, person: Person) -> Person:
         """The same person, whose page shows what they are told."""
-        return HeardPerson(person, self.guide)
+        return HeardPerson(person, self.guide, self.keys.guard)
 
     def guard(self, other: Guard) -> Guard:
         """Likewise the page's Stop."""

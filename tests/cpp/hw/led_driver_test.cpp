@@ -165,6 +165,18 @@ TEST_F(LedDriverTest, SilenceIsSaidAndOver) {
   EXPECT_EQ(driver.value()->look({}), "");
 }
 
+TEST_F(LedDriverTest, AChipThatLostItsSupplyIsTold) {
+  auto driver = open();
+  ASSERT_TRUE(driver);
+  const auto lit = chip_.registers;
+  chip_.registers[0x18] = 0;
+  EXPECT_NE(driver.value()->look({}).find("forgot its currents"), std::string::npos);
+  chip_.registers = lit;
+  EXPECT_EQ(driver.value()->look({}), "");
+  chip_.registers[0x03] = 0;  // output 5 dark, of its current nothing is lost
+  EXPECT_NE(driver.value()->look({}).find("forgot its currents"), std::string::npos);
+}
+
 TEST_F(LedDriverTest, AHotChipIsPutOutAndStaysOut) {
   auto driver = open();
   ASSERT_TRUE(driver);

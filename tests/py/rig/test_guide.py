@@ -157,7 +157,7 @@ class Silent:
 
 def test_a_question_is_open_until_it_is_answered_and_words_reach_person_and_page() -> None:
     guide, person = Guide(), Silent()
-    heard = HeardPerson(person, guide)
+    heard = HeardPerson(person, guide, lambda: None)
     heard.say("harder")
     assert (guide.said, told(guide)["asked"]) == ("harder", 0)
     with pytest.raises(RefusedError):
@@ -191,6 +191,35 @@ def test_terminal_or_page_answer_whichever_is_first(keyboard) -> None:
     alone = TerminalPerson(lambda _: None, reader)
     with pytest.raises(RefusedError, match="nobody answers"):
         alone.confirm("put 50 g")
+    keys.close()
+
+
+def test_what_a_page_pressed_before_a_question_does_not_answer_it(keyboard) -> None:
+    reader, writer = keyboard
+    keys, guide = PageKeys(), Guide()
+    heard = HeardPerson(TerminalPerson(lambda _: None, reader, keys), guide, keys.guard)
+    os.write(writer, b"\n")
+    heard.confirm("put 20 g")
+    keys.press(is_stop=False)  # both answered it
+    os.write(writer, b"x")
+    with pytest.raises(RefusedError, match="stopped by a key at 'put 50 g'"):
+        heard.confirm("put 50 g")
+    keys.press(is_stop=True)
+    with pytest.raises(RefusedError, match="from the page"):
+        heard.confirm("put 50 g")
+    assert guide.n_asked == 2
+    os.close(writer)
+    keys.close()
+
+
+def test_a_page_that_presses_without_end_neither_fails_nor_hides_its_stop() -> None:
+    keys = PageKeys()
+    keys.press(is_stop=True)
+    for _ in range(100_000):
+        keys.press(is_stop=False)
+    with pytest.raises(RefusedError, match="from the page"):
+        keys.guard()
+    keys.guard()
     keys.close()
 
 
