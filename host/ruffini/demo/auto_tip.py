@@ -74,7 +74,7 @@ class TipAuto:
         """
         presses = self.folder / "presses"
         with self._step("collect"):
-            reproduce(self.board, presses, bench=BENCH, quick=self.is_quick, progress=lambda _: None)
+            reproduce(self.board, presses, bench=BENCH, quick=self.is_quick, progress=tenths("presses", self.say))
         every = runs_of(load_reproduce(self.board, BENCH), quick=self.is_quick)
         judged = [r for r in every if r.settings.part == "judge" and (presses / r.key / "run.json").is_file()]
         if not judged:
@@ -82,7 +82,7 @@ class TipAuto:
         with self._step("judged before"):
             before = None if self.previous is None else self._judge(self.previous, presses, judged, "before")
         with self._step("fit and report"):
-            fit = fit_fingertip(self.board, presses, self.baseline_mm, lambda _: None, only="fit*")
+            fit = fit_fingertip(self.board, presses, self.baseline_mm, tenths("fit", self.say), only="fit*")
             gates = gates_of(fit.report, TOUCHES * self.board.contact.threshold_un * 1e-6)
             if before is not None:
                 gates.append(than_before(fit.report, before))
@@ -124,7 +124,10 @@ class TipAuto:
             Connection(port) as sensor,
         ):
             sensor.flash(file.data)
-        rows = [self._played(presses / run.key, store) for run in judged]
+        tell, rows = tenths(f"played {name}", self.say), []
+        for n_done, run in enumerate(judged, 1):
+            rows.append(self._played(presses / run.key, store))
+            tell(n_done / len(judged))
         said, true = (np.concatenate(part) for part in zip(*rows, strict=True))
         figures = figures_of(said, true, len(judged))
         self.say(f"{name}: off by {figures['error']:.3g} mN, up to {figures['largest_force_n']:.2f} N")
@@ -171,6 +174,24 @@ class TipAuto:
         kinds = ["ok" if g.ok else "bad" for g in gates]
         page.table(("", "gate", "what"), [(words[g.ok], g.name, g.text) for g in gates], kinds)
         page.write(self.folder / name)
+
+
+def tenths(
+    what: str, say: Callable[[str], None], now_s: Callable[[], float] = time.monotonic
+) -> Callable[[float], None]:
+    """Of the part that is done: says each tenth, and the time that is left at the pace since it first was told one."""
+    told, first, first_s = -1, 0.0, 0.0
+
+    def tell(done: float) -> None:
+        nonlocal told, first, first_s
+        was, told = told, max(told, int(10 * done))
+        if was < 0:
+            first, first_s = done, now_s()  # what is kept from a run before took no time
+            say(f"{what}: {100 * done:.0f} %")
+        elif told > was:
+            say(f"{what}: {100 * done:.0f} %; {(now_s() - first_s) * (1 - done) / (done - first):.0f} s to go")
+
+    return tell
 
 
 def gates_of(report: dict[str, Any], full_n: float) -> list[Gate]:

@@ -77,6 +77,14 @@ def test_the_line_and_the_twin_say_the_same_in_the_same_units() -> None:
     assert figures["mean"]["x_mm"] == pytest.approx(0.1)
 
 
+def test_progress_is_told_at_tenths_with_the_time_that_is_left() -> None:
+    said: list[str] = []
+    tell = auto_tip.tenths("presses", said.append, iter([10.0, 14.0, 30.0]).__next__)
+    for done in (0.525, 0.55, 0.575, 0.625, 0.65, 1.0):
+        tell(done)
+    assert said == ["presses: 52 %", "presses: 62 %; 15 s to go", "presses: 100 %; 0 s to go"]
+
+
 def test_a_real_bench_is_refused_and_the_twins_eyes_are_10_mm_apart(tmp_path: Path) -> None:
     words = ["cal", "auto", "--board", str(BOARD.folder), "--rig", str(tmp_path / "rig.toml")]
     done = CliRunner().invoke(app, words)
