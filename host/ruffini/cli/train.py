@@ -11,7 +11,6 @@ from typing import Annotated
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
-from ruffini.errors import InputError
 
 
 class Plans(StrEnum):
@@ -23,10 +22,11 @@ class Plans(StrEnum):
 
 def _set_threads(threads: int) -> None:
     """Of PyTorch. Raises InputError where it is not installed."""
-    try:
-        import torch
-    except ImportError as error:
-        raise InputError("PyTorch is not installed: pip install 'ruffini[train]'") from error
+    from ruffini.train import need_torch
+
+    need_torch("ruffini train")
+    import torch
+
     torch.set_num_threads(threads)
 
 

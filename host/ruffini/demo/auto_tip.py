@@ -38,6 +38,7 @@ from ruffini.sim.reproduce.make import reproduce
 from ruffini.sim.reproduce.runs import Run, runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
 from ruffini.sim.settings import load_twin
+from ruffini.train import need_torch
 
 Array = npt.NDArray[np.float64]
 
@@ -68,10 +69,11 @@ class TipAuto:
         Raises
         ------
         InputError
-            The board has no twin, or too few presses had a solution.
+            PyTorch is not installed, the board has no twin, or too few presses had a solution.
         RefusedError
             The calibration fails its gates; the page says why.
         """
+        need_torch("fitting a fingertip")
         presses = self.folder / "presses"
         with self._step("collect"):
             reproduce(self.board, presses, bench=BENCH, quick=self.is_quick, progress=tenths("presses", self.say))

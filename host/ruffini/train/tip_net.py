@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.errors import InputError
+from ruffini.train import need_torch
 
 Array = npt.NDArray[np.float64]
 
@@ -65,10 +65,9 @@ def train(features: Array, labels: Array, *, rounds: int, noise: float, seed: in
     InputError
         PyTorch is not installed.
     """
-    try:
-        import torch
-    except ImportError as error:
-        raise InputError("fitting a fingertip needs PyTorch: pip install 'ruffini[train]'") from error
+    need_torch("fitting a fingertip")
+    import torch
+
     torch.manual_seed(seed)
     mean, projection = _projection(features, np.random.default_rng(seed))
     spread = torch.from_numpy(noise * np.linalg.norm(projection, axis=1)).float()

@@ -36,6 +36,7 @@ from ruffini.sim.reproduce.make import reproduce as record
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
 from ruffini.sim.settings import load_twin
+from ruffini.train import need_torch
 
 Array = npt.NDArray[np.float64]
 
@@ -80,6 +81,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     def within(begin: float, end: float) -> Any:
         return lambda done: options.progress(begin + (end - begin) * done)
 
+    need_torch("fitting a fingertip")
     kept = options.folder or default_folder(board).parent
     own, paper = (kept / f"{board.name}-{digest(board, bench)[:12]}" for bench in (BENCH, "reproduce.toml"))
     record(board, own, bench=BENCH, quick=options.quick, n_workers=options.n_workers, progress=within(0.0, 0.3))
