@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -121,6 +122,7 @@ class _Stream:
     held: list[_Open] = field(default_factory=list)  # the first ones, until it is known what makes them whole
     last_with: dict[str, int] = field(default_factory=dict)  # message type: last frame that had it
     every: dict[str, int] = field(default_factory=dict)  # message type: shortest way between two frames that had it
+    late: deque[int] = field(default_factory=lambda: deque(maxlen=LATEST))  # frames that messages came late for
     learned: Any = None
     is_over: bool = False  # the sensor was started again
 
@@ -149,7 +151,7 @@ class Assembler:
         self._gap: LineGap | None = None
         # Messages that are not of every frame must have come twice.
         self._n_settled = math.inf if every is None else max([SETTLED, *(2 * n + 1 for n in every.values())])
-        self.n_late = 0  # messages of a frame that had been given out already
+        self.n_late = 0  # frames of which a message came after they had been given out
 
     def note_gap(self, gap: LineGap) -> None:
         """The line was lost; the next frame says so."""
@@ -179,7 +181,8 @@ class Assembler:
             stream = self._streams[packet.sensor] = _Stream()
         elif newest is not None and newest >= number:
             stream.saw(name, number)  # frames to come wait for its like
-            self.n_late += 1
+            self.n_late += number not in stream.late
+            stream.late.append(number)
             return
         if stream.open is not None and number != stream.open.number:
             stream.n_seen += 1

@@ -35,6 +35,8 @@ class Sensor:
     ----------
     serial_number, boards : who it is.
     health : what is wrong with it, in words; empty: nothing, or no frames were asked for yet.
+    n_left_out : messages that no frame has, because too many came while a command waited for its reply.
+    n_late : frames of which a message came after they had been given out.
     """
 
     def __init__(
@@ -51,7 +53,7 @@ class Sensor:
         self._asked: deque[tuple[Callable[[Connection], Any], Future[Any]]] = deque()
         self._is_closing = False
         self._end: BaseException | None = None
-        self._frame_s = time.monotonic()
+        self._frame_s, self._n_told = time.monotonic(), 0
         connection.on_damage = on_note
         connection.on_turn = self._turn
         connection.read_clock()
@@ -64,6 +66,14 @@ class Sensor:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @property
+    def n_left_out(self) -> int:
+        return self._connection.messages.n_dropped
+
+    @property
+    def n_late(self) -> int:
+        return self._assembler.n_late
 
     def close(self) -> None:
         """Give the port back; whoever iterates gets what still waits, then the end."""
@@ -197,6 +207,10 @@ class Sensor:
         self._on_note(f"{self.port}: {gap}")
 
     def _take(self, packet: Frame, message: Any) -> None:
+        if (n := self.n_left_out) != self._n_told:
+            why = "too many came while a command waited for its reply"
+            self._on_note(f"{self.port}: {n - self._n_told} messages were left out: {why}")
+            self._n_told = n
         name = self._connection.schema.type_name(packet.type)
         if name == "EVENT":
             self._on_note(f"{self.port}: {message.what}: {message.text}")

@@ -128,6 +128,8 @@ class Bridge:
             "frames replaced": str(status.drops.capture_overrun),
             "frames damaged on the line": str(counters.damaged),
             "messages lost on the line": str(counters.lost),
+            "messages left out while a command waited": str(self._sensor.n_left_out),
+            "frames with a message too late": str(self._sensor.n_late),
             "published": str(self.n_frames),
             "calibration": status.calibration_sha256.hex()[:12] or "none",
         }

@@ -98,6 +98,21 @@ def test_what_comes_behind_its_frame_is_counted_and_waited_for_from_then_on() ->
     assert line.put("CONTACTS", 6) == [6]
 
 
+def test_a_frame_is_late_once_however_many_of_its_messages_are() -> None:
+    line = settled()
+    line.put("WRENCH", 4)
+    assert line.put("FIELD", 4) == [4]
+    for name in ("CONTACTS", "DEPTH", "DEPTH"):
+        assert line.put(name, 4) == []
+    assert line.assembler.n_late == 1
+    line.put("WRENCH", 6)
+    for name in ("MARKERS", "MARKERS"):
+        assert line.put(name, 5) == []
+    assert line.assembler.n_late == 2, "another frame"
+    line.put("CONTACTS", 4)
+    assert line.assembler.n_late == 2, "the first again"
+
+
 def test_an_image_of_every_third_frame_delays_no_other() -> None:
     line = Line(IMAGE=3)
     for number in range(1, 13):

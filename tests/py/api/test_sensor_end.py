@@ -1,4 +1,4 @@
-"""The end of a sensor that several threads use: whoever still asks is told, once, by whichever thread sees it first."""
+"""The reading thread of a sensor: whoever still asks at its end is told, once; so is what was left out."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from ruffini.api.sensor import Sensor
+from ruffini.device.backlog import Backlog
 from ruffini.errors import NoDeviceError
-from ruffini.wire import Schema
+from ruffini.wire import Frame, Schema
 
 
 class GoneConnection:
@@ -45,3 +46,27 @@ def test_what_is_asked_as_the_reader_ends_is_refused_by_whoever_takes_it() -> No
     asked.other = sensor._refuse_asked  # as the reading thread does at its end
     with pytest.raises(NoDeviceError, match="/dev/gone is closed"):
         sensor.call(lambda _: 1)
+
+
+class BusyConnection(GoneConnection):
+    """Of which two messages come, and in between more than may wait for a command's reply."""
+
+    def __init__(self) -> None:
+        self.messages = Backlog(max_messages=2)
+
+    def stream(self, **_: Any) -> Iterator[Any]:
+        status = self.schema.new("Status")
+        packet = Frame(self.schema.type_numbers["STATUS"], 255, 0, 0, b"")
+        yield packet, status
+        for _ in range(5):
+            self.messages.append(packet, status)
+        yield packet, status
+        yield packet, status
+
+
+def test_what_was_left_out_while_a_command_waited_is_said_once() -> None:
+    notes: list[str] = []
+    sensor = Sensor(BusyConnection(), {}, on_note=notes.append)  # type: ignore[arg-type]
+    sensor.close()
+    assert sensor.n_left_out == 3
+    assert notes == ["/dev/gone: 3 messages were left out: too many came while a command waited for its reply"]
