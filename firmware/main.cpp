@@ -23,6 +23,7 @@
 #include "hw/strobe.h"
 #include "hw/system.h"
 #include "hw/thread_place.h"
+#include "link/proto_text.h"
 #include "link/serial_port.h"
 #include "store/folder_storage.h"
 #include "store/last_run.h"
@@ -188,6 +189,10 @@ int run(const Arguments& arguments) {
   if (arguments.serial.size() > kMaxSerialBytes) {
     return fail({ruffini::ErrorKind::kBadInput,
                  fmt::format("--serial {}: give at most {} bytes", arguments.serial, kMaxSerialBytes)});
+  }
+  if (const std::string shown = ruffini::plain(arguments.serial); shown != arguments.serial) {
+    return fail({ruffini::ErrorKind::kBadInput,
+                 fmt::format("--serial {}: holds what is no printable ASCII: give letters, digits and - _ .", shown)});
   }
   // What is touched from here on stays in memory: no frame waits for the card.
   if (arguments.locks_memory && ::mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0) {

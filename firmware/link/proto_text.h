@@ -7,15 +7,37 @@
 #include <cstdint>
 #include <cstring>
 #include <string>
+#include <string_view>
 
 namespace ruffini {
 
-// What does not fit is cut off, before a whole UTF-8 character: half a one would spoil the message.
+// Bytes of the UTF-8 character that `text` begins with (RFC 3629: none overlong, no surrogates); 0: it is none.
+inline size_t utf8_bytes(std::string_view text) {
+  const auto at = [&](size_t i) { return i < text.size() ? static_cast<uint8_t>(text[i]) : uint8_t{0}; };
+  const uint8_t lead = at(0);
+  if (lead < 0x80) return text.empty() ? 0 : 1;
+  const size_t n = lead >= 0xC2 && lead <= 0xDF ? 2 : (lead & 0xF0) == 0xE0 ? 3 : lead >= 0xF0 && lead <= 0xF4 ? 4 : 0;
+  for (size_t i = 1; i < n; ++i) {
+    if ((at(i) & 0xC0) != 0x80) return 0;
+  }
+  const bool is_overlong = (lead == 0xE0 && at(1) < 0xA0) || (lead == 0xF0 && at(1) < 0x90);
+  const bool is_beyond = (lead == 0xED && at(1) > 0x9F) || (lead == 0xF4 && at(1) > 0x8F);
+  return is_overlong || is_beyond ? 0 : n;
+}
+
+// What does not fit is cut off before a whole character, and a byte of none becomes '?': nanopb sends either as it is, and
+// hosts then refuse the whole message.
 template <size_t N>
 void copy_text(char (&out)[N], const std::string& text) {
-  size_t n = std::min(text.size(), N - 1);
-  while (n > 0 && n < text.size() && (static_cast<uint8_t>(text[n]) & 0xC0) == 0x80) --n;
-  std::memcpy(out, text.data(), n);
+  size_t n = 0;
+  for (std::string_view rest = text; !rest.empty();) {
+    const size_t whole = utf8_bytes(rest);
+    const size_t taken = std::max<size_t>(whole, 1);
+    if (n + taken > N - 1) break;
+    std::memcpy(out + n, whole == 0 ? "?" : rest.data(), taken);
+    n += taken;
+    rest.remove_prefix(taken);
+  }
   out[n] = '\0';
 }
 

@@ -104,6 +104,14 @@ def test_camera(case: str, sensor: Sensor, tmp_path: Path) -> None:
     assert got == code
 
 
+@pytest.mark.parametrize("serial_number", ["pad\udcff", "pad\n1", "Gr\u00f6\u00dfe", "x" * 64], ids=ascii)
+def test_a_serial_number_that_no_host_could_read(serial_number: str, sensor: Sensor, tmp_path: Path) -> None:
+    code, text = run_daemon(sensor.folder, f"replay:{sensor.recording}", tmp_path / "store", "--serial", serial_number)
+    assert (code, is_one_sentence(text)) == (2, True), text
+    assert text.startswith("ruffinid: --serial ")
+    assert "give" in text
+
+
 def test_unknown_key_in_the_board(sensor: Sensor, tmp_path: Path) -> None:
     folder = write_board(tmp_path / "tiny", {"poisson_1e4": "hardness = 5\npoisson_1e4"})
     code, text = run_daemon(folder, f"replay:{sensor.recording}", tmp_path / "store")

@@ -7,6 +7,7 @@
 #include <iterator>
 #include <string>
 
+#include "link/proto_text.h"
 #include "schema.h"
 #include "support/install.h"
 #include "support/owner_key.h"
@@ -51,6 +52,30 @@ class SessionSays : public test::SessionTest {
   const DeviceIdentity identity_{.serial = "0042", .version = "test"};
   const std::string keys_folder_ = folder_ + "_keys";
 };
+
+// A host's decoder refuses a message with a string that is no UTF-8.
+TEST(ProtoText, OnlyWholeUtf8CharactersAreSaid) {
+  const auto said = [](const std::string& text) {
+    char out[8] = "xxxxxxx";
+    copy_text(out, text);
+    return std::string(out);
+  };
+  EXPECT_EQ(said("a\xC3\xA9\xE2\x82\xAC"), "a\xC3\xA9\xE2\x82\xAC");
+  EXPECT_EQ(said("\xF0\x9F\x98\x80"), "\xF0\x9F\x98\x80");
+  EXPECT_EQ(said("abcdef\xC3\xA9"), "abcdef") << "half a character does not fit";
+  EXPECT_EQ(said("abcdefghi"), "abcdefg");
+  EXPECT_EQ(said("a\xFFz"), "a?z");
+  EXPECT_EQ(said("a\xC3"), "a?") << "cut off";
+  EXPECT_EQ(said("\xC3z"), "?z");
+  EXPECT_EQ(said("\xC0\xAF"), "??") << "overlong";
+  EXPECT_EQ(said("\xE0\x9F\xBF"), "???") << "overlong";
+  EXPECT_EQ(said("\xF0\x8F\xBF\xBF"), "????") << "overlong";
+  EXPECT_EQ(said("\xED\xA0\x80"), "???") << "a surrogate";
+  EXPECT_EQ(said("\xED\x9F\xBF"), "\xED\x9F\xBF");
+  EXPECT_EQ(said("\xF4\x90\x80\x80"), "????") << "beyond U+10FFFF";
+  EXPECT_EQ(said("\xF4\x8F\xBF\xBF"), "\xF4\x8F\xBF\xBF");
+  EXPECT_EQ(said("\xF8\x80"), "??");
+}
 
 TEST_F(SessionSays, TheSchemaThatItSpeaks) {
   const auto answers = ask(ruffini_MessageType_MESSAGE_TYPE_SCHEMA);
