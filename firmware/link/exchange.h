@@ -17,7 +17,8 @@ inline constexpr size_t kTelemetryRingBytes = size_t{4} << 20;
 inline constexpr int32_t kNoTemperature = INT32_MIN;
 inline constexpr int kNoZero = -1;
 inline constexpr int kGiveUpZero = -2;
-inline constexpr uint32_t kThrottledNow = 0xF;  // bits of `throttled` that are so now (hw/throttling.h)
+inline constexpr uint32_t kPowerShortNow = 0x1;  // bit of `throttled`
+inline constexpr uint32_t kThrottledNow = 0xF;   // bits of `throttled` that are so now (hw/throttling.h)
 
 // Numbers are those of ReflexState in ruffini.proto.
 enum class ReflexState : uint8_t { kNotAsked = 0, kOff = 1, kOn = 2, kFailed = 3 };

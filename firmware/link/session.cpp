@@ -186,6 +186,13 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
   switch (request.which_action) {
     case ruffini_Command_flash_begin_tag: {
       const ruffini_FlashBegin& begin = request.action.flash_begin;
+      if ((exchange_.throttled & kPowerShortNow) != 0) {
+        reply.code = ruffini_ReplyCode_REPLY_REFUSED;
+        copy_text(reply.text,
+                  "the computer is short of power (under-voltage): no flash is begun; give it a stronger supply or a "
+                  "shorter cable, then flash again");
+        break;
+      }
       answer(reply, calibrator_.begin(begin.size_bytes,
                                       {reinterpret_cast<const char*>(begin.sha256.bytes), begin.sha256.size}));
       break;

@@ -253,6 +253,21 @@ TEST_F(SessionHealth, StatusSaysWhatIsWrongWithCameraComputerCreepAndReflex) {
   EXPECT_TRUE(adds(ruffini_HealthBit_HEALTH_REFLEX));
 }
 
+// Under-voltage now: a power cut is near. That it once was is no reason, nor is heat.
+TEST_F(SessionHealth, NoFlashIsBegunWhileThePowerIsShort) {
+  ruffini_Command begin = request(1, ruffini_Command_flash_begin_tag);
+  begin.action.flash_begin.size_bytes = 10;
+  begin.action.flash_begin.sha256.size = 32;
+  exchange_.throttled = 0x50001;
+  const ruffini_Reply refused = command(begin);
+  EXPECT_EQ(refused.code, ruffini_ReplyCode_REPLY_REFUSED);
+  EXPECT_NE(std::string(refused.text).find("short of power (under-voltage)"), std::string::npos) << refused.text;
+  EXPECT_FALSE(calibrator_.is_receiving());
+  begin.request_id = 2;
+  exchange_.throttled = 0x5000E;
+  EXPECT_EQ(command(begin).flash_state, ruffini_FlashState_FLASH_STATE_RECEIVING);
+}
+
 // One frame in a hundred since the status before may be late.
 TEST_F(SessionHealth, LateResultsAreCountedAndSaidWhereTheyAreMany) {
   exchange_.frames_processed = 1'000;
