@@ -43,7 +43,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
     run_uncertainty();
     timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
     run_feature_wrench(capture_us);
-    timed(Stage::kContactModel, [&] { run_contact_model(); });
+    timed(Stage::kContactModel, [&] { run_contact_model(capture_us); });
     run_fingertip();
     timed(Stage::kHelmholtz, [&] { run_helmholtz(); });
     timed(Stage::kContactDepth, [&] { run_contact_depth(); });
@@ -252,12 +252,12 @@ void FramePath::run_feature_wrench(uint64_t capture_us) {
 }
 
 // The one contact that the flow of a texture is of.
-void FramePath::run_contact_model() {
+void FramePath::run_contact_model(uint64_t capture_us) {
   FrameState& s = state_;
   s.profile = contact_profile_->run(markers());
   if (!contact_model_) return;
   s.contacts = {};
-  s.modelled = contact_model_->run(s.profile, s.wrench, !is_wrong(), s.saturations);
+  s.modelled = contact_model_->run(s.profile, s.wrench, !is_wrong(), capture_us, s.saturations);
   const ModelledContact& c = s.modelled;
   if (c.is_covered) s.flags |= kFlagMarkersLost;
   if (c.is_over_range) s.flags |= kFlagOverRange;

@@ -134,7 +134,7 @@ class FramePath {
     return !printed_.was_seen_at_rest(view) || printed_.n_lost(view) > board_.markers.max_lost;
   }
   [[nodiscard]] int n_features() const;
-  void run_contact_model();
+  void run_contact_model(uint64_t capture_us);
   void run_helmholtz();
   void run_contact_depth();
   // frame_path_verdict.cpp

@@ -246,20 +246,39 @@ void ContactModel::tell_press() {
   contact_.stiffness_pa_um = press_.pressure.slope(press_.n, 1);
 }
 
+void ContactModel::forget() {
+  press_ = {};
+  is_interrupted_ = false;
+  n_unseen_ = 0;
+  seen_us_ = 0;
+}
+
+void ContactModel::watch_gap(bool is_seen, uint64_t capture_us) {
+  n_unseen_ = is_seen ? 0 : std::min(n_unseen_ + 1, kMostUnseen + 1);
+  const bool is_late = is_seen && seen_us_ != 0 && capture_us > seen_us_ + kMostUnseenUs;
+  if (is_late || n_unseen_ > kMostUnseen) {
+    is_interrupted_ = true;
+    press_ = {};
+  }
+  if (is_seen) seen_us_ = capture_us;
+}
+
 const ModelledContact& ContactModel::run(const Profile& profile, const Wrench& wrench, bool is_believed,
-                                         SaturationCounter& saturations) {
+                                         uint64_t capture_us, SaturationCounter& saturations) {
   contact_ = {};
   contact_.is_touched = profile.fall_q16 >= least_fall_q16_ && -wrench.force_z_un >= least_force_un_;
   contact_.is_covered = profile.lost_1e3 > kMostLost1e3;
+  const bool is_seen = is_believed && !contact_.is_covered;
+  watch_gap(is_seen, capture_us);
   if (!contact_.is_touched) {
-    if (is_believed && !contact_.is_covered) forget();
+    if (is_seen) forget();
     return contact_;
   }
   contact_.mean_flow_um = round_shift(profile.flow_q4, 4);
   contact_.moment_by_flow_unmm = round_shift(profile.flow_q4 * moment_per_flow_, 4);
   inputs_ = inputs_of(profile, -wrench.force_z_un);
   tell_size(inputs_, profile, saturations);
-  if (is_believed && !contact_.is_covered && !contact_.is_over_range) remember(inputs_, profile, wrench, saturations);
+  if (is_seen && !is_interrupted_ && !contact_.is_over_range) remember(inputs_, profile, wrench, saturations);
   tell_press();
   return contact_;
 }

@@ -14,9 +14,11 @@
 //              than it does of the presses that were left out of its fit
 //
 // What is averaged over a press are frames 0.4 to 1.8 mm deep, loaded straight (F_t <= F_n / 10), not on the way back. It
-// begins where nothing was touched. Beyond 2.5 mm of gel depth the frame is over range. Where more than a quarter of
-// the patches about the contact are lost, nothing is told. The paper fits lines of the density and of sqrt(S) d; ours are
-// fitted on the profile. Frame thread; no allocation after load.
+// begins where nothing was touched. After more than two frames in a row that are not believed, or half a second without
+// one that is, another object may lie there: kind and hardness are not told until nothing is touched. Beyond 2.5 mm of
+// gel depth the frame is over range. Where more than a quarter of the patches about the contact are lost, nothing is
+// told. The paper fits lines of the density and of sqrt(S) d; ours are fitted on the profile. Frame thread; no
+// allocation after load.
 #pragma once
 
 #include <array>
@@ -63,16 +65,18 @@ class ContactModel {
   static constexpr int64_t kRangeUm = 2'500;  // paper, section V-A
   static constexpr size_t kBands = 10;        // of Shore A
   static constexpr int64_t kLeastFrames = 3;
+  static constexpr int kMostUnseen = 2;               // in a row: nobody exchanges an object in three intervals
+  static constexpr uint64_t kMostUnseenUs = 500'000;  // between two frames that are believed
   using Inputs = std::array<int64_t, kInputs>;
 
   // Kind "contact_model" of the calibration. Errors: kBadInput.
   [[nodiscard]] static Result<ContactModel> load(const Calibration& calibration);
 
-  // `is_believed`: of a frame that is not, the press remembers nothing.
-  const ModelledContact& run(const Profile& profile, const Wrench& wrench, bool is_believed,
+  // `is_believed`: of a frame that is not, the press remembers nothing. `capture_us`: 0 is not known.
+  const ModelledContact& run(const Profile& profile, const Wrench& wrench, bool is_believed, uint64_t capture_us,
                              SaturationCounter& saturations);
   // Nothing was touched before.
-  void forget() { press_ = {}; }
+  void forget();
   [[nodiscard]] const ModelledContact& contact() const { return contact_; }
   // x of the last frame that was touched.
   [[nodiscard]] const Inputs& inputs() const { return inputs_; }
@@ -109,6 +113,8 @@ class ContactModel {
   void tell_size(const Inputs& x, const Profile& profile, SaturationCounter& saturations);
   void remember(const Inputs& x, const Profile& profile, const Wrench& wrench, SaturationCounter& saturations);
   void tell_press();
+  // Before the frame is used. Could the object have been exchanged since the last one that was seen?
+  void watch_gap(bool is_seen, uint64_t capture_us);
   [[nodiscard]] int64_t strange_q8(const Inputs& x) const;
   [[nodiscard]] int64_t odds_q12() const;
 
@@ -128,6 +134,9 @@ class ContactModel {
   int64_t depth_sigma_um_ = 0;
   int64_t moment_per_flow_ = 0;  // uN mm a um
   Press press_;
+  bool is_interrupted_ = false;  // what presses now may not be what began to
+  int n_unseen_ = 0;
+  uint64_t seen_us_ = 0;
   Inputs inputs_{};
   ModelledContact contact_;
 };

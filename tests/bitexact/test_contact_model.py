@@ -105,6 +105,50 @@ def test_what_is_strange_or_too_deep_is_invalid_and_what_is_covered_is_not_told(
 
 
 @pytest.mark.parametrize(
+    ("n_covered", "pause_s", "is_told"),
+    [
+        (0, 0.0, True), (2, 0.0, True), (3, 0.0, False),  # nobody exchanges an object in two frames
+        (0, 0.4, True), (0, 0.6, False),
+    ],
+)  # fmt: skip
+def test_where_another_object_may_press_since_hardness_is_not_told_until_nothing_does(
+    n_covered: int, pause_s: float, is_told: bool
+) -> None:
+    rest = texture()
+    kind = tables(np.random.default_rng(2), 63)
+    mirror_profile, mirror = ContactProfile(read_board(board_text())), ContactModel(kind, NUMBERS)
+    covered = pressed(rest, 2.0)
+    covered[:, 40:110] = 90
+    at_s, saturations = 1.0, Saturations()
+    with opened(kind) as core:
+        rested(core, rest)
+
+        def show(picture: npt.NDArray[np.uint8], after_s: float = 0.02) -> int:
+            nonlocal at_s
+            at_s += after_s
+            said = core.process(picture, at_s)
+            _, _, lost = core.markers()
+            profile = mirror_profile.run(core.features().reshape(-1, 2), lost.ravel().astype(np.int64))
+            is_wrong = bool(said.flags & ~(OVER_RANGE | (MARKERS_LOST if profile.lost > 250 else 0)))
+            us = round(at_s * 1e6)
+            expected = mirror.run(profile, said.wrench_un.tolist(), not is_wrong, saturations, us)
+            row = core.modelled()
+            assert [*row[:12], *row[14:]] == expected
+            return int(row.hardness_validity)
+
+        for out_px in (1.0, 1.5, 2.0, 2.2):
+            before = show(pressed(rest, out_px))
+        assert before == VALID
+        for _ in range(n_covered):
+            assert show(covered) != VALID
+        after = [show(pressed(rest, out_px), 0.02 if i else 0.02 + pause_s) for i, out_px in
+                 enumerate((1.2, 1.5, 1.9, 2.2))]  # fmt: skip
+        assert after == [VALID if is_told else NOT_MEASURED] * 4
+        show(pressed(rest, 0.0))
+        assert [show(pressed(rest, out_px)) for out_px in (1.0, 1.5, 2.0, 2.2)][-1] == VALID
+
+
+@pytest.mark.parametrize(
     ("times", "out_px", "validity"),
     [
         (0.37, (1.0, 1.5, 2.0, 2.35), NOT_MEASURED),  # up to 0.39 mm deep

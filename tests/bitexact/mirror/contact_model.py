@@ -196,14 +196,27 @@ class ContactModel:
             np.asarray(tensors[f"contact_model.{k}"]).astype(np.int64) for k in ("whitening", "mean", "sigma", "odds")
         )
         self._numbers = numbers
-        self._press = Press()
+        self._forget()
 
-    def run(self, profile: Profile, wrench: list[int], is_believed: bool, saturations: Saturations) -> list[int]:
+    def _forget(self) -> None:
+        self._press, self._is_interrupted, self._n_unseen, self._seen_us = Press(), False, 0, 0
+
+    def _watch_gap(self, is_seen: bool, capture_us: int) -> None:
+        self._n_unseen = 0 if is_seen else self._n_unseen + 1
+        if self._n_unseen > 2 or (is_seen and self._seen_us and capture_us > self._seen_us + 500_000):
+            self._press, self._is_interrupted = Press(), True
+        if is_seen:
+            self._seen_us = capture_us
+
+    def run(
+        self, profile: Profile, wrench: list[int], is_believed: bool, saturations: Saturations, capture_us: int = 0
+    ) -> list[int]:
         press_un = -wrench[2]
-        is_covered = profile.lost > 250
+        is_seen = is_believed and profile.lost <= 250
+        self._watch_gap(is_seen, capture_us)
         if profile.fall < self._numbers["least_fall_q16"] or press_un < self._numbers["least_force_un"]:
-            if is_believed and not is_covered:
-                self._press = Press()
+            if is_seen:
+                self._forget()
             return [0] * 14
         x = inputs_of(profile, press_un)
         y = self._nets["size"](x)
@@ -215,7 +228,7 @@ class ContactModel:
         gel, press = (held((min(max(v, 0), 1 << 20) * profile.size + (1 << 15)) >> 16) for v in y[:2])
         press = max(press, gel)
         area, effective = held(y[2]) ** 2, held(y[3]) ** 2
-        if is_believed and not is_covered and gel <= 2500:
+        if is_seen and not self._is_interrupted and gel <= 2500:
             self._remember(x, profile, gel, effective, wrench)
         moment = (profile.flow * self._numbers["moment_per_flow"] + 8) >> 4
         return [1, *self._told()[:2], gel, press, self._numbers["depth_sigma_um"], area, effective, *self._told()[2:],
