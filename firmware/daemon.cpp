@@ -201,6 +201,7 @@ void Daemon::process(const FrameLease& lease) {
   for (size_t type = 0; type < kMessageTypes; ++type) {
     const uint32_t every = exchange_.every[type].load(std::memory_order_relaxed);
     if (every == 0 || n % every != 0) continue;
+    if (type == ruffini_MessageType_MESSAGE_TYPE_RESIDUAL) path_->find_residual();
     encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, lease.view(), stamp, sink_);
   }
   for (size_t i = 0; i < kStageCount; ++i) {

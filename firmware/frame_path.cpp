@@ -23,6 +23,8 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
   state_.flags = capture_flags_;
   state_.stage_ns.fill(0);
   state_.uncertainty.is_stated = state_.uncertainty.is_of_wrench = false;
+  state_.solve.is_refined = false;
+  state_.residual.validity = Validity::kNotMeasured;
   const uint64_t saturations_before = state_.saturations.count;
   if (!rest_.is_ready()) {
     learn(frame);
@@ -192,6 +194,18 @@ void FramePath::run_solve(bool with_second_pass) {
         [&] { forces_.estimate(state_.displacement.node, is_light_steady_, state_.solve, state_.saturations); });
   if (!with_second_pass || !forces_.has_second_pass()) return;
   timed(Stage::kSupport, [&] { forces_.refine(is_light_steady_, state_.solve, state_.saturations); });
+  state_.solve.is_refined = has(Stage::kSupport);
+}
+
+void FramePath::find_residual() {
+  auto& residual = state_.residual;
+  residual.validity = Validity::kNotMeasured;
+  if (!state_.solve.is_refined) return;
+  const uint64_t start = clock_();
+  SaturationCounter saturations;  // its own: the forces are none the worse
+  forces_.leave(state_.solve, residual.node, saturations);
+  residual.validity = is_wrong() || saturations.count != 0 ? Validity::kInvalid : Validity::kValid;
+  state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
 }
 
 // A frame that is not to be believed is not remembered. Its time counts as the second pass's.
@@ -403,6 +417,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
   state_.displacement.is_filled.resize(n_nodes);
   forces_.prepare(state_.solve);
   state_.uncertainty.node.resize(n_nodes);
+  state_.residual.node.resize(3 * n_nodes);
   state_.slip.node = slip_.nodes();
 }
 

@@ -65,6 +65,8 @@ class FramePath {
   void take_rest(const FramePath& other);
   // The solve alone: displacement -> force. For offline use.
   void solve(std::span<const NodeDisplacement> displacement);
+  // Where somebody asks: what the frame's forces leave unexplained, into its state. Its time is the second pass's, too.
+  void find_residual();
 
   [[nodiscard]] const FrameState& state() const { return state_; }
   [[nodiscard]] std::span<const Marker> markers() const { return flow_ ? flow_->markers() : printed_.markers(); }
@@ -130,9 +132,7 @@ class FramePath {
   void run_skin(const FrameView& frame, uint64_t capture_us);
   void run_feature_wrench(uint64_t capture_us);
   void run_fingertip();
-  [[nodiscard]] bool is_blind(size_t view) const {
-    return !printed_.was_seen_at_rest(view) || printed_.n_lost(view) > board_.markers.max_lost;
-  }
+  [[nodiscard]] bool is_blind(size_t view) const;
   [[nodiscard]] int n_features() const;
   void run_contact_model(uint64_t capture_us);
   void run_helmholtz();

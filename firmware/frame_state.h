@@ -117,6 +117,10 @@ struct FrameState {
     Validity validity = Validity::kNotMeasured;
     Validity wrench_validity = Validity::kNotMeasured;
   } uncertainty;
+  struct {
+    std::vector<int32_t> node;  // observed nodes, xyz interleaved, 1/64 standard deviation
+    Validity validity = Validity::kNotMeasured;
+  } residual;  // not measured unless FramePath::find_residual was called
   Wrench wrench;
   ContactList contacts;
   SkinFrame skin;

@@ -238,6 +238,17 @@ int ruffini_get_sigma(const ruffini_pipeline* pipeline, int32_t* sigma, int64_t*
   return 0;
 }
 
+int ruffini_get_residual(ruffini_pipeline* pipeline, int32_t* out, int32_t* validity) {
+  pipeline->path->find_residual();
+  const auto& residual = pipeline->path->state().residual;
+  if (residual.validity == ruffini::Validity::kNotMeasured) {
+    return fail("no residual: the calibration has no second pass, or depth is not measured");
+  }
+  *validity = static_cast<int32_t>(residual.validity);
+  std::copy(residual.node.begin(), residual.node.end(), out);
+  return 0;
+}
+
 int ruffini_get_covariance(const ruffini_pipeline* pipeline, int64_t* covariance) {
   const auto& uncertainty = pipeline->path->state().uncertainty;
   if (!uncertainty.is_of_wrench) return fail("no covariance is stated: the calibration has no error model");

@@ -90,6 +90,9 @@ RUFFINI_API int ruffini_get_targets(const ruffini_pipeline* pipeline, int64_t* o
 /* How sure: standard deviations [node][3] in force steps, covariance [21] of the wrench in (uN, uN mm)^2, upper
  * triangle by rows. 1 with ruffini_error() where the last frame states none. */
 RUFFINI_API int ruffini_get_sigma(const ruffini_pipeline* pipeline, int32_t* sigma, int64_t* covariance);
+/* What the forces leave unexplained, [node][3] in 1/64 standard deviation (solve/support_solver.h), found when it is asked
+ * for. 1 with ruffini_error() where the last frame had no second pass. */
+RUFFINI_API int ruffini_get_residual(ruffini_pipeline* pipeline, int32_t* out, int32_t* validity);
 /* Of the wrench alone, [21]. 1 with ruffini_error() where the last frame states none. */
 RUFFINI_API int ruffini_get_covariance(const ruffini_pipeline* pipeline, int64_t* covariance);
 

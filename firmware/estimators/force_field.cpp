@@ -89,6 +89,10 @@ void ForceField::refine(bool is_light_steady, SolvedForces& out, SaturationCount
   support_->run(out.u, beyond, out.mask, mask_.threshold_lsb(), out.force, saturations);
 }
 
+void ForceField::leave(const SolvedForces& solved, std::span<int32_t> residual, SaturationCounter& saturations) {
+  support_->leave(solved.u, residual, saturations);
+}
+
 // To the linear estimate, and so to the mask. What it added; empty where nothing touches or the calibration is linear.
 std::span<const NodeForce> ForceField::add_finite_strain(bool is_light_steady, SolvedForces& out,
                                                          SaturationCounter& saturations) {

@@ -3,6 +3,7 @@
 //   estimate   f = operator u, and where the pad is touched (solve/contact_mask.h)
 //   refine     what finite strain adds, then least squares where touched (solve/support_solver.h)
 //   remember   what the pad lost to relaxation (solve/relaxation.h)
+//   leave      what the refined forces do not explain of the displacement; only where somebody asks
 //   state_*    how sure the refined forces are; there is no error model of the first pass alone
 //
 // Everything but the operator is optional. Frame thread; no allocation after load.
@@ -35,6 +36,7 @@ struct SolvedForces {
   std::vector<int64_t> wide;      // force before it is held to 32 bits
   std::vector<NodeForce> force;   // the second pass overwrites it
   std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
+  bool is_refined = false;        // in this frame
 };
 
 class ForceField {
@@ -56,6 +58,8 @@ class ForceField {
   void estimate(std::span<const NodeDisplacement> displacement, bool is_light_steady, SolvedForces& out,
                 SaturationCounter& saturations);
   void refine(bool is_light_steady, SolvedForces& out, SaturationCounter& saturations);
+  // Of the last refine(), of its `out`; xyz interleaved, 1/64 standard deviation (solve/support_solver.h).
+  void leave(const SolvedForces& solved, std::span<int32_t> residual, SaturationCounter& saturations);
   void remember(uint64_t capture_us, SolvedForces& out, SaturationCounter& saturations);
   // What was done to the pad before.
   void forget();

@@ -142,6 +142,21 @@ size_t MessageEncoder::field(const FramePath& path, const FrameStamp& stamp) {
   return serialise(ruffini_Field_fields, &m);
 }
 
+size_t MessageEncoder::residual(const FramePath& path, const FrameStamp& stamp) {
+  const auto& residual = path.state().residual;
+  ruffini_Residual m = ruffini_Residual_init_zero;
+  m.has_stamp = true;
+  m.stamp = to_proto(stamp, path.state().flags);
+  m.validity = to_proto(residual.validity);
+  if (residual.validity != Validity::kNotMeasured) {
+    m.residual_lsb_1e6 = 1'000'000 >> SupportSolver::kLeftFraction;
+    std::copy(residual.node.begin(), residual.node.end(), values_.begin());
+    m.has_residual = true;
+    pack(m.residual, path.nodes().size(), 3, 0);
+  }
+  return serialise(ruffini_Residual_fields, &m);
+}
+
 size_t MessageEncoder::depth(const FramePath& path, const FrameStamp& stamp) {
   const FrameState& s = path.state();
   ruffini_Depth m = ruffini_Depth_init_zero;
@@ -348,6 +363,9 @@ void MessageEncoder::encode(ruffini_MessageType type, const FramePath& path, con
       break;
     case ruffini_MessageType_MESSAGE_TYPE_MARKERS:
       n = markers(path, stamp);
+      break;
+    case ruffini_MessageType_MESSAGE_TYPE_RESIDUAL:
+      n = residual(path, stamp);
       break;
     case ruffini_MessageType_MESSAGE_TYPE_IMAGE:
       n = image(frame, path, stamp);

@@ -46,6 +46,7 @@ class MessageEncoder {
  private:
   size_t wrench(const FramePath& path, const FrameStamp& stamp);
   size_t field(const FramePath& path, const FrameStamp& stamp);
+  size_t residual(const FramePath& path, const FrameStamp& stamp);
   size_t depth(const FramePath& path, const FrameStamp& stamp);
   size_t contacts(const FramePath& path, const FrameStamp& stamp);
   static void tell_touches(const FramePath& path, ruffini_Contacts& m);

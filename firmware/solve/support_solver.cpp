@@ -1,6 +1,7 @@
 #include "solve/support_solver.h"
 
 #include <algorithm>
+#include <numeric>
 
 #include "solve/block_float.h"
 
@@ -12,6 +13,7 @@ using namespace block_float;
 constexpr int64_t kImageLimit = int64_t{1} << 33;  // of H p16: its energy over 2^14 unknowns stays below 2^62
 constexpr int kImageFraction = 8;
 constexpr int kForceFraction = 30;
+constexpr int kUnitFraction = 14;  // of y and r
 constexpr int64_t kMaxNoise = int64_t{1} << 24;
 
 bool is_shear(uint32_t unknown) { return unknown % 3 != 2; }
@@ -41,6 +43,9 @@ Result<SupportSolver> SupportSolver::load(const Calibration& calibration, GridSi
   out.p16_.resize(size);
   out.wide_.resize(size);
   out.beyond_.resize(size);
+  out.left_.resize(size);
+  out.all_.resize(size);
+  std::iota(out.all_.begin(), out.all_.end(), 0U);
   for (auto* values : {&out.weight_, &out.b_, &out.y_, &out.r_, &out.v_, &out.z_, &out.p_, &out.image_}) {
     values->reserve(size);
   }
@@ -173,7 +178,8 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const NodeForce> b
   gather(mask);
   std::fill(p16_.begin(), p16_.end(), int16_t{0});
   start(u, force, saturations);
-  if (!beyond.empty()) add_to_b(beyond, saturations);
+  has_beyond_ = !beyond.empty();
+  if (has_beyond_) add_to_b(beyond, saturations);
   modes_.assign(mask, index_);
   for (int i = 0; i < kRounds; ++i) {
     if (i > 0) weaken_pull(threshold_lsb);
@@ -186,6 +192,27 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const NodeForce> b
     const auto value = saturate_raw<int32_t>(round_shift(y_[i] * scale_[index_[i]], kForceFraction), saturations);
     NodeForce& f = force[index_[i] / 3];
     (index_[i] % 3 == 0 ? f.x : index_[i] % 3 == 1 ? f.y : f.z) = value;
+  }
+}
+
+void SupportSolver::leave(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations) {
+  // What the linear pad's displacement is explained by: y - beyond / d.
+  std::fill(left_.begin(), left_.end(), int64_t{0});
+  if (has_beyond_) std::transform(beyond_.begin(), beyond_.end(), left_.begin(), [](int64_t v) { return -v; });
+  for (size_t i = 0; i < index_.size(); ++i) left_[index_[i]] += y_[i];
+  const int shift = common_shift(left_);
+  std::transform(left_.begin(), left_.end(), p16_.begin(),
+                 [&](int64_t v) { return static_cast<int16_t>(to_16(v, shift)); });
+  normal_.select(all_);
+  normal_.run(p16_, wide_);
+  std::transform(wide_.begin(), wide_.end(), left_.begin(), [&](int64_t v) {
+    return limited(shifted(limited(v, saturations, kImageLimit), kImageFraction - shift), saturations);
+  });
+  project_.select(all_);
+  project_.run(u, wide_);
+  for (size_t i = 0; i < residual.size(); ++i) {
+    const int64_t left = limited(wide_[i], saturations) - left_[i];
+    residual[i] = static_cast<int32_t>(round_shift(left, kUnitFraction - kLeftFraction));
   }
 }
 

@@ -17,6 +17,11 @@
 //
 // Work is bounded by kRounds (kSteps + 1) products with the rows and columns of S, one with
 // all columns. Frame thread; no allocation after the constructor.
+//
+// leave() says what these forces do not explain, at all nodes: r = b - H (y - beyond / d). With u = C F + e, e of
+// covariance R, r is D C^T R^-1 e, and H has a unit diagonal: r_j is of standard deviation one where the pad, the contact
+// and the noise are as the calibration takes them, whatever presses. It is the matched filter of one more force along
+// unknown j: r_j d_j is the force that best explains what is left there, d_j the standard deviation of that force.
 // Not in the paper.
 #pragma once
 
@@ -36,6 +41,7 @@ class SupportSolver {
  public:
   static constexpr int kRounds = 3;
   static constexpr int kSteps = 2;
+  static constexpr int kLeftFraction = 6;  // of what leave() says
 
   [[nodiscard]] static Result<SupportSolver> load(const Calibration& calibration, GridSize nodes,
                                                   std::span<const NodePlace> places);
@@ -45,6 +51,9 @@ class SupportSolver {
   // (finite_strain.h), in `force` already; empty without.
   void run(std::span<const int16_t> u, std::span<const NodeForce> beyond, std::span<const uint8_t> mask,
            int64_t threshold_lsb, std::span<NodeForce> force, SaturationCounter& saturations);
+
+  // Of the last run() and its `u`: r of every unknown, in 1/64 standard deviation. Two products with all rows.
+  void leave(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations);
 
  private:
   struct Energy {
@@ -69,10 +78,13 @@ class SupportSolver {
   BlockProgram project_;
   std::span<const int32_t> scale_;
   ShearModes modes_;
+  std::vector<uint32_t> all_;    // unknowns
   std::vector<uint32_t> index_;  // unknowns of the support
   std::vector<int16_t> p16_;     // all unknowns
   std::vector<int64_t> wide_;    // all unknowns of a product
+  bool has_beyond_ = false;
   std::vector<int64_t> beyond_;  // all unknowns
+  std::vector<int64_t> left_;    // all unknowns
   std::vector<int64_t> weight_;
   std::vector<int64_t> b_;
   std::vector<int64_t> y_;

@@ -76,6 +76,7 @@ def good_frames() -> list[tuple[str, bytes, str]]:
     add("contact that begins to slip", 7, bytes.fromhex("1211500258de0260f403686470ec0478d086031801"), sequence=6)
     add("wrench and how sure it is", 4, wrench_with_covariance(), sequence=7)
     add("field and how sure it is", 5, field_with_sigma(), sequence=8)
+    add("what the forces do not explain", 16, residual_of_two_nodes(), sequence=9)
     add("reply ok", 12, bytes.fromhex("0807"), sensor=255, sequence=6)
     add("payload of one zero", 9, b"\0")
     add("payload of zeros", 9, bytes(40))
@@ -132,6 +133,12 @@ def field_with_sigma() -> bytes:
 
     force, sigma = dense([20, -10, -300, 0, 0, 0]), dense([7, 7, 25, 1, 1, 9])
     return part(2, 10) + part(3, force) + part(6, b"\1" * 3) + part(8, sigma) + part(9, 1)
+
+
+def residual_of_two_nodes() -> bytes:
+    """In steps of 1/64 standard deviation, valid: (-1, 0.5, 0), and (8, -2, 0.25)."""
+    dense = part(2, 2) + part(3, 1) + part(4, 3) + part(5, packed([-64, 32, 0, 512, -128, 16]))
+    return part(2, 15_625) + part(3, dense) + part(4, 1)
 
 
 def bad_frames() -> list[tuple[str, bytes, str]]:

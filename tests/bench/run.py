@@ -207,6 +207,7 @@ def measure(build: Path, board: Board, label: str, kind: OperatorKind) -> dict[s
         "sums_ms": {
             "colour to depth": sum(ours[s] for s in ("difference", "photometric", "poisson") if s in ours),
             "whole frame": frame["whole_frame"] / 1e6,
+            "residual, asked": frame["residual"] / 1e6,  # besides the frame, its packet included
         },
         "wanted_ms": WANTED_MS.get(label, {}),
         "peers_ms": peers,

@@ -67,6 +67,7 @@ def test_hostile_tables_never_overflow(seed: int) -> None:
         for one, force in zip(u, core.solve(u), strict=True):
             expected, _ = mirror.solve(one.astype(np.int64))
             assert np.array_equal(force, expected)
+        assert np.array_equal(core.residual().reshape(-1, 3), mirror.residual())
 
 
 @pytest.mark.parametrize(

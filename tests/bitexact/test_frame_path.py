@@ -118,6 +118,7 @@ def test_every_stage_over_a_recording(step: int, has_camera_map: bool, gauge: st
             is_valid = result.force_z_validity == VALID
             assert bool(result.flags & WINDOW_BORDER) == (is_valid and reaches_border(board, expected.force))
             assert result.saturations == mirror.saturations.count
+            assert np.array_equal(core.residual().reshape(-1, 3), mirror.residual())
             n_touched += int(expected.mask.any())
             n_at_border += bool(result.flags & WINDOW_BORDER)
     assert 3 <= n_touched < 10, n_touched  # the recording has both: touched and untouched frames

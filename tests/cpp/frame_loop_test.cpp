@@ -185,6 +185,7 @@ Kernel run_daemon(uint64_t n_frames, bool plants) {
                                     {ruffini_MessageType_MESSAGE_TYPE_CONTACTS, 1U},
                                     {ruffini_MessageType_MESSAGE_TYPE_MARKERS, 4U},
                                     {ruffini_MessageType_MESSAGE_TYPE_DEPTH, 8U},
+                                    {ruffini_MessageType_MESSAGE_TYPE_RESIDUAL, 8U},
                                     {ruffini_MessageType_MESSAGE_TYPE_IMAGE, 32U}}) {
     exchange.every[static_cast<size_t>(type)] = every;
   }

@@ -119,6 +119,7 @@ Outcome run_daemon(const test::Scene& scene, bool plants, const NetworkLoader& n
     exchange.every[static_cast<size_t>(type)] = 1;
   }
   exchange.every[ruffini_MessageType_MESSAGE_TYPE_LEARNED] = 1;
+  exchange.every[ruffini_MessageType_MESSAGE_TYPE_RESIDUAL] = 1;
   Calibrator calibrator(board, "0000", SlotStore::open(folder).value(), exchange);
   auto port = std::make_unique<SerialPort>(SerialPort::open("pty").value());
   const int host = ::open(port->host_path().c_str(), O_RDONLY | O_NOCTTY);
@@ -184,7 +185,8 @@ TEST(FrameThread, AllocatesNothingInAThousandFramesWithEverythingSubscribed) {
   EXPECT_GT(out.largest_field, out.smallest_field + 50) << "no contact was seen: the second pass did not run";
   for (const auto type : {ruffini_MessageType_MESSAGE_TYPE_WRENCH, ruffini_MessageType_MESSAGE_TYPE_FIELD,
                           ruffini_MessageType_MESSAGE_TYPE_DEPTH, ruffini_MessageType_MESSAGE_TYPE_CONTACTS,
-                          ruffini_MessageType_MESSAGE_TYPE_MARKERS, ruffini_MessageType_MESSAGE_TYPE_IMAGE}) {
+                          ruffini_MessageType_MESSAGE_TYPE_MARKERS, ruffini_MessageType_MESSAGE_TYPE_IMAGE,
+                          ruffini_MessageType_MESSAGE_TYPE_RESIDUAL}) {
     EXPECT_EQ(out.messages[static_cast<size_t>(type)], kFrames) << type;
   }
 }

@@ -78,6 +78,15 @@ class Said {
     put(static_cast<double>(d.validity));
     put(d.depth);
   }
+  void operator()(const client::Residual& r) {
+    put(r.stamp);
+    put(r.step);
+    put(static_cast<double>(r.validity));
+    if (r.residual.n_nodes() > 0) {
+      for (const double sigma : r.sigmas(0)) put(sigma);
+    }
+    put(r.residual);
+  }
   void operator()(const client::Contacts& c) {
     put(c.stamp);
     put(c.n_found);

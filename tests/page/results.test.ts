@@ -1,7 +1,7 @@
 // Numbers in SI units: the golden messages, what is not measured, parts that do not fit.
 
 import { Model } from "../../host/page/src/model";
-import { contactsOf, depthOf, fieldOf, imageOf, INVALID, NOT_MEASURED, wrenchOf } from "../../host/page/src/results";
+import { contactsOf, depthOf, fieldOf, imageOf, INVALID, NOT_MEASURED, residualOf, VALID, wrenchOf } from "../../host/page/src/results";
 import { BadData } from "../../host/page/src/wire/dense";
 import { Decoder } from "../../host/page/src/wire/framing";
 import type { Decoded } from "../../host/page/src/wire/schema";
@@ -32,6 +32,16 @@ test("a field and how sure it is", () => {
   field.sigma!.forEach((s, i) => expect(s).toBeCloseTo(sigma[i]!, 9));
   expect(field.displacement).toBeUndefined();
   expect(field.slip).toBeUndefined();
+});
+
+test("what the forces do not explain", () => {
+  const residual = residualOf(golden("what the forces do not explain"));
+  expect([residual.nX, residual.nY, residual.validity]).toEqual([2, 1, VALID]);
+  [1.25, 68.0625].forEach((sum, i) => expect(residual.size[i]).toBeCloseTo(Math.sqrt(sum / 3), 5));
+  expect(residualOf(message("Residual", { validity: 1 }))).toMatchObject({ nX: 0, validity: NOT_MEASURED }); // none is not zero
+  expect(residualOf(message("Residual", { validity: 9, residual: dense(1, 1, 3, [1, 2, 3]) })).validity).toBe(INVALID);
+  expect(residualOf(message("Residual", { validity: 1, residual: dense(1, 1, 1, [1]) })).nX).toBe(0);
+  expect(() => residualOf(message("Residual", { residual: { ...dense(2, 1, 3, [1, 2, 3, 4, 5, 6]), data: bytesOf("04") } }))).toThrow(BadData);
 });
 
 test("a contact that begins to slip", () => {
@@ -110,7 +120,7 @@ test("hostile messages of every type go through the model without an exception",
   const model = new Model(SCHEMA, () => 0);
   const decoder = new Decoder();
   const counters = decoder.counters;
-  const names = ["WRENCH", "FIELD", "DEPTH", "CONTACTS", "MARKERS", "IMAGE", "EVENT", "LEARNED", "STATUS"];
+  const names = ["WRENCH", "FIELD", "DEPTH", "CONTACTS", "MARKERS", "IMAGE", "EVENT", "LEARNED", "RESIDUAL", "STATUS"];
   let nKept = 0;
   for (let i = 0; i < 20_000; i++) {
     const name = names[next() % names.length]!;

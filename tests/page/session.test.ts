@@ -105,7 +105,7 @@ test("random payloads under right CRCs never throw", () => {
   const { events, session, hello } = converse();
   session.feed(saidAs("HELLO", "Hello", hello));
   const next = randomNumbers(5);
-  const names = ["WRENCH", "FIELD", "DEPTH", "CONTACTS", "MARKERS", "IMAGE", "EVENT", "REPLY", "LEARNED", "STATUS", "HELLO", "SCHEMA"];
+  const names = ["WRENCH", "FIELD", "DEPTH", "CONTACTS", "MARKERS", "IMAGE", "EVENT", "REPLY", "LEARNED", "RESIDUAL", "STATUS", "HELLO", "SCHEMA"];
   for (let i = 0; i < 5000; i++) {
     const payload = Uint8Array.from({ length: next() % 16 }, () => (next() % 3 ? next() % 32 : next() & 255));
     session.feed(said(names[next() % names.length]!, payload, i));

@@ -111,6 +111,20 @@ bool read(Reader r, Depth& out) {
   return is_good && r.ok() && (out.depth.values.empty() || out.depth.n_components == 1);
 }
 
+bool read(Reader r, Residual& out) {
+  uint64_t validity = 0;
+  bool is_good = true;
+  while (is_good && r.next()) {
+    const uint32_t n = r.number();
+    if (n == 1) is_good = read(r.message(), out.stamp);
+    if (n == 2) out.step = r.u32() * kMicro;
+    if (n == 3) is_good = read_grid(r.message(), out.residual);
+    if (n == 4) validity = r.u64();
+  }
+  if (!out.residual.values.empty()) out.validity = validity_of(validity, out.stamp.flags);
+  return is_good && r.ok() && (out.residual.values.empty() || out.residual.n_components == 3);
+}
+
 // `flags` of the stamp that all contacts have.
 bool read(Reader r, Contact& out, uint32_t flags) {
   std::array<double, 3> force{};
@@ -289,6 +303,10 @@ double Depth::depth_m(size_t cell) const {
   return validity == Validity::kValid && !depth.values.empty() ? step_m * depth.values[cell] : kNaN;
 }
 
+std::array<double, 3> Residual::sigmas(size_t node) const {
+  return of_node(residual, node, step, {validity, validity, validity});
+}
+
 std::array<double, 2> SensorInfo::position_m(size_t node) const {
   const size_t width = std::max(n_x, 1U);
   return {grid_origin_m[0] + static_cast<double>(node % width) * grid_step_m[0],
@@ -308,6 +326,8 @@ bool read_message(Type type, const std::vector<uint8_t>& payload, Message& out) 
       return read(r, out.emplace<Field>());
     case Type::kDepth:
       return read(r, out.emplace<Depth>());
+    case Type::kResidual:
+      return read(r, out.emplace<Residual>());
     case Type::kContacts:
       return read(r, out.emplace<Contacts>());
     case Type::kEvent:

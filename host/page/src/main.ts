@@ -16,6 +16,7 @@ import { UNITS } from "./views/units";
 const TINTS: Tint[] = ["normal", "slip", "plain"];
 const DEPTH_EVERY = 4; // a depth map is larger than all the rest of its frame
 const IMAGE_EVERY = 6;
+const RESIDUAL_EVERY = 4; // two products more on the sensor
 const READ_ANSWER_MS = 4000;
 
 /** One line with the panels of its sensors. */
@@ -40,6 +41,7 @@ let unit = 0;
 let tint = 0;
 let isFrozen = false;
 let isCamera = false;
+let isResidual = false;
 let isLocked = false;
 let isRecording = false;
 let answeredMs = -Infinity; // a sensor answered what a person asked: good news waits until that is read
@@ -53,7 +55,7 @@ function say(text: string, isBad = false): void {
 }
 
 function subscription(): Record<string, number> {
-  return { wrench: 1, field: 1, contacts: 1, depth: DEPTH_EVERY, status: 1, learned: 1, ...(isCamera ? { image: IMAGE_EVERY } : {}) };
+  return { wrench: 1, field: 1, contacts: 1, depth: DEPTH_EVERY, status: 1, learned: 1, ...(isCamera ? { image: IMAGE_EVERY } : {}), ...(isResidual ? { residual: RESIDUAL_EVERY } : {}) };
 }
 
 function addStrand(): Strand {
@@ -138,6 +140,7 @@ function draw(): void {
 function show(strand: Strand, snapshot: Snapshot): void {
   for (const [id, news] of snapshot.sensors) {
     if (!isCamera) delete news.image; // asked for by another page
+    if (!isResidual) delete news.residual; // likewise
     strand.panels.get(id)?.show(news);
   }
   if (snapshot.status) strand.health.showStatus(snapshot.status, [...strand.panels.values()].flatMap((panel) => panel.info.stages));
@@ -175,6 +178,7 @@ function publish(snapshot?: Snapshot): void {
           field: latest.field && { frame: latest.field.frame, nX: latest.field.nX, nY: latest.field.nY, sum: sums(latest.field.force), hasSigma: Boolean(latest.field.sigma) },
           depth: latest.depth && { frame: latest.depth.frame, deepest: latest.depth.depth.reduce((a, b) => Math.min(a, b), 0) },
           maps: Object.fromEntries(Object.entries(maps.maps).map(([name, map]) => [name, map.shown])),
+          residual: latest.residual && { frame: latest.residual.frame, nX: latest.residual.nX, validity: latest.residual.validity, ...mostOf(latest.residual.size) },
           nArrows: field?.nArrows,
           nChartPoints: charts.nPoints,
         },
@@ -182,6 +186,11 @@ function publish(snapshot?: Snapshot): void {
     ),
   }));
   Object.assign(window, { __state: { notice: notice.textContent, lines: state } });
+}
+
+function mostOf(values: Float32Array): { most: number; at: number } {
+  const at = values.reduce((best, v, i) => (v > values[best]! ? i : best), 0);
+  return { most: values[at] ?? NaN, at };
 }
 
 function sums(force: Float32Array): number[] {
@@ -292,6 +301,12 @@ function toggleCamera(): void {
   if (!isCamera) for (const panel of panels()) panel.maps.hideImage();
 }
 
+function toggleResidual(): void {
+  isResidual = !isResidual;
+  for (const { line } of strands) line.tell({ kind: "subscribe", every: subscription() });
+  if (!isResidual) for (const panel of panels()) panel.maps.hideResidual();
+}
+
 function toggleTheme(): void {
   const root = document.documentElement;
   root.dataset["theme"] = isDark() ? "light" : "dark";
@@ -327,6 +342,7 @@ const BUTTONS = [
   button("Tint", "I", "colour the surface by normal force, by slip, not at all", nextTint),
   button("Units", "U", "newtons, millinewtons, grams of force", nextUnit),
   button("Camera", "C", "show the camera's picture", toggleCamera),
+  button("Residual", "E", "show where the forces do not explain what the camera sees", toggleResidual),
   button("View", "V", "look from where you looked at first", () => panels().forEach((panel) => panel.field?.reset())),
   button("Record", "R", "record to an MCAP file, until pressed again", record),
   button("Open", "O", "show a recording (MCAP); or drop it on the page", () => chooser.click()),

@@ -2,7 +2,7 @@
 
 import type { SensorInfo } from "./board";
 import type { Guide } from "./guide";
-import type { Contacts, Depth, Field, Image, Learned, Wrench } from "./results";
+import type { Contacts, Depth, Field, Image, Learned, Residual, Wrench } from "./results";
 import type { Counters } from "./wire/framing";
 
 export type ToWorker =
@@ -34,6 +34,7 @@ export interface SensorNews {
   contacts?: Contacts;
   image?: Image;
   learned?: Learned;
+  residual?: Residual;
   flags?: string[]; // of the newest stamp
   isSimulated?: boolean;
   isReplay?: boolean;

@@ -2,14 +2,14 @@
 
 import type { LineHealth, SensorNews, Snapshot, Status } from "./messages";
 import { DELAY_BIN_MS, N_DELAY_BINS } from "./messages";
-import { contactsOf, depthOf, fieldOf, imageOf, learnedOf, wrenchOf } from "./results";
+import { contactsOf, depthOf, fieldOf, imageOf, learnedOf, residualOf, wrenchOf } from "./results";
 import { type Counters, type Frame, REPLAY, SIMULATED } from "./wire/framing";
 import type { Decoded, Schema } from "./wire/schema";
 
 const MAX_TRACE = 4096; // wrenches between two snapshots: more than a minute of a hidden page loses the oldest
 const MAX_EVENTS = 64;
 const TRACE_ROW = 7;
-const LATE = { WRENCH: wrenchOf, FIELD: fieldOf, DEPTH: depthOf, CONTACTS: contactsOf, IMAGE: imageOf, LEARNED: learnedOf };
+const LATE = { WRENCH: wrenchOf, FIELD: fieldOf, DEPTH: depthOf, CONTACTS: contactsOf, IMAGE: imageOf, LEARNED: learnedOf, RESIDUAL: residualOf };
 
 interface Sensor {
   newest: Map<string, Decoded>;

@@ -64,6 +64,14 @@ export interface Contacts extends Stamp {
   nFound: number;
 }
 
+/** What the forces leave unexplained of the displacement, standard deviations: about 1 where all is as calibrated. */
+export interface Residual extends Stamp {
+  nX: number;
+  nY: number;
+  size: Float32Array; // 1 a node: root of the mean square of x, y, z
+  validity: number;
+}
+
 export interface Image extends Stamp {
   width: number;
   height: number;
@@ -145,6 +153,16 @@ export function depthOf(m: Any): Depth {
   const validity = known(m["validity"] as number);
   const depth = dense && dense.nComponents === 1 ? scaled(decodeDense(dense), (m["depthLsbNm"] as number) * 1e-9) : new Float32Array();
   return { ...stampOf(m), nX: dense?.nX ?? 0, nY: dense?.nY ?? 0, stepPx: m["stepPx"] as number, depth, validity };
+}
+
+/** Throws BadData as fieldOf does. */
+export function residualOf(m: Any): Residual {
+  const dense = m["residual"] as DenseMessage | undefined;
+  if (dense?.nComponents !== 3) return { ...stampOf(m), nX: 0, nY: 0, size: new Float32Array(), validity: NOT_MEASURED };
+  const values = scaled(decodeDense(dense), (m["residualLsb1e6"] as number) * 1e-6);
+  const size = new Float32Array(values.length / 3);
+  for (let i = 0; i < size.length; i++) size[i] = Math.hypot(values[3 * i]!, values[3 * i + 1]!, values[3 * i + 2]!) / Math.sqrt(3);
+  return { ...stampOf(m), nX: dense.nX, nY: dense.nY, size, validity: known(m["validity"] as number) };
 }
 
 function contactOf(m: Any): Contact {

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from ruffini.device.connection import LineGap
-from ruffini.device.results import VALID, Contacts, Depth, Field, Image, Learned, Wrench
+from ruffini.device.results import VALID, Contacts, Depth, Field, Image, Learned, Residual, Wrench
 from ruffini.wire import Frame, Schema
 
 FLAG_STALE = 256
@@ -87,6 +87,12 @@ class SensorFrame:
     def depth(self) -> Depth | None:
         """The pad's surface."""
         part: Depth | None = self._part("DEPTH", Depth)
+        return part
+
+    @cached_property
+    def residual(self) -> Residual | None:
+        """What the forces do not explain, at every node; the sensor finds it only for who asks."""
+        part: Residual | None = self._part("RESIDUAL", Residual)
         return part
 
     @cached_property

@@ -252,15 +252,15 @@ def node_places(info: Any) -> Array:
 
 def connect(
     port: str | None = None, serial: str | None = None, *, wrench: int = 1, field: int = 1, contacts: int = 1,
-    depth: int = 1, learned: int = 1, image: int = 0, markers: int = 0, resume_s: float = RESUME_S,
-    on_note: Callable[[str], None] = lambda _: None,
+    depth: int = 1, learned: int = 1, image: int = 0, markers: int = 0, residual: int = 0,
+    resume_s: float = RESUME_S, on_note: Callable[[str], None] = lambda _: None,
 ) -> Sensor:  # fmt: skip
     """Open the sensor on `port`, the one with this serial number, or the only one there is.
 
     Parameters
     ----------
     port, serial : RUFFINI_PORT and RUFFINI_SERIAL stand in where they are not given.
-    wrench, field, contacts, depth, learned, image, markers : of each n-th frame; 0: never.
+    wrench, field, contacts, depth, learned, image, markers, residual : of each n-th frame; 0: never.
     resume_s : how long a line that was lost is waited for; 0: it is an error at once.
     on_note : gets sentences for a person, from the reading thread: health, events, a lost or damaged line.
 
@@ -277,7 +277,7 @@ def connect(
     ...         print(frame.wrench.force, frame.flags)
     """
     every = {"wrench": wrench, "field": field, "contacts": contacts, "depth": depth, "learned": learned,
-             "image": image, "markers": markers}  # fmt: skip
+             "image": image, "markers": markers, "residual": residual}  # fmt: skip
     connection = choice.connect(port, serial)
     try:
         return Sensor(connection, every, resume_s=resume_s, on_note=on_note)

@@ -129,6 +129,9 @@ def record(
     image_every: Annotated[
         int, typer.Option(min=0, help="Every so many frames also the camera image (0 = never).")
     ] = 0,
+    residual_every: Annotated[
+        int, typer.Option(min=0, help="Every so many frames also what the forces do not explain (0 = never).")
+    ] = 0,
     ros: Annotated[bool, typer.Option("--ros/--no-ros", help="Wrench and field as ROS 2 messages, too.")] = True,
     resume: ResumeOption = RESUME_S,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
@@ -143,8 +146,8 @@ def record(
         note(f"recording {sensor.port} to {out}, stop with Ctrl-C")
         sensor.on_damage = note
         counts = record_stream(
-            sensor, out, n_frames=n, image_every=image_every, has_ros=ros, resume_s=resume,
-            on_gap=lambda gap: note(f"{sensor.port}: {gap}"),
+            sensor, out, n_frames=n, image_every=image_every, residual_every=residual_every, has_ros=ros,
+            resume_s=resume, on_gap=lambda gap: note(f"{sensor.port}: {gap}"),
         )  # fmt: skip
     total = sum(counts.values())
     emit(

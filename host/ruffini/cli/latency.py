@@ -12,7 +12,7 @@ from ruffini.cli.common import JsonFlag, emit
 from ruffini.cli.device import open_sensor
 from ruffini.errors import InputError
 
-KNOWN = ("wrench", "field", "contacts", "depth", "markers")
+KNOWN = ("wrench", "field", "contacts", "depth", "markers", "residual")
 
 
 def latency(

@@ -276,6 +276,23 @@ class Pipeline:
         )
         return sigma, covariance
 
+    def residual(self) -> npt.NDArray[np.int32]:
+        """What the forces of the last frame leave unexplained, (n_y, n_x, 3) in 1/64 standard deviation.
+
+        See proto/README.md, "What the forces do not explain".
+
+        Raises
+        ------
+        InputError
+            The frame had no second pass: no `support` in the calibration, or depth is not measured.
+        """
+        out = np.zeros((self.layout.node_n_y, self.layout.node_n_x, 3), np.int32)
+        validity = ctypes.c_int32()
+        self._check(
+            self._lib.ruffini_get_residual(self._pointer, out.ctypes.data_as(ctypes.c_void_p), ctypes.byref(validity))
+        )
+        return out
+
     def covariance(self) -> npt.NDArray[np.int64]:
         """Of the last frame's wrench, (21,) as in `sigma`.
 

@@ -26,7 +26,7 @@ REOPEN_HELLO_S = 0.6  # a sensor that was just plugged in answers, or the next t
 SILENCE_S = 5.0  # without a frame: the camera stands still
 MAX_ASKED = 4096  # time exchanges that wait for their answers
 DEVICE = 255
-YOUNG_TYPES = ("learned",)  # that a device in use may not know yet
+YOUNG_TYPES = ("learned", "residual")  # that a device in use may not know yet
 DAMAGED = (
     "two frames came damaged within six minutes: do not steer by these forces until the cable is seen to "
     "(one damaged frame in 4 billion is taken for a good one)"
@@ -334,7 +334,7 @@ class Connection:
     def subscribe(self, **every: int) -> None:
         """Ask for each n-th message of a type, e.g. subscribe(wrench=1, field=2); replaces what was asked before.
 
-        `learned` is passed over where the device is older than that message.
+        `learned` and `residual` are passed over where the device is older than these messages.
         """
         numbers = self.schema.type_numbers
         every = {name: n for name, n in every.items() if name.upper() in numbers or name not in YOUNG_TYPES}

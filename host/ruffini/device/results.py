@@ -256,6 +256,41 @@ class Depth:
 
 
 @dataclass(frozen=True)
+class Residual:
+    """What the forces leave unexplained of the displacement at each node, in standard deviations along x, y, z.
+
+    About 1 where pad and noise are as the calibration takes them, whatever presses; see proto/README.md, "What the
+    forces do not explain". `raw_residual` (n_y, n_x, 3) as sent, of no node where it is not measured: see `validity`
+    before it is used. `residual` is safe.
+    """
+
+    capture_s: float
+    frame: int
+    flags: int
+    raw_residual: Array
+    validity: int
+
+    @cached_property
+    def residual(self) -> Array:
+        """(n_y, n_x, 3) standard deviations; NaN where it is not VALID."""
+        return believed(self.raw_residual, (self.validity,) * 3, self.flags)
+
+    @cached_property
+    def size(self) -> Array:
+        """(n_y, n_x), root of the mean square of x, y and z: what the page's map shows."""
+        return np.asarray(np.sqrt(np.mean(np.square(self.residual), axis=2)))
+
+    @classmethod
+    def from_message(cls, m: Any) -> Residual:
+        values = _dense(m.residual) if m.HasField("residual") else np.zeros((0, 0, 3), np.int32)
+        _fits(values.shape[2] == 3, f"a RESIDUAL of {values.shape[2]} components")
+        return cls(
+            m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, values * (m.residual_lsb_1e6 * 1e-6),
+            m.validity if m.HasField("residual") else NOT_MEASURED,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Image:
     """The camera's frame, (h, w, 3) uint8, B G R; every step_px-th pixel of it where it does not fit a message."""
 
@@ -339,4 +374,4 @@ class NetworkState:
 
 
 RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "CONTACTS": Contacts, "IMAGE": Image,
-                           "LEARNED": Learned}  # fmt: skip
+                           "LEARNED": Learned, "RESIDUAL": Residual}  # fmt: skip

@@ -104,11 +104,14 @@ def _blocks(recording: Recording, sensor: int) -> Iterator[Block]:
     head = list(itertools.islice(frames, BLOCK))
     field = next((f.field for f in head if f.field is not None), None)
     shape = None if field is None else field.raw_force.shape
+    has_residual = any(f.residual is not None for f in head)
     frames = itertools.chain(head, frames)
     while rows := list(itertools.islice(frames, BLOCK)):
         block = _columns([_row(recording, frame) for frame in rows])
         if shape is not None:
             block.update(_fields(rows, shape))
+        if shape is not None and has_residual:
+            block.update(_residuals(rows, shape))
         yield block
 
 
@@ -153,6 +156,14 @@ def _fields(frames: list[SensorFrame], shape: tuple[int, ...]) -> Block:
             if part is not None:
                 out[name][i] = part
     return {**out, "has_field": has_field}
+
+
+def _residuals(frames: list[SensorFrame], shape: tuple[int, ...]) -> Block:
+    out = np.full((len(frames), *shape), np.nan, np.float32)
+    for row, frame in zip(out, frames, strict=True):
+        if frame.residual is not None and frame.residual.residual.shape == shape:
+            row[:] = frame.residual.residual
+    return {"field_residual": out}
 
 
 def _flat(block: Block) -> Block:

@@ -25,6 +25,7 @@ def record_stream(
     *,
     n_frames: int = 0,
     image_every: int = 0,
+    residual_every: int = 0,
     has_ros: bool = True,
     resume_s: float = 0.0,
     on_gap: Callable[[LineGap], None] = lambda _: None,
@@ -76,7 +77,10 @@ def record_stream(
         writer.add_message(_channel(writer, "HELLO", sensor.schema.bytes), log_time=0, data=hello, publish_time=0)
         ros = RosChannels(writer, sensor.hello)
         sensor.raw_sink = keep_raw
-        sensor.subscribe(wrench=1, field=1, depth=1, contacts=1, markers=1, learned=1, status=1, image=image_every)
+        sensor.subscribe(
+            wrench=1, field=1, depth=1, contacts=1, markers=1, learned=1, status=1, image=image_every,
+            residual=residual_every,
+        )  # fmt: skip
         frame_s = time.monotonic()
         try:
             # STATUS comes each second, whatever the camera does.

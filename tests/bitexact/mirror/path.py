@@ -24,7 +24,7 @@ from mirror.program import Program
 from mirror.relaxation import Relaxation
 from mirror.shear_modes import node_places
 from mirror.solve import Noise, contact_mask, frame_threshold, linear_force
-from mirror.support import SupportTables, support_force
+from mirror.support import SupportTables, residual, support_force
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 
@@ -142,5 +142,12 @@ class FramePath:
                 force, shape, threshold, board["contact"]["min_nodes"], self._noise, self.is_light_steady
             )
         threshold = frame_threshold(force, threshold, self._noise, self.is_light_steady)
-        solved = support_force(self._support, self._places, u, beyond, mask, force, threshold, self.saturations)
+        solved, self._explained = support_force(
+            self._support, self._places, u, beyond, mask, force, threshold, self.saturations
+        )
+        self._solved_u = u
         return solved, mask
+
+    def residual(self) -> I64:
+        """What the forces of the last `solve` leave unexplained, (n_nodes, 3) in 1/64 standard deviation."""
+        return residual(self._support, self._solved_u, self._explained, Saturations())

@@ -51,6 +51,7 @@ class _Pass:
     def add_to_b(self, beyond: I64) -> None:
         """H times what finite strain adds, over all unknowns."""
         y = [self.limit((int(f) << 30) // int(s)) for f, s in zip(beyond.ravel(), self.tables.scale, strict=True)]
+        self.beyond = y
         shift = common_shift(y)
         image = self.tables.normal.times(np.array(to_16(y, shift), np.int64))[self.index]
         self.b = [b + shifted(self.limit(int(h), IMAGE_LIMIT), 8 - shift) for b, h in zip(self.b, image, strict=True)]
@@ -103,6 +104,22 @@ class _Pass:
         return _times(y, kept, [7] * len(y))
 
 
+def residual(tables: SupportTables, u: I64, explained: I64, saturations: Saturations) -> I64:
+    """What forces leave unexplained, (n_nodes, 3) in 1/64 standard deviation.
+
+    explained : (3 n_nodes,) the second pass's y less beyond / d, as `support_force` gives it.
+    """
+
+    def limit(x: int, limit: int = (1 << 31) - 1) -> int:
+        return limited(x, saturations, limit)
+
+    shift = common_shift([int(v) for v in explained])
+    image = tables.normal.times(np.array(to_16([int(v) for v in explained], shift), np.int64))
+    imaged = [limit(shifted(limit(int(v), IMAGE_LIMIT), 8 - shift)) for v in image]
+    b = [limit(int(v)) for v in tables.project.times(u.ravel())]
+    return np.array([shifted(a - v, 8) for a, v in zip(b, imaged, strict=True)], np.int64).reshape(-1, 3)
+
+
 def support_force(
     tables: SupportTables,
     places: list[tuple[int, int]],
@@ -112,8 +129,11 @@ def support_force(
     force: I64,
     threshold_lsb: int,
     saturations: Saturations,
-) -> I64:
-    """Second pass over `force` (n_nodes, 3) with the mask (n_y, n_x); zero outside the mask."""
+) -> tuple[I64, I64]:
+    """Second pass over `force` (n_nodes, 3) with the mask (n_y, n_x); zero outside the mask.
+
+    Beside it y less beyond / d of all unknowns, which `residual` reads.
+    """
     solve = _Pass(tables, u, beyond, mask, saturations)
     of_support = [places[n] for n in solve.nodes]
     y = [solve.limit((int(f) << 30) // s) for f, s in zip(force.ravel()[solve.index], solve.scale, strict=True)]
@@ -128,4 +148,6 @@ def support_force(
         y = solve.steps(y)
     out = np.zeros(force.size, np.int64)
     out[solve.index] = [shifted(v * s, 30) for v, s in zip(y, solve.scale, strict=True)]
-    return saturations.int32(out).reshape(-1, 3)
+    explained = -np.array(solve.beyond, np.int64) if beyond is not None else np.zeros(force.size, np.int64)
+    explained[solve.index] += np.array(y, np.int64)
+    return saturations.int32(out).reshape(-1, 3), explained

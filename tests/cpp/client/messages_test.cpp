@@ -59,6 +59,21 @@ TEST(ClientMessages, AWrenchAndHowSureItIs) {
   EXPECT_DOUBLE_EQ(c[5][5], 25e-18);
 }
 
+TEST(ClientMessages, WhatTheForcesDoNotExplain) {
+  const Payload sent = golden("what the forces do not explain");
+  const Packet p = packet(16, sent);
+  const auto& r = std::get<Residual>(p.message);
+  ASSERT_EQ(r.residual.n_nodes(), 2U);
+  EXPECT_EQ(r.sigmas(0), (std::array<double, 3>{-1, 0.5, 0}));
+  EXPECT_EQ(r.sigmas(1), (std::array<double, 3>{8, -2, 0.25}));
+  Payload invalid = sent;
+  invalid.back() = 3;
+  const Packet wrong = packet(16, invalid);
+  EXPECT_TRUE(std::isnan(std::get<Residual>(wrong.message).sigmas(1)[0]));
+  const Packet none = packet(16, {0x20, 1});  // VALID, and not one number
+  EXPECT_EQ(std::get<Residual>(none.message).validity, Validity::kNotMeasured);
+}
+
 TEST(ClientMessages, WithoutAValidityThereIsNoNumber) {
   const Packet p = packet(4, golden("wrench, simulated replay"));
   const auto& w = std::get<Wrench>(p.message);

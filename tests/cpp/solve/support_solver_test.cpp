@@ -117,6 +117,49 @@ TEST(SupportSolver, SolvesTheSupportAndLeavesZeroOutside) {
   EXPECT_EQ(saturations.count, 0U);
 }
 
+// H is almost one: what is left is of the unknowns that may not move, and next to nothing of the support.
+TEST(SupportSolver, LeavesWhatItsForcesDoNotExplain) {
+  const Matrix h = tridiagonal(0.1);
+  Loaded loaded(h);
+  std::vector<int16_t> u(kUnknowns);
+  for (size_t i = 0; i < kUnknowns; ++i) {
+    u[i] = static_cast<int16_t>(i % 3 == 2 ? -9'000 : 1000 * std::sin(static_cast<double>(i)) + 400);
+  }
+  const std::vector<uint8_t> mask = {0, kSurely, kSurely, 0};
+  std::vector<NodeForce> force(kNodes, {77, 77, -77});
+  SaturationCounter saturations;
+  loaded.solver().run(u, {}, mask, kThreshold, force, saturations);
+  std::vector<int32_t> left(kUnknowns);
+  loaded.solver().leave(u, left, saturations);
+  for (size_t i = 0; i < kUnknowns; ++i) {
+    double r = 64.0 * u[i];  // Q14
+    for (size_t j = 0; j < kUnknowns; ++j) r -= h[i][j] * component(force[j / 3], j % 3) * 4'096;
+    EXPECT_NEAR(left[i], r / 256, 20) << i;  // forces are whole steps of 4096 / 256 = 16
+  }
+  EXPECT_GT(std::abs(left[2]), 2'000) << "nothing presses there";
+  EXPECT_LT(std::abs(left[5]), 40) << "and here it does";
+  EXPECT_EQ(saturations.count, 0U);
+  // The next frame's forces are what they would be without it.
+  std::vector<NodeForce> again(kNodes, {77, 77, -77});
+  loaded.solver().run(u, {}, mask, kThreshold, again, saturations);
+  for (size_t i = 0; i < kUnknowns; ++i) {
+    EXPECT_EQ(component(again[i / 3], i % 3), component(force[i / 3], i % 3));
+  }
+}
+
+TEST(SupportSolver, AResidualThatIsTooLargeIsHeldAndCounted) {
+  Loaded loaded(tridiagonal(0.1));
+  const std::vector<int16_t> u(kUnknowns, 0);
+  std::vector<NodeForce> force(kNodes);
+  const std::vector<NodeForce> beyond(kNodes, {INT32_MAX, INT32_MAX, INT32_MAX});
+  SaturationCounter of_forces, of_residual;
+  loaded.solver().run(u, beyond, std::vector<uint8_t>(kNodes, 0), kThreshold, force, of_forces);
+  std::vector<int32_t> left(kUnknowns);
+  loaded.solver().leave(u, left, of_residual);
+  EXPECT_EQ(of_residual.count, uint64_t{kUnknowns}) << "row sums of H are above one";
+  for (const int32_t value : left) EXPECT_EQ(value, 1 << 23);  // 2^31 of Q14 as Q6
+}
+
 TEST(SupportSolver, ANodeThatWouldPullLosesItsForce) {
   Loaded loaded(tridiagonal(0));  // b is y: the first round finds it at once
   std::vector<int16_t> u(kUnknowns);

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from google.protobuf.message import DecodeError
 
-from ruffini.device.results import KNOWN_FLAGS, VALID, Contacts, Depth, Field, Wrench
+from ruffini.device.results import KNOWN_FLAGS, VALID, Contacts, Depth, Field, Residual, Wrench
 from ruffini.errors import InputError
 from ruffini.native import native_folder
 from ruffini.wire import Schema
@@ -26,7 +26,7 @@ from ruffini.wire.dense import decode_dense, encode_dense
 
 SCHEMA = Schema.own()
 CAPACITY = 1 << 16
-MADE = ("Hello", "Status", "Wrench", "Field", "Depth", "Contacts", "Event", "Reply", "Time")
+MADE = ("Hello", "Status", "Wrench", "Field", "Depth", "Contacts", "Event", "Reply", "Time", "Residual")
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +95,13 @@ def of_depth(m: Any) -> list[float]:
     return [*stamp(m), step_m, sigma_m, judged(m.validity, m.stamp.flags), *grid(m, "depth")]
 
 
+def of_residual(m: Any) -> list[float]:
+    r = Residual.from_message(m)
+    step = m.residual_lsb_1e6 * 1e-6
+    first = r.residual.reshape(-1, 3)[:1].ravel().tolist()
+    return [*stamp(m), step, judged(r.validity, m.stamp.flags), *first, *grid(m, "residual")]
+
+
 def of_contacts(m: Any) -> list[float]:
     out, flags = [*stamp(m), m.n_found], m.stamp.flags
     for sent, c in zip(m.contacts, Contacts.from_message(m).contacts, strict=True):
@@ -124,7 +131,7 @@ def of_status(m: Any) -> list[float]:
 PYTHON = {
     "Wrench": of_wrench, "Field": of_field, "Depth": of_depth, "Contacts": of_contacts, "Hello": of_hello,
     "Status": of_status, "Event": lambda m: [m.time_us, m.severity], "Reply": lambda m: [m.request_id, m.code],
-    "Time": lambda m: [m.token, m.received_us, m.sent_us],
+    "Time": lambda m: [m.token, m.received_us, m.sent_us], "Residual": of_residual,
 }  # fmt: skip
 
 
@@ -150,13 +157,16 @@ def random_dense(chance: random.Random, n_x: int, n_y: int, n_components: int) -
 
 def random_message(chance: random.Random, name: str) -> Any:
     """Every field is drawn, numbers over their whole range; grids fit each other."""
-    if name in ("Field", "Depth"):
+    if name in ("Field", "Depth", "Residual"):
         n_x, n_y = chance.randint(1, 9), chance.randint(1, 9)
         header = {"stamp": {"capture_us": chance.getrandbits(50), "flags": chance.getrandbits(18), "frame": 7}}
         validity = [chance.randrange(4) for _ in range(3)]
         if name == "Depth":
             return SCHEMA.new(name, **header, depth_lsb_nm=chance.randrange(1, 9000), step_px=2, sigma_um=3,
                               validity=validity[0], depth=random_dense(chance, n_x, n_y, 1))  # fmt: skip
+        if name == "Residual":
+            part = {"residual": random_dense(chance, n_x, n_y, 3)} if chance.randrange(4) else {}
+            return SCHEMA.new(name, **header, residual_lsb_1e6=15_625, validity=validity[0], **part)
         parts = {part: random_dense(chance, n_x, n_y, 1 if part == "slip" else 3)
                  for part in ("displacement", "slip", "sigma") if chance.randrange(3)}  # fmt: skip
         parts["force"] = random_dense(chance, n_x, n_y, 3)

@@ -7,7 +7,7 @@ import pytest
 from golden import read_vectors
 from google.protobuf import descriptor_pb2
 
-from ruffini.device.results import INVALID, NOT_MEASURED, VALID, Contacts, Depth, Field, Image, Wrench
+from ruffini.device.results import INVALID, NOT_MEASURED, VALID, Contacts, Depth, Field, Image, Residual, Wrench
 from ruffini.errors import InputError
 from ruffini.wire import Decoder
 from ruffini.wire.messages import Schema
@@ -110,6 +110,23 @@ def test_how_sure_the_field_is() -> None:
     assert field.sigma is not None
     np.testing.assert_allclose(field.raw_force[0, 0], [200e-6, -100e-6, -3000e-6])
     np.testing.assert_allclose(field.sigma, [[[70e-6, 70e-6, 250e-6], [10e-6, 10e-6, 90e-6]]])
+
+
+def test_what_the_forces_do_not_explain() -> None:
+    schema = Schema.own()
+    message = schema.decode(schema.type_numbers["RESIDUAL"], golden("what the forces do not explain"))
+    residual = Residual.from_message(message)
+    assert residual.validity == VALID
+    assert residual.residual.tolist() == [[[-1, 0.5, 0], [8, -2, 0.25]]]
+    np.testing.assert_allclose(residual.size, [[(1.25 / 3) ** 0.5, (68.0625 / 3) ** 0.5]])
+    message.validity = 3
+    assert np.isnan(Residual.from_message(message).size).all()
+    assert Residual.from_message(message).raw_residual[0, 1, 0] == 8
+    none = Residual.from_message(schema.new("Residual", validity=VALID))
+    assert (none.validity, none.raw_residual.shape, none.residual.size) == (NOT_MEASURED, (0, 0, 3), 0)
+    message.residual.n_components, message.residual.n_x = 1, 6
+    with pytest.raises(InputError, match="1 components"):
+        Residual.from_message(message)
 
 
 @pytest.mark.parametrize("schema", [Schema.own(), old_schema()], ids=["ours", "old"])

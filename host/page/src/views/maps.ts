@@ -1,13 +1,14 @@
 // Flat maps as the camera sees the pad: x to the right, y down.
 
 import type { SensorInfo } from "../board";
-import { type Contacts, type Depth, type Field, type Image, NOT_MEASURED, UNCALIBRATED, VALID } from "../results";
+import { type Contacts, type Depth, type Field, type Image, NOT_MEASURED, type Residual, UNCALIBRATED, VALID } from "../results";
 import { type Rgb, sequential, wheel } from "./colours";
 import { make } from "./dom";
 import { ABSENT, short, type Unit, VALIDITY_WORDS } from "./units";
 
 const HATCH_PX = 10;
 const NOTHING_YET = "nothing yet";
+const LEAST_FULL_SIGMAS = 5; // what noise and an ordinary press make stays in the lower part of the bar
 const WHEEL_ENDS = ["+x", "+y", "−x", "−y", "+x"];
 
 /** One picture with a title, a bar of its colours and what its ends mean. */
@@ -158,6 +159,10 @@ export class Maps {
       add("shear", "Shear", "wheel");
       add("sigma", "Uncertainty of fz", "sequential");
     }
+    if (info.stages.includes("support") && info.fieldForces) {
+      add("residual", "Not explained", "sequential");
+      this.hideResidual();
+    }
     if (info.stages.some((stage) => stage === "poisson" || stage === "photometric")) add("depth", "Depth", "sequential");
     else if (info.fieldForces) add("depth", "Depth at the nodes", "sequential");
     add("camera", "Camera", "none");
@@ -168,6 +173,12 @@ export class Maps {
   hideImage(): void {
     this.maps["camera"]!.absent("press C");
     this.maps["camera"]!.element.hidden = true;
+  }
+
+  /** It is not asked for: the sensor does not find it. */
+  hideResidual(): void {
+    this.maps["residual"]?.absent("press E");
+    if (this.maps["residual"]) this.maps["residual"].element.hidden = true;
   }
 
   showContacts(contacts: Contacts): void {
@@ -260,6 +271,17 @@ export class Maps {
     for (let i = 0; i < nX * nY; i++) deepest = Math.max(deepest, -depthAt(i));
     const rgb: Rgb = [0, 0, 0];
     this.maps["depth"]!.show(nX, nY, `0 … ${short(deepest * 1e3)} mm`, word, (i) => sequential(-depthAt(i) / deepest, rgb));
+  }
+
+  showResidual(residual: Residual): void {
+    const map = this.maps["residual"];
+    if (!map) return;
+    map.element.hidden = false;
+    if (residual.nX < 2) return map.absent(VALIDITY_WORDS[NOT_MEASURED]!);
+    const full = residual.size.reduce((a, b) => Math.max(a, b), LEAST_FULL_SIGMAS);
+    const rgb: Rgb = [0, 0, 0];
+    map.show(residual.nX, residual.nY, `0 … ${short(full)} σ`, wordOf(residual.validity), (i) => sequential(residual.size[i]! / full, rgb));
+    map.ring(this.places);
   }
 
   showImage(image: Image): void {

@@ -92,6 +92,7 @@ export class Panel {
       this.maps.showField(news.field, this.unit);
     }
     if (news.depth) this.maps.showDepth(news.depth);
+    if (news.residual) this.maps.showResidual(news.residual);
     if (news.image) this.maps.showImage(news.image);
     if (news.learned) this.showLearned(news.learned);
     this.charts.add(news.trace);

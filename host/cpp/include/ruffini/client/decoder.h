@@ -28,10 +28,12 @@ enum class Type : uint8_t {
   kReply = 12,
   kLearned = 13,
   kTime = 14,
+  kResidual = 16,
 };
 
 // std::monostate: a type that this library does not read, or a payload that is not what ruffini.proto says.
-using Message = std::variant<std::monostate, Hello, Status, Wrench, Field, Depth, Contacts, Event, Reply, Time>;
+using Message =
+    std::variant<std::monostate, Hello, Status, Wrench, Field, Depth, Contacts, Event, Reply, Time, Residual>;
 
 struct Packet {
   Type type{};

@@ -83,6 +83,18 @@ struct Depth {
   [[nodiscard]] double depth_m(size_t cell) const;  // NaN unless VALID
 };
 
+// What the forces leave unexplained of the displacement at each node: about 1 where pad and noise are as the calibration
+// takes them, whatever presses. Sent to who subscribes to it.
+struct Residual {
+  Stamp stamp;
+  Validity validity = Validity::kNotMeasured;
+  double step = 0.0;  // standard deviations
+  Grid residual;      // along x, y, z, steps of `step`; empty: not measured
+
+  // Of one node, standard deviations; NaN unless VALID. Precondition: node < residual.n_nodes().
+  [[nodiscard]] std::array<double, 3> sigmas(size_t node) const;
+};
+
 enum class SlipState : uint8_t { kNotMeasured = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
 
 struct Contact {
