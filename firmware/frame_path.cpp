@@ -145,6 +145,7 @@ void FramePath::follow_light() {
   const int daylight_q12 = has_targets() ? LightTracker::kTiltedQ12 : LightTracker::kDaylightQ12;
   const LightLevel usual = is_balanced ? light_.level() : LightLevel{};
   if (light_.is_lit_from_outside(daylight_q12, usual)) state_.flags |= kFlagLight;
+  if (photometric_ && !photometric_->is_of_depth() && light_.is_lit_from_one_side()) state_.flags |= kFlagLight;
   state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;
 }
 

@@ -16,6 +16,7 @@ constexpr int kLevelQ12 = 61;  // 1.5 %: three times what a sample of a usual ca
 constexpr int kNearQ12 = 328;  // 8 %: more than the slopes of half an image, less than a contact's
 constexpr int kRounds = 3;
 constexpr int32_t kMaxLevelQ16 = 65'536 / 4;
+constexpr ptrdiff_t kMinOfSide = 4;      // of its samples
 constexpr int kMaxStepQ12 = 32;          // 1/128
 constexpr int kStepShift = 8 - 4;        // Q12 to Q20, a sixteenth
 constexpr int kStillFrames = 16;         // a quarter of a second at 60 Hz
@@ -56,6 +57,7 @@ LightTracker::LightTracker(int width_px, int height_px)
   sample_at_.resize(static_cast<size_t>(n_x * n_y));
   for (std::vector<int16_t>& channel : sample_) channel.resize(sample_at_.size());
   sorted_.resize(sample_at_.size());
+  side_.resize(sample_at_.size());
 }
 
 void LightTracker::learn(std::span<const uint16_t> rest) {
@@ -65,7 +67,11 @@ void LightTracker::learn(std::span<const uint16_t> rest) {
   };
   for (int y = kFirst; y + 1 < height_px_; y += kStepY) {
     for (int x = kFirst; x + kSamplePx <= width_px_; x += kStepX) {
-      if (is_usable(row(x, y)) && is_usable(row(x, y + 1))) sample_at_[n_samples_++] = y * width_px_ + x;
+      if (!is_usable(row(x, y)) || !is_usable(row(x, y + 1))) continue;
+      const int across = 3 * x < width_px_ ? kLeft : 3 * x >= 2 * width_px_ ? kRight : 0;
+      const int down = 3 * y < height_px_ ? kTop : 3 * y >= 2 * height_px_ ? kBottom : 0;
+      side_[n_samples_] = static_cast<uint8_t>(across + down);
+      sample_at_[n_samples_++] = y * width_px_ + x;
     }
   }
   n_still_ = 0;
@@ -148,6 +154,34 @@ bool LightTracker::is_lit_from_outside(int more_q12, const LightLevel& level) co
   }
   return n_samples_ > 0 && 8 * n_brighter >= n_samples_;
 }
+
+std::optional<int> LightTracker::median_of(size_t channel, Side side) {
+  auto end = sorted_.begin();
+  for (size_t i = 0; i < n_samples_; ++i) {
+    if ((side_[i] & side) != 0) *end++ = sample_[channel][i];
+  }
+  const ptrdiff_t n = end - sorted_.begin();
+  if (n < kMinOfSide) return {};
+  std::nth_element(sorted_.begin(), sorted_.begin() + n / 2, end);
+  return sorted_[static_cast<size_t>(n / 2)];
+}
+
+bool LightTracker::is_brighter(Side one, Side other) {
+  int least = 0;
+  int most = 0;
+  for (size_t c = 0; c < 3; ++c) {
+    const auto here = median_of(c, one);
+    const auto there = median_of(c, other);
+    if (!here || !there) return false;
+    const int more = *here - *there;
+    if (std::abs(more) <= kSideQ12) return false;
+    least = std::min(least, more);
+    most = std::max(most, more);
+  }
+  return least == 0 || most == 0;
+}
+
+bool LightTracker::is_lit_from_one_side() { return is_brighter(kLeft, kRight) || is_brighter(kTop, kBottom); }
 
 void LightTracker::follow(const std::array<Level, 3>& level, Rest& rest) {
   bool has_moved = false;

@@ -159,12 +159,15 @@ def test_drifting_light_is_followed_while_nothing_touches() -> None:
         for t in range(180):
             light = 1 + np.array([0.0004, -0.0003, 0.0002]) * min(t, 100) + (0.08 if 60 <= t < 64 else 0)
             touch = dent(board, 8) if 70 <= t < 80 else np.zeros(rest[0].shape)
-            moved = render(board, rng, 0.6 if touch.any() else 0.0) * light * (1 + touch)
+            daylight = 0.06 * (90 <= t < 94) * np.linspace(0, 1, rest.shape[1])[:, None, None]
+            moved = render(board, rng, 0.6 if touch.any() else 0.0) * (light + daylight) * (1 + touch)
             frame = np.clip(np.round(moved), 0, 255).astype(np.uint8)
             result, expected = core.process(frame), mirror.process(frame, 1)
             assert np.array_equal(core.raw("change"), expected.change), t
-            assert bool(result.flags & LIGHT) == (mirror.light.is_off or mirror.light.is_lit_from_outside), t
+            is_lit = mirror.light.is_lit_from_outside or mirror.light.is_lit_from_one_side
+            assert bool(result.flags & LIGHT) == (mirror.light.is_off or is_lit), t
             assert np.array_equal(core.raw("mask"), expected.mask), t
+            assert mirror.light.is_lit_from_one_side == (90 <= t < 94), t
             n_unsteady += not mirror.is_light_steady
             n_off += mirror.light.is_off
             gains.append(mirror.light.gain.copy())
@@ -200,7 +203,8 @@ def test_a_balanced_table_takes_the_light_of_every_frame_off() -> None:
             frame = np.clip(np.round(render(board, rng, 0.4) * light * (1 + touch)), 0, 255).astype(np.uint8)
             result, expected = core.process(frame), mirror.process(frame, 1)
             assert np.array_equal(core.raw("slope"), expected.slope), t
-            is_said = mirror.light.is_lit_from_outside or not mirror.light.level_is_sure
+            is_said = mirror.light.is_lit_from_outside or mirror.light.is_lit_from_one_side
+            is_said |= not mirror.light.level_is_sure
             assert bool(result.flags & LIGHT) == is_said, t
             n_unsure += not mirror.light.level_is_sure
     assert 2 <= n_unsure < 6, n_unsure  # the last two frames are brighter than any camera's balance

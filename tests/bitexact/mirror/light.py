@@ -84,7 +84,8 @@ class Light:
         self.gain = np.full(3, UNIT_GAIN)
         self._is_balanced = is_balanced
         self._n_still = 0
-        self.is_off = self.is_lit_from_outside = False
+        self._at = np.array(self._samples).reshape(-1, 2) * 3 // [height, width]  # thirds, by rows and columns
+        self.is_off = self.is_lit_from_outside = self.is_lit_from_one_side = False
         self.level = np.zeros(3, np.int64)
         self.level_is_sure = False
         self._set()
@@ -96,6 +97,14 @@ class Light:
         lit = image - self._unlit
         self.rest8 = np.minimum(8 * self._unlit + round_shift(8 * lit * self.gain, 20), 32767)
         self.reciprocal = np.minimum(round_shift(unit * inverse_q14, 14), 32767)
+
+    @staticmethod
+    def _is_tilted(sample: I64, third: I64) -> bool:
+        first, last = sample[third == 0], sample[third == 2]
+        if min(len(first), len(last)) < 4:
+            return False
+        more = np.sort(first, axis=0)[len(first) // 2] - np.sort(last, axis=0)[len(last) // 2]
+        return bool((more > 82).all() or (more < -82).all())
 
     def follow(self, change: I64, markers: I64) -> None:
         """One frame's change (h, w, 3) Q12 and its markers."""
@@ -111,6 +120,7 @@ class Light:
         seen = markers[markers[:, LOST] == 0]
         usual = self.level if self._is_balanced else 0
         self.is_lit_from_outside = bool(8 * int(((16 * sample - usual).min(axis=1) > 16 * 102).sum()) >= n)
+        self.is_lit_from_one_side = any(self._is_tilted(sample, third) for third in self._at.T)
         is_still = 8 * n_level >= 7 * n and bool((np.abs(seen[:, [DX, DY]]) <= 16384).all())
         self.is_off = (is_still and np.abs(median).max() > 164) or (2 * n_level >= n and abs(median.sum()) > 738)
         self._n_still = min(self._n_still + 1, 16) if is_still else 0

@@ -105,6 +105,33 @@ TEST(LightTracker, DaylightFromOneSideIsToldFromASlope) {
   EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, {}));
 }
 
+// The upper half brighter by so much of rest than the lower one, per channel; a contact in the middle is another 20 %.
+bool is_one_sided(Pad& pad, std::array<int, 3> more_q12) {
+  std::vector<RelativeChange> change(3 * kPixels);
+  for (size_t i = 0; i < change.size(); ++i) {
+    const size_t y = i % kPixels / kWidth;
+    const size_t x = i % kWidth;
+    const bool is_touched = y > 12 && y < 36 && x > 10 && x < 50;
+    change[i] = RelativeChange::from_raw(
+        static_cast<int16_t>((y < kHeight / 2 ? more_q12[i / kPixels] : 0) + (is_touched ? 819 : 0)));
+  }
+  pad.light.run(change, {}, pad.rest);
+  return pad.light.is_lit_from_one_side();
+}
+
+TEST(LightTracker, WeakDaylightFromOneSideIsToldUnderAContactToo) {
+  Pad pad;
+  EXPECT_FALSE(is_one_sided(pad, {0, 0, 0}));
+  EXPECT_FALSE(is_one_sided(pad, {82, 120, 120})) << "2 %";
+  EXPECT_TRUE(is_one_sided(pad, {83, 120, 120}));
+  EXPECT_TRUE(is_one_sided(pad, {-83, -120, -120})) << "from the other side";
+  EXPECT_FALSE(is_one_sided(pad, {200, -200, 200})) << "a slope takes from one lamp what it gives to another";
+  EXPECT_FALSE(is_one_sided(pad, {200, 200, 0}));
+  pad.rest.load(std::vector<uint16_t>(3 * kPixels, 16 * 20));  // too dark to tell
+  pad.light.learn(pad.rest.image());
+  EXPECT_FALSE(is_one_sided(pad, {200, 200, 200}));
+}
+
 TEST(LightTracker, StopsAtAQuarterAndGoesOnSayingSo) {
   Pad pad;
   for (int i = 0; i < 1'200; ++i) pad.show({4096 * 3 / 2, 4096 * 3 / 2, 4096 * 3 / 2});
