@@ -12,7 +12,9 @@ constexpr int kJitterPx = 9;
 constexpr int kBandRows = 16;
 constexpr int kValues = 6;          // of a sample
 constexpr int64_t kJumpLevels = 8;  // of each value
-constexpr int kLampRows = 8;        // each eighth row tells the lamps
+constexpr int kColumnRows = 40;     // about so many, without a period
+constexpr size_t kMaxColumnRows = UINT16_MAX / 255;
+constexpr int kLampRows = 8;  // each eighth row tells the lamps
 // Mean of |difference| of two pixels, B + G + R, at a noise of 12 grey levels each.
 constexpr int64_t kNoiseOfSample = 24;
 constexpr int64_t kBlack = 2;  // mean grey levels that can repeat without a fault, below and above
@@ -23,14 +25,20 @@ constexpr int64_t kMinLampLevel = 16;  // of rest: below that a lamp cannot be t
 
 FrameWatch::FrameWatch(int width_px, int height_px)
     : width_px_(width_px),
+      column_sum_(size_t{3} * static_cast<size_t>(width_px)),
+      column_rest_(static_cast<size_t>(width_px)),
       rest_(static_cast<size_t>(height_px)),
       now_(static_cast<size_t>(height_px)),
       before_(static_cast<size_t>(height_px)) {
   uint32_t lot = 1;
-  for (int x = 2; x + 1 < width_px; x += kNearestPx + static_cast<int>(lot >> 16) % kJitterPx) {
-    at_.push_back(x);
+  const auto draw = [&](int n) {
+    const int drawn = static_cast<int>(lot >> 16) % n;
     lot = lot * 1'103'515'245 + 12'345;
-  }
+    return drawn;
+  };
+  for (int x = 2; x + 1 < width_px; x += kNearestPx + draw(kJitterPx)) at_.push_back(x);
+  const int step = std::max(height_px / kColumnRows, 2);
+  for (int y = 1; y < height_px && rows_.size() < kMaxColumnRows; y += 1 + draw(2 * step - 1)) rows_.push_back(y);
 }
 
 void FrameWatch::learn(std::span<const uint16_t> rest) {
@@ -53,6 +61,14 @@ void FrameWatch::learn(std::span<const uint16_t> rest) {
     most_rough_ = std::max(most_rough_, band);
   }
   for (int64_t& sum : rest_channel_) sum /= 16;
+  std::fill(column_rest_.begin(), column_rest_.end(), 0);
+  for (const int y : rows_) {
+    for (size_t x = 0; x < column_rest_.size(); ++x) {
+      const uint16_t* pixel = &rest[3 * (static_cast<size_t>(y) * column_rest_.size() + x)];
+      column_rest_[x] += pixel[0] + pixel[1] + pixel[2];
+    }
+  }
+  for (int32_t& sum : column_rest_) sum /= 16;
   std::fill(before_.begin(), before_.end(), Row{});
 }
 
@@ -73,10 +89,13 @@ FrameWatch::Verdict FrameWatch::run(const FrameView& frame) {
       for (ptrdiff_t c = 0; c < 3; ++c) channel[static_cast<size_t>(c)] += pixels[ptrdiff_t{3} * at_[i] + c];
     }
   }
+  add_columns(frame);
   const int64_t n_pixels = std::ssize(at_) * ((frame.height + kLampRows - 1) / kLampRows);
   const int64_t all = channel[0] + channel[1] + channel[2];
   const bool shows_something = all > 3 * kBlack * n_pixels && all < 3 * kWhite * n_pixels;
-  Verdict verdict{.is_repeated = shows_something && now_ == before_, .is_broken = is_broken(), .is_lamp_off = false};
+  Verdict verdict{.is_repeated = shows_something && now_ == before_,
+                  .is_broken = is_broken() || has_broken_column(),
+                  .is_lamp_off = false};
   for (size_t c = 0; c < 3; ++c) {
     const bool has_lamp = rest_channel_[c] > kMinLampLevel * n_pixels;
     const bool is_off = 2 * channel[c] < rest_channel_[c] || channel[c] > 2 * rest_channel_[c];
@@ -84,6 +103,29 @@ FrameWatch::Verdict FrameWatch::run(const FrameView& frame) {
   }
   now_.swap(before_);
   return verdict;
+}
+
+void FrameWatch::add_columns(const FrameView& frame) {
+  std::fill(column_sum_.begin(), column_sum_.end(), uint16_t{0});
+  for (const int y : rows_) {
+    const uint8_t* pixels = frame.row(y);
+    for (size_t i = 0; i < column_sum_.size(); ++i) {
+      column_sum_[i] = static_cast<uint16_t>(column_sum_[i] + pixels[i]);
+    }
+  }
+}
+
+bool FrameWatch::has_broken_column() const {
+  const int64_t n = 3 * std::ssize(rows_);
+  int64_t before = 0;
+  for (size_t x = 0; x < column_rest_.size(); ++x) {
+    const int64_t now = int64_t{column_sum_[3 * x]} + column_sum_[3 * x + 1] + column_sum_[3 * x + 2];
+    const int64_t change = now - column_rest_[x];
+    const int64_t usual = x == 0 ? 0 : (column_rest_[x] + column_rest_[x - 1]) / 2;
+    if (x > 0 && std::abs(change - before) > usual / 2 + kJumpLevels * n) return true;
+    before = change;
+  }
+  return false;
 }
 
 bool FrameWatch::is_broken() const {

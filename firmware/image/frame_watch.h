@@ -6,6 +6,8 @@
 //   broken:   a row whose difference from rest is off the row's before it by more than a quarter of rest and 8 grey
 //             levels (a row or half a frame is missing), or 16 rows in a row rougher than any of rest, twice, and what a
 //             noise of 12 grey levels makes (a burst)
+//             or a column of some 40 rows that is off the one before it by more than half of rest and 8 grey levels (a
+//             column or a side is missing; presses on the twin: 0.47 of that)
 //   lamp off: a channel's mean is below half or above twice that of rest
 //
 // Two frames of a camera with noise never agree in every row; a recording's may, and so are not watched. The samples
@@ -46,9 +48,14 @@ class FrameWatch {
     friend bool operator==(const Row&, const Row&) = default;
   };
   [[nodiscard]] bool is_broken() const;
+  void add_columns(const FrameView& frame);
+  [[nodiscard]] bool has_broken_column() const;
 
   int width_px_;
-  std::vector<int32_t> at_;  // first pixel of each sample of a row
+  std::vector<int32_t> at_;           // first pixel of each sample of a row
+  std::vector<int> rows_;             // whose pixels make columns
+  std::vector<uint16_t> column_sum_;  // of now, per channel
+  std::vector<int32_t> column_rest_;  // B + G + R
   std::vector<Row> rest_;
   std::vector<Row> now_;
   std::vector<Row> before_;

@@ -75,6 +75,22 @@ TEST_F(FrameWatchTest, AMissingRowAnywhereIsSeen) {
   }
 }
 
+TEST_F(FrameWatchTest, AMissingColumnAnywhereIsSeenAndAMissingSide) {
+  const size_t width = static_cast<size_t>(width_);
+  for (size_t x = 0; x < width; ++x) {
+    for (const uint8_t level : {uint8_t{0}, uint8_t{255}}) {
+      for (const size_t end : {x + 1, width}) {
+        if (end == width && (x == 0 || level != 0)) continue;
+        Pixels pixels = picture(7);
+        for (size_t i = 0; i < pixels.size(); ++i) {
+          if (i / 3 % width >= x && i / 3 % width < end) pixels[i] = level;
+        }
+        EXPECT_TRUE(see(pixels).is_broken) << x << " " << int{level} << " " << end;
+      }
+    }
+  }
+}
+
 TEST_F(FrameWatchTest, AMissingPartOfThePictureIsSeen) {
   for (int y = 1; y < height_; ++y) {
     Pixels pixels = picture(4);
