@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "frame_path.h"
+#include "image/marker_hole.h"
 
 namespace ruffini {
 namespace {
@@ -53,7 +54,10 @@ bool FramePath::is_blind(size_t view) const {
 // A view of several that has lost too many, or that never saw them, counts as blind; the others see.
 bool FramePath::are_markers_lost() {
   if (!board_.markers.has_views) {
-    const int count = board_.markers.lattice.count(), n_missing = count - n_markers_at_rest_;
+    const GridSize size = board_.markers.lattice;
+    const int count = size.count(), n_missing = count - n_markers_at_rest_;
+    const bool is_lattice = !flow_ && !board_.markers.is_scattered;
+    if (is_lattice && has_hole(markers(), size, board_.camera.width_px, board_.camera.height_px)) return true;
     return state_.markers.n_lost > board_.markers.max_lost || 100 * n_missing > (100 - kMinMarkersPercent) * count;
   }
   size_t n_blind = 0;
