@@ -46,6 +46,14 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         {"README.md": README + "```sh\nmake coffee\n```\n", "Makefile": "run:\ntest:\n"},
         "make coffee",
     ),
+    (
+        tree_gates.seeded_bugs,
+        {
+            "tests/mutants/seeded_bugs.toml": "[[bug]]\nname = 'b'\nfile = 'firmware/a.cpp'\nfind = 'x;'\n",
+            "firmware/a.cpp": "x; x;",
+        },
+        "2 times in firmware/a.cpp",
+    ),
     (tree_gates.readme_commands, {"README.md": "```sh\nmake test\n```\n", "Makefile": "test:\n"}, "first"),
 ]
 GATES: list[Gate] = list(dict.fromkeys(gate for gate, _, _ in PLANTED))

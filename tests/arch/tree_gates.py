@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import subprocess
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -271,3 +272,14 @@ def readme_commands(root: Path) -> list[str]:
         if verb not in verbs:
             found.append(f"README.md: `make {verb}` is not in the Makefile")
     return found
+
+
+def seeded_bugs(root: Path) -> list[str]:
+    """Each bug of `make mutants` still has its place in the source, or it would be planted by nobody."""
+    plan = root / "tests/mutants/seeded_bugs.toml"
+    bugs = tomllib.loads(plan.read_text())["bug"] if plan.is_file() else []
+    return [
+        f"{plan.relative_to(root)}, {bug['name']!r}: its text is {n} times in {bug['file']}"
+        for bug in bugs
+        if (n := _text(root / bug["file"]).count(bug["find"])) != 1
+    ]
