@@ -156,11 +156,13 @@ class SlowCamera : public Camera {
       : scene_(scene), exchange_(exchange), n_frames_(n_frames) {}
   CaptureStatus capture(FramePool::Buffer& buffer) override {
     if (n_ == n_frames_) return CaptureStatus::kEnd;
-    while (exchange_.frames_processed < n_) std::this_thread::yield();
+    // One that was not used, because the machine stood still for a second, is not waited for.
+    while (exchange_.frames_processed + exchange_.frames_repeated < n_) std::this_thread::yield();
     std::this_thread::sleep_for(std::chrono::microseconds(20));
     const bool is_rest = n_ < static_cast<uint64_t>(scene_.board.n_rest_frames) || n_ / 4 % 2 == 0;
     buffer.pixels = is_rest ? scene_.rest : scene_.pressed;
     buffer.number = n_++;
+    buffer.capture_us = clock_.now_us();
     return CaptureStatus::kFrame;
   }
   [[nodiscard]] bool is_simulated() const override { return true; }
@@ -169,6 +171,7 @@ class SlowCamera : public Camera {
  private:
   const test::Scene& scene_;
   const Exchange& exchange_;
+  const SystemClock clock_;
   uint64_t n_frames_;
   uint64_t n_ = 0;
 };
