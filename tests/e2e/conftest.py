@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
-from tiny_sensor import Sensor, Twin, make_calibration, write_board, write_recording
-
-from ruffini.boards import find_board
-from ruffini.calibrate import container
-from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
-from ruffini.calibrate.pad_view import Pinhole
-from ruffini.calibrate.photometric import Choice, collect_samples, fit_model, tabulate
-from ruffini.calibrate.presses import load_presses
-from ruffini.sim.pad import PadModel, surface_compliance
-from ruffini.sim.recording import record_balls
-from ruffini.sim.scenario import Scenario
-from ruffini.sim.settings import load_twin
-from ruffini.sim.unit import TwinUnit
+from tiny_sensor import Sensor, make_sensor
+from tiny_twin import Twin, make_twin
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
-
-N_UNTOUCHED = 120
 
 
 @pytest.fixture(scope="module")
@@ -50,39 +35,9 @@ def page(chrome: Browser) -> Iterator[Page]:
 
 @pytest.fixture(scope="session")
 def sensor(tmp_path_factory: pytest.TempPathFactory) -> Sensor:
-    root = tmp_path_factory.mktemp("sensor")
-    folder = write_board(root / "tiny", {})
-    board = find_board(folder)
-    return Sensor(board, folder, write_recording(board, root / "recording"), make_calibration(board).data)
+    return make_sensor(tmp_path_factory.mktemp("sensor"))
 
 
 @pytest.fixture(scope="session")
 def twin(sensor: Sensor, tmp_path_factory: pytest.TempPathFactory) -> Twin:
-    root = tmp_path_factory.mktemp("twin")
-    # A node is four times as large as on the board that the threshold is of, so it feels four times the force.
-    # A slow camera: simulated time passes in fewer frames.
-    changes = {"threshold_un = 3000": "threshold_un = 12000", "rate_mhz = 60000": "rate_mhz = 20000"}
-    folder = write_board(root / "tiny", changes)
-    shutil.copy(find_board("gelslim").folder / "twin.toml", folder)
-    board = find_board(folder)
-    pad, camera = board.pad, board.camera
-    model = PadModel(
-        pad.size_x_um * 1e-6, pad.size_y_um * 1e-6, pad.thickness_um * 1e-6, pad.modulus_pa,
-        pad.poisson_1e4 * 1e-4, n_cells_x=16, n_cells_y=13, layers=(0.2, 0.3, 0.5),
-    )  # fmt: skip
-    unit = TwinUnit(board, load_twin(board), model, surface_compliance(model))
-    record_balls(unit, 16, root / "balls", ball_mm=9.0, seed=1)
-    pinhole = Pinhole(
-        camera.focal_mpx / 1e3, camera.center_x_mpx / 1e3, camera.center_y_mpx / 1e3, camera.standoff_um / 1e3
-    )
-    colours = fit_model(collect_samples(load_presses(root / "balls"), pinhole), Choice(unmix_order=2, stiffness=1e-5))
-    file = container.unpack(sensor.calibration)  # the same pad: its operator fits
-    file = container.pack({**file.tensors, **tabulate(colours)}, file.metadata)
-    noise = fit_contact_noise(linear_pressure(board, file, untouched(unit)), board.pipeline.n_rest_frames)
-    return Twin(unit, container.pack({**file.tensors, **noise.tensors()}, file.metadata).data)
-
-
-def untouched(unit: TwinUnit) -> Iterator[np.ndarray]:
-    """Frames of a twin that nothing touches."""
-    renderer, scenario, rest = unit.renderer(), Scenario(seed=1), unit.at_rest()
-    return (scenario.picture(renderer, i, rest, rest, None) for i in range(N_UNTOUCHED))
+    return make_twin(sensor, tmp_path_factory.mktemp("twin"))

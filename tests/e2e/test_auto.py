@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tiny_sensor import Twin
+from tiny_twin import Twin
 
 from ruffini.calibrate import container, gates
 from ruffini.calibrate.container import CalibrationFile

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_sensor import Twin
+from tiny_twin import Twin
 
 from ruffini import host_clock
 from ruffini.cli import main

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tiny_sensor import ROOT, Twin
+from tiny_sensor import ROOT
+from tiny_twin import Twin
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate.feature_log import read_feature_runs

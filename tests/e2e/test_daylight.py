@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_sensor import Twin, write_board
+from tiny_sensor import write_board
+from tiny_twin import Twin
 
 from ruffini.boards import Board, find_board
 from ruffini.demo.daemon import running_daemon

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from test_bad_input import run_host
 from test_live_twin import Still, flags
-from tiny_sensor import Twin
+from tiny_twin import Twin
 
 from ruffini.bench import health as bench
 from ruffini.demo.daemon import find_daemon

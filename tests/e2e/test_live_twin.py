@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_bad_input import run_host
-from tiny_sensor import Twin
+from tiny_twin import Twin
 
 from ruffini.boards import find_board
 from ruffini.demo.daemon import find_daemon, running_daemon

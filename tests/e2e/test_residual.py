@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 from browser import colours_in, sensor_of, state_of, viewer, wait_for
 from playwright.sync_api import Page
-from tiny_sensor import Twin
+from tiny_twin import Twin
 
 import ruffini
 from ruffini.core import Pipeline

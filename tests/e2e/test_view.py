@@ -17,7 +17,7 @@ from broken_line import BrokenLine
 from browser import colours_in, sensor_of, state_of, viewer, wait_for
 from playwright.sync_api import Page
 from test_bad_input import run_host
-from tiny_sensor import Twin
+from tiny_twin import Twin
 
 from ruffini.demo.daemon import running_daemon
 from ruffini.device import Connection

@@ -9,7 +9,7 @@ from browser import sensor_of, viewer, wait_for
 from nacl.signing import SigningKey
 from playwright.sync_api import Page
 from test_live_twin import Still
-from tiny_sensor import Twin
+from tiny_twin import Twin
 
 from ruffini.demo.daemon import running_daemon
 from ruffini.device import Connection

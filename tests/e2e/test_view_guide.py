@@ -15,7 +15,7 @@ import pytest
 from browser import colours_in, sensor_of, wait_for
 from playwright.sync_api import Page
 from test_bench_file import GRAMS_A_NEWTON, LIMITS, TEXT, Desk
-from tiny_sensor import Twin
+from tiny_twin import Twin
 
 from ruffini.rig.emulated_person import EmulatedPerson
 from ruffini.rig.emulated_references import EmulatedTextCell

@@ -9,7 +9,7 @@ import pytest
 from browser import sensor_of, state_of, wait_for
 from playwright.sync_api import Page
 from serial_bridge import FAKE_SERIAL, SerialBridge, serial_bridge
-from tiny_sensor import Twin
+from tiny_twin import Twin
 
 from ruffini.demo.daemon import running_daemon
 from ruffini.device import Connection

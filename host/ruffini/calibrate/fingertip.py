@@ -24,7 +24,6 @@ from ruffini.calibrate.tip_field import field_of, pressed
 from ruffini.calibrate.tip_presses import AREA, FORCE, PITCH, ROLL, WAY, Press, X, Y, axes, read_presses
 from ruffini.calibrate.tip_turns import Samples, turned
 from ruffini.errors import InputError
-from ruffini.train import need_torch
 from ruffini.train.tip_net import TipNetwork, train
 
 Array = npt.NDArray[np.float64]
@@ -229,7 +228,6 @@ def fit_fingertip(board: Board, presses_at: Path, baseline_mm: float, progress: 
     InputError
         There are too few presses, a file is not as it should be, or PyTorch is not installed.
     """
-    need_torch("fitting a fingertip")
     eyes = Eyes.of(board, baseline_mm)
     presses = read_presses(board, presses_at, only, lambda done: progress(0.3 * done))
     scale = Scale.of(board)

@@ -1,7 +1,7 @@
 // The real calibration store on the real kernel, with one thing going wrong at a time:
 //
 //   errno    each call fails with each error, once and from then on, or moves one byte only
-//   kill     the process dies before and after each call
+//   kill     the process dies before and after each call, and the one that is started after it at each of its own
 //   cut      a real ext4 on a loop device is shut down before and after each call, with and without its log
 //
 // RUFFINI_SOAK=1 (`make soak`) cuts at every call of every scenario, else at each sixth.
@@ -54,11 +54,13 @@ struct Progress {
   bool has_read_wrong = false;
 };
 
+using Work = void (*)(const std::string& folder, Progress& progress);
+
 struct Scenario {
   const char* name;
   std::vector<uint8_t> before;  // seeds of the tables in force one after the other
   bool has_leftovers;
-  void (*work)(const std::string& folder, Progress& progress);
+  Work work;
   Bytes new_one;  // that a confirm or an undo puts in force
 };
 
@@ -89,6 +91,14 @@ void read_both(const std::string& folder, Progress& progress) {
   const auto now = store.value().load();
   const auto before = store.value().load_previous();
   progress.has_read_wrong = (now && now.value() != table(4)) || (before && before.value() != table(3));
+}
+
+// What a device does at its start, after whatever happened.
+void start(const std::string& folder, Progress& /*progress*/) {
+  const auto store = SlotStore::open(folder);
+  if (!store) return;
+  (void)store.value().load();
+  (void)store.value().load_previous();
 }
 
 const std::vector<Scenario>& scenarios() {
@@ -140,12 +150,12 @@ int count_calls(const std::string& folder, const Scenario& scenario) {
 }
 
 // The work in a process that ends at the strike; whether it did.
-bool dies(const std::string& folder, const Scenario& scenario, const Strike& strike, Progress& progress) {
+bool dies(const std::string& folder, Work work, const Strike& strike, Progress& progress) {
   progress = {};
   const pid_t child = ::fork();
   if (child == 0) {
     test::arm(strike);
-    scenario.work(folder, progress);
+    work(folder, progress);
     ::_exit(0);
   }
   int status = 0;
@@ -153,6 +163,7 @@ bool dies(const std::string& folder, const Scenario& scenario, const Strike& str
   return WIFEXITED(status) && WEXITSTATUS(status) == 137;
 }
 
+// Of one page for each call, never given back.
 Progress& shared_progress() {
   void* page = ::mmap(nullptr, sizeof(Progress), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   return *new (page) Progress;
@@ -166,6 +177,7 @@ class StoreFaults : public testing::Test {
  protected:
   StoreFaults() { fs::remove_all(folder_); }
   ~StoreFaults() override { fs::remove_all(folder_); }
+  int die_at_each_call_of_a_start(const Scenario& scenario, const Progress& first);
   const std::string folder_ = testing::TempDir() + "store_faults_test" + std::to_string(::getpid());
 };
 
@@ -268,8 +280,28 @@ TEST_F(StoreFaults, WhatIsPlantedUnderTheStoresNamesIsNeverFollowedNorWaitedFor)
   EXPECT_GE(n_plants, 12);
 }
 
+// From what a first death left, each time. How many starts died.
+int StoreFaults::die_at_each_call_of_a_start(const Scenario& scenario, const Progress& first) {
+  Progress& second = shared_progress();
+  const std::string left = folder_ + "_left";
+  fs::remove_all(left);
+  fs::copy(folder_, left);
+  int n = 0;
+  for (bool is_dead = true; is_dead; ++n) {
+    fs::remove_all(folder_);
+    fs::copy(left, folder_);
+    const Strike strike{.at = n + 1, .stop = [] { ::_exit(137); }, .has_no_sync = true};
+    is_dead = dies(folder_, start, strike, second);
+    EXPECT_EQ(wrong(folder_, scenario, first), "") << scenario.name << ", then call " << n + 1 << " of the start";
+  }
+  fs::remove_all(folder_);
+  fs::rename(left, folder_);
+  return n - 1;
+}
+
 TEST_F(StoreFaults, AProcessThatDiesAtAnyCallLeavesTheOldFileOrTheNewOne) {
   int n_kills = 0;
+  int n_again = 0;
   Progress& progress = shared_progress();
   for (const Scenario& scenario : scenarios()) {
     const int n_calls = count_calls(folder_, scenario);
@@ -277,14 +309,16 @@ TEST_F(StoreFaults, AProcessThatDiesAtAnyCallLeavesTheOldFileOrTheNewOne) {
       for (const bool is_after : {false, true}) {
         prepare(folder_, scenario);
         const Strike strike{.at = at, .is_after = is_after, .stop = [] { ::_exit(137); }, .has_no_sync = true};
-        ASSERT_TRUE(dies(folder_, scenario, strike, progress)) << scenario.name << ", call " << at;
-        ASSERT_EQ(wrong(folder_, scenario, progress), "") << scenario.name << ", call " << at;
+        ASSERT_TRUE(dies(folder_, scenario.work, strike, progress)) << scenario.name << ", call " << at;
         ++n_kills;
+        n_again += die_at_each_call_of_a_start(scenario, progress);
+        ASSERT_EQ(wrong(folder_, scenario, progress), "") << scenario.name << ", call " << at;
       }
     }
   }
-  std::printf("%d kills: before and after each call\n", n_kills);
+  std::printf("%d kills: before and after each call; %d of the start after it\n", n_kills, n_again);
   EXPECT_GE(n_kills, 160) << "fewer calls than there were";
+  EXPECT_GE(n_again, 1'000) << "a start makes fewer calls than it did";
 }
 
 // A file system of 4 MiB in a file. The loop device is a new one at each mount: what the old one had in its cache is gone.
@@ -365,7 +399,7 @@ TEST_F(StoreFaults, APowerCutOfARealFileSystemLeavesTheOldFileOrTheNewOne) {
                             medium.shut_down(with_log);
                             ::_exit(137);
                           }};
-      ASSERT_TRUE(dies(medium.store(), scenario, strike, progress)) << scenario.name << ", cut " << at;
+      ASSERT_TRUE(dies(medium.store(), scenario.work, strike, progress)) << scenario.name << ", cut " << at;
       medium.unmount();
       ASSERT_TRUE(medium.mount()) << "the file system does not come back";
       ASSERT_EQ(wrong(medium.store(), scenario, progress), "")
