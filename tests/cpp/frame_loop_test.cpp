@@ -157,7 +157,9 @@ class SlowCamera : public Camera {
   CaptureStatus capture(FramePool::Buffer& buffer) override {
     if (n_ == n_frames_) return CaptureStatus::kEnd;
     // One that was not used, because the machine stood still for a second, is not waited for.
-    while (exchange_.frames_processed + exchange_.frames_repeated < n_) std::this_thread::yield();
+    do {
+      std::this_thread::sleep_for(std::chrono::microseconds(20));
+    } while (exchange_.frames_processed + exchange_.frames_repeated < n_);
     std::this_thread::sleep_for(std::chrono::microseconds(20));
     const bool is_rest = n_ < static_cast<uint64_t>(scene_.board.n_rest_frames) || n_ / 4 % 2 == 0;
     buffer.pixels = is_rest ? scene_.rest : scene_.pressed;
