@@ -205,6 +205,18 @@ TEST_F(SlotStoreTest, AnUndoWhoseFolderIsNotSyncedIsNoneAndCanBeTriedAgain) {
   EXPECT_EQ(store.load_previous().value(), Bytes(20, 2));
 }
 
+// The name that carries the epoch is itself renamed by the second undo.
+TEST_F(SlotStoreTest, TheSecurityEpochOutlivesEveryUndo) {
+  SlotStore store = open();
+  ASSERT_TRUE(install(store, Bytes(10, 1)));
+  ASSERT_TRUE(store.stage(Bytes(20, 2)));
+  ASSERT_TRUE(store.confirm(3));
+  for (int i = 0; i < 4; ++i) {
+    ASSERT_TRUE(store.undo());
+    EXPECT_EQ(store.epoch().value(), 3U) << i;
+  }
+}
+
 TEST_F(SlotStoreTest, ATrialWhoseFolderIsNotSyncedIsNone) {
   SlotStore store = open();
   g_fault = Fault::kFolderSync;
