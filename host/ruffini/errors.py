@@ -2,9 +2,15 @@
 
 
 class RuffiniError(Exception):
-    """Base of all errors that a user of the package may want to catch."""
+    """Base of all errors that a user of the package may want to catch.
+
+    The message is one line that is safe to print, also where it quotes a spoilt file: what does not print is escaped.
+    """
 
     exit_code = 1
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in message))
 
 
 class InputError(RuffiniError, ValueError):

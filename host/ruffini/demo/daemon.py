@@ -52,7 +52,8 @@ def running_daemon(board_folder: Path, camera: str, store: Path, *options: str) 
             line = process.stdout.readline() if ready else ""
             if not line.startswith("link: "):
                 process.kill()
-                raise RuffiniError(process.stderr.read().strip() or "ruffinid did not start")
+                said = process.stderr.read().strip().splitlines()
+                raise RuffiniError("; ".join(said) or "ruffinid did not start")
             yield line.removeprefix("link: ").strip()
         finally:
             process.terminate()
