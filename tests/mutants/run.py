@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -19,7 +20,6 @@ from pathlib import Path
 
 REPO = Path(__file__).parents[2]
 TIMEOUT_S = 300.0
-TARGETS = ("ruffini_device_tests", "ruffini_store_faults_test", "ruffini_tests", "ruffini_simulation", "ruffinid")
 
 
 def copied_tree(folder: Path) -> Path:
@@ -63,6 +63,11 @@ class Tree:
         return done.returncode == 0
 
 
+def targets_of(layer: str) -> list[str]:
+    """What a layer runs: its own program, or the daemon where its tests are in Python."""
+    return re.findall(r"\{build\}/(\w+)", layer) or ["ruffinid"]
+
+
 def verdict(tree: Tree, bug: dict[str, str], layers: dict[str, str]) -> str:
     """Either "killed", or what is wrong."""
     path = tree.root / bug["file"]
@@ -72,7 +77,7 @@ def verdict(tree: Tree, bug: dict[str, str], layers: dict[str, str]) -> str:
     try:
         path.write_text(source.replace(bug["find"], bug["put"]))
         is_compiled = path.suffix in (".cpp", ".h")
-        said = tree.make(*TARGETS) if is_compiled else ""
+        said = tree.make(*targets_of(layers[bug["layer"]])) if is_compiled else ""
         if said:
             return f"DOES NOT COMPILE: {said}"
         return "SURVIVES" if tree.passes(layers[bug["layer"]]) else "killed"
