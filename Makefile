@@ -125,8 +125,9 @@ deb: build  ## Debian packages of device, library and host tool, built in a Debi
 	@.ci/setup vm
 	@.ci/deb $(JOBS)
 
-arm64: build  ## the packages for 64-bit ARM, cross-built, installed beside what they need and started under QEMU (needs root, 6 GB)
+arm64: build  ## packages and wheel for 64-bit ARM, cross-built, installed beside what they need and started under QEMU (needs root, 8 GB)
 	@.ci/setup vm
+	@.ci/setup aarch64
 	@.ci/arm64 $(JOBS)
 
 vm: build  ## a virtual board: the packages under systemd on a real kernel's GPIO, I2C, USB gadget and camera interfaces (needs root, 6 GB)
