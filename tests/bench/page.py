@@ -105,7 +105,7 @@ class Device:
 
 
 @contextlib.contextmanager
-def shown(rate_hz: float, arguments: list[str]) -> Iterator[tuple[Device, Page]]:
+def shown(rate_hz: float, arguments: list[str], query: str = "") -> Iterator[tuple[Device, Page]]:
     """The page on such a device, warm."""
     addresses = list[str]()
     with Device(rate_hz) as device, serving([SharedLine(device.port)], 0, addresses.append), sync_playwright() as p:
@@ -113,7 +113,7 @@ def shown(rate_hz: float, arguments: list[str]) -> Iterator[tuple[Device, Page]]
         page = browser.new_page(viewport={"width": 1200, "height": 900})
         page.set_default_timeout(120_000)
         page.add_init_script(HOOK)
-        page.goto(addresses[0])
+        page.goto(addresses[0] + query)
         while page.evaluate("window.__drawn.length") < WARM:
             page.wait_for_timeout(100)
         yield device, page

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 from browser import colours_in, sensor_of, state_of, viewer, wait_for
 from google.protobuf import descriptor_pb2
@@ -15,6 +16,7 @@ from ruffini.boards import find_board
 from ruffini.wire import Schema
 
 ABSENT = "\u2013"
+LAST = 39  # frame of a sensor that then falls silent
 
 
 def boards() -> list[Any]:
@@ -96,6 +98,45 @@ def test_an_older_schema_is_fetched_and_decoded(page: Page) -> None:
         state = wait_for(page, "a field", lambda s: sensor_of(s)["field"])
     assert sensor_of(state)["maps"]["normal"] == "values"
     assert sensor_of(state)["maps"]["sigma"] == "not measured"
+
+
+def picture_of(page: Page) -> list[int]:
+    """The three dimensions as 24 x 20 squares of a colour, red, green, blue in turn."""
+    found: list[int] = page.eval_on_selector(
+        ".stage canvas",
+        """canvas => {
+          const small = document.createElement("canvas");
+          [small.width, small.height] = [24, 20];
+          const context = small.getContext("2d");
+          context.imageSmoothingQuality = "high";
+          context.drawImage(canvas, 0, 0, 24, 20);
+          return [...context.getImageData(0, 0, 24, 20).data].filter((_, i) => i % 4 !== 3);
+        }""",
+    )
+    return found
+
+
+@pytest.mark.parametrize("name", ["gelslim", "eltac", "stereo-fingertip"])
+def test_without_a_graphics_card_the_same_is_drawn_and_the_last_is_never_left_out(page: Page, name: str) -> None:
+    """Once the sensor falls silent, field, numbers and picture are of its last frame, whoever draws."""
+    board = find_board(name)
+    tube, grid = board.skin, (39, 31) if name == "gelslim" else None
+    teller = told_field(39, 31) if grid else told_skin(tube.radius_um) if tube else told_tip
+    pictures = []
+    for draw in ("webgl", "software"):
+        with ToldSensor([info_of(board, grid=grid)], teller, rate_hz=60) as sensor, viewer(sensor.port) as address:
+            sensor.stop_after = LAST + 1
+            page.goto(f"{address}?draw={draw}")
+            state = wait_for(page, "the last frame", lambda s: sensor_of(s)["wrench"]["frame"] == LAST)
+            page.wait_for_timeout(1000)
+            assert page.locator(".legend").inner_text().endswith("without a graphics card") == (draw == "software")
+            assert page.inner_text(".cell:nth-child(3) output") == f"{sensor_of(state)['wrench']['values'][2]:.3f}".replace("-", "\u2212")
+            assert (sensor_of(state_of(page)).get("field") or {"frame": LAST})["frame"] == LAST
+            pictures.append(picture_of(page))
+    apart = np.abs(np.subtract(*pictures)).reshape(-1, 3).mean(axis=1)
+    print(f"{name}: a square of the two pictures is {apart.mean():.1f} of 255 apart in the mean, {apart.max():.0f} at most")
+    assert np.ptp(pictures[0]) > 100
+    assert apart.mean() < 4
 
 
 def test_1200_nodes_come_as_fast_as_they_are_sent_and_the_newest_is_shown(page: Page) -> None:

@@ -3,6 +3,7 @@
 import type { Guide } from "./guide";
 import { Line } from "./line";
 import type { Answer, Hello, Snapshot } from "./messages";
+import type { Field } from "./results";
 import { save, screenshot } from "./screenshot";
 import { NO_SERIAL, serialOf, SerialSource } from "./serial";
 import { button, make } from "./views/dom";
@@ -27,6 +28,7 @@ interface Strand {
   guide: GuidePanel | undefined; // where a collection goes on with its sensor
   hello: Hello | undefined;
   waiting: Snapshot | undefined; // comes on the screen with the next frame of it
+  latest: Partial<Snapshot>; // that was shown
   nDrawn: number;
   openedMs: number | undefined; // when its line was opened
   firstFrameMs: number | undefined; // from then to the first results on the screen
@@ -60,7 +62,7 @@ function subscription(): Record<string, number> {
 
 function addStrand(): Strand {
   const health = new Health();
-  const strand: Strand = { line: undefined as unknown as Line, panels: new Map(), health, guide: undefined, hello: undefined, waiting: undefined, nDrawn: 0, openedMs: undefined, firstFrameMs: undefined };
+  const strand: Strand = { line: undefined as unknown as Line, panels: new Map(), health, guide: undefined, hello: undefined, waiting: undefined, latest: {}, nDrawn: 0, openedMs: undefined, firstFrameMs: undefined };
   strand.line = new Line({
     onHello: (hello) => greet(strand, hello),
     onSnapshot: (snapshot) => {
@@ -125,7 +127,7 @@ function showGuide(strand: Strand, guide: Guide): void {
   first?.aim(guide.end ? undefined : guide.target);
 }
 
-function draw(): void {
+function draw(nowMs: number): void {
   requestAnimationFrame(draw);
   for (const strand of strands) {
     if (strand.waiting && !isFrozen) {
@@ -133,7 +135,8 @@ function draw(): void {
       strand.waiting = undefined;
       strand.line.tell({ kind: "shown" });
     }
-    for (const panel of strand.panels.values()) panel.field?.draw();
+    for (const panel of strand.panels.values()) panel.draw(nowMs);
+    strand.health.tables.tick(nowMs);
   }
 }
 
@@ -144,48 +147,56 @@ function show(strand: Strand, snapshot: Snapshot): void {
     strand.panels.get(id)?.show(news);
   }
   if (snapshot.status) strand.health.showStatus(snapshot.status, [...strand.panels.values()].flatMap((panel) => panel.info.stages));
-  strand.health.showLine(snapshot.health);
+  strand.health.keep(snapshot.health);
+  strand.latest.health = snapshot.health;
+  if (snapshot.status) strand.latest.status = snapshot.status;
   for (const event of snapshot.events) {
     if (event.severity > 0 || performance.now() > answeredMs + READ_ANSWER_MS) say(event.text || event.what, event.severity > 0);
   }
   strand.nDrawn++;
   if (snapshot.sensors.length) strand.firstFrameMs ??= performance.now() - (strand.openedMs ?? 0);
-  publish(snapshot);
+  publish();
 }
 
-/** What tests read: numbers as they are shown, not pixels. */
-function publish(snapshot?: Snapshot): void {
-  const state = strands.map((strand) => ({
-    port: strand.line.port,
-    serial: strand.hello?.serial,
-    firmware: strand.hello?.firmware,
-    nDrawn: strand.nDrawn,
-    firstFrameMs: strand.firstFrameMs,
-    guide: strand.guide?.latest,
-    health: snapshot?.health,
-    status: snapshot?.status,
-    sensors: Object.fromEntries(
-      [...strand.panels].map(([id, { info, latest, maps, charts, field }]) => [
-        id,
-        {
-          board: info.board,
-          calibration: info.calibration,
-          flags: latest.flags,
-          isSimulated: latest.isSimulated,
-          isReplay: latest.isReplay,
-          wrench: latest.wrench,
-          contacts: latest.contacts?.contacts,
-          field: latest.field && { frame: latest.field.frame, nX: latest.field.nX, nY: latest.field.nY, sum: sums(latest.field.force), hasSigma: Boolean(latest.field.sigma) },
-          depth: latest.depth && { frame: latest.depth.frame, deepest: latest.depth.depth.reduce((a, b) => Math.min(a, b), 0) },
-          maps: Object.fromEntries(Object.entries(maps.maps).map(([name, map]) => [name, map.shown])),
-          residual: latest.residual && { frame: latest.residual.frame, nX: latest.residual.nX, validity: latest.residual.validity, ...mostOf(latest.residual.size) },
-          nArrows: field?.nArrows,
-          nChartPoints: charts.nPoints,
-        },
-      ]),
-    ),
-  }));
-  Object.assign(window, { __state: { notice: notice.textContent, lines: state } });
+/** What tests read: numbers as they are shown, not pixels; worked out when they are read. */
+function publish(): void {
+  Object.assign(window, {
+    __state: {
+      notice: notice.textContent,
+      get lines() {
+        return strands.map(stateOf);
+      },
+    },
+  });
+}
+
+function stateOf(strand: Strand): object {
+  const { line, hello, nDrawn, firstFrameMs, guide, latest, panels } = strand;
+  const sensors = Object.fromEntries([...panels].map(([id, panel]) => [id, stateOfPanel(panel)]));
+  return { port: line.port, serial: hello?.serial, firmware: hello?.firmware, nDrawn, firstFrameMs, guide: guide?.latest, health: latest.health, status: latest.status, sensors };
+}
+
+function stateOfPanel({ info, latest, maps, charts, field }: Panel): object {
+  const { depth, residual } = latest;
+  return {
+    board: info.board,
+    calibration: info.calibration,
+    flags: latest.flags,
+    isSimulated: latest.isSimulated,
+    isReplay: latest.isReplay,
+    wrench: latest.wrench,
+    contacts: latest.contacts?.contacts,
+    field: latest.field && stateOfField(latest.field),
+    depth: depth && { frame: depth.frame, deepest: depth.depth.reduce((a, b) => Math.min(a, b), 0) },
+    maps: Object.fromEntries(Object.entries(maps.maps).map(([name, map]) => [name, map.shown])),
+    residual: residual && { frame: residual.frame, nX: residual.nX, validity: residual.validity, ...mostOf(residual.size) },
+    nArrows: field.nArrows,
+    nChartPoints: charts.nPoints,
+  };
+}
+
+function stateOfField({ frame, nX, nY, force, sigma }: Field): object {
+  return { frame, nX, nY, sum: sums(force), hasSigma: Boolean(sigma) };
 }
 
 function mostOf(values: Float32Array): { most: number; at: number } {
@@ -230,6 +241,7 @@ function tellAnswers(answers: Answer[]): void {
 
 function freeze(): void {
   isFrozen = !isFrozen;
+  if (isFrozen) for (const panel of panels()) panel.texts.flush(); // of the field beside them
   document.body.classList.toggle("frozen", isFrozen);
   say(isFrozen ? "Frozen: the sensor goes on. Press space to go on." : "");
 }
@@ -292,7 +304,7 @@ function nextTint(): void {
 
 function lockScale(): void {
   isLocked = !isLocked;
-  for (const panel of panels()) if (panel.field) panel.field.isScaleLocked = isLocked;
+  for (const panel of panels()) panel.field.isScaleLocked = isLocked;
 }
 
 function toggleCamera(): void {
@@ -321,7 +333,7 @@ function isDark(): boolean {
 function paint(): void {
   const background = getComputedStyle(document.documentElement).getPropertyValue("--stage").trim();
   for (const panel of panels()) {
-    panel.field?.setBackground(background);
+    panel.field.setBackground(background);
     panel.charts.rebuild(UNITS[unit]!);
   }
 }
@@ -343,7 +355,7 @@ const BUTTONS = [
   button("Units", "U", "newtons, millinewtons, grams of force", nextUnit),
   button("Camera", "C", "show the camera's picture", toggleCamera),
   button("Residual", "E", "show where the forces do not explain what the camera sees", toggleResidual),
-  button("View", "V", "look from where you looked at first", () => panels().forEach((panel) => panel.field?.reset())),
+  button("View", "V", "look from where you looked at first", () => panels().forEach((panel) => panel.field.reset())),
   button("Record", "R", "record to an MCAP file, until pressed again", record),
   button("Open", "O", "show a recording (MCAP); or drop it on the page", () => chooser.click()),
   button("Flash", "F", "put a calibration file onto the sensor; asks before it does", () => calibrations.click()),

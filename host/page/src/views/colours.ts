@@ -17,6 +17,39 @@ export function sequential(x: number, out: Rgb): Rgb {
   return out;
 }
 
+const N_STEPS = 256;
+const packed = ([r, g, b]: Rgb): number => 0xff000000 | (Math.round(255 * b) << 16) | (Math.round(255 * g) << 8) | Math.round(255 * r);
+const SEQUENTIAL = Uint32Array.from({ length: N_STEPS }, (_, i) => packed(sequential(i / (N_STEPS - 1), [0, 0, 0])));
+
+/** `sequential` as a pixel of an ImageData, of a little-endian computer. */
+export function sequentialPixel(x: number): number {
+  return SEQUENTIAL[Math.min(Math.max(x * (N_STEPS - 1) + 0.5, 0), N_STEPS - 1) | 0]!;
+}
+
+/** Of the screen (sRGB) to light that is linear, as three.js wants it. */
+export function linear(c: number): number {
+  return c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
+}
+
+const SEQUENTIAL_LIGHT = Float32Array.from({ length: 3 * N_STEPS }, (_, i) => linear(sequential(Math.floor(i / 3) / (N_STEPS - 1), [0, 0, 0])[i % 3]!));
+
+/** `sequential` as linear light into out[at ...]. */
+export function sequentialLight(x: number, out: Float32Array, at: number): void {
+  const from = 3 * (Math.min(Math.max(x * (N_STEPS - 1) + 0.5, 0), N_STEPS - 1) | 0);
+  out[at] = SEQUENTIAL_LIGHT[from]!;
+  out[at + 1] = SEQUENTIAL_LIGHT[from + 1]!;
+  out[at + 2] = SEQUENTIAL_LIGHT[from + 2]!;
+}
+
+const DARK = 0.12; // of a direction without size
+
+/** `wheel` as a pixel, the darker the smaller `share` (0 to 1). */
+export function wheelPixel(angleRad: number, share: number): number {
+  const [r, g, b] = wheel(angleRad);
+  const mixed = (c: number): number => (255 * (DARK + (c - DARK) * share) + 0.5) | 0;
+  return (0xff000000 | (mixed(b) << 16) | (mixed(g) << 8) | mixed(r)) >>> 0;
+}
+
 const N_HUES = 256;
 const WHEEL: Rgb[] = Array.from({ length: N_HUES }, (_, i) => oklch(0.72, 0.13, (2 * Math.PI * i) / N_HUES));
 
@@ -24,6 +57,17 @@ const WHEEL: Rgb[] = Array.from({ length: N_HUES }, (_, i) => oklch(0.72, 0.13, 
 export function wheel(angleRad: number): Rgb {
   const turn = angleRad / (2 * Math.PI);
   return WHEEL[Math.floor((turn - Math.floor(turn)) * N_HUES) % N_HUES]!;
+}
+
+const WHEEL_LIGHT = Float32Array.from(WHEEL.flat(), linear);
+
+/** `wheel` as linear light into out[at ...]. */
+export function wheelLight(angleRad: number, out: Float32Array, at: number): void {
+  const turn = angleRad / (2 * Math.PI);
+  const from = 3 * (Math.floor((turn - Math.floor(turn)) * N_HUES) % N_HUES);
+  out[at] = WHEEL_LIGHT[from]!;
+  out[at + 1] = WHEEL_LIGHT[from + 1]!;
+  out[at + 2] = WHEEL_LIGHT[from + 2]!;
 }
 
 /** Björn Ottosson's OKLab in polar form, to sRGB, cut to its range. */

@@ -21,9 +21,19 @@ export function button(label: string, key: string, hint: string, press: () => vo
   return element;
 }
 
-/** A table of rows of text. */
+/** Text that is the same is not written again: the browser would lay the page out anew. */
+export function write(element: Element, text: string): void {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+/** A table of rows of text; cells that stay are kept. */
 export function fillTable(body: HTMLTableSectionElement, rows: string[][]): void {
-  body.replaceChildren(...rows.map((row) => make("tr", {}, ...row.map((cell) => make("td", {}, cell)))));
+  while (body.rows.length > rows.length) body.deleteRow(-1);
+  rows.forEach((row, i) => {
+    const found = body.rows[i] ?? body.insertRow();
+    if (found.cells.length === row.length && !found.querySelector(".none")) row.forEach((cell, k) => write(found.cells[k]!, cell));
+    else found.replaceChildren(...row.map((cell) => make("td", {}, cell)));
+  });
 }
 
 /** POINT_SIZE -> point size. */

@@ -5,23 +5,45 @@ import * as THREE from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import type { SensorInfo } from "../board";
 import { type Contacts, type Field, NOT_MEASURED, VALID, type Wrench } from "../results";
-import { type Rgb, sequential, wheel } from "./colours";
+import { arrowGeometry, writeArrow } from "./arrow";
+import { linear, sequentialLight, wheelLight } from "./colours";
+import { Quality } from "./quality";
+import { SoftwareRenderer } from "./software";
 
 export type Tint = "normal" | "slip" | "plain";
 
 const EXAGGERATION = 4; // of the depth of the surface
 const ARROW_PART = 0.22; // of the pad's length: an arrow of full scale
+const WIDEST_PART = 0.15; // of the pad's length: no arrow is wider
 const SMALLEST_PART = 0.01; // of full scale: no arrow below
 const WRENCH_PART = 0.45; // of the pad's length: a wrench of full scale
 const MIN_PRESS_N = 0.02; // below it a centre of pressure is noise
-const SLIP_TINTS: Rgb[] = [[0.32, 0.35, 0.4], [0.0, 0.45, 0.7], [0.9, 0.6, 0.0]]; // nothing, sticks, slips
-const INVALID_GREY: Rgb = [0.55, 0.55, 0.55];
+const SLIP_TINTS = [[0.32, 0.35, 0.4], [0.0, 0.45, 0.7], [0.9, 0.6, 0.0]].map((rgb) => rgb.map(linear)); // nothing, sticks, slips
+const INVALID_GREY = [0.55, 0.55, 0.55].map(linear);
+const LID = [24, 30] as const; // of the corners of a box of three.js: the two triangles of its side at +z
+const FINEST_RATIO = 2;
+// What a picture may cost. A graphics card's is seen from one picture of the screen to the next: 60 a second take 16.7 ms
+// each. The processor's is its own time, and half of that must be left for all the rest.
+const CARD_MS = { slow: 25, quick: 18 };
+const PROCESSOR_MS = { slow: 9, quick: 4 };
 
-/** An arrow of length 1 that ends in the origin and comes from +z: a load on a surface. */
-function arrowGeometry(): THREE.BufferGeometry {
-  // radius over height, from the tip up: a head of a third, then the shaft
-  const outline = [[0, 0], [0.13, 0.36], [0.05, 0.36], [0.05, 1], [0, 1]].map(([r, h]) => new THREE.Vector2(r, h));
-  return new THREE.LatheGeometry(outline, 8).rotateX(Math.PI / 2);
+type Drawer = THREE.WebGLRenderer | SoftwareRenderer;
+
+/** Browsers do not always own up to it when they are asked to fail then; these are the names of those that there are. */
+function isImitation(context: WebGL2RenderingContext): boolean {
+  const said = context.getExtension("WEBGL_debug_renderer_info");
+  const name = String(context.getParameter(said ? said.UNMASKED_RENDERER_WEBGL : context.RENDERER));
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
+/** A graphics card where there is one: a browser's imitation of one is slower than the page itself. */
+function makeDrawer(): Drawer {
+  const wanted = new URLSearchParams(location.search).get("draw"); // "webgl", "software": for tests, and to compare
+  if (wanted === "software") return new SoftwareRenderer();
+  const attributes = { antialias: true, preserveDrawingBuffer: true, failIfMajorPerformanceCaveat: wanted !== "webgl" };
+  const canvas = document.createElement("canvas");
+  const context = canvas.getContext("webgl2", attributes) as WebGL2RenderingContext | null;
+  return context && (wanted === "webgl" || !isImitation(context)) ? new THREE.WebGLRenderer({ canvas, context, ...attributes }) : new SoftwareRenderer();
 }
 
 export class Field3d {
@@ -32,7 +54,13 @@ export class Field3d {
   nodeFullScaleN = 1e-3;
   wrenchFullScaleN = 1;
   nArrows = 0;
-  private readonly renderer: THREE.WebGLRenderer;
+  /** Is there a graphics card that draws? */
+  readonly hasCard: boolean;
+  private readonly renderer: Drawer;
+  private readonly quality: Quality;
+  private lastMs: number | undefined; // when the picture before this one was drawn, if it was
+  private width = 0;
+  private height = 0;
   private readonly scene = new THREE.Scene();
   private readonly camera: THREE.PerspectiveCamera;
   private readonly controls: OrbitControls;
@@ -46,16 +74,16 @@ export class Field3d {
   private isDirty = true;
   private readonly place = new THREE.Vector3();
   private readonly force = new THREE.Vector3();
-  private readonly turn = new THREE.Quaternion();
-  private readonly stretch = new THREE.Vector3();
   private readonly matrix = new THREE.Matrix4();
-  private readonly colour = new THREE.Color();
-  private readonly rgb: Rgb = [0, 0, 0];
 
-  /** Throws where the browser has no WebGL. */
   constructor(private readonly info: SensorInfo, isStill: boolean) {
-    this.renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+    this.renderer = makeDrawer();
+    this.hasCard = this.renderer instanceof THREE.WebGLRenderer;
     this.canvas = this.renderer.domElement;
+    const { slow, quick } = this.hasCard ? CARD_MS : PROCESSOR_MS;
+    const own = Math.min(window.devicePixelRatio, FINEST_RATIO);
+    // Where no card smooths the edges, a picture that is twice as fine does.
+    this.quality = new Quality(this.hasCard ? own : FINEST_RATIO, this.hasCard ? own : 1, slow, quick);
     this.size = info.shape.kind === "flat" ? Math.max(info.padX, info.padY) : 2.4 * info.shape.radius;
     this.camera = new THREE.PerspectiveCamera(32, 1, this.size / 100, this.size * 30);
     this.camera.up.set(0, 0, 1);
@@ -83,6 +111,7 @@ export class Field3d {
       new THREE.RingGeometry(0.05 * this.size, 0.062 * this.size, 48),
       new THREE.MeshBasicMaterial({ color: 0xf0e442, side: THREE.DoubleSide, depthTest: false }),
     );
+    this.pressure.renderOrder = this.target.renderOrder = 1; // over all the rest
     this.wrenchArrow.visible = this.pressure.visible = this.target.visible = false;
     this.scene.add(this.contactArrows, this.wrenchArrow, this.pressure, this.target);
   }
@@ -100,9 +129,10 @@ export class Field3d {
       const dome = new THREE.SphereGeometry(shape.radius, 48, 16, 0, 2 * Math.PI, 0, Math.PI / 2).rotateX(Math.PI / 2);
       return new THREE.Mesh(dome.translate(0, 0, -shape.radius), material);
     }
-    const slab = new THREE.Mesh(new THREE.BoxGeometry(padX, padY, thickness), material);
-    slab.position.z = -thickness / 2 - (this.info.fieldForces ? 0.02 * this.size : 0);
-    return slab;
+    const box = new THREE.BoxGeometry(padX, padY, thickness).translate(0, 0, -thickness / 2);
+    // The field's surface is its top, also where that is pressed in: a lid would hide it.
+    if (this.info.fieldForces) box.setIndex([...box.index!.array].filter((_, i) => i < LID[0] || i >= LID[1]));
+    return new THREE.Mesh(box, material);
   }
 
   /** x, y, z from a corner, in the colours of the charts. */
@@ -136,18 +166,20 @@ export class Field3d {
     if (this.surface) this.scene.remove(this.surface);
     if (this.arrows) this.scene.remove(this.arrows);
     const geometry = new THREE.PlaneGeometry(1, 1, field.nX - 1, field.nY - 1);
+    geometry.index!.array.reverse(); // its rows go down, those of a pad along y: its front is seen from +z
     geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * field.nX * field.nY), 3));
     this.surface = new THREE.Mesh(
       geometry,
       new THREE.MeshStandardMaterial({ vertexColors: true, side: THREE.DoubleSide, roughness: 0.9 }),
     );
     this.arrows = new THREE.InstancedMesh(arrowGeometry(), new THREE.MeshStandardMaterial({ roughness: 0.7 }), field.nX * field.nY);
-    this.arrows.instanceMatrix.setUsage(THREE.DynamicDrawUsage);
+    this.arrows.instanceColor = new THREE.InstancedBufferAttribute(new Float32Array(3 * field.nX * field.nY), 3);
+    for (const own of [this.arrows.instanceMatrix, this.arrows.instanceColor, ...Object.values(geometry.attributes)]) (own as THREE.BufferAttribute).setUsage(THREE.DynamicDrawUsage);
     this.arrows.frustumCulled = this.surface.frustumCulled = false;
     this.scene.add(this.surface, this.arrows);
   }
 
-  private nodeAt(field: Field, node: number): THREE.Vector3 {
+  private placeOf(field: Field, node: number): THREE.Vector3 {
     const { grid } = this.info;
     const [u, i] = [field.displacement, 3 * node];
     return this.place.set(
@@ -158,54 +190,53 @@ export class Field3d {
   }
 
   private moveSurface(field: Field): void {
-    const positions = this.surface!.geometry.getAttribute("position") as THREE.BufferAttribute;
-    const colours = this.surface!.geometry.getAttribute("color") as THREE.BufferAttribute;
+    const { position, normal, color } = this.surface!.geometry.attributes as Record<string, THREE.BufferAttribute>;
+    const [places, colours] = [position!.array as Float32Array, color!.array as Float32Array];
     for (let node = 0; node < field.nX * field.nY; node++) {
-      const p = this.nodeAt(field, node);
-      positions.setXYZ(node, p.x, p.y, p.z);
-      const [r, g, b] = this.tintOf(field, node);
-      this.colour.setRGB(r, g, b, THREE.SRGBColorSpace);
-      colours.setXYZ(node, this.colour.r, this.colour.g, this.colour.b);
+      const p = this.placeOf(field, node);
+      places[3 * node] = p.x;
+      places[3 * node + 1] = p.y;
+      places[3 * node + 2] = p.z;
+      this.tintOf(field, node, colours);
     }
-    positions.needsUpdate = colours.needsUpdate = true;
-    this.surface!.geometry.computeVertexNormals();
+    writeNormals(places, field.nX, field.nY, normal!.array as Float32Array);
+    position!.needsUpdate = normal!.needsUpdate = color!.needsUpdate = true;
   }
 
-  private tintOf(field: Field, node: number): Rgb {
-    if (this.tint === "slip" && field.slip) return SLIP_TINTS[field.slip[node]!] ?? SLIP_TINTS[0]!;
+  private tintOf(field: Field, node: number, out: Float32Array): void {
     if (this.tint === "normal" && field.validity[2] === VALID) {
-      return sequential(-field.force[3 * node + 2]! / this.nodeFullScaleN, this.rgb);
+      sequentialLight(-field.force[3 * node + 2]! / this.nodeFullScaleN, out, 3 * node);
+      return;
     }
-    return SLIP_TINTS[0]!;
+    const slips = this.tint === "slip" && field.slip ? field.slip[node]! : 0;
+    out.set(SLIP_TINTS[slips] ?? SLIP_TINTS[0]!, 3 * node);
   }
 
   private moveArrows(field: Field): void {
     const arrows = this.arrows!;
+    const matrices = arrows.instanceMatrix.array as Float32Array;
+    const colours = arrows.instanceColor!.array as Float32Array;
     const isValid = field.validity.every((v) => v === VALID || v === NOT_MEASURED);
+    const [x, y, z] = field.validity.map((v) => (v === NOT_MEASURED ? 0 : 1)) as [number, number, number];
+    const least = (SMALLEST_PART * this.nodeFullScaleN) ** 2;
+    const lengthPerN = (ARROW_PART * this.size) / this.nodeFullScaleN;
     let n = 0;
     for (let node = 0; node < field.nX * field.nY; node++) {
-      for (let k = 0; k < 3; k++) {
-        this.force.setComponent(k, field.validity[k] === NOT_MEASURED ? 0 : field.force[3 * node + k]!);
-      }
-      if (this.force.length() < SMALLEST_PART * this.nodeFullScaleN) continue;
-      const shear = Math.atan2(this.force.y, this.force.x);
-      this.pose(this.nodeAt(field, node), (ARROW_PART * this.size) / this.nodeFullScaleN, 0.8);
-      arrows.setMatrixAt(n, this.matrix);
-      const [r, g, b] = isValid ? wheel(shear) : INVALID_GREY;
-      arrows.setColorAt(n++, this.colour.setRGB(r, g, b, THREE.SRGBColorSpace));
+      const [fx, fy, fz] = [x * field.force[3 * node]!, y * field.force[3 * node + 1]!, z * field.force[3 * node + 2]!];
+      if (fx * fx + fy * fy + fz * fz < least) continue;
+      writeArrow(matrices, 16 * n, this.placeOf(field, node), fx, fy, fz, lengthPerN, WIDEST_PART * this.size, 0.8);
+      if (isValid) wheelLight(Math.atan2(fy, fx), colours, 3 * n);
+      else colours.set(INVALID_GREY, 3 * n);
+      n++;
     }
     arrows.count = this.nArrows = n;
-    arrows.instanceMatrix.needsUpdate = true;
-    if (arrows.instanceColor) arrows.instanceColor.needsUpdate = true;
+    arrows.instanceMatrix.needsUpdate = arrows.instanceColor!.needsUpdate = true;
   }
 
-  /** An arrow that ends at `place`, along `force`; `fat` of the usual thickness. */
-  private pose(place: THREE.Vector3, lengthPerN: number, fat: number): void {
-    const length = Math.max(this.force.length() * lengthPerN, 1e-9);
-    const width = fat * Math.min(length, 0.15 * this.size);
-    this.stretch.copy(this.force).multiplyScalar(-1).normalize();
-    this.turn.setFromUnitVectors(Z, this.stretch);
-    this.matrix.compose(place, this.turn, this.stretch.set(width, width, length));
+  /** An arrow that ends at `place`, along `force`, into `matrix`; `lengthPerN` of the pad's length. */
+  private pose(lengthPerN: number): void {
+    const { x, y, z } = this.force;
+    writeArrow(this.matrix.elements, 0, this.place, x, y, z, lengthPerN * this.size, WIDEST_PART * this.size, 0.9);
   }
 
   /** The whole force, ending at the centre of pressure; nothing where either is not known. */
@@ -222,7 +253,7 @@ export class Field3d {
       this.place.set(hasCentre ? -ty / fz : 0, hasCentre ? tx / fz : 0, 0.002 * this.size);
       this.pressure.position.copy(this.place);
       this.force.set(fx || 0, fy || 0, fz);
-      this.pose(this.place, (WRENCH_PART * this.size) / this.wrenchFullScaleN, 0.9);
+      this.pose(WRENCH_PART / this.wrenchFullScaleN);
       this.matrix.decompose(this.wrenchArrow.position, this.wrenchArrow.quaternion, this.wrenchArrow.scale);
     }
     this.isDirty = true;
@@ -243,7 +274,7 @@ export class Field3d {
       const size = this.force.length();
       if (!(size > 0)) continue;
       if (!this.isScaleLocked) this.wrenchFullScaleN = Math.max(this.wrenchFullScaleN, size);
-      this.pose(this.place, (WRENCH_PART * this.size) / this.wrenchFullScaleN, 0.9);
+      this.pose(WRENCH_PART / this.wrenchFullScaleN);
       this.contactArrows.setMatrixAt(n++, this.matrix);
     }
     this.contactArrows.count = n;
@@ -270,31 +301,62 @@ export class Field3d {
     this.isDirty = true;
   }
 
-  draw(): void {
-    const { clientWidth: w, clientHeight: h } = this.canvas.parentElement!;
-    const ratio = Math.min(window.devicePixelRatio, 2);
-    if (w && h && (this.canvas.width !== Math.floor(w * ratio) || this.canvas.height !== Math.floor(h * ratio))) {
-      this.renderer.setPixelRatio(ratio);
-      this.renderer.setSize(w, h);
-      this.camera.aspect = w / h;
-      this.camera.updateProjectionMatrix();
-      this.isDirty = true;
-    }
+  /** The size of the place that it fills, CSS pixels. */
+  resize(width: number, height: number): void {
+    [this.width, this.height] = [width, height];
+  }
+
+  draw(nowMs: number): void {
+    this.fit();
     this.controls.update();
-    if (!this.isDirty) return;
+    if (!this.isDirty) {
+      this.lastMs = undefined;
+      return;
+    }
     this.isDirty = false;
+    const begin = performance.now();
     this.renderer.render(this.scene, this.camera);
+    if (!this.hasCard) this.quality.note(performance.now() - begin);
+    else if (this.lastMs !== undefined) this.quality.note(nowMs - this.lastMs);
+    this.lastMs = nowMs;
+  }
+
+  private fit(): void {
+    const { width, height, quality, canvas } = this;
+    if (!width || !height || (canvas.width === Math.floor(width * quality.ratio) && canvas.height === Math.floor(height * quality.ratio))) return;
+    if (this.renderer instanceof SoftwareRenderer) this.renderer.setSize(width, height, quality.ratio);
+    else {
+      this.renderer.setPixelRatio(quality.ratio);
+      this.renderer.setSize(width, height, false);
+    }
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.isDirty = true;
   }
 
   /** Give the browser its memory back. */
   close(): void {
     this.controls.dispose();
     this.renderer.dispose();
-    this.renderer.forceContextLoss();
+    if (this.renderer instanceof THREE.WebGLRenderer) this.renderer.forceContextLoss();
   }
 }
 
-const Z = new THREE.Vector3(0, 0, 1);
+/** Of a surface of nX x nY places: across what its neighbours span. */
+function writeNormals(places: Float32Array, nX: number, nY: number, out: Float32Array): void {
+  for (let node = 0; node < nX * nY; node++) {
+    const [x, y] = [node % nX, Math.floor(node / nX)];
+    const [left, right] = [3 * (x > 0 ? node - 1 : node), 3 * (x < nX - 1 ? node + 1 : node)];
+    const [up, down] = [3 * (y > 0 ? node - nX : node), 3 * (y < nY - 1 ? node + nX : node)];
+    const [ax, ay, az] = [places[right]! - places[left]!, places[right + 1]! - places[left + 1]!, places[right + 2]! - places[left + 2]!];
+    const [bx, by, bz] = [places[down]! - places[up]!, places[down + 1]! - places[up + 1]!, places[down + 2]! - places[up + 2]!];
+    const [nx, ny, nz] = [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx];
+    const per = 1 / (Math.sqrt(nx * nx + ny * ny + nz * nz) || 1);
+    out[3 * node] = nx * per;
+    out[3 * node + 1] = ny * per;
+    out[3 * node + 2] = nz * per;
+  }
+}
 
 /** The largest nodal force in its measured axes. */
 function largest(field: Field): number {

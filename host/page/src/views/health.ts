@@ -1,7 +1,10 @@
 // Is the line well, is the sensor well: rates, losses by cause, delays, temperatures.
 
 import { DELAY_BIN_MS, type LineHealth, N_DELAY_BINS, type Status } from "../messages";
-import { fillTable, make, spaced, words } from "./dom";
+import { fillTable, make, spaced, words, write } from "./dom";
+import { Paced } from "./paced";
+
+const EVERY_MS = 500;
 
 export class Health {
   readonly element = make("section", { class: "health", "aria-label": "Link and health" });
@@ -11,6 +14,9 @@ export class Health {
   private readonly bars = make("div", { class: "bars", role: "img" });
   private readonly state = make("p", { class: "state" });
   private deviceDrops: [string, number][] = [];
+  private newest: LineHealth | undefined;
+  /** Its rates and losses. */
+  readonly tables = new Paced(EVERY_MS, () => this.newest && this.showLine(this.newest));
 
   constructor() {
     const table = (title: string, body: HTMLElement): HTMLElement => make("table", {}, make("caption", {}, title), body);
@@ -27,14 +33,20 @@ export class Health {
     const well = status.health.length ? status.health.map(words).join(", ") : "all well";
     const warm = status.temperatures.map(([place, c]) => `${place} ${c.toFixed(1)} °C`).join(", ");
     const up = `up ${status.uptimeS >= 3600 ? `${(status.uptimeS / 3600).toFixed(1)} h` : `${status.uptimeS.toFixed(0)} s`}`;
-    this.state.textContent = [`camera ${status.frameRateHz.toFixed(1)} frames/s`, well, up, warm].filter(Boolean).join(" · ");
+    const said = [`camera ${status.frameRateHz.toFixed(1)} frames/s`, well, up, warm].filter(Boolean).join(" · ");
+    write(this.state, said);
     this.state.classList.toggle("bad", status.health.length > 0);
     this.deviceDrops = [...status.drops, ["saturations", status.saturations]];
     const own = status.stages.filter(([name]) => stages.includes(name));
     fillTable(this.stages, own.map(([name, mean, most]) => [name, `${mean.toFixed(2)} ms`, `${most.toFixed(2)} ms`]));
   }
 
-  showLine(health: LineHealth): void {
+  keep(health: LineHealth): void {
+    this.newest = health;
+    this.tables.ask();
+  }
+
+  private showLine(health: LineHealth): void {
     fillTable(this.rates, [
       ["bytes", `${(health.bytesPerS / 1e3).toFixed(0)} kB/s`],
       ...health.perS.map(([name, n]) => [words(name), `${n.toFixed(1)} /s`]),

@@ -2,8 +2,8 @@
 
 import type { SensorInfo } from "../board";
 import { type Contacts, type Depth, type Field, type Image, NOT_MEASURED, type Residual, UNCALIBRATED, VALID } from "../results";
-import { type Rgb, sequential, wheel } from "./colours";
-import { make } from "./dom";
+import { type Rgb, sequential, sequentialPixel, wheel, wheelPixel } from "./colours";
+import { make, write } from "./dom";
 import { ABSENT, short, type Unit, VALIDITY_WORDS } from "./units";
 
 const HATCH_PX = 10;
@@ -21,6 +21,9 @@ export class PadMap {
   /** What is shown, for tests: "" until something is. */
   shown = "";
   private isAbsent = true;
+  private rangeOf = (): string => ABSENT;
+  private pixels = new ImageData(1, 1);
+  private cells = new Uint32Array(1); // the same memory
 
   constructor(title: string, aspect: number, barOf: "sequential" | "wheel" | "none") {
     const caption = document.createElement("figcaption");
@@ -34,7 +37,16 @@ export class PadMap {
     if (barOf !== "none") this.element.append(this.colourBar(barOf));
     if (barOf === "wheel") this.element.append(make("div", { class: "ends" }, ...WHEEL_ENDS.map((end) => make("span", {}, end))));
     this.absent(NOTHING_YET);
-    new ResizeObserver(() => this.isAbsent && this.hatch()).observe(this.canvas);
+    // To ask the canvas for its size when it is drawn would have the browser lay out the page for each map of each field.
+    new ResizeObserver(([entry]) => this.fit(entry!.contentRect)).observe(this.canvas);
+  }
+
+  private fit({ width, height }: DOMRectReadOnly): void {
+    if (!width || !height) return; // hidden
+    this.canvas.width = Math.round(width);
+    this.canvas.height = Math.round(height);
+    if (this.isAbsent) this.hatch();
+    else this.stretch();
   }
 
   private colourBar(kind: "sequential" | "wheel"): HTMLCanvasElement {
@@ -55,7 +67,8 @@ export class PadMap {
   absent(word: string): void {
     if (this.shown === word) return;
     this.shown = word;
-    this.range.textContent = ABSENT;
+    this.rangeOf = () => ABSENT;
+    this.writeRange();
     this.element.classList.add("absent");
     this.isAbsent = true;
     this.hatch();
@@ -63,7 +76,6 @@ export class PadMap {
 
   private hatch(): void {
     const { canvas } = this;
-    this.fit();
     const context = canvas.getContext("2d")!;
     context.clearRect(0, 0, canvas.width, canvas.height);
     context.strokeStyle = "rgb(128 128 128 / 35%)";
@@ -80,40 +92,44 @@ export class PadMap {
     context.fillText(this.shown, canvas.width / 2, canvas.height / 2);
   }
 
-  /** Colours of nX x nY cells; `range` says what the ends of the bar are. */
-  show(nX: number, nY: number, range: string, word: string, colourOf: (cell: number) => Rgb): void {
-    this.small.width = nX;
-    this.small.height = nY;
-    const context = this.small.getContext("2d")!;
-    const pixels = context.createImageData(nX, nY);
-    for (let i = 0; i < nX * nY; i++) {
-      const c = colourOf(i);
-      for (let k = 0; k < 3; k++) pixels.data[4 * i + k] = 255 * c[k]!;
-      pixels.data[4 * i + 3] = 255;
+  /** Pixels of nX x nY cells; `rangeOf` says what the ends of the bar are. */
+  show(nX: number, nY: number, rangeOf: () => string, word: string, pixelOf: (cell: number) => number): void {
+    if (this.pixels.width !== nX || this.pixels.height !== nY) {
+      this.pixels = new ImageData(nX, nY);
+      this.cells = new Uint32Array(this.pixels.data.buffer);
     }
-    context.putImageData(pixels, 0, 0);
-    this.paste(this.small, range, word);
+    for (let i = 0; i < nX * nY; i++) this.cells[i] = pixelOf(i);
+    this.paste(this.pixels, rangeOf, word);
   }
 
   showPicture(image: Image): void {
-    this.small.width = image.width;
-    this.small.height = image.height;
-    this.small.getContext("2d")!.putImageData(new ImageData(image.rgba, image.width, image.height), 0, 0);
     this.canvas.style.aspectRatio = String(image.width / image.height);
-    this.paste(this.small, `${image.width} x ${image.height} px`, "");
+    this.paste(new ImageData(image.rgba, image.width, image.height), () => `${image.width} x ${image.height} px`, "");
   }
 
-  private paste(from: HTMLCanvasElement, range: string, word: string): void {
-    this.shown = word || "values";
+  private paste(from: ImageData, rangeOf: () => string, word: string): void {
+    const shown = word || "values";
+    if (this.shown !== shown) this.element.classList.toggle("absent", word !== "");
+    this.shown = shown;
     this.isAbsent = false;
-    this.element.classList.toggle("absent", word !== "");
-    this.range.textContent = word ? `${word} · ${range}` : range;
-    this.fit();
-    const context = this.canvas.getContext("2d")!;
-    context.imageSmoothingEnabled = true;
-    context.globalAlpha = word ? 0.5 : 1;
-    context.drawImage(from, 0, 0, this.canvas.width, this.canvas.height);
+    this.rangeOf = () => (word ? `${word} · ${rangeOf()}` : rangeOf());
+    if (this.small.width !== from.width) this.small.width = from.width;
+    if (this.small.height !== from.height) this.small.height = from.height;
+    this.small.getContext("2d")!.putImageData(from, 0, 0);
+    this.stretch();
+  }
+
+  private stretch(): void {
+    const { canvas, shown } = this;
+    const context = canvas.getContext("2d")!;
+    context.globalAlpha = shown === "values" ? 1 : 0.5;
+    if (shown !== "values") context.clearRect(0, 0, canvas.width, canvas.height);
+    context.drawImage(this.small, 0, 0, canvas.width, canvas.height);
     context.globalAlpha = 1;
+  }
+
+  writeRange(): void {
+    write(this.range, this.rangeOf());
   }
 
   /** Rings at the contacts' places, by their part of the picture's width and height; dashed: at a place to press. */
@@ -131,12 +147,6 @@ export class PadMap {
     }
     context.setLineDash([]);
   }
-
-  private fit(): void {
-    const [w, h] = [this.canvas.clientWidth || 240, this.canvas.clientHeight || 180];
-    if (this.canvas.width !== w) this.canvas.width = w;
-    if (this.canvas.height !== h) this.canvas.height = h;
-  }
 }
 
 /** All the maps of one sensor: those that its board can fill. */
@@ -146,7 +156,10 @@ export class Maps {
   private places: [number, number][] = [];
   private target: [number, number][] = [];
 
-  constructor(private readonly info: SensorInfo) {
+  constructor(
+    private readonly info: SensorInfo,
+    private unit: Unit,
+  ) {
     this.element.className = "maps";
     const { nX, nY, stepX, stepY } = info.grid;
     const aspect = info.fieldForces ? (nX * stepX) / (nY * stepY) : info.padX / info.padY;
@@ -167,6 +180,20 @@ export class Maps {
     else if (info.fieldForces) add("depth", "Depth at the nodes", "sequential");
     add("camera", "Camera", "none");
     this.hideImage();
+  }
+
+  /** What is written with `writeRanges`. */
+  setUnit(unit: Unit): void {
+    this.unit = unit;
+  }
+
+  writeRanges(): void {
+    for (const map of Object.values(this.maps)) map.writeRange();
+  }
+
+  /** Newtons in the person's unit, a thousandth of it. */
+  private milli(newtons: number): string {
+    return short(newtons * this.unit.perN * 1e3);
   }
 
   /** The camera's picture is not asked for. */
@@ -198,46 +225,41 @@ export class Maps {
     return [(x - x0) / w, (y - y0) / h];
   }
 
-  showField(field: Field, unit: Unit): void {
+  showField(field: Field): void {
     if (field.nX < 2 || !this.maps["normal"]) return;
-    this.normal(field, unit);
-    this.shear(field, unit);
-    this.sigma(field, unit);
+    this.normal(field);
+    this.shear(field);
+    this.sigma(field);
     if (!this.info.stages.includes("poisson")) this.nodeDepth(field);
     this.maps["normal"].ring(this.places);
     this.maps["normal"].ring(this.target, true);
   }
 
-  private normal(field: Field, unit: Unit): void {
+  private normal(field: Field): void {
     const validity = field.validity[2]!;
     if (validity === NOT_MEASURED) return this.maps["normal"]!.absent(VALIDITY_WORDS[NOT_MEASURED]!);
     let most = 0;
     for (let i = 2; i < field.force.length; i += 3) most = Math.max(most, -field.force[i]!);
     const full = Math.max(most, 1e-4);
-    const rgb: Rgb = [0, 0, 0];
-    const range = `0 … ${short(full * unit.perN * 1e3)} m${unit.name}`;
-    this.maps["normal"]!.show(field.nX, field.nY, range, wordOf(validity), (i) => sequential(-field.force[3 * i + 2]! / full, rgb));
+    const rangeOf = (): string => `0 … ${this.milli(full)} m${this.unit.name}`;
+    this.maps["normal"]!.show(field.nX, field.nY, rangeOf, wordOf(validity), (i) => sequentialPixel(-field.force[3 * i + 2]! / full));
   }
 
-  private shear(field: Field, unit: Unit): void {
+  private shear(field: Field): void {
     const validity = Math.max(field.validity[0]!, field.validity[1]!);
     if (Math.min(field.validity[0]!, field.validity[1]!) === NOT_MEASURED) {
       return this.maps["shear"]!.absent(VALIDITY_WORDS[NOT_MEASURED]!);
     }
     let most = 1e-4;
     for (let i = 0; i < field.force.length; i += 3) most = Math.max(most, Math.hypot(field.force[i]!, field.force[i + 1]!));
-    const out: Rgb = [0, 0, 0];
-    const range = `0 … ${short(most * unit.perN * 1e3)} m${unit.name}`;
-    this.maps["shear"]!.show(field.nX, field.nY, range, wordOf(validity), (i) => {
+    const rangeOf = (): string => `0 … ${this.milli(most)} m${this.unit.name}`;
+    this.maps["shear"]!.show(field.nX, field.nY, rangeOf, wordOf(validity), (i) => {
       const [fx, fy] = [field.force[3 * i]!, field.force[3 * i + 1]!];
-      const hue = wheel(Math.atan2(fy, fx));
-      const share = Math.hypot(fx, fy) / most;
-      for (let k = 0; k < 3; k++) out[k] = 0.12 + (hue[k]! - 0.12) * share;
-      return out;
+      return wheelPixel(Math.atan2(fy, fx), Math.hypot(fx, fy) / most);
     });
   }
 
-  private sigma(field: Field, unit: Unit): void {
+  private sigma(field: Field): void {
     const { sigma } = field;
     if (!sigma) return this.maps["sigma"]!.absent(VALIDITY_WORDS[NOT_MEASURED]!);
     let [least, most] = [Infinity, 0];
@@ -245,11 +267,9 @@ export class Maps {
       least = Math.min(least, sigma[i]!);
       most = Math.max(most, sigma[i]!);
     }
-    const rgb: Rgb = [0, 0, 0];
-    const range = `± ${short(least * unit.perN * 1e3)} … ${short(most * unit.perN * 1e3)} m${unit.name}`;
-    this.maps["sigma"]!.show(field.nX, field.nY, range, "", (i) =>
-      sequential((sigma[3 * i + 2]! - least) / Math.max(most - least, 1e-9), rgb),
-    );
+    const rangeOf = (): string => `± ${this.milli(least)} … ${this.milli(most)} m${this.unit.name}`;
+    const span = Math.max(most - least, 1e-9);
+    this.maps["sigma"]!.show(field.nX, field.nY, rangeOf, "", (i) => sequentialPixel((sigma[3 * i + 2]! - least) / span));
   }
 
   private nodeDepth(field: Field): void {
@@ -269,8 +289,7 @@ export class Maps {
   private depthOf(nX: number, nY: number, word: string, depthAt: (cell: number) => number): void {
     let deepest = 1e-5;
     for (let i = 0; i < nX * nY; i++) deepest = Math.max(deepest, -depthAt(i));
-    const rgb: Rgb = [0, 0, 0];
-    this.maps["depth"]!.show(nX, nY, `0 … ${short(deepest * 1e3)} mm`, word, (i) => sequential(-depthAt(i) / deepest, rgb));
+    this.maps["depth"]!.show(nX, nY, () => `0 … ${short(deepest * 1e3)} mm`, word, (i) => sequentialPixel(-depthAt(i) / deepest));
   }
 
   showResidual(residual: Residual): void {
@@ -279,8 +298,7 @@ export class Maps {
     map.element.hidden = false;
     if (residual.nX < 2) return map.absent(VALIDITY_WORDS[NOT_MEASURED]!);
     const full = residual.size.reduce((a, b) => Math.max(a, b), LEAST_FULL_SIGMAS);
-    const rgb: Rgb = [0, 0, 0];
-    map.show(residual.nX, residual.nY, `0 … ${short(full)} σ`, wordOf(residual.validity), (i) => sequential(residual.size[i]! / full, rgb));
+    map.show(residual.nX, residual.nY, () => `0 … ${short(full)} σ`, wordOf(residual.validity), (i) => sequentialPixel(residual.size[i]! / full));
     map.ring(this.places);
   }
 

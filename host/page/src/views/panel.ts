@@ -4,21 +4,27 @@ import type { SensorInfo } from "../board";
 import type { SensorNews } from "../messages";
 import { type Contact, INVALID, NOT_MEASURED, VALID, type Wrench } from "../results";
 import { Charts } from "./charts";
-import { fillTable, make, words } from "./dom";
+import { fillTable, make, words, write } from "./dom";
 import { Field3d, type Tint } from "./field3d";
 import { Maps } from "./maps";
+import { Paced } from "./paced";
 import { ABSENT, short, text, type Unit, VALIDITY_WORDS } from "./units";
 
 const NAMES = ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"];
+const TEXT_EVERY_MS = 100; // nobody reads faster
+const CHART_EVERY_MS = 50;
 const SLIP_WORDS = [ABSENT, "sticks", "begins to slip", "slides"];
 const CONTACT_HEAD = ["#", "x, y mm", "force", "area mm²", "slip", "more"];
 
 export class Panel {
   readonly element = make("section", { class: "sensor" });
-  readonly field: Field3d | undefined;
+  readonly field: Field3d;
   readonly maps: Maps;
   readonly charts: Charts;
   latest: SensorNews = { trace: new Float64Array() };
+  /** Everything that is words; charts. */
+  readonly texts = new Paced(TEXT_EVERY_MS, () => this.writeTexts());
+  private readonly strips = new Paced(CHART_EVERY_MS, () => this.charts.draw());
   private readonly badges = make("span", { class: "badges" });
   private readonly cells = NAMES.map((name) => new Cell(name));
   private readonly contacts = make("tbody");
@@ -31,16 +37,12 @@ export class Panel {
     private unit: Unit,
     isStill: boolean,
   ) {
-    this.maps = new Maps(info);
+    this.maps = new Maps(info, unit);
     this.charts = new Charts(unit);
     const stage = make("div", { class: "stage", tabindex: "0", "aria-label": "Force field in three dimensions" });
-    try {
-      this.field = new Field3d(info, isStill);
-      stage.append(this.field.canvas, this.scale, this.legend);
-    } catch {
-      stage.classList.add("absent");
-      stage.append(make("p", {}, "This browser shows no WebGL: the field in three dimensions is missing, all else works. Turn hardware acceleration on, or take another browser."));
-    }
+    this.field = new Field3d(info, isStill);
+    stage.append(this.field.canvas, this.scale, this.legend);
+    new ResizeObserver(([entry]) => this.field.resize(entry!.contentRect.width, entry!.contentRect.height)).observe(stage);
     const c = info.calibration;
     const state = c.isPresent ? `calibrated: ${c.kinds.join(", ")}${c.createdUtc ? `, ${c.createdUtc}` : ""}` : "not calibrated: forces are not measured";
     const head = make("tr", {}, ...CONTACT_HEAD.map((name) => make("th", {}, name)));
@@ -69,13 +71,15 @@ export class Panel {
   setUnit(unit: Unit): void {
     this.unit = unit;
     this.charts.rebuild(unit);
-    if (this.latest.wrench) this.showWrench(this.latest.wrench);
+    this.maps.setUnit(unit);
+    this.texts.flush();
   }
 
   setTint(tint: Tint): void {
-    if (this.field) this.field.tint = tint;
+    this.field.tint = tint;
     const tints = { normal: "surface: normal force, dark to bright", slip: "surface: blue sticks, orange slips", plain: "surface: plain" };
-    this.legend.textContent = this.info.fieldForces ? `arrows: hue = direction of shear · ${tints[tint]} · depth ×4` : "arrow: force at the contact";
+    const said = this.info.fieldForces ? `arrows: hue = direction of shear · ${tints[tint]} · depth ×4` : "arrow: force at the contact";
+    this.legend.textContent = this.field.hasCard ? said : `${said} · drawn without a graphics card`;
   }
 
   show(news: SensorNews): void {
@@ -83,31 +87,43 @@ export class Panel {
     this.showBadges(news);
     if (news.contacts) {
       this.maps.showContacts(news.contacts);
-      this.field?.showContacts(news.contacts);
-      this.showContacts(news.contacts.contacts);
+      this.field.showContacts(news.contacts);
     }
-    if (news.wrench) this.showWrench(news.wrench);
+    if (news.wrench) this.field.showWrench(news.wrench);
     if (news.field) {
-      this.field?.showField(news.field);
-      this.maps.showField(news.field, this.unit);
+      this.field.showField(news.field);
+      this.maps.showField(news.field);
     }
     if (news.depth) this.maps.showDepth(news.depth);
     if (news.residual) this.maps.showResidual(news.residual);
     if (news.image) this.maps.showImage(news.image);
-    if (news.learned) this.showLearned(news.learned);
     this.charts.add(news.trace);
-    this.charts.draw();
-    this.field?.draw();
+    this.strips.ask();
+    this.texts.ask();
+  }
+
+  /** With each picture of the screen. */
+  draw(nowMs: number): void {
+    this.field.draw(nowMs);
+    this.strips.tick(nowMs);
+    this.texts.tick(nowMs);
+  }
+
+  private writeTexts(): void {
+    const { wrench, contacts, learned } = this.latest;
+    if (wrench) this.showWrench(wrench);
+    if (contacts) this.showContacts(contacts.contacts);
+    if (learned) this.showLearned(learned);
+    this.maps.writeRanges();
     this.showScale();
   }
 
   private showScale(): void {
-    if (!this.field) return;
     const { perN, name } = this.unit;
     const whole = `${short(this.field.wrenchFullScaleN * perN)} ${name}`;
     const node = `${short(this.field.nodeFullScaleN * perN * 1e3)} m${name} at a node, `;
     const said = this.info.fieldForces ? `longest arrow: ${node}${whole} in all` : `longest arrow: ${whole}`;
-    this.scale.textContent = `${said}${this.field.isScaleLocked ? " (locked)" : ""}`;
+    write(this.scale, `${said}${this.field.isScaleLocked ? " (locked)" : ""}`);
   }
 
   private showBadges(news: SensorNews): void {
@@ -128,10 +144,10 @@ export class Panel {
       const [per, name] = i < 3 ? [this.unit.perN, this.unit.name] : [this.unit.perNm, this.unit.momentName];
       cell.show(wrench.values[i]! * per, (wrench.sigma?.[i] ?? NaN) * per, name, wrench.validity[i]!);
     });
-    this.field?.showWrench(wrench);
   }
 
   private showNoContacts(why: string): void {
+    if (this.contacts.textContent === why) return;
     this.contacts.replaceChildren(make("tr", {}, make("td", { colspan: String(CONTACT_HEAD.length), class: "none" }, why)));
   }
 
@@ -166,17 +182,17 @@ export class Panel {
 
   private showLearned(learned: NonNullable<SensorNews["learned"]>): void {
     const said = learned.isValid ? learned.quantities.map(([name, value]) => `${words(name)} ${value}`).join(" · ") : "invalid";
-    this.learned.textContent = `Network, of frame ${learned.frame}, ${text(learned.latencyS * 1e3, 0)} ms later: ${said}`;
+    write(this.learned, `Network, of frame ${learned.frame}, ${text(learned.latencyS * 1e3, 0)} ms later: ${said}`);
   }
 
   /** A ring where to press next, millimetres; none. */
   aim(target: { x: number; y: number } | undefined): void {
     this.maps.aim(target);
-    this.field?.aim(target);
+    this.field.aim(target);
   }
 
   close(): void {
-    this.field?.close();
+    this.field.close();
     this.element.remove();
   }
 }
@@ -198,9 +214,9 @@ class Cell {
   }
 
   show(value: number, sigma: number, unit: string, validity: number): void {
-    this.value.textContent = validity === NOT_MEASURED ? ABSENT : text(value, 3);
-    this.unit.textContent = validity === VALID ? unit : "";
-    this.note.textContent = validity === VALID ? (Number.isNaN(sigma) ? "" : `± ${text(sigma, 3)}`) : (VALIDITY_WORDS[validity] ?? "invalid");
+    write(this.value, validity === NOT_MEASURED ? ABSENT : text(value, 3));
+    write(this.unit, validity === VALID ? unit : "");
+    write(this.note, validity === VALID ? (Number.isNaN(sigma) ? "" : `± ${text(sigma, 3)}`) : (VALIDITY_WORDS[validity] ?? "invalid"));
     this.element.dataset["validity"] = String(validity);
   }
 }
