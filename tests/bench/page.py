@@ -1,9 +1,11 @@
-"""What the page of `ruffini view` does in Debian's Chromium: weight, first frame, fields drawn a second, delay.
+"""What the page of `ruffini view` does in Debian's Chromium: weight, first frame, fields drawn a second, delay, stages.
 
 A device on a pty answers as a sensor does and writes WRENCH and FIELD of 1,209 nodes (force, displacement, sigma) at
 a pace; the real server and the real page take them. Delay: from before a frame is written on the pty until the page
 has drawn it, its WebGL commands handed over; by the computer's clock in both. Chromium draws without a graphics card
-(SwiftShader), on the cores that everything else uses, too. `make test` installs it.
+(SwiftShader), on the cores that everything else uses, too. `make test` installs it. `stages`: of the page's main
+thread, by the functions that a sampling profiler finds in it; `CPU` is what the threads got, `wall` counts also when
+another program had the core. The worker's decoding is in `client_decode.py`.
 """
 
 from __future__ import annotations
@@ -16,12 +18,13 @@ import os
 import threading
 import time
 import tty
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from client_decode import N_X, N_Y, field_message, frames_of, make_values
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import CDPSession, Page, sync_playwright
 
 from ruffini.view.guided import serving
 from ruffini.view.line import SharedLine
@@ -32,6 +35,18 @@ CHROMIUM = "/usr/bin/chromium"
 SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 NO_GL = ["--no-sandbox", "--disable-gpu", "--disable-software-rasterizer"]  # the page does without three dimensions
 STEP_NM = 600_000
+PROFILE_US = 200
+STAGES = {  # the methods whose names a bundle keeps
+    "numbers and tables": ("writeTexts", "showLine", "showStatus", "showBadges"),
+    "maps": ("showField", "showDepth", "showResidual", "showImage"),
+    "charts": ("drawStrips", "add"),
+    "3-D: geometry": ("moveField", "showWrench", "showContacts"),
+    "3-D: drawing, or its commands": ("drawScene",),
+    "messages": ("tell", "hear", "worker.onmessage"),
+    "idle": ("(idle)",),
+    "garbage": ("(garbage collector)",),
+    "the browser's own: style, paint, commit": ("(program)",),
+}
 WARM = 20  # fields: then its shaders are compiled
 DELAY_HZ, FULL_HZ = 30.0, 240.0  # of the device, where the delay is measured, and where the page draws all that it can
 # The page publishes its state when it has drawn: note when, and which field that was.
@@ -128,6 +143,51 @@ def drawn_in(page: Page, seconds: float) -> list[list[float]]:
     return [first for _, (first, *_) in itertools.groupby(found, lambda at: at[0])]  # it publishes more than fields
 
 
+def metrics(session: CDPSession) -> dict[str, float]:
+    """Seconds of the main thread so far: all of it, script, style, layout."""
+    return {each["name"]: each["value"] for each in session.send("Performance.getMetrics")["metrics"]}
+
+
+def stages_of(profile: dict[str, Any]) -> Counter[str]:
+    """Milliseconds by stage: the innermost function of one on the stack."""
+    stage_by_name = {name: stage for stage, names in STAGES.items() for name in names}
+    nodes = {node["id"]: node for node in profile["nodes"]}
+    parent = {child: node["id"] for node in profile["nodes"] for child in node.get("children", [])}
+
+    def stage_of(node: int | None) -> str:
+        while node is not None:
+            name = nodes[node]["callFrame"]["functionName"]
+            found = stage_by_name.get(name) or stage_by_name.get(name.partition(".")[2])
+            if found:
+                return found
+            node = parent.get(node)
+        return "the rest of the page"
+
+    out = Counter[str]()
+    for node, took_us in zip(profile["samples"], profile["timeDeltas"], strict=True):
+        out[stage_of(node)] += took_us * 1e-3
+    return out
+
+
+def print_costs(device: Device, page: Page, seconds: float) -> None:
+    """Fields drawn a second, and what each costs the page's main thread."""
+    session = page.context.new_cdp_session(page)
+    session.send("Performance.enable", {"timeDomain": "threadTicks"})
+    before, n_written = metrics(session), len(device.written_ms)
+    n_drawn = len(drawn_in(page, seconds))
+    after, rate = metrics(session), (len(device.written_ms) - n_written) / seconds
+    cost = {name: 1e3 * (after[name] - before[name]) / n_drawn for name in before}
+    print(f"  {rate:.0f} fields/s come, {n_drawn / seconds:.1f} drawn/s; CPU of the main thread for each "
+          f"{cost['TaskDuration']:.2f} ms: script {cost['ScriptDuration']:.2f}, style and layout "
+          f"{cost['RecalcStyleDuration'] + cost['LayoutDuration']:.2f}")  # fmt: skip
+    session.send("Profiler.enable")
+    session.send("Profiler.setSamplingInterval", {"interval": PROFILE_US})
+    session.send("Profiler.start")
+    n_drawn = len(drawn_in(page, seconds))
+    stages = stages_of(session.send("Profiler.stop")["profile"])
+    print("  stages, wall ms: " + ", ".join(f"{stage} {ms / n_drawn:.2f}" for stage, ms in stages.most_common()))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20)
@@ -142,11 +202,14 @@ def main() -> None:
         print(f"first frame {first:.0f} ms after the line was opened")
         print(f"{DELAY_HZ:.0f} fields/s: {len(drawn) / seconds:.1f} drawn/s, pty to page p50 {delay[0]:.0f} ms, "
               f"p99 {delay[1]:.0f} ms, {len(drawn)} frames")  # fmt: skip
-    for arguments, what in ((SOFTWARE_GL, "all"), (NO_GL, "no WebGL, maps and charts alone")):
-        with shown(FULL_HZ, arguments) as (device, page):
-            n_before, drawn = len(device.written_ms), drawn_in(page, seconds)
-            rate = (len(device.written_ms) - n_before) / seconds
-            print(f"{rate:.0f} fields/s, {what}: {len(drawn) / seconds:.1f} drawn/s")
+    for arguments, query, what in (
+        (NO_GL, "", "no WebGL: the page draws the three dimensions itself"),
+        (SOFTWARE_GL, "", "SwiftShader for all that the browser puts together, but not for the three dimensions"),
+        (SOFTWARE_GL, "?draw=webgl", "SwiftShader for all, also for the three dimensions"),
+    ):
+        print(what)
+        with shown(FULL_HZ, arguments, query) as (device, page):
+            print_costs(device, page, seconds)
 
 
 if __name__ == "__main__":

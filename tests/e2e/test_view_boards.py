@@ -130,11 +130,13 @@ def test_without_a_graphics_card_the_same_is_drawn_and_the_last_is_never_left_ou
             state = wait_for(page, "the last frame", lambda s: sensor_of(s)["wrench"]["frame"] == LAST)
             page.wait_for_timeout(1000)
             assert page.locator(".legend").inner_text().endswith("without a graphics card") == (draw == "software")
-            assert page.inner_text(".cell:nth-child(3) output") == f"{sensor_of(state)['wrench']['values'][2]:.3f}".replace("-", "\u2212")
+            assert page.inner_text(
+                ".cell:nth-child(3) output"
+            ) == f"{sensor_of(state)['wrench']['values'][2]:.3f}".replace("-", "\u2212")
             assert (sensor_of(state_of(page)).get("field") or {"frame": LAST})["frame"] == LAST
             pictures.append(picture_of(page))
     apart = np.abs(np.subtract(*pictures)).reshape(-1, 3).mean(axis=1)
-    print(f"{name}: a square of the two pictures is {apart.mean():.1f} of 255 apart in the mean, {apart.max():.0f} at most")
+    print(f"{name}: squares of the two pictures are {apart.mean():.1f} of 255 apart, {apart.max():.0f} at most")
     assert np.ptp(pictures[0]) > 100
     assert apart.mean() < 4
 

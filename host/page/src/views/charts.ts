@@ -35,7 +35,7 @@ export class Charts {
       this.make("Force", unit.name, ["Fx", "Fy", "Fz"]),
       this.make("Moment", unit.momentName, ["Tx", "Ty", "Tz"]),
     ];
-    this.draw();
+    this.drawStrips();
   }
 
   private make(title: string, unit: string, names: string[]): uPlot {
@@ -91,7 +91,7 @@ export class Charts {
     for (const list of [this.time, ...this.values]) list.length = 0;
   }
 
-  draw(): void {
+  drawStrips(): void {
     const now = this.time.at(-1) ?? 0;
     const ago = this.time.map((t) => t - now);
     this.plots.forEach((plot, i) => {

@@ -43,7 +43,9 @@ function makeDrawer(): Drawer {
   const attributes = { antialias: true, preserveDrawingBuffer: true, failIfMajorPerformanceCaveat: wanted !== "webgl" };
   const canvas = document.createElement("canvas");
   const context = canvas.getContext("webgl2", attributes) as WebGL2RenderingContext | null;
-  return context && (wanted === "webgl" || !isImitation(context)) ? new THREE.WebGLRenderer({ canvas, context, ...attributes }) : new SoftwareRenderer();
+  if (context && (wanted === "webgl" || !isImitation(context))) return new THREE.WebGLRenderer({ canvas, context, ...attributes });
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return new SoftwareRenderer();
 }
 
 export class Field3d {
@@ -152,7 +154,7 @@ export class Field3d {
     return group;
   }
 
-  showField(field: Field): void {
+  moveField(field: Field): void {
     if (field.nX < 2 || field.nY < 2) return;
     const n = field.nX * field.nY;
     if (!this.surface || this.arrows?.instanceMatrix.count !== n) this.make(field);
@@ -306,7 +308,7 @@ export class Field3d {
     [this.width, this.height] = [width, height];
   }
 
-  draw(nowMs: number): void {
+  drawScene(nowMs: number): void {
     this.fit();
     this.controls.update();
     if (!this.isDirty) {

@@ -24,7 +24,7 @@ export class Panel {
   latest: SensorNews = { trace: new Float64Array() };
   /** Everything that is words; charts. */
   readonly texts = new Paced(TEXT_EVERY_MS, () => this.writeTexts());
-  private readonly strips = new Paced(CHART_EVERY_MS, () => this.charts.draw());
+  private readonly strips = new Paced(CHART_EVERY_MS, () => this.charts.drawStrips());
   private readonly badges = make("span", { class: "badges" });
   private readonly cells = NAMES.map((name) => new Cell(name));
   private readonly contacts = make("tbody");
@@ -91,7 +91,7 @@ export class Panel {
     }
     if (news.wrench) this.field.showWrench(news.wrench);
     if (news.field) {
-      this.field.showField(news.field);
+      this.field.moveField(news.field);
       this.maps.showField(news.field);
     }
     if (news.depth) this.maps.showDepth(news.depth);
@@ -104,7 +104,7 @@ export class Panel {
 
   /** With each picture of the screen. */
   draw(nowMs: number): void {
-    this.field.draw(nowMs);
+    this.field.drawScene(nowMs);
     this.strips.tick(nowMs);
     this.texts.tick(nowMs);
   }
