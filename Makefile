@@ -20,7 +20,7 @@ FUZZ_S ?= 60
 # 1: make fuzz adds its executions to tests/ledger.toml.
 LEDGER ?=
 
-.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 wheel deb arm64 vm fresh clean
+.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 wheel deb arm64 vm pi fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -133,6 +133,10 @@ arm64: build  ## packages and wheel for 64-bit ARM, cross-built, installed besid
 vm: build  ## a virtual board: the packages under systemd on a real kernel's GPIO, I2C, USB gadget and camera interfaces (needs root, 6 GB)
 	@.ci/setup vm
 	@.ci/vm $(JOBS)
+
+pi: build  ## an emulated Raspberry Pi after `make arm64`: ruffinid and the host tool on its I2C and GPIO drivers (needs root, 9 GB)
+	@.ci/setup vm
+	@.ci/pi
 
 fresh:  ## the README's commands in a clean root: SUITE=bookworm|trixie (needs root and debootstrap)
 	@.ci/fresh '$(SUITE)'

@@ -1,58 +1,31 @@
 """Runs inside the virtual board, once systemd is up: real GPIO, I2C, USB and camera interfaces of the kernel.
 
-Writes /vm/result.json: what was looked at, how long it took, and what went wrong. `make vm` starts it.
+`make vm` starts it; what it found is in /vm/result.json (checks.py).
 """
 
 from __future__ import annotations
 
 import contextlib
-import functools
-import io
 import itertools
 import json
 import os
 import re
 import subprocess
 import time
-import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+
+from checks import check, content, run, run_all, tool, until
 
 ENVIRONMENT = Path("/etc/ruffini/ruffinid.env")
 GADGET = Path("/sys/kernel/config/usb_gadget/ruffini")
 I2C = Path("/sys/module/i2c_bench/parameters")
 LAMPS, TOUCH = 3, 5  # lines
 WATCHDOG_S = 8
+DRIVER, THERMOMETER = 0x15, 0x48  # chips on the bus
+IREF, LED_OUT = 0x18, 0x02  # registers of the lamps' driver
 GEL = ["--bus", "/dev/i2c-0", "--address", "0x51", "--address-bytes", "2"]
-RESULT, LOG = Path("/vm/result.json"), Path("/run/ruffinid.log")
-checks: list[Callable[[], str]] = []
-
-
-def check(function: Callable[[], str]) -> Callable[[], str]:
-    checks.append(function)
-    return function
-
-
-def run(*command: str, code: int | None = 0, timeout: float = 60) -> str:
-    done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
-    assert code is None or done.returncode == code, (
-        f"{' '.join(command)}: exit code {done.returncode}\n{done.stdout}{done.stderr}"
-    )
-    return done.stdout + done.stderr
-
-
-def until(what: str, is_so: Callable[[], object], seconds: float = 30) -> float:
-    """Seconds until it is so."""
-    start = time.monotonic()
-    while not is_so():
-        assert time.monotonic() - start < seconds, f"not after {seconds:g} s: {what}"
-        time.sleep(0.05)
-    return time.monotonic() - start
-
-
-def content(path: Path | str) -> str:
-    return Path(path).read_text().strip()
+LOG = Path("/run/ruffinid.log")
 
 
 def udc() -> str:
@@ -78,45 +51,38 @@ def port() -> str:
     return str(Path("/dev/ruffini/VM-0001").resolve())
 
 
-def ruffinid(camera: str) -> list[str]:
-    return ["ruffinid", "--board", "/vm/vmpad", "--camera", f"libcamera:{camera}", "--link", "/dev/ttyGS0",
+def on_bus(address: int, *out: int, n: int = 0) -> list[int]:
+    """What the chip at an address answers, or nothing: another master of the bus, beside ruffinid."""
+    from smbus2 import SMBus, i2c_msg
+
+    answer = i2c_msg.read(address, n)
+    with SMBus("/dev/i2c-0") as bus:
+        bus.i2c_rdwr(i2c_msg.write(address, out), *([answer] if n else []))
+    return list(answer)
+
+
+def warm_to(celsius: float) -> None:
+    """A TMP102 as its driver sets it: 13 bits, the last of them 1/16 degree, in the upper ones of 16."""
+    on_bus(THERMOMETER, 0, *int(celsius * 128).to_bytes(2, "big"))
+
+
+def ruffinid(*cameras: str, board: str = "vmpad") -> list[str]:
+    given = [word for camera in cameras for word in ("--camera", f"libcamera:{camera}")]
+    return ["ruffinid", "--board", f"/vm/{board}", *given, "--link", "/dev/ttyGS0",
             "--serial", "VM-0001", "--store", "/run/store"]  # fmt: skip
 
 
 @contextlib.contextmanager
-def daemon(camera: str = "VirtualDots") -> Iterator[subprocess.Popen[bytes]]:
+def daemon(*cameras: str, board: str = "vmpad") -> Iterator[subprocess.Popen[bytes]]:
     """ruffinid, not under systemd, once it has opened its line; LOG is what it says."""
-    with LOG.open("w") as log, subprocess.Popen(ruffinid(camera), stdout=log, stderr=log) as process:
+    command = ruffinid(*(cameras or ("VirtualDots",)), board=board)
+    with LOG.open("w") as log, subprocess.Popen(command, stdout=log, stderr=log) as process:
         try:
             until("ruffinid has opened its line", lambda: "link: " in LOG.read_text(), 60)
             yield process
         finally:
             process.terminate()
             process.wait(20)
-
-
-@functools.cache
-def commands() -> Any:
-    from typer.main import get_command
-
-    from ruffini.cli.app import app
-
-    return get_command(app)
-
-
-def tool(*words: str, code: int | None = 0) -> str:
-    """The host tool, in this process: to start it takes ten seconds on this emulated computer."""
-    from ruffini.errors import RuffiniError
-
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        try:
-            got = commands().main(list(words), prog_name="ruffini", standalone_mode=False) or 0
-        except RuffiniError as error:
-            print(f"ruffini: {error}")
-            got = error.exit_code
-    assert code is None or got == code, f"ruffini {' '.join(words)}: exit code {got}\n{said.getvalue()}"
-    return said.getvalue()
 
 
 def ruffini(*words: str) -> str:
@@ -324,15 +290,7 @@ def lamps_busy() -> str:
 @check
 def service() -> str:
     """Service under systemd: READY=1, sandbox, real time, memory locked, watchdog, restarted when killed or hung"""
-    # This computer is emulated: ten to twenty times slower than its host, and that has others to serve.
-    drop_in = Path("/run/systemd/system/ruffinid.service.d/emulated.conf")
-    drop_in.parent.mkdir(parents=True)
-    drop_in.write_text(f"[Service]\nTimeoutStartSec=120\nTimeoutStopSec=60\nWatchdogSec={WATCHDOG_S}\n")
-    run("systemctl", "daemon-reload")
-    start = time.monotonic()
-    run("systemctl", "start", "ruffinid", timeout=130)
-    ready = time.monotonic() - start
-    assert run("systemctl", "is-active", "ruffinid").strip() == "active"
+    ready = serve("vmpad")
     process = main_process()
     facts = content(f"/proc/{process}/status").splitlines()
     status = dict(fact.split(":\t", 1) for fact in facts if ":\t" in fact)
@@ -355,6 +313,33 @@ def service() -> str:
     )
 
 
+def settings(path: Path, **changes: str) -> None:
+    text = path.read_text()
+    for name, value in changes.items():
+        text = re.sub(f"^{name}=.*", f"{name}={value}", text, flags=re.M)
+    path.write_text(text)
+
+
+def allow_time(unit: str) -> None:
+    """This computer is emulated: ten to twenty times slower than its host, and that has others to serve."""
+    drop_in = Path(f"/run/systemd/system/{unit}.service.d/emulated.conf")
+    if drop_in.exists():
+        return
+    drop_in.parent.mkdir(parents=True)
+    drop_in.write_text(f"[Service]\nTimeoutStartSec=120\nTimeoutStopSec=60\nWatchdogSec={WATCHDOG_S}\n")
+    run("systemctl", "daemon-reload")
+
+
+def serve(board: str) -> float:
+    """The service with this board; seconds until it says READY=1."""
+    settings(ENVIRONMENT, BOARD=f"/vm/{board}")
+    allow_time("ruffinid")
+    start = time.monotonic()
+    run("systemctl", "restart", "ruffinid", timeout=190)
+    assert run("systemctl", "is-active", "ruffinid").strip() == "active"
+    return time.monotonic() - start
+
+
 def main_process() -> str:
     return run("systemctl", "show", "ruffinid", "-p", "MainPID", "--value").strip()
 
@@ -369,14 +354,75 @@ def restarted(process: str, signal: str) -> float:
 
 
 @check
+def threads() -> str:
+    """Threads of the board file, under systemd: policy, priority and CPUs of each, as the kernel says"""
+    serve("vmfull")
+    wanted = {"frame": (46, {1}), "capture": (45, {1}), "link": (30, {0, 1})}
+    found = {}
+    for task in Path(f"/proc/{main_process()}/task").iterdir():
+        n = int(task.name)
+        assert os.sched_getscheduler(n) == os.SCHED_FIFO, content(task / "comm")
+        found[content(task / "comm")] = (os.sched_getparam(n).sched_priority, os.sched_getaffinity(n))
+    assert {name: found.get(name) for name in wanted} == wanted, found
+    run("systemctl", "stop", "ruffinid")
+    return ", ".join(f"{name} FIFO {priority} on CPU {sorted(cpus)}" for name, (priority, cpus) in found.items())
+
+
+@check
+def lamps_driver() -> str:
+    """I2C: currents of the lamps' driver as asked, out when it says that it is hot, lit at a start, out at the end"""
+    dark, lit = [0] * 4, [0b010001, 0, 0, 0]
+    with daemon(board="vmfull"):
+        assert on_bus(DRIVER, IREF, n=4) == [100, 0, 20, 0]
+        assert on_bus(DRIVER, LED_OUT, n=4) == lit
+        on_bus(DRIVER, 0x01, 0x80)
+        seconds = until("lamps out", lambda: on_bus(DRIVER, LED_OUT, n=4) == dark)
+        said = LOG.read_text().strip().splitlines()[-1]
+        assert "LIGHT" in str(json.loads(ruffini("info", "--json"))["health"])
+    on_bus(DRIVER, 0x01, 0)
+    with daemon(board="vmfull"):
+        assert on_bus(DRIVER, LED_OUT, n=4) == lit
+    assert on_bus(DRIVER, LED_OUT, n=4) == dark
+    return f"currents in steps 100, 0, 20; out {seconds:.1f} s after it was too hot: {said}"
+
+
+@check
+def thermometer() -> str:
+    """Thermometer: a TMP102 of the kernel's driver, in the sensor's status"""
+    from ruffini.device import Connection
+
+    def said() -> list[tuple[str, int]]:
+        return [(t.place, t.milli_celsius) for t in sensor.status().temperatures]
+
+    warm_to(25.5)
+    with daemon(board="vmfull"), Connection(port()) as sensor:
+        until("25.5 degrees", lambda: said() == [("gel", 25500)])
+        warm_to(31.25)
+        seconds = until("31.25 degrees", lambda: said() == [("gel", 31250)])
+    return f"31.25 C is said {seconds:.1f} s after it is so"
+
+
+@check
+def two_cameras() -> str:
+    """Two cameras of libcamera as one picture: frames come; one that is not there is named"""
+    without = run(*ruffinid("PadLeft", "NoSuchCamera", board="vmstereo"), code=3)
+    assert "NoSuchCamera" in without, without
+    with daemon("PadLeft", "PadRight", board="vmstereo"):
+        lines = ruffini("monitor", "--n", "10", "--json").strip().splitlines()
+        assert len(lines) == 10, lines
+    return f"{len(lines)} frames; {without.strip()}"
+
+
+@check
 def board_doctor() -> str:
     """Doctor of the board, as the service's user: finds this computer fit but for what it lacks"""
     run("systemctl", "stop", "ruffinid")
+    settings(ENVIRONMENT, BOARD="/vm/vmfull")
     printed = subprocess.run(
         ["ruffini-doctor", "--json"], capture_output=True, text=True, timeout=60, check=False
     ).stdout
     report = {c["name"]: c for c in json.loads(printed)["checks"]}
-    for name in ("gpio", "i2c", "usb", "link", "store", "clock", "board", "frames"):
+    for name in ("gpio", "i2c", "usb", "link", "store", "clock", "board", "frames", "threads", "lamps"):
         assert report[name]["state"] == "ok", report[name]
     return ", ".join(f"{c['name']} {c['state']}" for c in report.values())
 
@@ -392,9 +438,14 @@ def host_doctor() -> str:
 
 
 def set_up() -> str:
-    for module in ("i2c-dev", "gpio-sim", "libcomposite", "dummy_hcd", "cdc-acm"):
+    """Modules, simulated lines and bus, settings"""
+    for module in ("i2c-dev", "gpio-sim", "libcomposite", "dummy_hcd", "cdc-acm", "tmp102"):
         run("modprobe", module)
-    run("insmod", "/vm/i2c_bench.ko", "eeproms=0x50,0x51")
+    run("insmod", "/vm/i2c_bench.ko", "eeproms=0x50,0x51", f"registers={DRIVER}", f"words={THERMOMETER}")
+    on_bus(THERMOMETER, 1, 0x60, 0xA0)  # as it comes out of a reset
+    warm_to(25.5)
+    Path("/sys/bus/i2c/devices/i2c-0/new_device").write_text(f"tmp102 {THERMOMETER:#x}")
+    until("the thermometer's file", Path("/sys/class/hwmon/hwmon0/temp1_input").exists)
     chip = Path("/sys/kernel/config/gpio-sim/pad")
     for folder in (chip, chip / "bank0"):
         folder.mkdir()
@@ -403,36 +454,11 @@ def set_up() -> str:
         (chip / f"bank0/line{n}").mkdir()
         (chip / f"bank0/line{n}/name").write_text(name)
     (chip / "live").write_text("1")
-    text = re.sub("^BOARD=.*", "BOARD=/vm/vmpad", ENVIRONMENT.read_text(), flags=re.M)
-    text = re.sub("^CAMERA=.*", "CAMERA=libcamera:VirtualDots", text, flags=re.M)
-    ENVIRONMENT.write_text(re.sub("^SERIAL=.*", "SERIAL=VM-0001", text, flags=re.M))
+    settings(ENVIRONMENT, BOARD="/vm/vmpad", CAMERA="libcamera:VirtualDots", SERIAL="VM-0001")
     os.environ.update(BOARD="/vm/vmpad", SERIAL="VM-0001")
     settle()
     return os.uname().release
 
 
-def main() -> None:
-    rows: list[dict[str, object]] = []
-
-    def tell(is_over: bool) -> None:
-        RESULT.with_suffix(".new").write_text(json.dumps({"rows": rows, "is_over": is_over}, indent=1))
-        RESULT.with_suffix(".new").rename(RESULT)
-
-    wanted = os.environ.get("VM_CHECKS", "").split()
-    set_up.__doc__ = "Modules, simulated lines and bus, settings"
-    for function in [set_up, *(f for f in checks if not wanted or f.__name__ in wanted)]:
-        start = time.monotonic()
-        row: dict[str, object] = {"check": (function.__doc__ or "").strip(), "ok": True, "found": ""}
-        try:
-            row["found"] = function()
-        except BaseException as error:
-            row.update(ok=False, found=f"{error}\n{traceback.format_exc()}")
-        row["seconds"] = round(time.monotonic() - start, 1)
-        rows.append(row)
-        print(f"vm: {row['seconds']} s  {'ok' if row['ok'] else 'FAILED'}  {row['check']}\n{row['found']}", flush=True)
-        tell(False)
-    tell(True)
-
-
 if __name__ == "__main__":
-    main()
+    run_all(set_up)
