@@ -129,7 +129,7 @@ def test_without_a_graphics_card_the_same_is_drawn_and_the_last_is_never_left_ou
             page.goto(f"{address}?draw={draw}")
             state = wait_for(page, "the last frame", lambda s: sensor_of(s)["wrench"]["frame"] == LAST)
             page.wait_for_timeout(1000)
-            assert page.locator(".legend").inner_text().endswith("without a graphics card") == (draw == "software")
+            assert page.locator(".scale").first.inner_text().endswith("no graphics card") == (draw == "software")
             assert page.inner_text(
                 ".cell:nth-child(3) output"
             ) == f"{sensor_of(state)['wrench']['values'][2]:.3f}".replace("-", "\u2212")

@@ -78,8 +78,7 @@ export class Panel {
   setTint(tint: Tint): void {
     this.field.tint = tint;
     const tints = { normal: "surface: normal force, dark to bright", slip: "surface: blue sticks, orange slips", plain: "surface: plain" };
-    const said = this.info.fieldForces ? `arrows: hue = direction of shear · ${tints[tint]} · depth ×4` : "arrow: force at the contact";
-    this.legend.textContent = this.field.hasCard ? said : `${said} · drawn without a graphics card`;
+    this.legend.textContent = this.info.fieldForces ? `arrows: hue = direction of shear · ${tints[tint]} · depth ×4` : "arrow: force at the contact";
   }
 
   show(news: SensorNews): void {
@@ -123,7 +122,7 @@ export class Panel {
     const whole = `${short(this.field.wrenchFullScaleN * perN)} ${name}`;
     const node = `${short(this.field.nodeFullScaleN * perN * 1e3)} m${name} at a node, `;
     const said = this.info.fieldForces ? `longest arrow: ${node}${whole} in all` : `longest arrow: ${whole}`;
-    write(this.scale, `${said}${this.field.isScaleLocked ? " (locked)" : ""}`);
+    write(this.scale, `${said}${this.field.isScaleLocked ? " (locked)" : ""}${this.field.hasCard ? "" : " · no graphics card"}`);
   }
 
   private showBadges(news: SensorNews): void {
