@@ -414,6 +414,36 @@ def two_cameras() -> str:
 
 
 @check
+def two_pads() -> str:
+    """Two pads on one computer, by the README's recipe: two services, two lines, two ports of the host"""
+    recipe = Path("/usr/share/doc/ruffinid/README.md").read_text().split("## Two pads on one board")[1]
+    commands = re.findall(r"^```console\n(.*?)```", recipe, re.M | re.S)[0].replace("sudo ", "")
+    steps = re.split(r"(?<=second.env) +#.*\n", commands)
+    assert len(steps) == 2, commands
+    # Recordings keep their pace; two of these cameras, as fast as they are taken, leave this computer to nobody else.
+    settings(ENVIRONMENT, CAMERA="replay:/vm/VirtualDots", MORE="--loop")
+    serve("vmpad")
+    run("sh", "-euc", steps[0])
+    settings(Path("/etc/ruffini/second.env"), BOARD="/vm/vmbare", SERIAL="VM-0002", LINK="/dev/ttyGS1")
+    allow_time("ruffinid-second")
+    run("sh", "-euc", steps[1], timeout=300)
+    found = {}
+    for name in ("/dev/ttyACM0", "/dev/ttyACM1"):
+        until(name, Path(name).exists)
+        facts = json.loads(tool("--port", name, "--quiet", "info", "--json"))
+        found[facts["serial"]] = f"{name} {facts['sensors'][0]['board']}"
+        assert len(tool("--port", name, "--quiet", "monitor", "--n", "5", "--json").strip().splitlines()) == 5
+    assert sorted(found) == ["VM-0001", "VM-0002"], found
+    run("systemctl", "disable", "--now", "ruffinid-second")
+    run("systemctl", "stop", "ruffinid")
+    settings(ENVIRONMENT, CAMERA="libcamera:VirtualDots", MORE="", PADS="1")
+    run("systemctl", "restart", "ruffini-gadget")
+    until("the link", Path("/dev/ruffini/VM-0001").exists)
+    settle()
+    return f"{found}"
+
+
+@check
 def board_doctor() -> str:
     """Doctor of the board, as the service's user: finds this computer fit but for what it lacks"""
     run("systemctl", "stop", "ruffinid")
