@@ -452,7 +452,8 @@ def board_doctor() -> str:
         ["ruffini-doctor", "--json"], capture_output=True, text=True, timeout=60, check=False
     ).stdout
     report = {c["name"]: c for c in json.loads(printed)["checks"]}
-    for name in ("gpio", "i2c", "usb", "link", "store", "clock", "board", "frames", "threads", "lamps"):
+    well = ("gpio", "i2c", "usb", "link", "store", "clock", "memory lock", "board", "frames", "threads", "lamps")
+    for name in well:
         assert report[name]["state"] == "ok", report[name]
     return ", ".join(f"{c['name']} {c['state']}" for c in report.values())
 
