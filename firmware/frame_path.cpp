@@ -15,6 +15,13 @@ constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
 constexpr int kDriftFrames = 8;
 
 constexpr size_t kForceZAlone = 11;  // of the covariance's upper triangle by rows: (2, 2)
+constexpr int kMostUnsureAlone = 1;  // pins of an eye that sees alone, e.g. one at the edge of its view
+
+// Where some pins are known to be seen wrong there may be more; an eye alone has less to contradict it.
+bool are_pins_doubtful(const PrintedMarkers& printed, int n_contradicted, int64_t most, Eyes eyes) {
+  if (eyes == Eyes::kBoth) return printed.n_unsure(0) + printed.n_unsure(1) + n_contradicted > most;
+  return printed.n_unsure(eyes == Eyes::kLeft ? 0 : 1) > kMostUnsureAlone || n_contradicted > most;
+}
 
 }  // namespace
 
@@ -330,6 +337,8 @@ void FramePath::run_fingertip() {
     const auto eyes = seeing([&](size_t eye) { return !is_blind(eye); });
     if (!eyes) return;
     s.tip = fingertip_->run(markers(), *eyes, s.saturations);
+    const int n_contradicted = fingertip_->n_contradicted();
+    if (are_pins_doubtful(printed_, n_contradicted, board_.markers.max_lost, *eyes)) s.flags |= kFlagMarkersLost;
     if (!s.tip.is_touched) return;
     if (!s.tip.is_known) s.flags |= kFlagFeatures;
     if (!s.tip.is_in_range) s.flags |= kFlagOverRange;

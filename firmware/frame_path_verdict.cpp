@@ -48,7 +48,7 @@ bool FramePath::is_touched() const {
 bool FramePath::is_wrong() const { return (state_.flags & kWrongFlags) != 0; }
 
 bool FramePath::is_blind(size_t view) const {
-  return !printed_.was_seen_at_rest(view) || printed_.n_lost(view) > board_.markers.max_lost;
+  return !printed_.was_seen_at_rest(view) || printed_.n_unsure(view) > board_.markers.max_lost;
 }
 
 // A view of several that has lost too many, or that never saw them, counts as blind; the others see.

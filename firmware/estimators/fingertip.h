@@ -51,6 +51,8 @@ class Fingertip {
   [[nodiscard]] bool is_other_pad(Eyes eyes) const { return 2 * field_.n_pins_there(eyes) < field_.n_pins(); }
   [[nodiscard]] size_t n_pins() const { return static_cast<size_t>(field_.n_pins()); }
   TipTouch run(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations);
+  // Pins of the last frame that one eye must have seen wrong: nobody knows which.
+  [[nodiscard]] int n_contradicted() const { return field_.n_contradicted(); }
 
  private:
   static constexpr size_t kQuantities = 7;

@@ -17,9 +17,11 @@ constexpr int64_t kMaxShift = int64_t{1} << 24;  // of a marker, Q16 px
 constexpr int64_t kMaxMoved = int64_t{1} << 18;  // 16 mm
 constexpr int32_t kMaxGain = 1 << 24;
 constexpr int64_t kPlaceWeight = 8'000;  // 500 um
+constexpr int64_t kMostApart = 1 << 13;  // of what contradicts, Q16 px
 // sum K v of all pins, and M d, stay inside 63 bits.
 static_assert(TipField::kMaxPins * (int64_t{1} << 15) * kMaxMoved * 2 < int64_t{1} << 62);
 static_assert(4 * int64_t{kMaxGain} * kMaxShift < int64_t{1} << 62);
+static_assert(4 * kMaxShift * kMaxShift < int64_t{1} << 62);
 
 Error refused(const char* what) {
   return {ErrorKind::kBadInput, "calibration file: " + std::string(what) + ": make it again with cal fingertip"};
@@ -88,6 +90,7 @@ Result<TipField> TipField::load(const Calibration& c) {
     for (size_t mode = 0; mode < pin.gain.size(); ++mode) {
       std::copy_n(m.begin() + static_cast<ptrdiff_t>(12 * (mode * n_values + p)), 12, pin.gain[mode].begin());
     }
+    pin.still = still_of(pin.gain[static_cast<size_t>(Eyes::kBoth)]);
   }
   for (size_t i = 0; i < static_cast<size_t>(g); ++i) out.place_.push_back({at[3 * i], at[3 * i + 1], at[3 * i + 2]});
   out.kernel_.assign(k.begin(), k.end());
@@ -177,25 +180,72 @@ void TipField::sample() {
   for (size_t i = 0; i < 2; ++i) *out++ = static_cast<int32_t>(round_shift(middle_[i] * kPlaceWeight, kUnit));
 }
 
-bool TipField::run(std::span<const Marker> markers, Eyes eyes) {
-  for (Pin& pin : pin_) {
-    pin.moved = {};
-    pin.is_used = pin.is_there(eyes);
-    if (!pin.is_used) continue;
-    std::array<int64_t, 4> shift{};
-    for (size_t eye = 0; eye < kEyes; ++eye) {
-      if (pin.marker[eye] < 0) continue;
-      const Marker& m = markers[static_cast<size_t>(pin.marker[eye])];
-      shift[2 * eye] = std::clamp<int64_t>(m.displacement_x.raw(), -kMaxShift, kMaxShift);
-      shift[2 * eye + 1] = std::clamp<int64_t>(m.displacement_y.raw(), -kMaxShift, kMaxShift);
-    }
-    const auto& gain = pin.gain[static_cast<size_t>(eyes)];
-    for (size_t i = 0; i < 3; ++i) {
-      int64_t sum = 0;
-      for (size_t k = 0; k < 4; ++k) sum += gain[4 * i + k] * shift[k];
-      pin.moved[i] = std::clamp(round_shift(sum, 20), -kMaxMoved, kMaxMoved);
-    }
+// Square to the rows of M: signed determinants of three of its columns.
+TipField::Shifts TipField::still_of(const std::array<int64_t, 12>& gain) {
+  std::array<int64_t, 12> m = gain;
+  int64_t largest = 1;
+  for (const int64_t each : m) largest = std::max(largest, std::abs(each));
+  for (; largest >= 1 << 19; largest >>= 1) {
+    for (int64_t& each : m) each >>= 1;
   }
+  Shifts n{};
+  int64_t most = 1;
+  for (size_t out = 0; out < 4; ++out) {
+    std::array<size_t, 3> c{};
+    for (size_t i = 0; i < 3; ++i) c[i] = i + (i >= out ? 1 : 0);
+    const auto pair = [&](size_t i, size_t j) { return m[4 + c[i]] * m[8 + c[j]] - m[4 + c[j]] * m[8 + c[i]]; };
+    n[out] = (m[c[0]] * pair(1, 2) - m[c[1]] * pair(0, 2) + m[c[2]] * pair(0, 1)) * (out % 2 == 0 ? 1 : -1);
+    most = std::max(most, std::abs(n[out]));
+  }
+  for (; most >= 1 << 29; most >>= 1) {
+    for (int64_t& each : n) each >>= 1;
+  }
+  const int64_t length = std::max<int64_t>(floor_sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3]), 1);
+  for (int64_t& each : n) each = floor_div(each * kOne, length);
+  return n;
+}
+
+bool TipField::is_contradicted(const Pin& pin, const Shifts& shift) {
+  int64_t apart = 0, square = 0;
+  for (size_t i = 0; i < 4; ++i) {
+    apart += pin.still[i] * shift[i];
+    square += shift[i] * shift[i];
+  }
+  return std::abs(round_shift(apart, kUnit)) > kMostApart + floor_sqrt(square) / 32;
+}
+
+void TipField::move(Pin& pin, std::span<const Marker> markers, Eyes eyes) {
+  pin.moved = {};
+  pin.is_used = pin.is_there(eyes);
+  if (!pin.is_used) return;
+  Shifts shift{};
+  bool are_both_sure = true;
+  for (size_t eye = 0; eye < kEyes; ++eye) {
+    const bool is_asked = eyes != (eye == 0 ? Eyes::kRight : Eyes::kLeft);
+    const bool is_sure = pin.marker[eye] >= 0 && markers[static_cast<size_t>(pin.marker[eye])].is_sure();
+    are_both_sure = are_both_sure && is_sure;
+    pin.is_used = pin.is_used && (is_sure || !is_asked);
+    if (!is_sure) continue;
+    const Marker& m = markers[static_cast<size_t>(pin.marker[eye])];
+    shift[2 * eye] = std::clamp<int64_t>(m.displacement_x.raw(), -kMaxShift, kMaxShift);
+    shift[2 * eye + 1] = std::clamp<int64_t>(m.displacement_y.raw(), -kMaxShift, kMaxShift);
+  }
+  if (are_both_sure && is_contradicted(pin, shift)) {
+    pin.is_used = false;
+    ++n_contradicted_;
+  }
+  if (!pin.is_used) return;
+  const auto& gain = pin.gain[static_cast<size_t>(eyes)];
+  for (size_t i = 0; i < 3; ++i) {
+    int64_t sum = 0;
+    for (size_t k = 0; k < 4; ++k) sum += gain[4 * i + k] * shift[k];
+    pin.moved[i] = std::clamp(round_shift(sum, 20), -kMaxMoved, kMaxMoved);
+  }
+}
+
+bool TipField::run(std::span<const Marker> markers, Eyes eyes) {
+  n_contradicted_ = 0;
+  for (Pin& pin : pin_) move(pin, markers, eyes);
   if (!find_middle()) return false;
   turn_ = turn_to_top(middle_);
   sample();

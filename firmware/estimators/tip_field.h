@@ -6,6 +6,10 @@
 //   c   = sum w n / |sum w n|              the middle of what presses; R turns it to (0, 0, 1) the short way
 //   f_g = sum_p K(|R n_p - g|^2) R u_p / (sum_p K + 1/20)  at places g about the top; and c_x, c_y times 500 um
 //
+// A pin is left out where an eye that is asked lost it or is not sure of it, and where both are and contradict each other: four shifts tell
+// three numbers, and the part of them that no motion of the pin makes, e = |n . d|, M n = 0, |n| = 1, is more than
+// 1/8 px + |d| / 32. In 4,725 frames of good presses (SIMULATED) e is at most 0.13 px and no pin is left out.
+//
 // Pins are known by where they rest. u, f in 1/16 um, directions Q14. Frame thread; no allocation after load().
 #pragma once
 
@@ -38,6 +42,7 @@ class TipField {
   static constexpr int64_t kKernelSteps = 2'048;  // of |R n - g|^2, each 2^-15
   using Vector = std::array<int64_t, 3>;
   using Matrix = std::array<int64_t, 9>;  // by rows, Q14
+  using Shifts = std::array<int64_t, 4>;  // x and y of the left, then of the right eye
 
   // Errors: kBadInput.
   [[nodiscard]] static Result<TipField> load(const Calibration& calibration);
@@ -50,6 +55,7 @@ class TipField {
 
   // Whether something presses. Only then the rest is of this frame.
   bool run(std::span<const Marker> markers, Eyes eyes);
+  [[nodiscard]] int n_contradicted() const { return n_contradicted_; }  // by the other eye
   [[nodiscard]] std::span<const int32_t> features() const { return features_; }
   [[nodiscard]] size_t n_features() const { return features_.size(); }
   [[nodiscard]] const Matrix& turn() const { return turn_; }      // R
@@ -64,6 +70,7 @@ class TipField {
     Vector normal{};
     std::array<int, kEyes> marker{-1, -1};
     std::array<std::array<int64_t, 12>, static_cast<size_t>(Eyes::kCount)> gain{};  // M, um per px Q8
+    Shifts still{};                                                                 // n of both eyes, Q14
     Vector moved{};                                                                 // u
     Vector turned{};                                                                // R n
     bool is_used = false;                                                           // in this frame
@@ -74,6 +81,9 @@ class TipField {
   };
   [[nodiscard]] static int nearest(std::span<const Marker> markers, const std::array<int64_t, 2>& place_q8,
                                    int64_t gate_q8);
+  [[nodiscard]] static Shifts still_of(const std::array<int64_t, 12>& gain);
+  [[nodiscard]] static bool is_contradicted(const Pin& pin, const Shifts& shift);
+  void move(Pin& pin, std::span<const Marker> markers, Eyes eyes);
   bool find_middle();
   void sample();
 
@@ -81,6 +91,7 @@ class TipField {
   std::vector<Vector> place_;  // g
   std::vector<int32_t> kernel_;
   std::vector<int32_t> features_;
+  int n_contradicted_ = 0;
   int64_t gate_q8_ = 0;      // a pin at rest from where it was calibrated
   int64_t least_press_ = 0;  // -n . u of a touch
   Vector middle_{};

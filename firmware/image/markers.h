@@ -38,6 +38,9 @@ struct Marker {
   bool is_lost = true;    // displacement estimated from neighbours
   bool is_absent = true;  // was not seen at rest either
   uint8_t quality = 0;    // 255 / (1 + (expected error / 0.1 px)^2), at least 1; 0: lost
+
+  static constexpr uint8_t kSure = 30;  // it may be 0.27 px off
+  [[nodiscard]] bool is_sure() const { return !is_lost && quality >= kSure; }
 };
 
 class MarkerTracker {

@@ -81,12 +81,17 @@ int PrintedMarkers::track(std::span<const uint16_t> grey, const FrameView& frame
       view.own[i].displacement_x = markers_[first + i].displacement_x;
       view.own[i].displacement_y = markers_[first + i].displacement_y;
     }
-    view.n_lost = view.tracker.finish(std::span<const int64_t>(error2_q16_).subspan(first, n_per_view_));
-    n_lost += view.n_lost;
+    n_lost += view.tracker.finish(std::span<const int64_t>(error2_q16_).subspan(first, n_per_view_));
     first += n_per_view_;
   }
   gather();
   return n_lost;
+}
+
+int PrintedMarkers::n_unsure(size_t view) const {
+  const std::span<const Marker> own = views_[view].tracker.markers();
+  return static_cast<int>(
+      std::count_if(own.begin(), own.end(), [](const Marker& m) { return !m.is_absent && !m.is_sure(); }));
 }
 
 }  // namespace ruffini

@@ -26,8 +26,8 @@ class PrintedMarkers {
   [[nodiscard]] int n_dots_at_rest() const { return n_dots_at_rest_; }
   [[nodiscard]] std::span<const Marker> markers() const { return markers_; }
   [[nodiscard]] size_t n_views() const { return views_.size(); }
-  // Of one view: markers lost in the last frame that were there at rest.
-  [[nodiscard]] int n_lost(size_t view) const { return views_[view].n_lost; }
+  // Of one view: markers that were there at rest and are lost, or not sure, in the last frame.
+  [[nodiscard]] int n_unsure(size_t view) const;
   // The rest image shows at least half of its markers.
   [[nodiscard]] bool was_seen_at_rest(size_t view) const {
     return 2 * static_cast<size_t>(views_[view].n_at_rest) >= n_per_view_;
@@ -37,7 +37,6 @@ class PrintedMarkers {
   struct View {
     MarkerTracker tracker;
     int64_t left_q16 = 0;  // of the frame's pixels
-    int n_lost = 0;
     int n_at_rest = 0;
     std::vector<Dot> dots{};
     std::span<Marker> own{};  // the tracker's, to be refined

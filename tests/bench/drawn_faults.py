@@ -2,6 +2,8 @@
 
     python tests/bench/drawn_faults.py --board gelslim --calibration FILE --states 30
     python tests/bench/drawn_faults.py --coarse --states 40     # the tests' pad: 160x120 pixels, markers 2 mm apart
+    python tests/bench/drawn_faults.py --board stereo-fingertip --calibration FILE --states 40 --full-scale-n 1
+    python tests/bench/drawn_faults.py --board contact-glitter --calibration FILE --full-scale-n 70 --deepest-mm 2
 
 `ruffini bench health` shows each fault once, in the middle; here every state has each fault for one frame. Every fourth
 state is untouched, in the others a ball or a flat punch presses and shears. A force that is wrong is counted where it
@@ -31,10 +33,9 @@ from ruffini.sim.rig import Unit
 from ruffini.sim.units import build_unit
 
 SEED = 4711
-FULL_SCALE_N = 4.0
 N_LEARN, N_SAME, N_BETWEEN, N_BACK = 12, 4, 3, 60  # frames: after rest; of a state; of none after it, at least and most
 EVERY_UNTOUCHED, FLAT_SHARE, STEPS, SHEAR_STEPS = 4, 0.3, 3, 2
-TEAR_UM, LEAK, SPOTS = (500, 1000, 1500, 2000, 3000), (0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1), (
+TEAR_UM, LEAK, SPOTS = (500, 1000, 1500, 2000, 3000), (0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.3), (
     0.02, 0.05, 0.1, 0.2, 0.3, 0.5)  # fmt: skip
 
 State = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None]
@@ -52,8 +53,8 @@ class Tally(NamedTuple):
 class Pad:
     """A unit's pictures, with the camera's noise."""
 
-    def __init__(self, unit: Unit, rng: np.random.Generator) -> None:
-        self._unit, self._rng, self._renderer = unit, rng, unit.renderer()
+    def __init__(self, unit: Unit, deepest_m: float, rng: np.random.Generator) -> None:
+        self._unit, self._rng, self._renderer, self._deepest_m = unit, rng, unit.renderer(), deepest_m
 
     def rest(self) -> State:
         rig = self._unit.rig()
@@ -64,7 +65,7 @@ class Pad:
         rng, rig = self._rng, self._unit.rig()
         shape = "flat" if rng.random() < FLAT_SHARE else "sphere"
         rig.take(Indenter(shape, float(rng.uniform(1.5e-3, 6e-3 if shape == "sphere" else 3e-3))))
-        x, y, depth = rng.uniform(-5e-3, 5e-3), rng.uniform(-3e-3, 3e-3), rng.uniform(0.2e-3, 1.1e-3)
+        x, y, depth = rng.uniform(-5e-3, 5e-3), rng.uniform(-3e-3, 3e-3), rng.uniform(0.2e-3, self._deepest_m)
         for i in range(STEPS):
             rig.advance(Pose(x, y, depth * (i + 1) / STEPS))
         shear = rng.uniform(0, 0.4e-3)
@@ -99,9 +100,11 @@ class Pad:
         )
 
 
-def measure(unit: Unit, calibration: bytes, n_states: int, seed: int) -> dict[str, Tally]:
+def measure(
+    unit: Unit, calibration: bytes, n_states: int, seed: int, full_scale_n: float, deepest_m: float
+) -> dict[str, Tally]:
     """Every fault in every state; "none": the good frames."""
-    pad, tallies = Pad(unit, np.random.default_rng(seed)), {"none": Tally()}
+    pad, tallies = Pad(unit, deepest_m, np.random.default_rng(seed)), {"none": Tally()}
     rest = pad.rest()
     with Pipeline(unit.board, calibration) as pipeline:
         pipeline.set_live()
@@ -112,10 +115,10 @@ def measure(unit: Unit, calibration: bytes, n_states: int, seed: int) -> dict[st
             for _ in range(N_SAME):
                 frame = pipeline.process(pad.picture(state))
                 _count(tallies, "none", bool(frame.flags), 0.0)
-            usual_n = wrong_by(pipeline, frame, truth, FULL_SCALE_N)
+            usual_n = wrong_by(pipeline, frame, truth, full_scale_n)
             for name, make in pad.faults(state).items():
                 frame = pipeline.process(make())
-                wrong_n = wrong_by(pipeline, frame, truth, FULL_SCALE_N)
+                wrong_n = wrong_by(pipeline, frame, truth, full_scale_n)
                 _count(tallies, name, bool(frame.flags), wrong_n if wrong_n > usual_n else 0.0)
                 pipeline.process(pad.picture(state))
             for i in range(N_BETWEEN + N_BACK):
@@ -137,6 +140,8 @@ def main() -> None:
     which.add_argument("--coarse", action="store_true")
     parser.add_argument("--calibration", type=Path, help="of --board")
     parser.add_argument("--states", type=int, default=30)
+    parser.add_argument("--full-scale-n", type=float, default=4.0)
+    parser.add_argument("--deepest-mm", type=float, default=1.1)
     parser.add_argument("--seed", type=int, default=SEED)
     given = parser.parse_args()
     if given.board and not given.calibration:
@@ -151,8 +156,9 @@ def main() -> None:
             unit, calibration = twin.unit, twin.calibration
         else:
             unit, calibration = build_unit(find_board(given.board)), given.calibration.read_bytes()
-        tallies = measure(unit, calibration, given.states, given.seed)
-    print(f"{unit.board.name}, SIMULATED, {given.states} states, full scale {FULL_SCALE_N:g} N, seed {given.seed}")
+        full_scale_n, deepest_m = given.full_scale_n, 1e-3 * given.deepest_mm
+        tallies = measure(unit, calibration, given.states, given.seed, full_scale_n, deepest_m)
+    print(f"{unit.board.name}, SIMULATED, {given.states} states, full scale {full_scale_n:g} N, seed {given.seed}")
     print(f"{'':28}{'frames':>8}{'flagged':>9}{'wrong, unmarked':>17}{'worst, N':>10}")
     for name, tally in tallies.items():
         print(f"{name:28}{tally.n:8}{100 * tally.flagged / tally.n:7.0f} %{tally.wrong:17}{tally.worst_n:10.2f}")

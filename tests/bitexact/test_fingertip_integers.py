@@ -14,13 +14,14 @@ from mirror.fingertip import Fingertip
 
 from ruffini.boards import find_board
 from ruffini.calibrate.container import base_metadata, pack
+from ruffini.calibrate.tip_eyes import Eyes
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.settings import load_twin
 
 BOARD = find_board(Path(__file__).parents[2] / "boards" / "stereo-fingertip")
-MOST_UN, WIDTH_PX = 1_300_000, 320
+MOST_UN, WIDTH_PX, BASELINE_MM = 1_300_000, 320, 10
 MARKERS_LOST, OVER_RANGE, FEATURES, OTHER_PAD, VIEW_LOST = 8, 32, 2048, 4096, 16384
 VALID, INVALID = 1, 3
 WIDTHS = (11, 16, 13, 12, 14)  # of the smallest network: places, components, hidden, outputs
@@ -56,18 +57,18 @@ def learn(path: Pipeline) -> None:
 
 def tensors(rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
     """Tables of a plausible size; the pins are the unit's own, in any order."""
-    rest = rest_markers()[0]
-    order = rng.permutation(rest.shape[1])[:280]
-    right = np.array([np.abs(rest[1] - rest[0, i] - [WIDTH_PX - 46, 0]).sum(axis=1).argmin() for i in order])
-    pins = np.stack([rest[0, order], rest[1, right]])
+    rest, eyes = rest_markers()[0], Eyes.of(BOARD, BASELINE_MM)
+    left, right = rng.permutation(eyes.pairs(*rest))[:280].T
+    pins = np.stack([rest[0, left], rest[1, right]])
     flat = (pins[0] - [159.5, 119.5]) / 140
     normal = np.column_stack([flat, np.sqrt(1 - (flat**2).sum(axis=1))])
+    gain = eyes.gains(eyes.place(pins)) * rng.uniform(0.8, 1.2, (280, 1, 1)) * 256_000
     spread = rng.uniform(-0.3, 0.3, (WIDTHS[0], 2))
     place = np.column_stack([spread, np.sqrt(1 - (spread**2).sum(axis=1))])
     n_features = 3 * WIDTHS[0] + 2
     widths = (n_features, *WIDTHS[1:])
     out: dict[str, npt.NDArray[Any]] = {
-        "rest": pins * 256, "normal": normal * 2**14, "gain": rng.normal(0, 60_000, (3, 280, 3, 4)),
+        "rest": pins * 256, "normal": normal * 2**14, "gain": gain,
         "place": place * 2**14, "kernel": 2**15 * np.exp(-np.arange(2048) / 500), "gate": np.array([768, 1600]),
         "mean": rng.normal(0, 2000, (3, n_features)), "near": rng.uniform(0, 2**12, (3, WIDTHS[1])),
         "length": rng.uniform(0, 2**12, (3, WIDTHS[1])), "limit": np.full((3, 2), 30_000),
@@ -93,6 +94,10 @@ def area_tables(rng: np.random.Generator) -> dict[str, npt.NDArray[Any]]:
     steps = [[100_000, 400_000, 3], [-500, 1500, 2], [900, 800, 4], [700, 900, 3]]
     return {"ray": ray * 2**14, "cell": np.linspace(8e3, 1.4e6, 21), "tip": np.array([328_000]),
             "face_axis": np.array(steps), "face": face}  # fmt: skip
+
+
+def quality(path: Pipeline) -> npt.NDArray[np.int64]:
+    return path.marker_quality().astype(np.int64)
 
 
 def opened(tables: dict[str, npt.NDArray[Any]]) -> Pipeline:
@@ -134,7 +139,7 @@ def test_every_number_is_the_mirrors(seed: int, make: Callable[..., dict[str, np
                 said = path.process(picture)
                 moved = path.features().reshape(2, -1, 2)
                 before = own.n_saturated
-                row = own.run(moved, eyes)
+                row = own.run(moved, quality(path), eyes)
                 assert list(path.tip()) == row
                 assert bool(said.flags & VIEW_LOST) == (blind is not None)
                 assert bool(said.flags & FEATURES) == (not row[1])
@@ -151,6 +156,41 @@ def test_every_number_is_the_mirrors(seed: int, make: Callable[..., dict[str, np
     assert touched >= 9
     assert flat >= 3
     assert told >= 1 or make is hostile
+
+
+SPOILT = {  # pins of each eye, how much of them is hidden, px; the eye that is black
+    "half a pin": ((1, 0), 6, None, 0),
+    "a pin of each eye": ((1, 1), 11, None, 0),  # beside one at the edge that the press hides
+    "four pins of one eye": ((4, 0), 11, None, VIEW_LOST),
+    "two pins of each eye": ((2, 2), 11, None, MARKERS_LOST),
+    "two pins of an eye that sees alone": ((2, 0), 11, 1, MARKERS_LOST | VIEW_LOST),
+}
+
+
+@pytest.mark.parametrize("case", SPOILT, ids=str)
+def test_pins_that_are_seen_wrong_are_left_out(case: str) -> None:
+    """An eye is not sure of them, or the other contradicts it."""
+    counts, hidden_px, blind, flags = SPOILT[case]
+    tables = tensors(np.random.default_rng(1))
+    own, picture = mirror(tables), frame(1400, 2, -12).copy()
+    with opened(tables) as path:
+        learn(path)
+        path.process(picture)
+        clean, (rest, moved, _) = list(path.tip()), path.markers()
+        for eye, n in enumerate(counts):
+            for pin in range(0, 40 * n, 40):
+                u, v = np.round((rest + moved)[eye, pin]).astype(int)
+                picture[v - 5 : v + 6, u + 6 - hidden_px : u + 6] = picture[v - 5, u - 5]
+        if blind is not None:
+            picture[:, blind * WIDTH_PX : (blind + 1) * WIDTH_PX] = 0
+        said = path.process(picture)
+        seen = path.features().reshape(2, -1, 2)
+        eyes = 0 if not flags & VIEW_LOST else 2 if counts[0] > counts[1] and blind is None else 1
+        assert list(path.tip()) == own.run(seen, quality(path), eyes)
+        assert said.flags & (VIEW_LOST | MARKERS_LOST) == flags
+        assert said.force_z_validity == (INVALID if flags & MARKERS_LOST else VALID)
+        assert path.tip()[0]
+        assert list(path.tip()) != clean
 
 
 @pytest.mark.parametrize("eye", [0, 1])
@@ -170,7 +210,7 @@ def test_an_eye_that_is_dead_from_the_start_leaves_the_other(eye: int) -> None:
             if depth == 1400:
                 rest, _, lost = path.markers()
                 own.learn((rest * 65536).astype(np.int64), (lost == 2).astype(np.int64))
-            row = own.run(path.features().reshape(2, -1, 2), 2 - eye)
+            row = own.run(path.features().reshape(2, -1, 2), quality(path), 2 - eye)
             assert list(path.tip()) == row
             assert said.flags & (VIEW_LOST | OTHER_PAD | MARKERS_LOST) == VIEW_LOST
             assert said.force_z_validity == VALID

@@ -73,6 +73,21 @@ def areas(t: dict[str, Ints], field: Callable[[Ints], Ints], axis: Ints, force: 
     return [flat, max(change // 2, int(cell[-1])), *face]
 
 
+def still_of(gain: Ints) -> Ints:
+    """What no motion of a pin makes, (4,) Q14: square to the rows of M (3, 4)."""
+    m = gain.copy()
+    while np.abs(m).max() >= 1 << 19:
+        m >>= 1
+    n = []
+    for left_out in range(4):
+        a, b, c = (m[:, i] for i in range(4) if i != left_out)
+        n.append((-1) ** left_out * int((a * np.cross(b, c)).sum()))
+    while max(abs(v) for v in n) >= 1 << 29:
+        n = [v >> 1 for v in n]
+    length = max(isqrt(sum(v * v for v in n)), 1)
+    return np.array([v * ONE // length for v in n])
+
+
 class Fingertip:
     """Tensors of kind `fingertip` by their names without it; `most_un` of the manifest."""
 
@@ -80,6 +95,8 @@ class Fingertip:
         self.t = {name.removeprefix("fingertip."): np.asarray(v, np.int64) for name, v in tensors.items()}
         self.most_un = most_un
         self.marker = np.full((2, len(self.t["normal"])), -1)
+        self.still = np.array([still_of(m) for m in self.t["gain"][0]])
+        self.n_contradicted = 0
         self.n_saturated = 0
 
     def learn(self, rest_q16: Ints, is_absent: Ints) -> None:
@@ -96,16 +113,24 @@ class Fingertip:
         self.n_saturated += int((np.abs(values) > limit).sum())
         return np.clip(values, -limit, limit)
 
-    def field(self, moved_q16: Ints, eyes: int) -> tuple[Ints, Ints, Ints] | None:
-        """Features (3 g + 2,), R (3, 3), c (3,); None where nothing presses."""
-        there = (self.marker >= 0)[[[0, 1], [0], [1]][eyes]].all(axis=0)
-        normal = self.t["normal"][there]
-        shift = np.concatenate([
-            np.where(self.marker[eye][there, None] < 0, 0, moved_q16[eye][self.marker[eye][there]]) for eye in range(2)
-        ], axis=1)  # fmt: skip
-        gain = self.t["gain"][eyes][there]
+    def field(self, moved_q16: Ints, quality: Ints, eyes: int) -> tuple[Ints, Ints, Ints] | None:
+        """Features (3 g + 2,), R (3, 3), c (3,); None where nothing presses. Quality (2, m), 0 of lost markers."""
+        seeing = [[0, 1], [0], [1]][eyes]
+        there = (self.marker >= 0)[seeing].all(axis=0)
+        sure = np.array([(self.marker[e] >= 0) & (quality[e][self.marker[e]] >= 30) for e in range(2)])
+        there &= sure[seeing].all(axis=0)
+        shift = np.zeros((len(there), 4), np.int64)
+        for eye in range(2):
+            moved = np.clip(moved_q16[eye][self.marker[eye]], -(1 << 24), 1 << 24)
+            shift[:, 2 * eye : 2 * eye + 2] = np.where(sure[eye][:, None], moved, 0)
+        apart = np.abs(round_shift((self.still * shift).sum(axis=1), 14))
+        most = 8192 + np.array([isqrt(v) for v in (shift**2).sum(axis=1).tolist()]) // 32
+        contradicted = sure.all(axis=0) & (apart > most)
+        self.n_contradicted = int(contradicted.sum())
+        there &= ~contradicted
+        normal, shift, gain = self.t["normal"][there], shift[there], self.t["gain"][eyes][there]
         limit = 1 << 18
-        u = np.clip(round_shift((gain * np.clip(shift, -(1 << 24), 1 << 24)[:, None]).sum(axis=2), 20), -limit, limit)
+        u = np.clip(round_shift((gain * shift[:, None]).sum(axis=2), 20), -limit, limit)
         press = -round_shift((u * normal).sum(axis=1), 14)
         most = int(press.max(initial=0))
         if most < self.t["gate"][1]:
@@ -144,9 +169,9 @@ class Fingertip:
             level = np.maximum(level, 0) if i < 3 else level
         return level, far <= t["limit"][0] << 16 and left <= int(t["limit"][1]) ** 2 * len(x)
 
-    def run(self, moved_q16: Ints, eyes: int) -> list[int]:
+    def run(self, moved_q16: Ints, quality: Ints, eyes: int) -> list[int]:
         """A row as of ruffini_get_tip."""
-        found = self.field(moved_q16, eyes)
+        found = self.field(moved_q16, quality, eyes)
         if found is None:
             return [0, 1, 1] + [0] * 16
         features, r, _ = found

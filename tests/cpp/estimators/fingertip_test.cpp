@@ -71,6 +71,7 @@ std::vector<Marker> markers(int32_t moved) {
     m.rest_y = ImagePx::from_raw(100 << 16);
     m.displacement_x = m.displacement_y = ImagePx::from_raw(moved);
     m.is_lost = m.is_absent = false;
+    m.quality = 255;
   }
   return out;
 }
