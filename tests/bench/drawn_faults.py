@@ -3,7 +3,7 @@
     python tests/bench/drawn_faults.py --board gelslim --calibration FILE --states 30
     python tests/bench/drawn_faults.py --coarse --states 40     # the tests' pad: 160x120 pixels, markers 2 mm apart
     python tests/bench/drawn_faults.py --board stereo-fingertip --calibration FILE --states 40 --full-scale-n 1
-    python tests/bench/drawn_faults.py --board contact-glitter --calibration FILE --full-scale-n 70 --deepest-mm 2
+    python tests/bench/drawn_faults.py --board contact-glitter --calibration FILE --deepest-mm 2
 
 `ruffini bench health` shows each fault once, in the middle; here every state has each fault for one frame. Every fourth
 state is untouched, in the others a ball or a flat punch presses and shears. A force that is wrong is counted where it
