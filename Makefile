@@ -111,6 +111,7 @@ bench: setup  ## time of every stage with peers beside them; accuracy on simulat
 	@$(PYTHON) tests/bench/building.py $(if $(QUICK),--quick)
 	@$(PYTHON) tests/bench/accuracy.py $(if $(QUICK),--presses 6)
 	@$(PYTHON) tests/bench/twin.py
+	@$(if $(QUICK),true,$(PYTHON) tests/bench/residual.py)
 
 aarch64: build  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu; instructions of each stage
 	@.ci/setup aarch64
