@@ -6,9 +6,10 @@
 //   c   = sum w n / |sum w n|              the middle of what presses; R turns it to (0, 0, 1) the short way
 //   f_g = sum_p K(|R n_p - g|^2) R u_p / (sum_p K + 1/20)  at places g about the top; and c_x, c_y times 500 um
 //
-// A pin is left out where an eye that is asked lost it or is not sure of it, and where both are and contradict each other: four shifts tell
-// three numbers, and the part of them that no motion of the pin makes, e = |n . d|, M n = 0, |n| = 1, is more than
-// 1/8 px + |d| / 32. In 4,725 frames of good presses (SIMULATED) e is at most 0.13 px and no pin is left out.
+// A pin is left out where an eye that is asked lost it or is not sure of it, and where both are sure and contradict
+// each other: four shifts tell three numbers, and the part of them that no motion of the pin makes, e = |n . d|,
+// M n = 0, |n| = 1, is more than 1/8 px + |d| / 32. In 4,725 frames of good presses (SIMULATED) e is at most 0.13 px
+// and no pin is left out.
 //
 // Pins are known by where they rest. u, f in 1/16 um, directions Q14. Frame thread; no allocation after load().
 #pragma once
