@@ -1,12 +1,16 @@
 #include "capture/libcamera_camera.h"
 
 #include <libcamera/libcamera.h>
+#include <sys/sysmacros.h>
 
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <filesystem>
 #include <future>
 #include <mutex>
+#include <string>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -23,7 +27,7 @@ using std::chrono::milliseconds;
 using SteadyClock = std::chrono::steady_clock;
 
 constexpr milliseconds kWait{100};     // for one frame; then the daemon looks whether it is to stop
-constexpr milliseconds kStall{1'000};  // without frames: the stream is started again
+constexpr milliseconds kStall{1'000};  // without frames, and three periods: the stream is started again
 constexpr milliseconds kStopTime{2'000};
 constexpr int kSettlingFrames = 10;  // after a start, until new controls are in force in every pipeline
 constexpr int kMaxDrifted = 300;     // frames in a row that are not as [exposure] asks
@@ -56,13 +60,9 @@ class LibcameraCamera : public Camera {
     session_->manager = camera_manager();
     if (!session_->manager) return unavailable("libcamera", "did not start: does /dev/media* exist?");
     if (Status found = find(name); !found) return found;
-    if (Status configured = configure(); !configured) return configured;
-    if (Status made = make_buffers(); !made) return made;
-    if (Status asked = ask_controls(); !asked) return asked;
     session_->camera->requestCompleted.connect(session_.get(), &LibcameraSession::complete);
     session_->camera->disconnected.connect(session_.get(), &LibcameraSession::disconnect);
-    if (!start()) return unavailable(id_, "did not start: is another program using it? dmesg says more");
-    return Unit{};
+    return start_in_some_format();
   }
 
   CaptureStatus capture(FramePool::Buffer& buffer) override {
@@ -91,8 +91,10 @@ class LibcameraCamera : public Camera {
       ids += (ids.empty() ? "" : ", ") + camera->id();
       if (camera->id().find(name) != std::string::npos) fitting.push_back(camera);
     }
-    if (ids.empty()) return unavailable(name, "is not there: libcamera sees none. Look at its cable, then `cam -l`");
-    if (fitting.empty()) return unavailable(name, "is not there: libcamera sees " + ids);
+    // A pipeline whose links another program has set up may not list its camera at all.
+    const std::string absent = "is not there, or another program uses it (fuser /dev/media*): libcamera sees ";
+    if (ids.empty()) return unavailable(name, absent + "none. Look at its cable, then `cam -l`");
+    if (fitting.empty()) return unavailable(name, absent + ids);
     if (fitting.size() > 1) {
       return Error{ErrorKind::kBadInput, "several cameras: choose one with --camera libcamera:NAME of " + ids};
     }
@@ -107,29 +109,44 @@ class LibcameraCamera : public Camera {
     return Unit{};
   }
 
-  Status configure() {
+  // The first of formats() that the camera has and starts in: drivers take formats in which they then do not stream.
+  Status start_in_some_format() {
     session_->configuration = session_->camera->generateConfiguration({lc::StreamRole::VideoRecording});
     if (!session_->configuration || session_->configuration->empty()) return unavailable(id_, "offers no video");
-    lc::StreamConfiguration& stream = session_->configuration->at(0);
-    const lc::Size size(static_cast<unsigned>(board_.camera.width_px), static_cast<unsigned>(board_.camera.height_px));
-    const std::vector<lc::PixelFormat> offered = stream.formats().pixelformats();
+    const std::vector<lc::PixelFormat> offered = session_->configuration->at(0).formats().pixelformats();
     std::string seen;
     for (const lc::PixelFormat& format : offered) seen += " " + format.toString();
+    bool was_configured = false;
     for (const Format& wanted : formats()) {
       if (std::find(offered.begin(), offered.end(), wanted.format) == offered.end()) continue;
-      stream.pixelFormat = wanted.format;
-      stream.size = size;
-      stream.bufferCount = kRequests;
-      if (session_->configuration->validate() == lc::CameraConfiguration::Invalid) continue;
-      seen += "; " + stream.toString();
-      if (stream.pixelFormat != wanted.format || stream.size != size) continue;
-      layout_ = wanted.layout;
-      rule_ = rule_of(stream.colorSpace);
-      if (session_->camera->configure(session_->configuration.get()) != 0) continue;
-      return Unit{};
+      if (!configure(wanted, seen)) continue;
+      was_configured = true;
+      if (Status made = make_buffers(); !made) return made;
+      if (Status asked = ask_controls(); !asked) return asked;
+      if (start()) return Unit{};
+      session_->let_buffers_go();
     }
-    return Error{ErrorKind::kBadInput, "camera " + id_ + " has no mode of " + size.toString() +
+    if (was_configured) return unavailable(id_, "did not start: is another program using it? dmesg says more");
+    return Error{ErrorKind::kBadInput, "camera " + id_ + " has no mode of " + frame_size().toString() +
                                            " that board.toml asks for: it offers" + seen};
+  }
+
+  [[nodiscard]] lc::Size frame_size() const {
+    return {static_cast<unsigned>(board_.camera.width_px), static_cast<unsigned>(board_.camera.height_px)};
+  }
+
+  // Adds what the camera would give instead to `seen`.
+  bool configure(const Format& wanted, std::string& seen) {
+    lc::StreamConfiguration& stream = session_->configuration->at(0);
+    stream.pixelFormat = wanted.format;
+    stream.size = frame_size();
+    stream.bufferCount = kRequests;
+    if (session_->configuration->validate() == lc::CameraConfiguration::Invalid) return false;
+    seen += "; " + stream.toString();
+    if (stream.pixelFormat != wanted.format || stream.size != frame_size()) return false;
+    layout_ = wanted.layout;
+    rule_ = rule_of(stream.colorSpace);
+    return session_->camera->configure(session_->configuration.get()) == 0;
   }
 
   [[nodiscard]] std::vector<lc::FrameBuffer::Plane> planes(const lc::SharedFD& fd) const {
@@ -245,9 +262,27 @@ class LibcameraCamera : public Camera {
     return n == 0 ? nullptr : taken[n - 1];
   }
 
+  [[nodiscard]] bool is_told_gone() const {
+    const std::lock_guard lock(session_->mutex);
+    return session_->is_gone;
+  }
+  // libcamera may hear of it later than the kernel knows: its device nodes are no more.
+  [[nodiscard]] bool is_gone() const {
+    if (is_told_gone()) return true;
+    const auto nodes = session_->camera->properties().get(lc::properties::SystemDevices);
+    return nodes && std::any_of(nodes->begin(), nodes->end(), [](int64_t node) {
+             const auto number = static_cast<dev_t>(node);
+             std::error_code error;
+             return !std::filesystem::exists(
+                 "/sys/dev/char/" + std::to_string(major(number)) + ":" + std::to_string(minor(number)), error);
+           });
+  }
+
   CaptureStatus without_frame() {
-    if (session_->is_gone) return end("was unplugged");
-    if (SteadyClock::now() - last_frame_ < kStall) return CaptureStatus::kNothing;
+    if (is_told_gone()) return end("was unplugged");
+    if (SteadyClock::now() - last_frame_ < std::max<SteadyClock::duration>(kStall, 3 * period_))
+      return CaptureStatus::kNothing;
+    if (is_gone()) return end("was unplugged");
     if (++n_restarts_ > kMaxRestarts) return end("gives no frames, though it was started again: dmesg says more");
     if (!stop_in_time()) return end("does not stop: it is left to the kernel, which may need a reboot");
     {
@@ -264,8 +299,13 @@ class LibcameraCamera : public Camera {
     return CaptureStatus::kEnd;
   }
 
-  // A stop that does not come back is left alone, with all that it may still touch.
+  // A stop that does not come back is left alone, with all that it may still touch. So is a camera that is gone:
+  // libcamera (0.7.1) ends the process where one is stopped whose requests the kernel never gave back.
   bool stop_in_time() {
+    if (is_gone()) {
+      left_alone_ = session_.release();
+      return false;
+    }
     session_->is_running = false;
     std::promise<void> promise;
     const std::future<void> stopped = promise.get_future();

@@ -28,11 +28,15 @@ void LibcameraSession::disconnect() {
   changed.notify_one();
 }
 
-LibcameraSession::~LibcameraSession() {
+void LibcameraSession::let_buffers_go() {
   requests.clear();
   mappings.clear();
   own_buffers.clear();
   allocator.reset();
+}
+
+LibcameraSession::~LibcameraSession() {
+  let_buffers_go();
   if (!camera) return;
   camera->requestCompleted.disconnect();
   camera->disconnected.disconnect();

@@ -44,6 +44,9 @@ struct LibcameraSession {
   LibcameraSession& operator=(const LibcameraSession&) = delete;
   ~LibcameraSession();
 
+  // Of a stream that did not start.
+  void let_buffers_go();
+
   // libcamera's thread.
   void complete(libcamera::Request* request);
   void disconnect();

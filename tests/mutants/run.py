@@ -2,7 +2,8 @@
 
     python tests/mutants/run.py --build build [--only WORDS]
 
-Prints a line for each bug; ends with 1 where one survives, does not fit the source any more, or does not compile.
+Prints for each bug what its layer does: it fails, or hangs, which kills the bug as well. Ends with 1 where one
+survives, does not fit the source any more, or does not compile.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ class Tree:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         return "" if done.returncode == 0 else done.stdout[-2000:] + done.stderr[-2000:]
 
-    def passes(self, layer: str) -> bool:
-        """Whether a layer of tests sees nothing."""
+    def run(self, layer: str) -> str:
+        """What a layer of tests does: passes, fails, or hangs."""
         command = shlex.split(layer.format(build=self.build, python=sys.executable))
         try:
             done = subprocess.run(
@@ -60,8 +61,8 @@ class Tree:
                 timeout=TIMEOUT_S,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
-            return False
-        return done.returncode == 0
+            return "hangs"
+        return "passes" if done.returncode == 0 else "fails"
 
 
 def targets_of(layer: str) -> list[str]:
@@ -70,7 +71,7 @@ def targets_of(layer: str) -> list[str]:
 
 
 def verdict(tree: Tree, bug: dict[str, str], layers: dict[str, str]) -> str:
-    """Either "killed", or what is wrong."""
+    """How a bug shows, "fails" or "hangs", or what is wrong."""
     path = tree.root / bug["file"]
     source = path.read_text()
     if source.count(bug["find"]) != 1:
@@ -81,7 +82,8 @@ def verdict(tree: Tree, bug: dict[str, str], layers: dict[str, str]) -> str:
         said = tree.make(*targets_of(layers[bug["layer"]])) if is_compiled else ""
         if said:
             return f"DOES NOT COMPILE: {said}"
-        return "SURVIVES" if tree.passes(layers[bug["layer"]]) else "killed"
+        said = tree.run(layers[bug["layer"]])
+        return "SURVIVES" if said == "passes" else said
     finally:
         path.write_text(source)
 
@@ -102,16 +104,17 @@ def main() -> int:
         print(said, file=sys.stderr)
         return 1
     for name in sorted({bug["layer"] for bug in bugs}):
-        if not tree.passes(plan["layers"][name]):
-            print(f"layer {name} fails without any bug: mend that first", file=sys.stderr)
+        if (said := tree.run(plan["layers"][name])) != "passes":
+            print(f"layer {name} {said} without any bug: mend that first", file=sys.stderr)
             return 1
-    n_wrong = 0
+    n_hung = n_wrong = 0
     for bug in bugs:
         start = time.monotonic()
         said = verdict(tree, bug, plan["layers"])
-        n_wrong += said != "killed"
+        n_hung += said == "hangs"
+        n_wrong += said not in ("fails", "hangs")
         print(f"{said:9}  {bug['layer']:13} {time.monotonic() - start:5.0f} s  {bug['name']}", flush=True)
-    print(f"{len(bugs)} seeded bugs, {len(bugs) - n_wrong} killed")
+    print(f"{len(bugs)} seeded bugs, {len(bugs) - n_wrong} killed, {n_hung} of them by {TIMEOUT_S:.0f} s without an end")
     return 1 if n_wrong else 0
 
 

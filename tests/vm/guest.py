@@ -5,88 +5,40 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import json
 import os
 import re
 import subprocess
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 from checks import check, content, run, run_all, tool, until
-
-ENVIRONMENT = Path("/etc/ruffini/ruffinid.env")
-GADGET = Path("/sys/kernel/config/usb_gadget/ruffini")
-I2C = Path("/sys/module/i2c_bench/parameters")
-LAMPS, TOUCH = 3, 5  # lines
-WATCHDOG_S = 8
-DRIVER, THERMOMETER = 0x15, 0x48  # chips on the bus
-IREF, LED_OUT = 0x18, 0x02  # registers of the lamps' driver
-GEL = ["--bus", "/dev/i2c-0", "--address", "0x51", "--address-bytes", "2"]
-LOG = Path("/run/ruffinid.log")
-
-
-def udc() -> str:
-    return os.listdir("/sys/class/udc")[0]
-
-
-def line(n: int) -> str:
-    """Level of a line of the simulated chip, as a wire on it would see it."""
-    (value,) = Path("/sys/devices/platform").glob(f"gpio-sim.*/gpiochip*/sim_gpio{n}/value")
-    return content(value)
-
-
-def lamps() -> str:
-    return line(LAMPS)
-
-
-def settle() -> None:
-    run("udevadm", "settle", "--timeout=20")
-
-
-def port() -> str:
-    """The sensor's port on the host's side, by its link."""
-    return str(Path("/dev/ruffini/VM-0001").resolve())
-
-
-def on_bus(address: int, *out: int, n: int = 0) -> list[int]:
-    """What the chip at an address answers, or nothing: another master of the bus, beside ruffinid."""
-    from smbus2 import SMBus, i2c_msg
-
-    answer = i2c_msg.read(address, n)
-    with SMBus("/dev/i2c-0") as bus:
-        bus.i2c_rdwr(i2c_msg.write(address, out), *([answer] if n else []))
-    return list(answer)
-
-
-def warm_to(celsius: float) -> None:
-    """A TMP102 as its driver sets it: 13 bits, the last of them 1/16 degree, in the upper ones of 16."""
-    on_bus(THERMOMETER, 0, *int(celsius * 128).to_bytes(2, "big"))
-
-
-def ruffinid(*cameras: str, board: str = "vmpad") -> list[str]:
-    given = [word for camera in cameras for word in ("--camera", f"libcamera:{camera}")]
-    return ["ruffinid", "--board", f"/vm/{board}", *given, "--link", "/dev/ttyGS0",
-            "--serial", "VM-0001", "--store", "/run/store"]  # fmt: skip
-
-
-@contextlib.contextmanager
-def daemon(*cameras: str, board: str = "vmpad") -> Iterator[subprocess.Popen[bytes]]:
-    """ruffinid, not under systemd, once it has opened its line; LOG is what it says."""
-    command = ruffinid(*(cameras or ("VirtualDots",)), board=board)
-    with LOG.open("w") as log, subprocess.Popen(command, stdout=log, stderr=log) as process:
-        try:
-            until("ruffinid has opened its line", lambda: "link: " in LOG.read_text(), 60)
-            yield process
-        finally:
-            process.terminate()
-            process.wait(20)
-
-
-def ruffini(*words: str) -> str:
-    return tool("--port", port(), "--quiet", *words)
+from virtual_board import (
+    DRIVER,
+    ENVIRONMENT,
+    GADGET,
+    GEL,
+    I2C,
+    IREF,
+    LAMPS,
+    LED_OUT,
+    LOG,
+    THERMOMETER,
+    TOUCH,
+    WATCHDOG_S,
+    daemon,
+    lamps,
+    line,
+    new_pictures,
+    on_bus,
+    port,
+    ruffini,
+    ruffinid,
+    settle,
+    udc,
+    warm_to,
+)
 
 
 @check
@@ -141,6 +93,36 @@ def camera() -> str:
     assert passed, printed
     assert "SKIPPED" not in printed, printed
     return f"{passed[1]} tests"
+
+
+VIMC = Path("/sys/bus/platform/drivers/vimc")
+BARS = [(1, 1, 1), (1, 1, 0), (0, 1, 1), (0, 1, 0), (1, 0, 1), (1, 0, 0), (0, 0, 1), (0, 0, 0)]  # red, green, blue
+
+
+@check
+def kernel_camera() -> str:
+    """Camera of the kernel (vimc), media graph and V4L2 buffers: colours; busy; no [exposure]; unplugged, back"""
+    run("insmod", "/vm/vimc.ko")
+    settle()
+    refused = run(*ruffinid("vimc", board="vmexposed"), code=2)
+    assert "cannot be told ExposureTime AnalogueGain ColourGains" in refused, refused
+    with daemon("vimc", board="vmbare") as process:
+        pictures = new_pictures(4)
+        assert len(pictures) == 4, list(pictures)
+        levels = pictures[max(pictures)].mean(axis=0)[..., ::-1]  # of each column: red, green, blue
+        middles = levels[len(levels) // 16 :: len(levels) // 8]
+        assert [tuple(row > 100) for row in middles] == BARS, middles
+        busy = run(*ruffinid("vimc", board="vmbare"), code=3)
+        assert "another program uses it" in busy, busy
+        (VIMC / "unbind").write_text("vimc.0")
+        until("ruffinid has ended", lambda: process.poll() is not None)
+        gone = LOG.read_text().strip().splitlines()[-1]
+        assert "was unplugged" in gone, LOG.read_text()
+    (VIMC / "bind").write_text("vimc.0")
+    settle()
+    with daemon("vimc", board="vmbare"):
+        assert len(new_pictures(1)) == 1
+    return f"frames {list(pictures)}; bars {middles.round().astype(int).tolist()}; {gone}"
 
 
 @check
@@ -470,7 +452,8 @@ def host_doctor() -> str:
 
 def set_up() -> str:
     """Modules, simulated lines and bus, settings"""
-    for module in ("i2c-dev", "gpio-sim", "libcomposite", "dummy_hcd", "cdc-acm", "tmp102"):
+    for_vimc = ("v4l2-tpg", "videobuf2-v4l2", "videobuf2-vmalloc", "videobuf2-dma-contig")
+    for module in ("i2c-dev", "gpio-sim", "libcomposite", "dummy_hcd", "cdc-acm", "tmp102", *for_vimc):
         run("modprobe", module)
     run("insmod", "/vm/i2c_bench.ko", "eeproms=0x50,0x51", f"registers={DRIVER}", f"words={THERMOMETER}")
     on_bus(THERMOMETER, 1, 0x60, 0xA0)  # as it comes out of a reset

@@ -65,7 +65,14 @@ STEREO = """
 [stereo]
 tolerance_us = 50000
 """
-BOARDS = {"vmpad": HARDWARE, "vmfull": FULL, "vmbare": "", "vmstereo": STEREO}
+EXPOSURE = """
+[exposure]
+time_us = 5000
+gain_1e3 = 1000
+red_1e3 = 1000
+blue_1e3 = 1000
+"""
+BOARDS = {"vmpad": HARDWARE, "vmfull": FULL, "vmbare": "", "vmstereo": STEREO, "vmexposed": EXPOSURE}
 # The pipeline shows each picture four times; whatever repeats has no valid force.
 N_REST, N_PRESSED, DEPTH = 12, 6, 0.25
 CAMERA = """"{name}":

@@ -1,0 +1,101 @@
+"""The virtual board as its checks see it: lines, chips on the bus, the daemon, the host."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from checks import content, run, tool, until
+
+ENVIRONMENT = Path("/etc/ruffini/ruffinid.env")
+GADGET = Path("/sys/kernel/config/usb_gadget/ruffini")
+I2C = Path("/sys/module/i2c_bench/parameters")
+LAMPS, TOUCH = 3, 5  # lines
+WATCHDOG_S = 8
+DRIVER, THERMOMETER = 0x15, 0x48  # chips on the bus
+IREF, LED_OUT = 0x18, 0x02  # registers of the lamps' driver
+GEL = ["--bus", "/dev/i2c-0", "--address", "0x51", "--address-bytes", "2"]
+LOG = Path("/run/ruffinid.log")
+
+
+def udc() -> str:
+    return os.listdir("/sys/class/udc")[0]
+
+
+def line(n: int) -> str:
+    """Level of a line of the simulated chip, as a wire on it would see it."""
+    (value,) = Path("/sys/devices/platform").glob(f"gpio-sim.*/gpiochip*/sim_gpio{n}/value")
+    return content(value)
+
+
+def lamps() -> str:
+    return line(LAMPS)
+
+
+def settle() -> None:
+    run("udevadm", "settle", "--timeout=20")
+
+
+def port() -> str:
+    """The sensor's port on the host's side, by its link."""
+    return str(Path("/dev/ruffini/VM-0001").resolve())
+
+
+def on_bus(address: int, *out: int, n: int = 0) -> list[int]:
+    """What the chip at an address answers, or nothing: another master of the bus, beside ruffinid."""
+    from smbus2 import SMBus, i2c_msg
+
+    answer = i2c_msg.read(address, n)
+    with SMBus("/dev/i2c-0") as bus:
+        bus.i2c_rdwr(i2c_msg.write(address, out), *([answer] if n else []))
+    return list(answer)
+
+
+def warm_to(celsius: float) -> None:
+    """A TMP102 as its driver sets it: 13 bits, the last of them 1/16 degree, in the upper ones of 16."""
+    on_bus(THERMOMETER, 0, *int(celsius * 128).to_bytes(2, "big"))
+
+
+def ruffinid(*cameras: str, board: str = "vmpad") -> list[str]:
+    given = [word for camera in cameras for word in ("--camera", f"libcamera:{camera}")]
+    return ["ruffinid", "--board", f"/vm/{board}", *given, "--link", "/dev/ttyGS0",
+            "--serial", "VM-0001", "--store", "/run/store"]  # fmt: skip
+
+
+@contextlib.contextmanager
+def daemon(*cameras: str, board: str = "vmpad") -> Iterator[subprocess.Popen[bytes]]:
+    """ruffinid, not under systemd, once it has opened its line; LOG is what it says."""
+    command = ruffinid(*(cameras or ("VirtualDots",)), board=board)
+    with LOG.open("w") as log, subprocess.Popen(command, stdout=log, stderr=log) as process:
+        try:
+            until("ruffinid has opened its line", lambda: "link: " in LOG.read_text() or process.poll() is not None, 60)
+            assert process.poll() is None, LOG.read_text()
+            yield process
+        finally:
+            process.terminate()
+            process.wait(20)
+
+
+def ruffini(*words: str) -> str:
+    return tool("--port", port(), "--quiet", *words)
+
+
+def new_pictures(n: int) -> dict[int, Any]:
+    """What the host gets of a camera, by number of the frame, (height, width, 3), B G R."""
+    from ruffini.device import Connection
+    from ruffini.device.results import RESULTS
+
+    got: dict[int, Any] = {}
+    with Connection(port()) as sensor:
+        sensor.subscribe(image=1)
+        for frame, message in sensor.stream(timeout_s=30):
+            if sensor.schema.type_name(frame.type) == "IMAGE":
+                assert not got or message.stamp.frame > max(got), (message.stamp.frame, list(got))
+                got[message.stamp.frame] = RESULTS["IMAGE"].from_message(message).pixels
+            if len(got) == n:
+                break
+    return got
