@@ -114,7 +114,9 @@ def main() -> int:
         n_hung += said == "hangs"
         n_wrong += said not in ("fails", "hangs")
         print(f"{said:9}  {bug['layer']:13} {time.monotonic() - start:5.0f} s  {bug['name']}", flush=True)
-    print(f"{len(bugs)} seeded bugs, {len(bugs) - n_wrong} killed, {n_hung} of them by {TIMEOUT_S:.0f} s without an end")
+    print(
+        f"{len(bugs)} seeded bugs, {len(bugs) - n_wrong} killed, {n_hung} of them by {TIMEOUT_S:.0f} s without an end"
+    )
     return 1 if n_wrong else 0
 
 
