@@ -27,15 +27,22 @@ from virtual_board import (
     THERMOMETER,
     TOUCH,
     WATCHDOG_S,
+    allow_time,
     daemon,
     lamps,
     line,
+    main_process,
     new_pictures,
     on_bus,
     port,
+    restarted,
     ruffini,
     ruffinid,
+    serve,
+    settings,
     settle,
+    starved,
+    streamer,
     udc,
     warm_to,
 )
@@ -123,6 +130,27 @@ def kernel_camera() -> str:
     with daemon("vimc", board="vmbare"):
         assert len(new_pictures(1)) == 1
     return f"frames {list(pictures)}; bars {middles.round().astype(int).tolist()}; {gone}"
+
+
+@check
+def camera_stalls() -> str:
+    """A camera whose driver gets no time: started again where the stop comes back, left to the kernel where not"""
+    if not Path("/sys/kernel/debug/sched").exists():
+        run("mount", "-t", "debugfs", "debugfs", "/sys/kernel/debug")
+    with daemon("vimc", board="vmbare") as process:
+        new_pictures(1)
+        first = streamer()
+        with starved(first):
+            time.sleep(2.0)  # a stall is told after 1 s, a stop that does not come back 2 s later
+        assert len(new_pictures(2)) == 2
+        second = streamer()
+        assert second != first
+        assert process.poll() is None
+        with starved(second):
+            seconds = until("ruffinid gives up", lambda: "does not stop" in LOG.read_text(), 20)
+        process.wait(20)
+        said = LOG.read_text().strip().splitlines()[-1]
+    return f"again after a stall of 2 s, by another thread of the driver; then {said}, after {seconds:.1f} s"
 
 
 @check
@@ -293,46 +321,6 @@ def service() -> str:
         f"READY=1 after {ready:.1f} s; killed, it was back after {killed:.1f} s; hung (SIGSTOP), with WatchdogSec="
         f"{WATCHDOG_S}, after {hung:.1f} s; locked {status['VmLck'].strip()}"
     )
-
-
-def settings(path: Path, **changes: str) -> None:
-    text = path.read_text()
-    for name, value in changes.items():
-        text = re.sub(f"^{name}=.*", f"{name}={value}", text, flags=re.M)
-    path.write_text(text)
-
-
-def allow_time(unit: str) -> None:
-    """This computer is emulated: ten to twenty times slower than its host, and that has others to serve."""
-    drop_in = Path(f"/run/systemd/system/{unit}.service.d/emulated.conf")
-    if drop_in.exists():
-        return
-    drop_in.parent.mkdir(parents=True)
-    drop_in.write_text(f"[Service]\nTimeoutStartSec=120\nTimeoutStopSec=60\nWatchdogSec={WATCHDOG_S}\n")
-    run("systemctl", "daemon-reload")
-
-
-def serve(board: str) -> float:
-    """The service with this board; seconds until it says READY=1."""
-    settings(ENVIRONMENT, BOARD=f"/vm/{board}")
-    allow_time("ruffinid")
-    start = time.monotonic()
-    run("systemctl", "restart", "ruffinid", timeout=190)
-    assert run("systemctl", "is-active", "ruffinid").strip() == "active"
-    return time.monotonic() - start
-
-
-def main_process() -> str:
-    return run("systemctl", "show", "ruffinid", "-p", "MainPID", "--value").strip()
-
-
-def restarted(process: str, signal: str) -> float:
-    """Seconds from the signal to another process that has said READY=1."""
-    start = time.monotonic()
-    run("kill", f"-{signal}", process)
-    until("another process", lambda: main_process() not in ("0", process), 60)
-    until("active again", lambda: run("systemctl", "is-active", "ruffinid", code=None).strip() == "active", 120)
-    return time.monotonic() - start
 
 
 @check

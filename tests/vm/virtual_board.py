@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -99,3 +101,67 @@ def new_pictures(n: int) -> dict[int, Any]:
             if len(got) == n:
                 break
     return got
+
+
+def streamer() -> str:
+    """The thread of vimc that makes the pictures."""
+    (thread,) = run("pgrep", "vimc-streamer").split()
+    return thread
+
+
+@contextlib.contextmanager
+def starved(thread: str) -> Iterator[None]:
+    """It shares the second CPU with what never lets go, and nothing keeps a part for it."""
+    limits = [Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/sys/kernel/debug/sched/fair_server/cpu1/runtime")]
+    were = [limit.read_text() for limit in limits]
+    for limit, value in zip(limits, ("-1", "0"), strict=True):
+        limit.write_text(value)
+    run("taskset", "-p", "2", thread)
+    command = ["taskset", "2", "chrt", "-f", "99", "sh", "-c", "while :; do :; done"]
+    with subprocess.Popen(command) as hog:
+        try:
+            yield
+        finally:
+            hog.kill()
+            for limit, was in zip(limits, were, strict=True):
+                limit.write_text(was)
+
+
+def settings(path: Path, **changes: str) -> None:
+    text = path.read_text()
+    for name, value in changes.items():
+        text = re.sub(f"^{name}=.*", f"{name}={value}", text, flags=re.M)
+    path.write_text(text)
+
+
+def allow_time(unit: str) -> None:
+    """This computer is emulated: ten to twenty times slower than its host, and that has others to serve."""
+    drop_in = Path(f"/run/systemd/system/{unit}.service.d/emulated.conf")
+    if drop_in.exists():
+        return
+    drop_in.parent.mkdir(parents=True)
+    drop_in.write_text(f"[Service]\nTimeoutStartSec=120\nTimeoutStopSec=60\nWatchdogSec={WATCHDOG_S}\n")
+    run("systemctl", "daemon-reload")
+
+
+def serve(board: str) -> float:
+    """The service with this board; seconds until it says READY=1."""
+    settings(ENVIRONMENT, BOARD=f"/vm/{board}")
+    allow_time("ruffinid")
+    start = time.monotonic()
+    run("systemctl", "restart", "ruffinid", timeout=190)
+    assert run("systemctl", "is-active", "ruffinid").strip() == "active"
+    return time.monotonic() - start
+
+
+def main_process() -> str:
+    return run("systemctl", "show", "ruffinid", "-p", "MainPID", "--value").strip()
+
+
+def restarted(process: str, signal: str) -> float:
+    """Seconds from the signal to another process that has said READY=1."""
+    start = time.monotonic()
+    run("kill", f"-{signal}", process)
+    until("another process", lambda: main_process() not in ("0", process), 60)
+    until("active again", lambda: run("systemctl", "is-active", "ruffinid", code=None).strip() == "active", 120)
+    return time.monotonic() - start
