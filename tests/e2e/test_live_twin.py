@@ -102,12 +102,15 @@ def test_faults_are_flagged_in_the_frames_that_have_them(twin: Twin, tmp_path: P
     assert full == set(range(at["over_exposure"], at["over_exposure"] + 3))
 
 
+def standing_still() -> Scenario:
+    """For a second and a half, again and again: on a busy machine a host comes late to the first time."""
+    stalls = [{"kind": "stall", "first_frame": 30 + 90 * k, "n_frames": 30} for k in range(50)]
+    return Scenario.model_validate({"schema": 1, "program": "rest", "n": 1_000_000, "fault": stalls})
+
+
 def test_a_camera_that_stands_still_is_said_at_once(twin: Twin, tmp_path: Path) -> None:
     """Within three frames and a bit: an event and stale wrenches; none of them is taken for a new frame."""
-    scenario = Scenario.model_validate(
-        {"schema": 1, "program": "rest", "n": 1_000_000,
-         "fault": [{"kind": "stall", "first_frame": 60, "n_frames": 30}]}
-    )  # fmt: skip
+    scenario = standing_still()
     events, frames, stale = [], [], 0
     with (
         TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"),
@@ -121,11 +124,11 @@ def test_a_camera_that_stands_still_is_said_at_once(twin: Twin, tmp_path: Path) 
                 events.append(message.what)
             elif name == "WRENCH" and "FLAG_STALE" in flags(sensor, message):
                 stale += 1
-                assert message.stamp.frame == frames[-1]
+                assert not frames or message.stamp.frame == frames[-1]
                 assert 1 not in message.validity
             elif name == "WRENCH":
                 frames.append(message.stamp.frame)
-            if "camera_back" in events and frames[-1] > 100:
+            if (events[-2:] == ["camera_stalled", "camera_back"] and stale >= 5) or len(frames) > 1000:
                 break
     assert events[-2:] == ["camera_stalled", "camera_back"]
     assert stale >= 5  # 1.5 s without a frame
@@ -133,15 +136,13 @@ def test_a_camera_that_stands_still_is_said_at_once(twin: Twin, tmp_path: Path) 
 
 
 def test_monitor_says_what_the_device_says(twin: Twin, tmp_path: Path) -> None:
-    """A camera that stands still for a second and a half."""
-    stall = {"kind": "stall", "first_frame": 30, "n_frames": 30}
-    scenario = Scenario.model_validate({"schema": 1, "program": "rest", "n": 1_000_000, "fault": [stall]})
+    scenario = standing_still()
     assert twin.board.folder is not None
     with (
         TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"),
         running_daemon(twin.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store") as port,
     ):
-        code, _, text = run_host("monitor", "--n", "80", port=port)
+        code, _, text = run_host("monitor", "--n", "160", port=port)
     assert code == 0, text
     assert "camera_stalled: no good frame for" in text
     assert "camera_back: frames come again" in text
