@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 from broken_line import BrokenLine
 from browser import colours_in, sensor_of, state_of, viewer, wait_for
@@ -35,6 +36,11 @@ MAX_PAGE_BYTES = 350_000  # gzip, all of it
 N_STILLS = 20
 VALID = 1
 NUMBER = Schema.own().type_numbers
+PLACE_AND_COLOUR = """element => {
+  const [box, all] = [element.getBoundingClientRect(), document.querySelector("main").getBoundingClientRect()];
+  const colour = getComputedStyle(element).borderLeftColor.match(/\\d+/g).slice(0, 3).map(Number);
+  return {x: Math.round(box.left - all.left + 12), y: Math.round(box.top + box.height / 2 - all.top + 12), colour};
+}"""
 MINUS = "\u2212"  # as wide as a plus
 
 
@@ -156,7 +162,10 @@ def test_keys_zero_the_pad_change_units_and_ask_for_the_camera(pressed: tuple[st
             wait_for(page, "no press", is_untouched)
         with page.expect_download() as download:
             page.keyboard.press("s")
-        assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
+        legend = page.eval_on_selector(".u-marker >> nth=1", PLACE_AND_COLOUR)
+        y, x = legend["y"], legend["x"]
+        saved = cv2.imread(str(download.value.path()))[y - 2 : y + 3, x - 2 : x + 3, ::-1].astype(int)
+        assert (abs(saved - legend["colour"]).max(axis=2) < 30).any()  # a picture of the page, not only of its canvases
         page.keyboard.press("?")
         assert page.is_visible("#help")
 

@@ -30,12 +30,31 @@ function compose(root: HTMLElement): HTMLCanvasElement {
   const style = getComputedStyle(document.documentElement);
   context.fillStyle = style.getPropertyValue("--paper");
   context.fillRect(all.left - MARGIN_PX, all.top - MARGIN_PX, all.width + 2 * MARGIN_PX, all.height + 2 * MARGIN_PX);
-  for (const picture of root.querySelectorAll("canvas")) {
-    const box = picture.getBoundingClientRect();
-    if (box.width && box.height) context.drawImage(picture, box.left, box.top, box.width, box.height);
+  for (const element of root.querySelectorAll("*")) {
+    const box = element.getBoundingClientRect();
+    if (!box.width || !box.height) continue;
+    if (element instanceof HTMLCanvasElement) context.drawImage(element, box.left, box.top, box.width, box.height);
+    else drawBox(getComputedStyle(element), box, context);
   }
   writeTexts(root, context);
   return out;
+}
+
+/** Its ground and borders: cards, bars, the colours of a legend. */
+function drawBox(style: CSSStyleDeclaration, box: DOMRect, context: CanvasRenderingContext2D): void {
+  if (style.visibility === "hidden") return;
+  context.fillStyle = style.backgroundColor;
+  context.fillRect(box.left, box.top, box.width, box.height);
+  const sides = [
+    [style.borderTopWidth, style.borderTopColor, (n: number) => [box.left, box.top, box.width, n]],
+    [style.borderBottomWidth, style.borderBottomColor, (n: number) => [box.left, box.bottom - n, box.width, n]],
+    [style.borderLeftWidth, style.borderLeftColor, (n: number) => [box.left, box.top, n, box.height]],
+    [style.borderRightWidth, style.borderRightColor, (n: number) => [box.right - n, box.top, n, box.height]],
+  ] as const;
+  for (const [width, colour, place] of sides) {
+    context.fillStyle = colour;
+    context.fillRect(...(place(parseFloat(width)) as [number, number, number, number]));
+  }
 }
 
 /** Each piece of text where the browser has set it. */
@@ -44,15 +63,26 @@ function writeTexts(root: HTMLElement, context: CanvasRenderingContext2D): void 
   const range = document.createRange();
   context.textBaseline = "alphabetic";
   while (walker.nextNode()) {
-    const node = walker.currentNode;
-    const said = node.textContent?.trim();
-    if (!said || !node.parentElement) continue;
-    range.selectNodeContents(node);
-    const box = range.getClientRects()[0];
-    if (!box) continue;
+    const node = walker.currentNode as Text;
+    if (!node.parentElement) continue;
     const style = getComputedStyle(node.parentElement);
     context.font = `${style.fontWeight} ${style.fontSize} ${style.fontFamily}`;
     context.fillStyle = style.color;
-    context.fillText(said, box.left, box.top + 0.78 * box.height);
+    for (const { words, box } of linesOf(node, range)) context.fillText(words, box.left, box.top + 0.78 * box.height);
   }
+}
+
+/** The lines into which the browser has broken a text. */
+function linesOf(node: Text, range: Range): { words: string; box: DOMRect }[] {
+  const lines: { words: string; box: DOMRect }[] = [];
+  for (const word of node.data.matchAll(/\S+/g)) {
+    range.setStart(node, word.index);
+    range.setEnd(node, word.index + word[0].length);
+    const box = range.getClientRects()[0];
+    if (!box) continue; // not shown
+    const last = lines.at(-1);
+    if (last && Math.abs(last.box.top - box.top) < box.height / 2) last.words += ` ${word[0]}`;
+    else lines.push({ words: word[0], box });
+  }
+  return lines;
 }
