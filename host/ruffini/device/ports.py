@@ -7,6 +7,8 @@ from typing import Any
 from ruffini.device import port_holder
 from ruffini.errors import NoDeviceError
 
+WRITE_TIMEOUT_S = 5.0  # a kernel with too much to do carried nothing through a pty for two seconds and more
+
 
 def open_port(port: str) -> Any:
     """The serial port, ours alone; reads wait 20 ms at most.
@@ -19,7 +21,7 @@ def open_port(port: str) -> Any:
     import serial
 
     try:
-        opened = serial.Serial(port, baudrate=115200, timeout=0.02, write_timeout=2.0, exclusive=True)
+        opened = serial.Serial(port, baudrate=115200, timeout=0.02, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         port_holder.make_exclusive(opened, port)
         return opened
     except (serial.SerialException, OSError, ValueError) as error:
