@@ -269,13 +269,15 @@ class LibcameraCamera : public Camera {
   // libcamera may hear of it later than the kernel knows: its device nodes are no more.
   [[nodiscard]] bool is_gone() const {
     if (is_told_gone()) return true;
+    const std::string numbers = "/sys/dev/char/";
+    std::error_code error;
     const auto nodes = session_->camera->properties().get(lc::properties::SystemDevices);
-    return nodes && std::any_of(nodes->begin(), nodes->end(), [](int64_t node) {
-             const auto number = static_cast<dev_t>(node);
-             std::error_code error;
-             return !std::filesystem::exists(
-                 "/sys/dev/char/" + std::to_string(major(number)) + ":" + std::to_string(minor(number)), error);
-           });
+    if (!nodes || !std::filesystem::exists(numbers, error)) return false;
+    return std::any_of(nodes->begin(), nodes->end(), [&](int64_t node) {
+      const auto number = static_cast<dev_t>(node);
+      const std::string name = std::to_string(major(number)) + ":" + std::to_string(minor(number));
+      return !std::filesystem::exists(numbers + name, error) && !error;
+    });
   }
 
   CaptureStatus without_frame() {
