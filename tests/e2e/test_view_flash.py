@@ -43,8 +43,8 @@ def test_a_calibration_is_flashed_or_refused_and_nothing_happens_before_it_is_as
             page.set_input_files("#calibration", good)
             page.click("#flash-go")
             wait_for(page, "the end", lambda s: page.inner_text("#flash-said").startswith("It is in force"), 60)
-            state = wait_for(page, "forces", lambda s: sensor_of(s)["wrench"]["validity"] == [1] * 6)
-            assert sensor_of(state)["calibration"]["isPresent"]
+            wait_for(page, "what is in force", lambda s: sensor_of(s)["calibration"]["isPresent"])
+            wait_for(page, "forces", lambda s: sensor_of(s)["wrench"]["validity"] == [1] * 6)
         with Connection(port) as sensor:
             assert sensor.hello.sensors[0].calibration.present
             assert not sensor.hello.sensors[0].calibration.on_trial

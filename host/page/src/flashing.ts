@@ -1,6 +1,6 @@
 // A calibration onto a sensor: upload, commit, trial (proto/README.md, FLASH).
 
-import { CommandError, type Session } from "./session";
+import { CommandError, isEqual, type Session } from "./session";
 
 const CHUNK_BYTES = 3072;
 const CHUNK_WAIT_MS = 200;
@@ -20,7 +20,9 @@ export async function flash(session: Session, data: Uint8Array, say: (part: numb
   const committed = await session.command("flashCommit", {}, COMMIT_WAIT_MS, COMMIT_TRIES);
   if (committed["flashState"] === DURABLE) await trial(session, sha256, say);
   else if (committed["flashState"] !== ACTIVE) throw new CommandError(String(committed["text"]));
-  session.askWho();
+  const { sensors } = await session.askWho();
+  const inForce = sensors[0]?.calibration?.sha256 as Uint8Array | undefined;
+  if (!inForce || !isEqual(inForce, sha256)) throw new CommandError("The calibration in force is not the one that was sent.");
 }
 
 async function upload(session: Session, data: Uint8Array, sha256: Uint8Array, say: (part: number, text: string) => void): Promise<void> {
@@ -42,7 +44,10 @@ async function trial(session: Session, sha256: Uint8Array, say: (part: number, t
   let [nFrames, since] = [-1, Date.now()];
   for (;;) {
     const reply = await session.command("flashQuery", { sha256 });
-    if (reply["flashState"] !== DURABLE) return;
+    if (reply["flashState"] !== DURABLE) {
+      if (reply["text"]) throw new CommandError(String(reply["text"])); // in force, but not as it should be
+      return;
+    }
     if (Number(reply["value"]) !== nFrames) [nFrames, since] = [Number(reply["value"]), Date.now()];
     else if (Date.now() - since > TRIAL_STALL_MS) {
       throw new CommandError("It is stored, but the camera gives no frames to try it on: a restart goes back to what was before.");

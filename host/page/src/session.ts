@@ -27,10 +27,6 @@ export class CommandError extends Error {
   }
 }
 
-interface Waiting {
-  accept(reply: Decoded): void;
-}
-
 /** One open line. `feed` what comes, `stop` when it is over. */
 export class Session {
   readonly decoder = new Decoder();
@@ -45,10 +41,11 @@ export class Session {
   /** Who asks: what this host changes is kept apart from what another one does (proto/README.md, the lease). */
   private readonly holder = 1 + Math.floor(Math.random() * 0xfffffffe);
   private requestId = 1 + Math.floor(Math.random() * 0xffffff);
-  private readonly waiting = new Map<number, Waiting>();
+  private readonly waiting = new Map<number, (reply: Decoded) => void>();
   private timer: ReturnType<typeof setTimeout> | undefined;
   private isStopped = false;
   private pendingHello: Decoded | undefined;
+  private asked: ((hello: Decoded) => void)[] = []; // who waits for the next HELLO
 
   constructor(
     private readonly send: (data: Uint8Array) => void,
@@ -100,7 +97,7 @@ export class Session {
     } else if (name === "SCHEMA") {
       this.receiveSchema(message);
     } else if (name === "REPLY") {
-      this.waiting.get(message["requestId"] as number)?.accept(message);
+      this.waiting.get(message["requestId"] as number)?.(message);
     } else if (this.isGreeted) {
       this.events.onMessage(frame, name, message);
     }
@@ -116,6 +113,7 @@ export class Session {
     }
     if (this.isGreeted) {
       this.events.onHello(hello, this.schema);
+      for (const answer of this.asked.splice(0)) answer(hello);
       return;
     }
     const isOurs = this.ownSha256 !== undefined && isEqual(hello["schemaSha256"] as Uint8Array, this.ownSha256);
@@ -148,9 +146,11 @@ export class Session {
     this.events.onHello(hello, schema);
   }
 
-  /** Ask again who is there: what it is calibrated with may have changed. */
-  askWho(): void {
-    this.send(encodeCommandFrame(this.own.typeNumber("HELLO")!, new Uint8Array(), this.sequence++));
+  /** Who is there now, once `onHello` was told, too: what it is calibrated with may have changed. Rejects with CommandError. */
+  askWho(): Promise<Decoded> {
+    const answer = new Promise<Decoded>((resolve) => this.asked.push(resolve));
+    const send = (): void => this.send(encodeCommandFrame(this.own.typeNumber("HELLO")!, new Uint8Array(), this.sequence++));
+    return this.repeated("HELLO", send, answer, REPLY_MS, REPLY_TRIES);
   }
 
   /** One command, repeated under the same id until it is answered. Rejects with CommandError, also on a refusal. */
@@ -168,30 +168,32 @@ export class Session {
     this.requestId = (this.requestId % 0xffffffff) + 1;
     const payload = this.schema.encode("Command", { requestId: id, holder: this.holder, action: { case: name, value } });
     const type = this.schema.typeNumber("COMMAND")!;
+    const answer = new Promise<Decoded>((resolve) => this.waiting.set(id, resolve));
+    const send = (): void => {
+      this.send(new Uint8Array(1));
+      this.send(encodeCommandFrame(type, payload, this.sequence++));
+    };
+    return this.repeated(name, send, answer, waitMs, nTries).finally(() => this.waiting.delete(id));
+  }
+
+  /** The answer to what is sent at once and again every `waitMs` until it comes. */
+  private repeated(name: string, send: () => void, answer: Promise<Decoded>, waitMs: number, nTries: number): Promise<Decoded> {
     return new Promise((resolve, reject) => {
-      let tries = 0;
+      let nSent = 0;
       let timer: ReturnType<typeof setTimeout>;
-      const end = (): void => {
-        clearTimeout(timer);
-        this.waiting.delete(id);
-      };
-      const send = (): void => {
-        if (this.isStopped || tries++ >= nTries) {
-          end();
+      const again = (): void => {
+        if (this.isStopped || nSent++ >= nTries) {
           reject(new CommandError(`No reply to ${name}: is the sensor still there?`));
           return;
         }
-        this.send(new Uint8Array(1));
-        this.send(encodeCommandFrame(type, payload, this.sequence++));
-        timer = setTimeout(send, waitMs);
+        send();
+        timer = setTimeout(again, waitMs);
       };
-      this.waiting.set(id, {
-        accept: (reply) => {
-          end();
-          resolve(reply);
-        },
+      void answer.then((reply) => {
+        clearTimeout(timer);
+        resolve(reply);
       });
-      send();
+      again();
     });
   }
 
@@ -204,6 +206,6 @@ export class Session {
   }
 }
 
-function isEqual(a: Uint8Array, b: Uint8Array): boolean {
+export function isEqual(a: Uint8Array, b: Uint8Array): boolean {
   return a.length === b.length && a.every((byte, i) => byte === b[i]);
 }

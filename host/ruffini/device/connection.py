@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -233,14 +233,20 @@ class Connection:
     def _wait_for(self, type_name: str, timeout_s: float, accept: Callable[[Any], bool]) -> Any | None:
         wanted = self.schema.type_numbers[type_name]
         deadline = time.monotonic() + timeout_s
-        seen = 0
-        while time.monotonic() < deadline:
+        seen, is_late = 0, False
+        while True:
             found = self.messages.take(lambda frame, message: frame.type == wanted and accept(message), seen)
-            if found is not None:
+            if found is not None or is_late:
                 return found
-            seen = self.messages.n_added
-            self._read()
-        return None
+            seen, is_late = self.messages.n_added, time.monotonic() >= deadline
+            if not is_late or self._has_more():  # it may have come while this process was not run
+                self._read()
+
+    def _has_more(self) -> bool:
+        """Something has arrived that is not read yet."""
+        with contextlib.suppress(OSError):
+            return bool(self._serial.in_waiting)
+        return False
 
     # ---- sending ------------------------------------------------------------------------------
 
@@ -280,10 +286,10 @@ class Connection:
                 return Schema(message.file_descriptor_set)
         raise NoDeviceError(f"{self.port}: the device does not serve its schema")
 
-    def command(self, *, timeout_s: float = REPLY_TIMEOUT_S, tries: int = TRIES, **action: Any) -> Any:
+    def command(self, *, waits_s: Sequence[float] = (REPLY_TIMEOUT_S,) * TRIES, **action: Any) -> Any:
         """Send one command, e.g. command(zero={"n_frames": 0}); retried under the same request id.
 
-        A try without a reply lasts `timeout_s`.
+        `waits_s` has how long each try waits for its reply.
 
         Raises
         ------
@@ -300,17 +306,17 @@ class Connection:
         except ValueError as error:  # a device that is older than this host brought its own schema
             raise RefusedError(f"{self.port}: this firmware knows no {name}: update it") from error
         kind, payload = self._writer.wrap(self, name, command)
-        for i in range(tries):
+        for i, wait_s in enumerate(waits_s):
             if i > 0:
                 self.n_retries += 1
                 self._write(b"\0")  # what was lost may have been the end of a frame: this one must not be taken for it
             self._send(kind, payload)
-            reply = self._wait_for("REPLY", timeout_s, lambda m: m.request_id in (request, ASK_AGAIN))
+            reply = self._wait_for("REPLY", wait_s, lambda m: m.request_id in (request, ASK_AGAIN))
             if reply is not None and reply.request_id == request:
                 if reply.code == self.schema.enum_number("ReplyCode", "REPLY_BUSY"):
                     raise RefusedError(f"{self.port}: {reply.text}")
                 return reply
-        raise NoDeviceError(f"{self.port}: no reply to {name} after {tries} tries")
+        raise NoDeviceError(f"{self.port}: no reply to {name} after {len(waits_s)} tries")
 
     def checked(self, **action: Any) -> Any:
         """`command`, and an exception unless the device says OK."""

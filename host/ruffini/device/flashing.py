@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 CHUNK_BYTES = 3072
 CHUNK_TRIES = 40  # of one chunk: a line that loses half of what is sent fails once in 1e12
 SHORTEST_WAIT_S, LONGEST_WAIT_S = 0.02, 2.0  # for the reply to a chunk
-FIRST_ROUND_TRIP_S = 0.05  # before one was measured
-ROUND_TRIPS = 4  # so many are waited for, before a chunk is sent again
-COMMIT_WAIT_S, COMMIT_TRIES = 1.0, 30  # proof, fsync and read-back of a large table on a slow medium
+FIRST_WAIT_S = 0.2  # before a round trip was measured
+QUICK_TRIES = 4  # what is lost is sent again soon; after so many nobody is at the other end for a while
+LATE_WAIT_S = 0.5  # to which the waits double then: a machine that carries nothing for seconds is not flooded
+COMMIT_WAITS_S = (1.0,) * 30  # proof, fsync and read-back of a large table on a slow medium
 RESUME_S = 10.0  # how long a line that was lost is waited for
 RESUMES = 100
 TRIAL_POLL_S = 0.1
@@ -63,7 +64,7 @@ def read_back(sensor: Connection, progress: Callable[[float], None]) -> bytes:
     Each command asks for one piece, and nothing comes that was not asked for: a device cannot run ahead of the host.
     """
     in_force = sensor.hello.sensors[0].calibration
-    data, pace = bytearray(), _Pace()
+    data, pace = bytearray(), Pace()
     if not in_force.present:
         return b""
 
@@ -85,20 +86,34 @@ def read_back(sensor: Connection, progress: Callable[[float], None]) -> bytes:
     return bytes(data)
 
 
-class _Pace:
-    """How long a piece is waited for: a few of the round trips that were measured."""
+class Pace:
+    """How long the reply to a piece is waited for: mean round trip and four mean deviations (RFC 6298)."""
 
     def __init__(self) -> None:
-        self._round_trip_s = FIRST_ROUND_TRIP_S
+        self._mean_s: float | None = None
+        self._deviation_s = 0.0
 
     def command(self, sensor: Connection, **action: Any) -> Any:
         """The reply to a command that brings or takes a piece."""
-        wait_s = min(max(ROUND_TRIPS * self._round_trip_s, SHORTEST_WAIT_S), LONGEST_WAIT_S)
         sent, n_before = time.monotonic(), sensor.n_retries
-        reply = sensor.command(timeout_s=wait_s, tries=CHUNK_TRIES, **action)
+        reply = sensor.command(waits_s=self.waits_s(), **action)
         if sensor.n_retries == n_before:  # else nobody knows which of them was answered
-            self._round_trip_s += (time.monotonic() - sent - self._round_trip_s) / 8
+            self._add(time.monotonic() - sent)
         return reply
+
+    def waits_s(self) -> list[float]:
+        """For each try of a piece."""
+        wait_s = FIRST_WAIT_S if self._mean_s is None else self._mean_s + 4 * self._deviation_s
+        wait_s = min(max(wait_s, SHORTEST_WAIT_S), LONGEST_WAIT_S)
+        late_s = max(wait_s, LATE_WAIT_S)
+        return [min(wait_s * 2.0 ** max(i - QUICK_TRIES + 1, 0), late_s) for i in range(CHUNK_TRIES)]
+
+    def _add(self, round_trip_s: float) -> None:
+        if self._mean_s is None:
+            self._mean_s, self._deviation_s = round_trip_s, round_trip_s / 2
+            return
+        self._deviation_s += (abs(round_trip_s - self._mean_s) - self._deviation_s) / 4
+        self._mean_s += (round_trip_s - self._mean_s) / 8
 
 
 def _across_unplugs(sensor: Connection, say: Callable[[str], None], work: Callable[[], Any]) -> Any:
@@ -114,7 +129,7 @@ def _across_unplugs(sensor: Connection, say: Callable[[str], None], work: Callab
 
 def _upload(sensor: Connection, data: bytes, sha256: bytes, progress: Callable[[float], None]) -> None:
     reply = sensor.checked(flash_begin={"size_bytes": len(data), "sha256": sha256})
-    offset, stuck, pace = reply.next_offset, 0, _Pace()
+    offset, stuck, pace = reply.next_offset, 0, Pace()
     while offset < len(data):
         chunk = {"offset": offset, "data": data[offset : offset + CHUNK_BYTES]}
         reply = pace.command(sensor, flash_chunk=chunk)
@@ -129,7 +144,7 @@ def _upload(sensor: Connection, data: bytes, sha256: bytes, progress: Callable[[
 
 def _in_force(sensor: Connection, **action: Any) -> Any:
     """A command that ends with a calibration in force, on trial or for good, and HELLO as it is then."""
-    reply = sensor.command(**action, timeout_s=COMMIT_WAIT_S, tries=COMMIT_TRIES)
+    reply = sensor.command(**action, waits_s=COMMIT_WAITS_S)
     if reply.code == sensor.schema.enum_number("ReplyCode", "REPLY_STORAGE"):
         raise VerifyError(f"{sensor.port}: {reply.text}")
     if reply.code or reply.flash_state not in (FLASH_DURABLE, FLASH_ACTIVE):
