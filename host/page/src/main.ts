@@ -20,6 +20,8 @@ const IMAGE_EVERY = 6;
 const RESIDUAL_EVERY = 4; // two products more on the sensor
 const READ_ANSWER_MS = 4000;
 
+type News = Snapshot["events"][number];
+
 /** One line with the panels of its sensors. */
 interface Strand {
   line: Line;
@@ -46,7 +48,8 @@ let isCamera = false;
 let isResidual = false;
 let isLocked = false;
 let isRecording = false;
-let answeredMs = -Infinity; // a sensor answered what a person asked: good news waits until that is read
+let answeredMs = -Infinity; // a person was answered: news waits until that is read
+let news: News | undefined; // the newest that waits; good news only where no bad one does
 let isZeroRefused = false; // and the notice says so: Zero again means it
 
 function say(text: string, isBad = false): void {
@@ -54,6 +57,20 @@ function say(text: string, isBad = false): void {
   notice.textContent = text;
   notice.classList.toggle("bad", isBad);
   notice.hidden = !text;
+}
+
+/** What comes of what a person asked for. */
+function answer(text: string, isBad: boolean): void {
+  say(text, isBad);
+  answeredMs = performance.now();
+  publish();
+}
+
+function tellNews(events: News[]): void {
+  for (const event of events) if (event.severity > 0 || !news?.severity) news = event;
+  if (!news || performance.now() < answeredMs + READ_ANSWER_MS) return;
+  say(news.text || news.what, news.severity > 0);
+  news = undefined;
 }
 
 function subscription(): Record<string, number> {
@@ -150,9 +167,7 @@ function show(strand: Strand, snapshot: Snapshot): void {
   strand.health.keep(snapshot.health);
   strand.latest.health = snapshot.health;
   if (snapshot.status) strand.latest.status = snapshot.status;
-  for (const event of snapshot.events) {
-    if (event.severity > 0 || performance.now() > answeredMs + READ_ANSWER_MS) say(event.text || event.what, event.severity > 0);
-  }
+  tellNews(snapshot.events);
   strand.nDrawn++;
   if (snapshot.sensors.length) strand.firstFrameMs ??= performance.now() - (strand.openedMs ?? 0);
   publish();
@@ -220,7 +235,7 @@ function onlyOwners(keys: string[]): string {
 /** A sensor refuses while something presses; asked again, that becomes part of rest. */
 function zero(): void {
   const locked = strands.find(({ hello }) => hello?.ownersKeys.length);
-  if (locked) return say(`${onlyOwners(locked.hello!.ownersKeys)}: \`ruffini cal zero\`.`, true);
+  if (locked) return answer(`${onlyOwners(locked.hello!.ownersKeys)}: \`ruffini cal zero\`.`, true);
   const evenIfTouched = isZeroRefused;
   say(`Learning the rest image: ${evenIfTouched ? "with what presses on the pad" : "keep everything off the pad"}.`);
   void Promise.all(strands.map(({ line }) => line.command("zero", { nFrames: 0, evenIfTouched }))).then((answers) => {
@@ -234,9 +249,7 @@ function zero(): void {
 
 function tellAnswers(answers: Answer[]): void {
   const refused = answers.find((a) => !a.isOk);
-  say(refused ? refused.text : (answers[0]?.text ?? ""), Boolean(refused));
-  answeredMs = performance.now();
-  publish();
+  answer(refused ? refused.text : (answers[0]?.text ?? ""), Boolean(refused));
 }
 
 function freeze(): void {
