@@ -164,7 +164,9 @@ def test_without_a_calibration_there_is_no_number(sensor: Sensor, listener: List
             """A busy computer also says at times that no new picture comes."""
             return [m.status[0] for m in listener.messages("diagnostics") if m.status[0].level != STALE]
 
-        wait_until(lambda: len(listener.samples["ruffini_0001/measurement"]) >= 20 and told() and told()[-1].level == ERROR)
+        wait_until(
+            lambda: len(listener.samples["ruffini_0001/measurement"]) >= 20 and told() and told()[-1].level == ERROR
+        )
         bridge.send_signal(signal.SIGINT)
         _, err = bridge.communicate(timeout=60)
     assert bridge.returncode == 0, err
