@@ -14,6 +14,7 @@ struct ExposureSettings {
   int64_t gain_1e3 = 0;
   int64_t red_1e3 = 0;  // gains of the channels over green
   int64_t blue_1e3 = 0;
+  int64_t white_kelvin = 0;  // colour of the light, instead of the two, for a camera on USB; 0: it is the two
 
   [[nodiscard]] bool is_manual() const { return time_us != 0; }
 };

@@ -14,8 +14,14 @@ void read_exposure(BoardReader& in, BoardSettings& board) {
   in.section("exposure");
   board.exposure.time_us = in.integer("time_us", 10, 1'000'000);
   board.exposure.gain_1e3 = in.integer("gain_1e3", 1'000, 64'000);
-  board.exposure.red_1e3 = in.integer("red_1e3", 100, 32'000);
-  board.exposure.blue_1e3 = in.integer("blue_1e3", 100, 32'000);
+  const bool has_gains = in.has("red_1e3") || in.has("blue_1e3");
+  if (has_gains == in.has("white_kelvin")) in.fail("[exposure] needs red_1e3 and blue_1e3, or white_kelvin instead");
+  if (has_gains) {
+    board.exposure.red_1e3 = in.integer("red_1e3", 100, 32'000);
+    board.exposure.blue_1e3 = in.integer("blue_1e3", 100, 32'000);
+  } else {
+    board.exposure.white_kelvin = in.integer("white_kelvin", 1'000, 20'000);
+  }
 }
 
 void read_light(BoardReader& in, LightSettings& light) {

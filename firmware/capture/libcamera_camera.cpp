@@ -9,14 +9,17 @@
 #include <filesystem>
 #include <future>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <thread>
 #include <vector>
 
+#include "capture/libcamera_controls.h"
 #include "capture/libcamera_metadata.h"
 #include "capture/libcamera_session.h"
 #include "capture/pixels.h"
+#include "capture/v4l2_exposure.h"
 #include "hw/frame_memory.h"
 
 namespace ruffini {
@@ -45,6 +48,11 @@ const std::array<Format, 5>& formats() {
                                                   {lc::formats::YUYV, PixelLayout::kYuyv},
                                                   {lc::formats::NV12, PixelLayout::kNv12}}};
   return kFormats;
+}
+
+std::string number_of(int64_t device) {
+  const auto number = static_cast<dev_t>(device);
+  return std::to_string(major(number)) + ":" + std::to_string(minor(number));
 }
 
 class LibcameraCamera : public Camera {
@@ -191,42 +199,32 @@ class LibcameraCamera : public Camera {
     return Unit{};
   }
 
-  // A control of this camera by its name: names outlived the numbers from release to release.
-  [[nodiscard]] const lc::ControlId* control(const std::string& name) const {
-    for (const auto& [id, info] : session_->camera->controls()) {
-      if (id->name() == name) return id;
-    }
-    return nullptr;
-  }
-  bool ask(const char* name, const lc::ControlValue& value) {
-    const lc::ControlId* id = control(name);
-    if (id != nullptr) controls_.set(id->id(), value);
-    return id != nullptr;
-  }
-
   Status ask_controls() {
     const int64_t period_us = 1'000'000'000 / board_.camera.rate_mhz;
     const std::array<int64_t, 2> limits = {period_us, period_us};
     // The virtual pipeline knows the control, and gives a thousand frames a second all the same.
-    is_paced_here_ = !ask("FrameDurationLimits", lc::ControlValue(lc::Span<const int64_t, 2>(limits))) || is_simulated_;
+    is_paced_here_ = !ask(*session_->camera, "FrameDurationLimits",
+                          lc::ControlValue(lc::Span<const int64_t, 2>(limits)), controls_) ||
+                     is_simulated_;
     period_ = std::chrono::microseconds(period_us);
-    const ExposureSettings& exposure = board_.exposure;
-    if (!exposure.is_manual()) return Unit{};
-    // Up to 0.4 one switch for both; from 0.5 on a mode for each (1: manual).
-    ask("AeEnable", lc::ControlValue(false));
-    ask("ExposureTimeMode", lc::ControlValue(int32_t{1}));
-    ask("AnalogueGainMode", lc::ControlValue(int32_t{1}));
-    ask("AwbEnable", lc::ControlValue(false));
-    const std::array<float, 2> colours = {static_cast<float>(exposure.red_1e3) / 1'000,
-                                          static_cast<float>(exposure.blue_1e3) / 1'000};
-    std::string missing;
-    if (!ask("ExposureTime", lc::ControlValue(static_cast<int32_t>(exposure.time_us)))) missing += " ExposureTime";
-    if (!ask("AnalogueGain", lc::ControlValue(static_cast<float>(exposure.gain_1e3) / 1'000)))
-      missing += " AnalogueGain";
-    if (!ask("ColourGains", lc::ControlValue(lc::Span<const float, 2>(colours)))) missing += " ColourGains";
-    if (missing.empty()) return Unit{};
-    return Error{ErrorKind::kBadInput, "camera " + id_ + " cannot be told" + missing +
-                                           ": leave [exposure] out of board.toml, or use another camera"};
+    if (board_.exposure.white_kelvin != 0 && !by_device_) {
+      if (Status set = set_by_device(); !set) return set;
+    }
+    return ask_exposure(*session_->camera, board_.exposure, controls_);
+  }
+
+  // What libcamera's pipeline for USB has not.
+  Status set_by_device() {
+    const auto nodes = session_->camera->properties().get(lc::properties::SystemDevices);
+    if (!nodes || nodes->size() != 1) {
+      return Error{ErrorKind::kBadInput, "camera " + id_ +
+                                             " is none on USB: give red_1e3 and blue_1e3 in [exposure] of "
+                                             "board.toml instead of white_kelvin"};
+    }
+    Result<V4l2Controls> made = V4l2Controls::open(id_, "/dev/char/" + number_of((*nodes)[0]), board_.exposure);
+    if (!made) return made.error();
+    by_device_ = std::move(made).value();
+    return Unit{};
   }
 
   bool start() {
@@ -274,9 +272,7 @@ class LibcameraCamera : public Camera {
     const auto nodes = session_->camera->properties().get(lc::properties::SystemDevices);
     if (!nodes || !std::filesystem::exists(numbers, error)) return false;
     return std::any_of(nodes->begin(), nodes->end(), [&](int64_t node) {
-      const auto number = static_cast<dev_t>(node);
-      const std::string name = std::to_string(major(number)) + ":" + std::to_string(minor(number));
-      return !std::filesystem::exists(numbers + name, error) && !error;
+      return !std::filesystem::exists(numbers + number_of(node), error) && !error;
     });
   }
 
@@ -335,7 +331,9 @@ class LibcameraCamera : public Camera {
       return CaptureStatus::kNothing;
     }
     if (about.status != lc::FrameMetadata::FrameSuccess) return CaptureStatus::kInvalidFrame;
-    if (const std::string drift = drift_of(request.metadata(), board_.exposure); !drift.empty()) {
+    std::string drift = drift_of(request.metadata(), board_.exposure);
+    if (drift.empty() && by_device_) drift = by_device_->drift();
+    if (!drift.empty()) {
       if (++n_drifted_ >= kMaxDrifted) {
         problem_ = "camera " + id_ + " has " + drift + ": give [exposure] numbers that it can keep";
         return CaptureStatus::kEnd;
@@ -368,6 +366,7 @@ class LibcameraCamera : public Camera {
   bool is_simulated_ = false;
   PixelLayout layout_ = PixelLayout::kBgr;
   YuvRule rule_ = kFull601;
+  std::optional<V4l2Controls> by_device_;
   lc::ControlList controls_{lc::controls::controls};
   bool is_paced_here_ = false;
   SteadyClock::duration period_{};

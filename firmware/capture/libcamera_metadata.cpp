@@ -52,8 +52,9 @@ std::string drift_of(const lc::ControlList& said, const ExposureSettings& asked)
     return "a gain of " + std::to_string(*gain) + ", asked " + std::to_string(asked.gain_1e3) + " thousandths";
   }
   const auto colours = said.get(lc::controls::ColourGains);
-  if (colours && (!is_within(double{(*colours)[0]} * 1'000, static_cast<double>(asked.red_1e3), kPart) ||
-                  !is_within(double{(*colours)[1]} * 1'000, static_cast<double>(asked.blue_1e3), kPart))) {
+  if (colours && asked.white_kelvin == 0 &&
+      (!is_within(double{(*colours)[0]} * 1'000, static_cast<double>(asked.red_1e3), kPart) ||
+       !is_within(double{(*colours)[1]} * 1'000, static_cast<double>(asked.blue_1e3), kPart))) {
     return "colour gains of " + std::to_string((*colours)[0]) + " (red), " + std::to_string((*colours)[1]) +
            " (blue), asked " + std::to_string(asked.red_1e3) + ", " + std::to_string(asked.blue_1e3) + " thousandths";
   }

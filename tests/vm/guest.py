@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 from checks import check, content, run, run_all, tool, until
+from usb_camera_checks import usb_camera, usb_camera_unplugged
 from virtual_board import (
     DRIVER,
     ENVIRONMENT,
@@ -151,6 +152,10 @@ def camera_stalls() -> str:
         process.wait(20)
         said = LOG.read_text().strip().splitlines()[-1]
     return f"again after a stall of 2 s, by another thread of the driver; then {said}, after {seconds:.1f} s"
+
+
+check(usb_camera)
+check(usb_camera_unplugged)
 
 
 @check

@@ -72,7 +72,13 @@ gain_1e3 = 1000
 red_1e3 = 1000
 blue_1e3 = 1000
 """
-BOARDS = {"vmpad": HARDWARE, "vmfull": FULL, "vmbare": "", "vmstereo": STEREO, "vmexposed": EXPOSURE}
+OF_USB = """
+[exposure]
+time_us = 5000
+gain_1e3 = 1500
+white_kelvin = 5000
+"""
+BOARDS = {"vmpad": HARDWARE, "vmfull": FULL, "vmbare": "", "vmstereo": STEREO, "vmexposed": EXPOSURE, "vmusb": OF_USB}
 # The pipeline shows each picture four times; whatever repeats has no valid force.
 N_REST, N_PRESSED, DEPTH = 12, 6, 0.25
 CAMERA = """"{name}":

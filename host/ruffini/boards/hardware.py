@@ -17,8 +17,16 @@ class Exposure(Section):
 
     time_us: Annotated[int, Field(ge=10, le=1_000_000)]
     gain_1e3: Annotated[int, Field(ge=1_000, le=64_000)]
-    red_1e3: Annotated[int, Field(ge=100, le=32_000)]
-    blue_1e3: Annotated[int, Field(ge=100, le=32_000)]
+    red_1e3: Annotated[int, Field(ge=100, le=32_000)] | None = None
+    blue_1e3: Annotated[int, Field(ge=100, le=32_000)] | None = None
+    white_kelvin: Annotated[int, Field(ge=1_000, le=20_000)] | None = None
+
+    @model_validator(mode="after")
+    def _one_white(self) -> Exposure:
+        gains = [gain is not None for gain in (self.red_1e3, self.blue_1e3)]
+        if gains[0] != gains[1] or gains[0] == (self.white_kelvin is not None):
+            raise ValueError("[exposure] needs red_1e3 and blue_1e3, or white_kelvin instead")
+        return self
 
 
 class Light(Section):

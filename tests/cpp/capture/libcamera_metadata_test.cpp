@@ -33,6 +33,10 @@ TEST(LibcameraMetadata, ASensorsStepsAreNoDrift) {
   EXPECT_EQ(drift_of(said(4'910, 1.93F, 1.525F, 1.18F), asked()), "");
   EXPECT_EQ(drift_of(lc::ControlList(lc::controls::controls), asked()), "") << "what is not told is not judged";
   EXPECT_EQ(drift_of(said(9'000, 8.0F, 3.0F, 3.0F), ExposureSettings{}), "") << "nothing was asked";
+  ExposureSettings of_usb = asked();
+  of_usb.red_1e3 = of_usb.blue_1e3 = 0;
+  of_usb.white_kelvin = 5'000;
+  EXPECT_EQ(drift_of(said(5'000, 2.0F, 3.0F, 3.0F), of_usb), "") << "no gains of the colours were asked";
 }
 
 TEST(LibcameraMetadata, WhatIsOffIsNamedWithBothNumbers) {

@@ -56,6 +56,7 @@ diameter_um = 3000
 threshold_1e3 = 500
 """
 EXPOSURE = "[exposure]\ngain_1e3 = 2000\nred_1e3 = 1500\nblue_1e3 = 1700\n"
+OF_USB = "[exposure]\ngain_1e3 = 2000\nwhite_kelvin = 5000\n"
 EEPROM = '[eeprom]\nbus = "/dev/i2c-1"\naddress_bytes = 2\n'
 LIGHT = '[light]\nchip = "gpiochip0"\nline = "LAMPS"\n'
 DRIVER = '[led_driver]\nbus = "/dev/i2c-1"\naddress = 21\nresistor_ohm = 1000\nramp_ms = 0\n'
@@ -164,6 +165,7 @@ GOOD: dict[str, Change] = {
     "memory": lambda t: t + "[memory]\ncalibration_kb = 64\n",
     "temperature": append(f'[temperature]\nplace = "gel"\npath = "/{"a" * 127}"\n'),
     "exposure": append(f"{EXPOSURE}time_us = 16666\n"),
+    "exposure-of-a-camera-on-usb": append(f"{OF_USB}time_us = 16666\n"),
     "light": append(f'[light]\nchip = "gpiochip0"\nline = "{"L" * 31}"\n'),
     "eeprom": append(f"{EEPROM}board_address = 80\ngel_address = 81\n"),
     "eeprom-of-the-gel": append(f"{EEPROM}gel_address = 119\n"),
@@ -267,6 +269,10 @@ BAD: dict[str, tuple[Change, str]] = {
     "exposure-longer-than-a-frame": (append(f"{EXPOSURE}time_us = 16667\n"), "longer than a frame"),
     "exposure-below-one": (append(f"{EXPOSURE}time_us = 9\n"), "time_us"),
     "exposure-gain": (append(f"{EXPOSURE.replace('2000', '999')}time_us = 900\n"), "gain_1e3"),
+    "exposure-without-white": (append("[exposure]\ngain_1e3 = 2000\ntime_us = 900\n"), "white_kelvin instead"),
+    "exposure-with-two-whites": (append(f"{EXPOSURE}time_us = 900\nwhite_kelvin = 5000\n"), "white_kelvin instead"),
+    "exposure-without-blue": (append(f"{EXPOSURE.replace('blue_1e3 = 1700', '')}time_us = 900\n"), "blue_1e3"),
+    "exposure-infrared": (append(f"{OF_USB.replace('5000', '999')}time_us = 900\n"), "white_kelvin"),
     "light-without-line": (append('[light]\nchip = "gpiochip0"\n'), "line"),
     "light-long-line": (append(f'[light]\nchip = "gpiochip0"\nline = "{"L" * 32}"\n'), "line"),
     "eeprom-of-nothing": (append(EEPROM), "needs board_address or gel_address"),
