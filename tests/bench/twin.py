@@ -1,4 +1,7 @@
-"""How fast the digital twin is: each board on one core, datasets by one and two processes."""
+"""How fast the digital twin is: each board on one core, datasets by one and two processes.
+
+`--quick`: one board and a small dataset, to see that it runs; no figures to quote.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from ruffini.sim.dataset.make import make_dataset
 from ruffini.sim.dataset.plan import Plan
 from ruffini.sim.unit import PadError
 
-SAMPLES, SHARD = 192, 8
+SAMPLES, QUICK_SAMPLES, SHARD = 192, 16, 8
 
 
 def boards_with_twin() -> list[str]:
@@ -33,9 +36,9 @@ def board_row(name: str) -> str:
     return f"{name:<18} {result['resolution']:>9} {result['rendering_fps']:9.1f} {mechanics} {result['memory_mb']:9.0f}"
 
 
-def dataset_rates(board: str) -> tuple[float, float]:
+def dataset_rates(board: str, n: int) -> tuple[float, float]:
     """Samples a second by one process and by two; the start of the processes counts."""
-    plan = Plan.of(find_board(board), n=SAMPLES, shard_size=SHARD, seed=1, error=PadError())
+    plan = Plan.of(find_board(board), n=n, shard_size=SHARD, seed=1, error=PadError())
     rates = []
     for n_workers in (1, 2):
         with tempfile.TemporaryDirectory() as folder:
@@ -47,14 +50,16 @@ def dataset_rates(board: str) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--dataset-board", default="gelslim")
+    parser.add_argument("--quick", action="store_true", help="this board only, fewer samples")
     arguments = parser.parse_args()
+    n_samples = QUICK_SAMPLES if arguments.quick else SAMPLES
     print("\ntwin, SIMULATED, one core: frames a second")
     print(f"{'board':<18} {'picture':>9} {'rendered':>9} {'mechanics':>9} {'MB':>9}")
-    for name in boards_with_twin():
+    for name in [arguments.dataset_board] if arguments.quick else boards_with_twin():
         print(board_row(name), flush=True)
-    one, two = dataset_rates(arguments.dataset_board)
+    one, two = dataset_rates(arguments.dataset_board, n_samples)
     print(
-        f"dataset of {arguments.dataset_board}, {SAMPLES} samples: {one:.1f} a second by one process, "
+        f"dataset of {arguments.dataset_board}, {n_samples} samples: {one:.1f} a second by one process, "
         f"{two:.1f} by two (efficiency {two / one / 2:.2f})"
     )
 
