@@ -7,7 +7,9 @@
 
 namespace ruffini {
 
-template <typename L>
+// File: the lanes that the file is compiled for, of which these may be the rest of a row. Without it the linker would
+// take one file's instructions for all, and a processor that has no AVX2 would be given them.
+template <typename File, typename L>
 class PackedTable {
  public:
   using V = typename L::V;

@@ -72,7 +72,7 @@ class PhotometricCells {
 
   template <typename Some, int kStep>
   static void cells(const CellRow& row, int from, int to) {
-    using Table = PackedTable<Some>;
+    using Table = PackedTable<L, Some>;
     constexpr int kLines = Photometric::kSlopeSize;
     for (int x = from; x < to; x += Some::kCount) {
       const ptrdiff_t pixel = ptrdiff_t{x} * kStep;

@@ -1,4 +1,7 @@
-"""Gates on the compiled core: no floating point, no system call, no exception. Judged on what the compiler made."""
+"""Gates on the compiled core: no floating point, no system call, no exception, every processor its own instructions.
+
+Judged on what the compiler made.
+"""
 
 from __future__ import annotations
 
@@ -53,3 +56,15 @@ def foreign_symbols(archive: Path) -> list[str]:
     ).stdout
     names = {line.split(" U ", 1)[1].strip() for line in listed.splitlines() if " U " in line}
     return sorted(name for name in names if not ALLOWED_SYMBOLS.fullmatch(name))
+
+
+def shared_avx2(archive: Path) -> list[str]:
+    """Functions of the files for AVX2 that other files may have under the same name.
+
+    The linker keeps one of them for all: a processor without AVX2 would be given its instructions.
+    """
+    listed = subprocess.run(
+        ["nm", "-A", "-C", "--defined-only", str(archive)], capture_output=True, text=True, check=True
+    )
+    weak = [line.partition(" W ") for line in listed.stdout.splitlines() if "_avx2.cpp.o:" in line and " W " in line]
+    return sorted(name for _, _, name in weak if "avx2" not in name.lower())

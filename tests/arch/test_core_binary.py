@@ -1,4 +1,4 @@
-"""The compiled core: no floating point, no system call, no exception; and planted ones are caught."""
+"""The compiled core: no floating point, no system call, no exception, no AVX2 for all; and planted ones are caught."""
 
 from __future__ import annotations
 
@@ -43,6 +43,18 @@ def test_core_has_no_floating_point(core):
 
 def test_core_asks_nothing_of_the_system(core):
     assert core_binary_gates.foreign_symbols(core) == []
+
+
+def test_instructions_of_one_processor_are_not_for_all(core):
+    assert core_binary_gates.shared_avx2(core) == []
+
+
+@pytest.mark.parametrize(("name", "n_found"), [("Table", 1), ("Avx2Table", 0)])
+def test_planted_instructions_for_all_are_caught(name, n_found, tmp_path):
+    source = f"template <typename T> struct {name} {{ static T f(T x); }};\n"
+    source += f"template <typename T> T {name}<T>::f(T x) {{ return x + 1; }}\ntemplate struct {name}<int>;"
+    planted = compiled(source, tmp_path).rename(tmp_path / "a_avx2.cpp.o")
+    assert len(core_binary_gates.shared_avx2(planted)) == n_found
 
 
 def test_integers_pass(tmp_path):
