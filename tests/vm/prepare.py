@@ -79,6 +79,11 @@ gain_1e3 = 1500
 white_kelvin = 5000
 """
 BOARDS = {"vmpad": HARDWARE, "vmfull": FULL, "vmbare": "", "vmstereo": STEREO, "vmexposed": EXPOSURE, "vmusb": OF_USB}
+# What that camera has not.
+BOARDS |= {
+    "vmdazzled": OF_USB.replace("gain_1e3 = 1500", "gain_1e3 = 8000"),
+    "vmblue": OF_USB.replace("white_kelvin = 5000", "white_kelvin = 9000"),
+}
 # The pipeline shows each picture four times; whatever repeats has no valid force.
 N_REST, N_PRESSED, DEPTH = 12, 6, 0.25
 CAMERA = """"{name}":

@@ -12,7 +12,7 @@ from typing import Any
 
 from checks import run, until
 from usb_camera import BARS, FULL_LEVEL, FULL_TIME, GAIN_1, NAMED
-from virtual_board import ENVIRONMENT, daemon, main_process, new_pictures, port, serve, settings, settle
+from virtual_board import ENVIRONMENT, daemon, main_process, new_pictures, port, ruffinid, serve, settings, settle
 
 STATE = Path("/run/usb_camera.json")
 # What the board vmusb asks for (prepare.py), in the camera's units: half of FULL_TIME, a gain of 1.5.
@@ -71,6 +71,12 @@ def usb_camera() -> str:
         assert camera.stdin is not None
         before = told()
         assert all(before[name] != asked for name, asked in ASKED.items()), before
+        for board, what in (
+            ("vmdazzled", "AnalogueGain 8.0"),
+            ("vmblue", "exposure.white_kelvin = 9000, only 2800 to 6500"),
+        ):
+            refused = run(*ruffinid(NAMED, board=board), code=2)
+            assert f"cannot be told {what}" in refused, refused
         with daemon(NAMED, board="vmusb"):
             level = bars()
             assert told() == ASKED, told()
