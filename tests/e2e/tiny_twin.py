@@ -23,6 +23,8 @@ from ruffini.sim.settings import load_twin
 from ruffini.sim.unit import TwinUnit
 
 N_UNTOUCHED = 120
+# A node is four times as large as on the board that the threshold is of, so it feels four times the force.
+CHANGES = {"threshold_un = 3000": "threshold_un = 12000"}
 
 
 @dataclass(frozen=True)
@@ -39,10 +41,10 @@ class Twin:
 
 def make_twin(sensor: Sensor, root: Path) -> Twin:
     """Of the same pad as `sensor`; `root` keeps its board and its presses."""
-    # A node is four times as large as on the board that the threshold is of, so it feels four times the force.
     # A slow camera: simulated time passes in fewer frames.
-    changes = {"threshold_un = 3000": "threshold_un = 12000", "rate_mhz = 60000": "rate_mhz = 20000"}
-    folder = write_board(root / "tiny", changes)
+    name = sensor.board.name
+    changes = {**CHANGES, 'name = "tiny"': f'name = "{name}"', "rate_mhz = 60000": "rate_mhz = 20000"}
+    folder = write_board(root / name, changes)
     shutil.copy(find_board("gelslim").folder / "twin.toml", folder)
     board = find_board(folder)
     pad, camera = board.pad, board.camera

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 from checks import check, content, run, run_all, tool, until
+from played_forces import beside_truth
 from usb_camera_checks import usb_camera, usb_camera_unplugged
 from virtual_board import (
     DRIVER,
@@ -35,6 +36,7 @@ from virtual_board import (
     main_process,
     new_pictures,
     on_bus,
+    pictures_and_wrenches,
     port,
     restarted,
     ruffini,
@@ -204,6 +206,13 @@ def stream() -> str:
 
 
 @check
+def forces() -> str:
+    """Newtons, SIMULATED: the twin's presses through libcamera, ruffinid, USB; each wrench beside the truth"""
+    with daemon("VirtualPress"):
+        return beside_truth(pictures_and_wrenches())
+
+
+@check
 def reflex_line() -> str:
     """GPIO: the reflex line goes on while pictures of a press come and off after them, as a wire sees it"""
     with daemon("VirtualPress"):
@@ -284,7 +293,7 @@ def gel_swapped() -> str:
     with daemon():
         until("the other gel's store", Path("/run/store/gel-G-2").is_dir)
     (I2C / "absent").write_text(str(0x51))
-    without = run(*ruffinid("VirtualDots"), code=3)
+    without = run(*ruffinid("VirtualRest"), code=3)
     (I2C / "absent").write_text("0")
     assert "nobody answers" in without, without
     return said
@@ -396,7 +405,7 @@ def two_pads() -> str:
     steps = re.split(r"(?<=second.env) +#.*\n", commands)
     assert len(steps) == 2, commands
     # Recordings keep their pace; two of these cameras, as fast as they are taken, leave this computer to nobody else.
-    settings(ENVIRONMENT, CAMERA="replay:/vm/VirtualDots", MORE="--loop")
+    settings(ENVIRONMENT, CAMERA="replay:/vm/VirtualRest", MORE="--loop")
     serve("vmpad")
     run("sh", "-euc", steps[0])
     settings(Path("/etc/ruffini/second.env"), BOARD="/vm/vmbare", SERIAL="VM-0002", LINK="/dev/ttyGS1")
@@ -411,7 +420,7 @@ def two_pads() -> str:
     assert sorted(found) == ["VM-0001", "VM-0002"], found
     run("systemctl", "disable", "--now", "ruffinid-second")
     run("systemctl", "stop", "ruffinid")
-    settings(ENVIRONMENT, CAMERA="libcamera:VirtualDots", MORE="", PADS="1")
+    settings(ENVIRONMENT, CAMERA="libcamera:VirtualRest", MORE="", PADS="1")
     run("systemctl", "restart", "ruffini-gadget")
     until("the link", Path("/dev/ruffini/VM-0001").exists)
     settle()
@@ -461,7 +470,7 @@ def set_up() -> str:
         (chip / f"bank0/line{n}").mkdir()
         (chip / f"bank0/line{n}/name").write_text(name)
     (chip / "live").write_text("1")
-    settings(ENVIRONMENT, BOARD="/vm/vmpad", CAMERA="libcamera:VirtualDots", SERIAL="VM-0001")
+    settings(ENVIRONMENT, BOARD="/vm/vmpad", CAMERA="libcamera:VirtualRest", SERIAL="VM-0001")
     os.environ.update(BOARD="/vm/vmpad", SERIAL="VM-0001")
     settle()
     return os.uname().release

@@ -1,23 +1,31 @@
-"""What the virtual board runs on, into FOLDER: a board, cameras of libcamera's virtual pipeline, a calibration.
+"""What the virtual board runs on, into FOLDER: a board, cameras of the virtual pipeline, a calibration, the truth.
 
     python3 tests/vm/prepare.py FOLDER
 
-The pictures are those of tests/e2e/tiny_sensor.py, drawn: the virtual
-board proves the way of the bytes, not the forces.
+The pictures and the calibration are those of the tiny twin (tests/e2e/tiny_twin.py). SIMULATED.
 """
 
 from __future__ import annotations
 
 import sys
+import tempfile
 from pathlib import Path
 
-import cv2
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "e2e"))
-from tiny_sensor import draw, make_calibration, write_board  # noqa: E402
+from tiny_sensor import Sensor, make_calibration, write_board  # noqa: E402
+from tiny_twin import CHANGES, make_twin  # noqa: E402
 
 from ruffini.boards import find_board  # noqa: E402
+from ruffini.sim.contact import Indenter, Pose  # noqa: E402
+from ruffini.sim.programs import Rest, Step, Touch  # noqa: E402
+from ruffini.sim.scenario import Scenario  # noqa: E402
+from ruffini.sim.story import play  # noqa: E402
+from ruffini.sim.unit import TwinUnit  # noqa: E402
 
 CAMERAS = ROOT / "tests" / "data" / "cameras"
 HARDWARE = """
@@ -84,8 +92,7 @@ BOARDS |= {
     "vmdazzled": OF_USB.replace("gain_1e3 = 1500", "gain_1e3 = 8000"),
     "vmblue": OF_USB.replace("white_kelvin = 5000", "white_kelvin = 9000"),
 }
-# The pipeline shows each picture four times; whatever repeats has no valid force.
-N_REST, N_PRESSED, DEPTH = 12, 6, 0.25
+N_REST = 12  # pictures before the first touch: the board learns its rest image on 8
 CAMERA = """"{name}":
   supported_formats:
   - width: {width}
@@ -93,34 +100,87 @@ CAMERA = """"{name}":
   frames:
     path: "/vm/{name}/"
   location: "CameraLocationFront"
-  model: "drawn dots"
+  model: "the tiny twin"
 """
+Picture = npt.NDArray[np.uint8]  # (height, width, 3)
+MM = 1e-3
+
+
+def told(indenter: Indenter, *ways: tuple[float, float, float, int]) -> Touch:
+    """From place to place: x, y, depth in mm and in how many pictures; the first is where it begins, above the pad."""
+    poses, pose = [], Pose(ways[0][0] * MM, ways[0][1] * MM, 0.0)
+    for x, y, depth, n in ways:
+        target = Pose(x * MM, y * MM, depth * MM)
+        poses += [pose.towards(target, i / n) for i in range(1, n + 1)]
+        pose = target
+    return Touch(indenter, poses, [True] * len(poses))
+
+
+# A ball pressed and sheared, a flat punch pressed and sheared; their forces are 0.07 to 1.26 N. Then from the start.
+STORY: list[Step] = [
+    Rest(N_REST),
+    told(Indenter("sphere", 3 * MM), (1, 0.5, 0.8, 4), (1, 0.5, 0.8, 2), (1.3, 0.5, 0.8, 3), (1.3, 0.5, 0, 2)),
+    Rest(3),
+    told(Indenter("flat", 2 * MM), (-3, -2, 0.6, 4), (-3.1, -1.8, 0.6, 3), (-3.1, -1.8, 0, 2)),
+    Rest(3),
+]
+
+
+def limited_709(bgr: Picture) -> Picture:
+    """Y'CbCr of limited range by ITU-R BT.709, which is what libcamera's virtual pipeline says that its frames are."""
+    b, g, r = np.moveaxis(bgr.astype(float), 2, 0)
+    y = 0.2126 * r + 0.7152 * g + 0.0722 * b
+    planes = 16 + y * 219 / 255, 128 + (b - y) / 1.8556 * 224 / 255, 128 + (r - y) / 1.5748 * 224 / 255
+    return np.rint(np.stack(planes, axis=2)).astype(np.uint8)
+
+
+def write_jpeg(path: Path, bgr: Picture) -> None:
+    """A file whose components come out of that pipeline as its frame: NV12 has their U and V of 2x2 pixels.
+
+    A JPEG's components are full-range BT.601 by its own rule; the pipeline hands them on as they are.
+    """
+    Image.fromarray(limited_709(bgr), "YCbCr").save(path, "JPEG", quality=100, subsampling=2)
+
+
+def play_story(unit: TwinUnit) -> tuple[list[Picture], npt.NDArray[np.float64]]:
+    """The story's pictures and, of each, the true wrench, (n, 6), N and N m."""
+    scenario, renderer = Scenario(seed=3), unit.renderer()
+    pictures, wrenches, before = [], [], None
+    for k, moment in enumerate(play(unit, STORY)):
+        now = moment.displacement.copy()
+        pictures.append(scenario.picture(renderer, k, now, before))
+        wrenches.append(moment.wrench())
+        before = now
+    return pictures, np.array(wrenches)
 
 
 def main() -> None:
     out = Path(sys.argv[1])
     for name, hardware in BOARDS.items():
-        changes = {'name = "tiny"': f'name = "{name}"', "rate_mhz = 60000": "rate_mhz = 10000"}
+        changes = {**CHANGES, 'name = "tiny"': f'name = "{name}"', "rate_mhz = 60000": "rate_mhz = 10000"}
         path = write_board(out / name, changes) / "board.toml"
         path.write_text(path.read_text().split("[temperature]")[0] + hardware)
     board = find_board(out / "vmpad")
+    with tempfile.TemporaryDirectory() as folder:
+        twin = make_twin(Sensor(board, out / "vmpad", out, make_calibration(board).data), Path(folder))
+    pictures, wrenches = play_story(twin.unit)
+    (out / "calibration.safetensors").write_bytes(twin.calibration)
+    np.savez(out / "truth.npz", pictures=np.array(pictures), wrench=wrenches)
     cameras = (CAMERAS / "virtual.yaml").read_text().replace("/src/tests/data/cameras", "/vm")
     (out / "stripes.jpg").write_bytes((CAMERAS / "stripes.jpg").read_bytes())
     half = board.camera.width_px // 2
     columns = {
-        "VirtualDots": slice(None),
+        "VirtualRest": slice(None),
         "VirtualPress": slice(None),
         "PadLeft": slice(half),
         "PadRight": slice(half, None),
     }
     for name, part in columns.items():
         (out / name).mkdir()
-        for k in range(N_REST + (N_PRESSED if name == "VirtualPress" else 0)):
-            picture = draw(board, DEPTH if k >= N_REST else 0.0, k)[:, part]
-            cv2.imwrite(str(out / name / f"{k}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 98])
-        cameras += CAMERA.format(name=name, width=picture.shape[1], height=picture.shape[0])
+        for k, picture in enumerate(pictures if name == "VirtualPress" else pictures[:N_REST]):
+            write_jpeg(out / name / f"{k}.jpg", picture[:, part])
+        cameras += CAMERA.format(name=name, width=len(picture[0, part]), height=len(picture))
     (out / "virtual.yaml").write_text(cameras)
-    (out / "calibration.safetensors").write_bytes(make_calibration(board).data)
 
 
 if __name__ == "__main__":

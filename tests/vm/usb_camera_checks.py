@@ -109,5 +109,5 @@ def usb_camera_unplugged() -> str:
         bars()
         assert told() == ASKED, told()
         run("systemctl", "stop", "ruffinid")
-    settings(ENVIRONMENT, CAMERA="libcamera:VirtualDots")
+    settings(ENVIRONMENT, CAMERA="libcamera:VirtualRest")
     return f"told after {gone:.1f} s, ended after {ended:.1f} s more, up {again:.1f} s after it was plugged in"

@@ -71,7 +71,7 @@ def ruffinid(*cameras: str, board: str = "vmpad") -> list[str]:
 @contextlib.contextmanager
 def daemon(*cameras: str, board: str = "vmpad") -> Iterator[subprocess.Popen[bytes]]:
     """ruffinid, not under systemd, once it has opened its line; LOG is what it says."""
-    command = ruffinid(*(cameras or ("VirtualDots",)), board=board)
+    command = ruffinid(*(cameras or ("VirtualRest",)), board=board)
     with LOG.open("w") as log, subprocess.Popen(command, stdout=log, stderr=log) as process:
         try:
             until("ruffinid has opened its line", lambda: "link: " in LOG.read_text() or process.poll() is not None, 60)
@@ -102,6 +102,23 @@ def new_pictures(n: int) -> dict[int, Any]:
                 break
         sensor.subscribe()  # what nobody takes keeps the line from being closed: the gadget's driver waits 15 s for it
     return got
+
+
+def pictures_and_wrenches() -> Iterator[tuple[Any, Any, bool]]:
+    """Image, Wrench and whether they are marked as simulated, of each frame of which the host gets both."""
+    from ruffini.device import Connection
+    from ruffini.device.results import RESULTS
+
+    with Connection(port()) as sensor:
+        sensor.subscribe(image=1, wrench=1)
+        last: dict[str, Any] = {}
+        for frame, message in sensor.stream(timeout_s=30):
+            name = sensor.schema.type_name(frame.type)
+            if name not in ("IMAGE", "WRENCH"):
+                continue
+            last[name] = RESULTS[name].from_message(message)
+            if len(last) == 2 and last["IMAGE"].frame == last["WRENCH"].frame:
+                yield last["IMAGE"], last["WRENCH"], frame.is_simulated
 
 
 def streamer() -> str:
