@@ -41,12 +41,14 @@ def run_daemon(
     return done.returncode, done.stderr
 
 
-def run_host(*arguments: str, port: str | None = None, **environment: str) -> tuple[int, str, str]:
+def run_host(
+    *arguments: str, port: str | None = None, timeout_s: float = 60.0, **environment: str
+) -> tuple[int, str, str]:
     """Exit code, stdout and stderr of the host tool."""
     command = [*HOST, *(["--port", port] if port else []), *arguments]
     clean = {k: v for k, v in os.environ.items() if k not in ("RUFFINI_PORT", "RUFFINI_SERIAL")}
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=60, check=False, env={**clean, **environment}
+        command, capture_output=True, text=True, timeout=timeout_s, check=False, env={**clean, **environment}
     )
     return done.returncode, done.stdout, done.stderr
 

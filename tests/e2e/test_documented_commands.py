@@ -13,7 +13,7 @@ import typer
 
 from ruffini.cli.app import app
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 TEXTS = sorted(
     path
     for folder in (".", "boards", "firmware", "host", "proto", "tests")

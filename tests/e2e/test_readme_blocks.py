@@ -1,0 +1,79 @@
+"""Blocks of commands in the folders' texts: `sh` runs here word for word, `console` says what CI has not for it."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import signal
+import subprocess
+import urllib.request
+from pathlib import Path
+
+import pytest
+from test_bad_input import HOST, run_host
+from test_documented_commands import ROOT, TEXTS
+
+RUN_ELSEWHERE = {  # by `.ci/run`, test_host_readme.py, py/client/test_cpp_package.py
+    "README.md", "host/README.md", "host/cpp/README.md"
+}  # fmt: skip
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
+COMMAND = re.compile(r"(\.venv/bin/)?(ruffini|python|make|pip|lerobot-record|sudo|cmake) ")
+# A sensor's port, or in capitals what the reader puts there: a bench, recordings, a folder of presses.
+READERS_OWN = re.compile(
+    r"/dev/|\b(NAME|BENCH|BOARD|FOLDER|FILE|DIR|LOG|COPY|THEIRS|PORT|ADDRESS)\b|\bsudo\b|\.\.\.|\.ci/"
+)
+BY_HAND = re.compile(r"^# by hand: (some )?(minutes|half an hour|an hour|hours)\b", re.M)
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def blocks(path: Path, kind: str) -> list[str]:
+    return [block for found, block in BLOCK.findall(path.read_text()) if found == kind]
+
+
+RUN_HERE = [(path, block) for path in TEXTS if name_of(path) not in RUN_ELSEWHERE for block in blocks(path, "sh")]
+
+
+@pytest.mark.parametrize(("path", "block"), RUN_HERE, ids=lambda x: name_of(x) if isinstance(x, Path) else "")
+def test_runs(path: Path, block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for line in block.splitlines():
+        program, *words = shlex.split(line, comments=True)
+        assert program == "ruffini", line
+        code, _, said = run_host(*words, timeout_s=300)
+        assert code == 0, f"{line}\n{said}"
+
+
+def test_some_run() -> None:
+    assert {name_of(path) for path, _ in RUN_HERE} >= {"boards/ftouch/README.md", "host/ruffini/rig/README.md"}
+
+
+@pytest.mark.parametrize("path", [p for p in TEXTS if name_of(p) not in RUN_ELSEWHERE], ids=name_of)
+def test_what_does_not_run_says_why(path: Path) -> None:
+    faults = [
+        block
+        for kind, block in BLOCK.findall(path.read_text())
+        if kind != "sh" and any(COMMAND.match(line) for line in block.splitlines())
+        if kind != "console" or not (BY_HAND.search(block) or READERS_OWN.search(block))
+    ]
+    assert faults == []
+
+
+def test_the_page_with_a_simulated_pad_as_its_readme_opens_it(tmp_path: Path) -> None:
+    """But for the browser, which this opens itself."""
+    (line,) = [x for b in blocks(ROOT / "host/page/README.md", "console") for x in b.splitlines() if "--demo" in x]
+    words = shlex.split(line, comments=True)[1:]
+    command = [*HOST, *words, "--no-browser", "--http-port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
+        assert process.stdout is not None
+        try:
+            address = process.stdout.readline().strip()
+            assert address, process.communicate(timeout=60)
+            with urllib.request.urlopen(address, timeout=20) as page:  # an address of this computer
+                assert b"ruffini" in page.read()
+        finally:
+            process.send_signal(signal.SIGINT)
+            said = process.communicate(timeout=60)[1]
+    assert process.returncode == 0, said
