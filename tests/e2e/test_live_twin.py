@@ -42,7 +42,7 @@ def connected(twin: Twin, folder: Path, *options: str) -> Iterator[Connection]:
         yield sensor
 
 
-def wrenches(sensor: Connection, timeout_s: float = 3.0) -> Iterator[tuple[bool, object]]:
+def wrenches(sensor: Connection, timeout_s: float = 20.0) -> Iterator[tuple[bool, object]]:
     """(is_simulated, WRENCH message) as they come, until the twin ends."""
     with contextlib.suppress(RuffiniError):
         for frame, message in sensor.stream(timeout_s=timeout_s):

@@ -21,7 +21,7 @@ EVERYTHING = {"wrench": 1, "field": 1, "depth": 1, "contacts": 1, "markers": 1, 
 NO_REFERENCE = 1
 
 
-def read_all(sensor: Connection, *, timeout_s: float = 2.0) -> list[tuple[str, object, object]]:
+def read_all(sensor: Connection, *, timeout_s: float = 20.0) -> list[tuple[str, object, object]]:
     """(type, frame, message) until the recording ends and the daemon with it."""
     out = []
     try:

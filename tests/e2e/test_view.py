@@ -179,12 +179,12 @@ def test_a_sensor_that_is_unplugged_is_said_and_comes_back_by_itself(
         wait_for(page, "frames", lambda s: sensor_of(s)["nChartPoints"] > 5)
         line.unplug()
         wait_for(page, "the loss", lambda s: "plug the sensor in" in s["notice"] or "cannot be opened" in s["notice"])
-        assert page.is_visible("section.sensor.lost")
+        wait_for(page, "it marked", lambda _: page.is_visible("section.sensor.lost"))
         last = sensor_of(state_of(page))["wrench"]["frame"]
         line.plug_in()
         # Frames that were on their way when the line was lost may be shown after its notice.
         wait_for(page, "later frames", lambda s: sensor_of(s)["wrench"]["frame"] > last and "line" not in s["notice"])
-        assert not page.is_visible("section.sensor.lost")
+        wait_for(page, "the mark gone", lambda _: not page.is_visible("section.sensor.lost"))
 
 
 def test_broken_pieces_are_counted_and_never_shown(

@@ -31,6 +31,18 @@ def boards() -> list[Any]:
     ]
 
 
+def is_shown(state: dict[str, Any], maps: list[str]) -> bool:
+    """Frames were drawn, with a wrench and just these maps' values: a field is a packet of its own."""
+    shown = sensor_of(state)
+    with_values = [name for name, word in shown["maps"].items() if word == "values"]
+    return state["lines"][0]["nDrawn"] > 3 and bool(shown["wrench"]) and with_values == maps
+
+
+def said_of(page: Page, component: int) -> str:
+    """A component of the wrench as it is written."""
+    return page.inner_text(f".cell:nth-child({component + 1}) output")
+
+
 @pytest.mark.parametrize(("name", "teller", "grid", "maps"), boards())
 def test_every_kind_of_board_is_shown_from_what_it_says_about_itself(
     page: Page, name: str, teller: Teller, grid: tuple[int, int] | None, maps: list[str]
@@ -38,21 +50,19 @@ def test_every_kind_of_board_is_shown_from_what_it_says_about_itself(
     board = find_board(name)
     with ToldSensor([info_of(board, grid=grid)], teller) as sensor, viewer(sensor.port) as address:
         page.goto(address)
-        state = wait_for(page, "frames", lambda s: s["lines"][0]["nDrawn"] > 3 and sensor_of(s)["wrench"])
-        page.wait_for_timeout(200)
-        colours = colours_in(page, ".stage canvas")
+        state = wait_for(page, "frames", lambda s: is_shown(s, maps))
+        wait_for(page, "a picture", lambda _: colours_in(page, ".stage canvas") > 50)
+        absent = [validity == 0 for validity in sensor_of(state)["wrench"]["validity"]]
+        wait_for(page, "the numbers", lambda _: [said_of(page, i) == ABSENT for i in range(6)] == absent)
     shown = sensor_of(state)
     assert shown["board"] == name
-    assert [m for m, word in shown["maps"].items() if word == "values"] == maps
     wrench: Any = teller(shown["wrench"]["frame"], Schema.own().new("Stamp"))["WRENCH"]
     assert shown["wrench"]["validity"] == list(wrench.validity)
     assert shown["wrench"]["values"][2] == pytest.approx(wrench.force_z_un * 1e-6)
     for i, validity in enumerate(wrench.validity):
-        said = page.inner_text(f".cell:nth-child({i + 1}) output")
-        assert (said == ABSENT) == (validity == 0)
+        assert (said_of(page, i) == ABSENT) == (validity == 0)
         assert (shown["wrench"]["values"][i] is None) == (validity == 0)
     assert shown["wrench"]["sigma"][2] == pytest.approx(5e-3)
-    assert colours > 50
     assert page.inner_text("h2 >> nth=0") == board.board.product
 
 

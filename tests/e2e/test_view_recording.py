@@ -31,9 +31,10 @@ def test_what_the_page_records_others_read_and_it_shows_again(page: Page, told: 
     path = tmp_path / "page.mcap"
     with told, viewer(told.port) as address:
         page.goto(address)
-        wait_for(page, "frames", lambda s: sensor_of(s)["nChartPoints"] > 3)
+        state = wait_for(page, "frames", lambda s: sensor_of(s)["nChartPoints"] > 3)
         page.keyboard.press("r")
-        page.wait_for_timeout(1500)
+        n_before = state["lines"][0]["nDrawn"]
+        wait_for(page, "frames to record", lambda s: s["lines"][0]["nDrawn"] > n_before + 30)
         with page.expect_download() as download:
             page.keyboard.press("r")
         download.value.save_as(path)

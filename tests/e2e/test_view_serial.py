@@ -43,11 +43,12 @@ def test_a_sensor_is_opened_by_webserial_behind_noise_and_again_after_it_was_unp
     page.goto(f"http://127.0.0.1:{bridge.port}/")
     wait_for(page, "the prompt", lambda s: "Press Connect" in s["notice"])
     page.keyboard.press("k")
-    state = wait_for(page, "frames", lambda s: sensor_of(s)["nChartPoints"] > 5 and sensor_of(s)["field"])
+    wait_for(page, "frames", lambda s: sensor_of(s)["nChartPoints"] > 5 and sensor_of(s)["field"])
+    wait_for(page, "the noise", lambda s: s["lines"][0]["health"]["counters"]["oversize"] == 1)
+    state = wait_for(page, "valid forces", lambda s: sensor_of(s)["wrench"]["validity"] == [1] * 6)
     assert page.evaluate("window.__opened") == {"baudRate": 115_200, "bufferSize": 1 << 20}
     assert sensor_of(state)["board"] == "tiny"
     assert sensor_of(state)["isSimulated"]
-    assert sensor_of(state)["wrench"]["validity"] == [1] * 6
     counters = state["lines"][0]["health"]["counters"]
     assert counters["malformed"] + counters["bad_crc"] > 0
     assert counters["oversize"] == 1
