@@ -117,9 +117,9 @@ def test_who_listens_goes_on_after_an_unplug_and_is_told_what_is_missing(sensor:
     ):
         pull = threading.Timer(0.3, lambda: (line.unplug(), time.sleep(0.2), line.plug_in()))
         pull.start()
-        counts = record_stream(host, tmp_path / "run.mcap", n_frames=80, resume_s=5, on_gap=gaps.append)
+        counts = record_stream(host, tmp_path / "run.mcap", n_frames=200, resume_s=20, on_gap=gaps.append)
         pull.join()
-    assert counts["WRENCH"] >= 80
+    assert counts["WRENCH"] >= 200
     (gap,) = gaps
     assert gap.lost_s >= 0.2
     assert gap.n_frames is not None
@@ -161,7 +161,7 @@ def test_a_sensor_that_was_started_again_says_so_and_another_one_is_not_taken_fo
         first = stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}"))
         host = stack.enter_context(Connection(port))
         host.subscribe(wrench=1)
-        next(iter(host.stream(timeout_s=2)))
+        next(iter(host.stream(timeout_s=20)))
         first.process.kill()
         first.process.wait()
         stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}"))
@@ -206,7 +206,7 @@ def test_hang_ups_cost_the_daemon_nothing_and_it_answers_at_once(sensor: Sensor,
         hang_up(100)
         with Connection(daemon.port) as host:
             host.subscribe(wrench=1)
-            next(iter(host.stream(timeout_s=2)))
+            next(iter(host.stream(timeout_s=20)))
         files, before_kb = open_files(), resident_kb()
         hang_up(N_HANG_UPS)
         waits_s = []
@@ -215,7 +215,7 @@ def test_hang_ups_cost_the_daemon_nothing_and_it_answers_at_once(sensor: Sensor,
             started = time.monotonic()
             with Connection(daemon.port) as host:
                 host.subscribe(wrench=1)
-                assert next(iter(host.stream(timeout_s=2)), None) is not None
+                assert next(iter(host.stream(timeout_s=20)), None) is not None
                 waits_s.append(time.monotonic() - started)
         time.sleep(0.1)
         assert open_files() == files
@@ -228,7 +228,7 @@ def test_hang_ups_cost_the_daemon_nothing_and_it_answers_at_once(sensor: Sensor,
 def test_a_line_that_is_lost_for_good_is_said(sensor: Sensor, tmp_path: Path) -> None:
     with start(sensor, tmp_path / "store", "--loop") as daemon, Connection(daemon.port) as host:
         host.subscribe(wrench=1)
-        next(iter(host.stream(timeout_s=2)))
+        next(iter(host.stream(timeout_s=20)))
         daemon.process.kill()
         daemon.process.wait()
         with pytest.raises(LineLostError, match="the line was lost"):

@@ -368,7 +368,7 @@ def test_a_gap_of_the_line_is_before_the_frame_that_ended_it(sensor: Sensor, tmp
     ):
         pull = threading.Timer(0.3, lambda: (line.unplug(), time.sleep(0.2), line.plug_in()))
         pull.start()
-        record_stream(host, tmp_path / "run.mcap", n_frames=60, resume_s=5, on_gap=gaps.append)
+        record_stream(host, tmp_path / "run.mcap", n_frames=200, resume_s=20, on_gap=gaps.append)
         pull.join()
     (gap,) = gaps
     after = [f for f in Recording(tmp_path / "run.mcap").frames() if f.gap is not None]

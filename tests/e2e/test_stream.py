@@ -104,15 +104,15 @@ def test_zero_learns_anew_and_says_so(sensor: Sensor, tmp_path: Path) -> None:
 
 def test_a_host_that_does_not_read_costs_telemetry_and_no_reply(sensor: Sensor, tmp_path: Path) -> None:
     with start(sensor, tmp_path, "--loop") as daemon, Connection(daemon.port) as host:
+        n_before, deadline = host.status().frames_processed, time.monotonic() + 20
         host.subscribe(image=1, depth=1, wrench=1)
         time.sleep(1.5)
         assert daemon.process.poll() is None
         host.subscribe(wrench=1)
-        host._send("STATUS")
-        status = host._wait_for("STATUS", 3.0, lambda m: True)
+        while (status := host.status()).frames_processed < n_before + 50:
+            assert time.monotonic() < deadline
     assert status.drops.link_backpressure > 0
     assert [(t.place, t.milli_celsius) for t in status.temperatures] == [("gel", MILLI_CELSIUS)]
-    assert status.frames_processed > 50
 
 
 def test_a_new_host_on_the_same_line_is_answered(sensor: Sensor, tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_a_new_host_on_the_same_line_is_answered(sensor: Sensor, tmp_path: Path)
         for _ in range(3):
             with Connection(daemon.port) as host:
                 host.subscribe(image=1, wrench=1)
-                next(iter(host.stream(timeout_s=2)))
+                next(iter(host.stream(timeout_s=20)))
         assert daemon.process.poll() is None
 
 
@@ -128,21 +128,21 @@ def test_a_host_that_goes_takes_its_subscriptions_with_it(sensor: Sensor, tmp_pa
     with start(sensor, tmp_path, "--loop") as daemon:
         with Connection(daemon.port) as host:
             host.subscribe(**EVERYTHING)
-            next(iter(host.stream(timeout_s=2)))
+            next(iter(host.stream(timeout_s=20)))
         time.sleep(0.2)
         with Connection(daemon.port) as host:
             # A busy machine's stall is said to whoever is there.
             event = host.schema.type_numbers["EVENT"]
             assert not [frame for frame, _ in host.stream(timeout_s=0.5) if frame.type != event]
             host.subscribe(wrench=1)
-            assert next(iter(host.stream(timeout_s=2)))
+            assert next(iter(host.stream(timeout_s=20)))
 
 
 def test_a_host_that_goes_does_not_hold_up_lockstep(sensor: Sensor, tmp_path: Path) -> None:
     with start(sensor, tmp_path, "--lockstep", "--wait-for-host") as daemon:
         with Connection(daemon.port) as host:
             host.subscribe(**EVERYTHING)
-            next(iter(host.stream(timeout_s=2)))
+            next(iter(host.stream(timeout_s=20)))
         assert daemon.process.wait(5) == 0
 
 
@@ -158,7 +158,7 @@ def test_a_line_that_is_unplugged_is_opened_again(sensor: Sensor, tmp_path: Path
         return far
 
     def says_hello(far: int) -> bool:
-        decoder, deadline = Decoder(), time.monotonic() + 3
+        decoder, deadline = Decoder(), time.monotonic() + 20
         while time.monotonic() < deadline:
             with contextlib.suppress(OSError):  # the device may not have it open yet
                 os.write(far, b"\0" + encode_message(schema.type_numbers["HELLO"], b"", sensor=255, sequence=0))
@@ -183,8 +183,9 @@ def test_a_line_that_is_unplugged_is_opened_again(sensor: Sensor, tmp_path: Path
 def test_get_and_set(sensor: Sensor, tmp_path: Path) -> None:
     with start(sensor, tmp_path, "--loop") as daemon, Connection(daemon.port) as host:
         first = host.checked(get={"key": "frames_processed"}).value
-        time.sleep(0.2)
-        assert host.checked(get={"key": "frames_processed"}).value > first
+        deadline = time.monotonic() + 20
+        while host.checked(get={"key": "frames_processed"}).value <= first:
+            assert time.monotonic() < deadline
         for action in ({"get": {"key": "humour"}}, {"set": {"key": "frames_processed", "value": 0}}):
             with pytest.raises(RefusedError, match="this firmware has frames_processed"):
                 host.checked(**action)
@@ -206,7 +207,7 @@ def test_noise_on_the_line_is_counted_and_hello_answers(sensor: Sensor, tmp_path
 def test_sigterm_ends_it_cleanly_within_a_second(sensor: Sensor, tmp_path: Path) -> None:
     with start(sensor, tmp_path, "--loop") as daemon, Connection(daemon.port) as host:
         host.subscribe(**EVERYTHING)
-        next(iter(host.stream(timeout_s=2)))
+        next(iter(host.stream(timeout_s=20)))
         began = time.monotonic()
         daemon.process.send_signal(signal.SIGTERM)
         assert daemon.process.wait(5) == 0

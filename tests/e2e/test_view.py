@@ -167,7 +167,7 @@ def test_keys_zero_the_pad_change_units_and_ask_for_the_camera(pressed: tuple[st
         saved = cv2.imread(str(download.value.path()))[y - 2 : y + 3, x - 2 : x + 3, ::-1].astype(int)
         assert (abs(saved - legend["colour"]).max(axis=2) < 30).any()  # a picture of the page, not only of its canvases
         page.keyboard.press("?")
-        assert page.is_visible("#help")
+        wait_for(page, "the help", lambda _: page.is_visible("#help"))
 
 
 def test_a_sensor_that_is_unplugged_is_said_and_comes_back_by_itself(
