@@ -233,6 +233,7 @@ def slow_reader() -> str:
 
     types = ("wrench", "field", "contacts", "depth", "markers")
     with daemon(), Connection(port()) as sensor:
+        damaged_before = sensor.decoder.counters.malformed  # where an earlier reader went, a frame was cut
         sensor.subscribe(**dict.fromkeys(types, 1))
         time.sleep(6)
         stamps = [m.stamp.frame for _, m in itertools.islice(sensor.stream(timeout_s=20), 100) if hasattr(m, "stamp")]
@@ -246,10 +247,10 @@ def slow_reader() -> str:
 
         seconds = until("the sensor answers", answers, 60)
         counters = sensor.decoder.counters
-        assert counters.malformed == counters.oversize == 0, counters
+        assert (counters.malformed - damaged_before, counters.oversize) == (0, 0), counters
         missing = max(stamps) - min(stamps) + 1 - len(set(stamps))
         assert missing > 0, "nothing was lost: the reader did not lag"
-    return f"{missing} of {max(stamps) - min(stamps) + 1} frames lost; an answer after {seconds:.1f} s; {counters}"
+    return f"{missing} of {max(stamps) - min(stamps) + 1} frames lost; an answer after {seconds:.1f} s; {counters}, {damaged_before} before"
 
 
 @check
