@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import pty
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from fakes import until
 
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.rig.emulated_dialects import EmulatedMarlin
@@ -200,9 +200,8 @@ def test_a_key_stops_and_the_terminal_is_as_before():
     with stop_key(slave) as guard:
         guard()
         os.write(master, b" ")
-        time.sleep(0.05)
         with pytest.raises(RefusedError, match="stopped by a key"):
-            guard()
+            until(lambda: guard() is not None)
         guard()
     assert termios.tcgetattr(slave) == before
     os.close(master)

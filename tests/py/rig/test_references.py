@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from fakes import FakeFx29, RdtServer, printing_board
+from fakes import FakeFx29, RdtServer, printing_board, until
 
 from ruffini.errors import InputError, NoDeviceError
 from ruffini.rig.csv_log import read_csv_log
@@ -109,8 +109,7 @@ def test_text_cell_reads_grams_after_the_boards_greeting():
     lines = iter([b"\xff\xfe", b"ts\r\nready\r\n", b"10"])
     with printing_board(lambda: next(lines, b"100.0 g\r\n")) as (port, _):
         cell = TextCell(port, "g", full_scale_n=10, sigma_n=0.01)
-        time.sleep(0.1)
-        assert cell.read(1)[-1].wrench[2] == pytest.approx(-0.980665)
+        until(lambda: cell.read(1)[-1].wrench[2] == pytest.approx(-0.980665))
         cell.close()
 
 
@@ -125,8 +124,7 @@ def test_text_cell_saturation_by_word_and_by_range():
         cell = TextCell(port, "N", 10, 0.01)
         assert cell.read(1)[0].is_saturated
         text[0] = "10.5"
-        time.sleep(0.05)
-        assert cell.read(1)[-1].is_saturated
+        until(lambda: cell.read(1)[-1].is_saturated)
         cell.close()
 
 
@@ -186,8 +184,7 @@ def test_network_cell_saturates_fails_and_falls_silent():
         cell = NetworkCell("127.0.0.1", SCALE, SIGMA, settings=settings(), port=box.port)
         assert not cell.read(1)[-1].is_saturated
         box.status = 0x80020000
-        time.sleep(0.02)
-        assert [r for _ in range(20) for r in cell.read(1)][-1].is_saturated
+        until(lambda: cell.read(1)[-1].is_saturated)
         box.status, box.counts = 0, [0, 0, 100_000_000, 0, 0, 0]
         assert [r for _ in range(20) for r in cell.read(1)][-1].is_saturated  # at its range
         box.status = 0x80800000
