@@ -142,8 +142,10 @@ def test_a_process_that_was_stopped_shows_one_gap_and_no_old_frames(twin: Twin, 
     missed = max(b - a for a, b in itertools.pairwise(numbers))
     assert missed > 0.8 * stop_s * twin.board.camera.rate_mhz * 1e-3
     assert status.camera_gaps > 0.8 * stop_s * twin.board.camera.rate_mhz * 1e-3
-    assert events.count("camera_stalled") <= 1
-    assert events.count("camera_back") <= 1
+    # The stop is told once at most; on a busy computer other gaps may be, each once.
+    n_gaps = sum(b - a > 3e9 / twin.board.camera.rate_mhz for a, b in itertools.pairwise(times))
+    assert events.count("camera_stalled") <= n_gaps
+    assert events.count("camera_back") <= n_gaps
     assert stopped_at < woken_at
 
 
