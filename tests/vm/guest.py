@@ -250,7 +250,8 @@ def slow_reader() -> str:
         assert (counters.malformed - damaged_before, counters.oversize) == (0, 0), counters
         missing = max(stamps) - min(stamps) + 1 - len(set(stamps))
         assert missing > 0, "nothing was lost: the reader did not lag"
-    return f"{missing} of {max(stamps) - min(stamps) + 1} frames lost; an answer after {seconds:.1f} s; {counters}, {damaged_before} before"
+    lost = f"{missing} of {max(stamps) - min(stamps) + 1} frames lost"
+    return f"{lost}; an answer after {seconds:.1f} s; {counters}, {damaged_before} before"
 
 
 @check
