@@ -24,7 +24,7 @@ COMMAND = re.compile(
 READERS_OWN = re.compile(
     r"/dev/|\b(NAME|BENCH|BOARD|FOLDER|FILE|DIR|LOG|COPY|THEIRS|PORT|ADDRESS)\b|\bsudo\b|\.\.\.|\.ci/"
 )
-BY_HAND = re.compile(r"^# by hand: (some )?(minutes|half an hour|an hour|hours)\b", re.M)
+BY_HAND = re.compile(r"^# by hand: (minutes|half an hour|an hour|hours)\b", re.M)
 
 
 def name_of(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from typing import Any
 
@@ -10,7 +11,18 @@ import pytest
 from browser import colours_in, sensor_of, state_of, viewer, wait_for
 from google.protobuf import descriptor_pb2
 from playwright.sync_api import Page
-from told_sensor import Teller, ToldSensor, info_of, told_field, told_skin, told_tip, told_tray, told_uncertain
+from told_sensor import (
+    SCHEMA,
+    Messages,
+    Teller,
+    ToldSensor,
+    info_of,
+    told_field,
+    told_skin,
+    told_tip,
+    told_tray,
+    told_uncertain,
+)
 
 from ruffini.boards import find_board
 from ruffini.wire import Schema
@@ -106,6 +118,30 @@ def test_an_older_schema_is_fetched_and_decoded(page: Page) -> None:
         state = wait_for(page, "a field", lambda s: sensor_of(s)["field"])
     assert sensor_of(state)["maps"]["normal"] == "values"
     assert sensor_of(state)["maps"]["sigma"] == "not measured"
+
+
+def test_an_answer_can_be_read_before_the_newest_news_takes_its_place(page: Page) -> None:
+    is_stalled, is_back = threading.Event(), threading.Event()
+
+    def tell(frame: int, stamp: Any) -> Messages:
+        told = told_tray(frame, stamp)
+        for happened, severity, text in ((is_stalled, 1, "the camera stalled"), (is_back, 0, "frames come again")):
+            if happened.is_set():
+                happened.clear()
+                told["EVENT"] = SCHEMA.new("Event", severity=severity, what="camera", text=text)
+        return told
+
+    with ToldSensor([info_of(find_board("ftouch"))], tell) as sensor, viewer(sensor.port) as address:
+        page.goto(address)
+        wait_for(page, "frames", lambda s: s["lines"][0]["nDrawn"] > 2)
+        pressed_s = time.monotonic()
+        page.keyboard.press("z")
+        wait_for(page, "the answer", lambda s: s["notice"] == "done")
+        is_stalled.set()
+        wait_for(page, "nothing: it is sent", lambda _: not is_stalled.is_set())
+        is_back.set()
+        wait_for(page, "the newest", lambda s: s["notice"] == "frames come again")
+        assert time.monotonic() - pressed_s > 4
 
 
 def maps_of(state: dict[str, Any], *names: str) -> list[str]:

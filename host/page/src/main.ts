@@ -49,7 +49,7 @@ let isResidual = false;
 let isLocked = false;
 let isRecording = false;
 let answeredMs = -Infinity; // a person was answered: news waits until that is read
-let news: News | undefined; // the newest that waits; good news only where no bad one does
+let news: News | undefined; // the newest that waits: good news may take back a bad one
 let isZeroRefused = false; // and the notice says so: Zero again means it
 
 function say(text: string, isBad = false): void {
@@ -67,7 +67,7 @@ function answer(text: string, isBad: boolean): void {
 }
 
 function tellNews(events: News[]): void {
-  for (const event of events) if (event.severity > 0 || !news?.severity) news = event;
+  news = events.at(-1) ?? news;
   if (!news || performance.now() < answeredMs + READ_ANSWER_MS) return;
   say(news.text || news.what, news.severity > 0);
   news = undefined;
