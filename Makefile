@@ -123,10 +123,13 @@ bench: setup  ## time of every stage with peers beside them; accuracy on simulat
 	@$(PYTHON) tests/bench/twin.py $(if $(QUICK),--quick)
 	@$(if $(QUICK),true,$(PYTHON) tests/bench/residual.py)
 
-aarch64: build  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu; instructions of each stage
+# Of the Pi Zero 2 and 3, of the 4, of the 5.
+PI_CORES := cortex-a53 cortex-a72 cortex-a76
+aarch64: build  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu as a Pi 3, 4 and 5's core; instructions of each stage
 	@.ci/setup aarch64
 	@$(call compile,$(BUILD)/aarch64,-DCMAKE_TOOLCHAIN_FILE=.ci/aarch64.cmake -DRUFFINI_DAEMON=OFF,ruffini_tests ruffini_one_frame)
-	@qemu-aarch64 -L /usr/aarch64-linux-gnu $(BUILD)/aarch64/ruffini_tests --gtest_brief=1
+	@.ci/at-once $(JOBS) $(foreach core,$(PI_CORES),$(foreach i,$(SHARDS),'echo $(core); GTEST_TOTAL_SHARDS=2 GTEST_SHARD_INDEX=$(i) \
+	  qemu-aarch64 -cpu $(core) -L /usr/aarch64-linux-gnu $(BUILD)/aarch64/ruffini_tests --gtest_brief=1'))
 	@$(PYTHON) tests/bench/instructions.py --binary $(BUILD)/aarch64/ruffini_one_frame
 
 wheel: build  ## the host tool as a wheel, installed and started outside the tree
