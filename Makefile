@@ -25,7 +25,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 wheel deb arm64 vm pi fresh clean
+.PHONY: help setup build run test readmes lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 wheel deb arm64 vm pi board fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -47,6 +47,11 @@ test: build  ## all tests that need no hardware
 	@npm --prefix host/page --silent test
 	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) --dist loadfile tests
+
+readmes: build  ## the commands of all READMEs that need no board and take minutes, word for word; what takes hours with --quick (needs 5 GB)
+	@.ci/setup browser
+	@.ci/setup train
+	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -m long -v --durations 0 tests/e2e/test_long_commands.py
 
 lint: lint-python lint-page lint-cpp werror  ## formatters, linters, types, and a build where warnings are errors
 
@@ -146,11 +151,17 @@ arm64: build  ## packages and wheel for 64-bit ARM, cross-built, installed besid
 
 vm: build  ## a virtual board: the packages under systemd on a real kernel's GPIO, I2C, USB gadget and camera interfaces (needs root, 6 GB)
 	@.ci/setup vm
-	@.ci/vm $(JOBS)
+	@.ci/deb $(JOBS)
+	@.ci/vm
 
 pi: build  ## an emulated Raspberry Pi after `make arm64`: ruffinid and the host tool on its I2C and GPIO drivers (needs root, 9 GB)
 	@.ci/setup vm
 	@.ci/pi
+
+board: build  ## deb, arm64, pi and vm in one, the packages side by side: 13 minutes (needs root, 9 GB)
+	@.ci/setup vm
+	@.ci/setup aarch64
+	@.ci/board $(JOBS)
 
 fresh:  ## the README's commands in a clean root: SUITE=bookworm|trixie (needs root and debootstrap)
 	@.ci/fresh '$(SUITE)'

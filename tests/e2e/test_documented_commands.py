@@ -2,69 +2,39 @@
 
 from __future__ import annotations
 
+import argparse
 import re
+import runpy
 import shlex
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 
 import pytest
-import typer
+from readme_texts import BLOCK, NOT_COMMANDS, PROGRAM, ROOT, TEXTS, fault_of, name_of, spans, words_of
 
-from ruffini.cli.app import app
+from ruffini.demo.daemon import find_daemon
 
-ROOT = Path(__file__).parents[2]
-TEXTS = sorted(
-    path
-    for folder in (".", "boards", "firmware", "host", "proto", "tests")
-    for path in (ROOT.glob("*.md") if folder == "." else (ROOT / folder).rglob("*.md"))
-    if "node_modules" not in path.parts
-)
-NOT_COMMANDS = ("BOARD",)  # what a device calls itself on USB
-PROGRAM = re.compile(r"(?:\.venv/bin/)?ruffini (.*)")
+SCRIPT = re.compile(r"(?:python )?(tests/\S+\.py)( .*)?")
 
 
-def words_of(line: str) -> list[str]:
-    """What stands for more of the same, or may be left out, goes."""
-    return [w.strip("[]") for w in shlex.split(line, comments=True) if w.strip("[].")]
+def lines(text: str) -> list[str]:
+    """Of all blocks."""
+    return [line.strip() for _, block in BLOCK.findall(text) for line in block.splitlines()]
 
 
 def commands(text: str) -> Iterator[tuple[list[str], bool]]:
     """Words after the program's name, and whether they are a whole command."""
-    for block in re.findall(r"^```\w*\n(.*?)^```$", text, re.M | re.S):
-        for line in block.splitlines():
-            if found := PROGRAM.match(line.strip()):
-                yield words_of(found[1]), "..." not in line
-    prose = re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S)
-    for span in re.findall(r"`([^`]+)`", prose):
-        if (found := PROGRAM.fullmatch(" ".join(span.split()))) and found[1] not in NOT_COMMANDS:
+    for line in lines(text):
+        if found := PROGRAM.match(line):
+            yield words_of(found[1]), "..." not in line
+    for span in spans(text):
+        if (found := PROGRAM.fullmatch(span)) and found[1] not in NOT_COMMANDS:
             yield words_of(found[1]), False
 
 
-def fault_of(words: list[str], *, is_whole: bool) -> str | None:
-    """What the parser refuses; a file or folder of the reader's is not there. Typer brings its own click, or not."""
-    command: Any = typer.main.get_command(app)
-    context, rest = None, words
-    while True:
-        try:
-            context = command.make_context(command.name or "ruffini", list(rest), parent=context)
-            if not hasattr(command, "commands"):
-                return None
-            rest = [*context._protected_args, *context.args]  # there is no other door to them
-            _, command, rest = command.resolve_command(context, rest)
-        except Exception as error:  # by name: of which click they are depends on Typer's version
-            kind = type(error).__name__
-            is_place = type(getattr(getattr(error, "param", None), "type", None)).__name__ == "TyperPath"
-            if kind == "NoArgsIsHelpError":
-                return "a group, not a verb" if is_whole else None
-            if kind in ("MissingParameter", "BadParameter", "BadOptionUsage"):  # something of it is not there
-                return None if not is_whole or (is_place and kind == "BadParameter") else str(error)
-            if kind in ("NoSuchOption", "NoSuchCommand", "UsageError"):
-                return str(error)
-            raise
-
-
-@pytest.mark.parametrize("path", TEXTS, ids=lambda p: str(p.relative_to(ROOT)))
+@pytest.mark.parametrize("path", TEXTS, ids=name_of)
 def test_commands_exist(path: Path) -> None:
     faults = [(words, fault_of(words, is_whole=whole)) for words, whole in commands(path.read_text())]
     assert [f for f in faults if f[1]] == []
@@ -88,3 +58,57 @@ def test_most_texts_have_some() -> None:
 )
 def test_what_is_none_is_told(line: str, says: str) -> None:
     assert says in str(fault_of(line.split(), is_whole=True))
+
+
+# ---- what is not the host tool -----------------------------------------------------------------------
+
+
+class ParsedError(Exception):
+    """The arguments are right: go no further."""
+
+
+def scripts() -> list[tuple[str, list[str]]]:
+    """Files of tests/ that a text names, with the words behind those that it has somebody run."""
+    found = [match for path in TEXTS for span in spans(path.read_text()) if (match := SCRIPT.fullmatch(span))]
+    is_run = [match for match in found if match[0].startswith("python ") or match[2]]
+    return sorted({(match[1], *shlex.split(match[2] or "")) for match in is_run if "*" not in match[1]})
+
+
+@pytest.mark.parametrize("words", scripts(), ids=" ".join)
+def test_a_script_takes_what_a_text_gives_it(words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    parse = argparse.ArgumentParser.parse_args
+
+    def stop(*arguments: object) -> NoReturn:
+        parse(*arguments)
+        raise ParsedError
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", stop)
+    monkeypatch.setattr("sys.argv", [words[0], *(word.strip("[]") for word in words[1:])])
+    monkeypatch.syspath_prepend(str((ROOT / words[0]).parent))
+    with pytest.raises(ParsedError):
+        runpy.run_path(str(ROOT / words[0]), run_name="__main__")
+
+
+def test_files_of_tests_are_there() -> None:
+    named = {match[1] for path in TEXTS for span in spans(path.read_text()) if (match := SCRIPT.fullmatch(span))}
+    assert len(named) > 20
+    assert [name for name in named if not list(ROOT.glob(name))] == []
+
+
+def test_targets_and_variables_of_make_are_there() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    shown = [s for path in TEXTS for s in (*lines(path.read_text()), *spans(path.read_text()))]
+    used = [words_of(s) for s in shown if s.startswith("make ")]
+    targets = {word for words in used for word in words[1:] if "=" not in word}
+    assert len(targets) > 10
+    assert [t for t in targets if not re.search(rf"^{t}:.*##", makefile, re.M)] == []
+    variables = {word.split("=")[0] for words in used for word in words[1:] if "=" in word}
+    assert [v for v in variables if not re.search(rf"^{v} \?=", makefile, re.M)] == []
+
+
+def test_options_of_the_daemon_are_there() -> None:
+    usage = subprocess.run([find_daemon(), "--help"], capture_output=True, text=True, timeout=20, check=True).stdout
+    shown = [s for path in TEXTS for s in (*lines(path.read_text()), *spans(path.read_text()))]
+    options = {option for s in shown if s.startswith("ruffinid ") for option in re.findall(r"(?<= )--[a-z-]+", s)}
+    assert len(options) > 5
+    assert [option for option in options if not re.search(rf"{option}\b", usage)] == []

@@ -1,4 +1,5 @@
-"""Blocks of commands in the folders' texts: `sh` runs here word for word, `console` says what CI has not for it."""
+"""Blocks of commands in the folders' texts: `sh` runs here word for word, `sh long` in test_long_commands.py,
+`console` says what CI has not for it."""
 
 from __future__ import annotations
 
@@ -10,31 +11,20 @@ import urllib.request
 from pathlib import Path
 
 import pytest
+from readme_texts import BLOCK, ROOT, TEXTS, blocks, name_of
 from test_bad_input import HOST, run_host
-from test_documented_commands import ROOT, TEXTS
 
 RUN_ELSEWHERE = {  # by `.ci/run`, test_host_readme.py, py/client/test_cpp_package.py
     "README.md", "host/README.md", "host/cpp/README.md"
 }  # fmt: skip
-BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```$", re.M | re.S)
 COMMAND = re.compile(
     r" *((\.venv/bin/|build/)?(ruffini\w*|python)|make|pip|npm|cmake|ctest|c\+\+|dtc|lerobot-record|sudo|\.ci/\w+) "
 )
 # A sensor's port, or in capitals what the reader puts there: a bench, recordings, a folder of presses.
 READERS_OWN = re.compile(
-    r"/dev/|\b(NAME|BENCH|BOARD|FOLDER|FILE|DIR|LOG|COPY|THEIRS|PORT|ADDRESS)\b|\bsudo\b|\.\.\.|\.ci/"
+    r"/dev/|\b(NAME|BENCH|BOARD|FOLDER|FILE|DIR|LOG|COPY|THEIRS|PORT|ADDRESS|VIDEO|B)\b|\bsudo\b|\.\.\.|\.ci/"
 )
 BY_HAND = re.compile(r"^# by hand: (minutes|half an hour|an hour|hours)\b", re.M)
-
-
-def name_of(path: Path) -> str:
-    return str(path.relative_to(ROOT))
-
-
-def blocks(path: Path, kind: str) -> list[str]:
-    return [block for found, block in BLOCK.findall(path.read_text()) if found == kind]
-
-
 RUN_HERE = [(path, block) for path in TEXTS if name_of(path) not in RUN_ELSEWHERE for block in blocks(path, "sh")]
 
 
@@ -57,7 +47,7 @@ def test_what_does_not_run_says_why(path: Path) -> None:
     faults = [
         block
         for kind, block in BLOCK.findall(path.read_text())
-        if kind != "sh" and any(COMMAND.match(line) for line in block.splitlines())
+        if kind not in ("sh", "sh long") and any(COMMAND.match(line) for line in block.splitlines())
         if kind != "console" or not (BY_HAND.search(block) or READERS_OWN.search(block))
     ]
     assert faults == []

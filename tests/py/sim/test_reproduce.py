@@ -197,6 +197,13 @@ def test_recordings_of_other_settings_are_not_mixed(board, tmp_path):
         reproduce(board, tmp_path / "other")
 
 
+def test_a_bench_without_a_quick_subset_says_so(board, tmp_path):
+    (board.folder / "reproduce.toml").write_text(SMALL[: SMALL.index("quick")])
+    with pytest.raises(InputError, match=r"reproduce\.toml of gelslim has no quick subset: leave --quick out"):
+        reproduce(find_board(board.folder), tmp_path / "out", quick=True)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_board_without_a_paper():
     with pytest.raises(InputError, match="has no paper to reproduce"):
         load_reproduce(find_board("gelsight-mini"))

@@ -78,11 +78,13 @@ def reproduce(
     Raises
     ------
     InputError
-        The board has no paper, or the folder holds something else or cannot be written.
+        The board has no paper, the bench no quick subset, or the folder holds something else or cannot be written.
     """
     settings = load_reproduce(board, bench)
-    _claim(out, board, bench)
     runs = runs_of(settings, quick=quick)
+    if not runs:
+        raise InputError(f"{bench} of {board.name} has no quick subset: leave --quick out, or give its sets `quick`")
+    _claim(out, board, bench)
     missing = [run for run in runs if not (out / run.key / "run.json").is_file()]
     failed: dict[str, str] = {}
     for done, (run, reason) in enumerate(_made(board, missing, out, bench, n_workers), 1):

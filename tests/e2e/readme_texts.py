@@ -1,0 +1,64 @@
+"""What the repository's texts show as commands: blocks of lines, and code within sentences."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from ruffini.cli.app import app
+
+ROOT = Path(__file__).parents[2]
+TEXTS = sorted(
+    path
+    for folder in (".", "boards", "firmware", "host", "proto", "tests")
+    for path in (ROOT.glob("*.md") if folder == "." else (ROOT / folder).rglob("*.md"))
+    if "node_modules" not in path.parts
+)
+BLOCK = re.compile(r"^ *```([\w ]*)\n(.*?)^ *```$", re.M | re.S)
+PROGRAM = re.compile(r"(?:\.venv/bin/)?ruffini (.*)")
+NOT_COMMANDS = ("BOARD",)  # what a device calls itself on USB
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def blocks(path: Path, kind: str) -> list[str]:
+    return [block for found, block in BLOCK.findall(path.read_text()) if found == kind]
+
+
+def spans(text: str) -> list[str]:
+    """Code within the sentences, on one line each."""
+    return [" ".join(span.split()) for span in re.findall(r"`([^`]+)`", BLOCK.sub("", text))]
+
+
+def words_of(line: str) -> list[str]:
+    """What stands for more of the same, or may be left out, goes."""
+    return [w.strip("[]") for w in shlex.split(line, comments=True) if w.strip("[].")]
+
+
+def fault_of(words: list[str], *, is_whole: bool) -> str | None:
+    """What the parser refuses; a file or folder of the reader's is not there. Typer brings its own click, or not."""
+    command: Any = typer.main.get_command(app)
+    context, rest = None, words
+    while True:
+        try:
+            context = command.make_context(command.name or "ruffini", list(rest), parent=context)
+            if not hasattr(command, "commands"):
+                return None
+            rest = [*context._protected_args, *context.args]  # there is no other door to them
+            _, command, rest = command.resolve_command(context, rest)
+        except Exception as error:  # by name: of which click they are depends on Typer's version
+            kind = type(error).__name__
+            is_place = type(getattr(getattr(error, "param", None), "type", None)).__name__ == "TyperPath"
+            if kind == "NoArgsIsHelpError":
+                return "a group, not a verb" if is_whole else None
+            if kind in ("MissingParameter", "BadParameter", "BadOptionUsage"):  # something of it is not there
+                return None if not is_whole or (is_place and kind == "BadParameter") else str(error)
+            if kind in ("NoSuchOption", "NoSuchCommand", "UsageError"):
+                return str(error)
+            raise
