@@ -148,6 +148,7 @@ arm64: build  ## packages and wheel for 64-bit ARM, cross-built, installed besid
 	@.ci/setup vm
 	@.ci/setup aarch64
 	@.ci/arm64 $(JOBS)
+	@CMAKE_BUILD_PARALLEL_LEVEL=$(JOBS) .ci/wheel aarch64
 
 vm: build  ## a virtual board: the packages under systemd on a real kernel's GPIO, I2C, USB gadget and camera interfaces (needs root, 6 GB)
 	@.ci/setup vm
@@ -158,7 +159,7 @@ pi: build  ## an emulated Raspberry Pi after `make arm64`: ruffinid and the host
 	@.ci/setup vm
 	@.ci/pi
 
-board: build  ## deb, arm64, pi and vm in one, the packages side by side: 13 minutes (needs root, 9 GB)
+board: build  ## deb, arm64, pi and vm in one, the packages side by side (needs root, 9 GB)
 	@.ci/setup vm
 	@.ci/setup aarch64
 	@.ci/board $(JOBS)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,7 @@ TEXTS = sorted(
 )
 BLOCK = re.compile(r"^ *```([\w ]*)\n(.*?)^ *```$", re.M | re.S)
 PROGRAM = re.compile(r"(?:\.venv/bin/)?ruffini (.*)")
+FOLDERS = ("boards", "build", "host", "tests")  # that a reader finds where the commands are run
 NOT_COMMANDS = ("BOARD",)  # what a device calls itself on USB
 
 
@@ -62,3 +66,16 @@ def fault_of(words: list[str], *, is_whole: bool) -> str | None:
             if kind in ("NoSuchOption", "NoSuchCommand", "UsageError"):
                 return str(error)
             raise
+
+
+def run_commands(text: str, folder: Path, *, limit_s: float) -> subprocess.CompletedProcess[str]:
+    """As pasted into a shell that stands in the repository, with its programs on the path; results go to `folder`."""
+    for name in FOLDERS:
+        (folder / name).symlink_to(ROOT / name)
+    environment = {k: v for k, v in os.environ.items() if k not in ("RUFFINI_PORT", "RUFFINI_SERIAL")}
+    environment |= {"HOME": str(folder), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    return subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", text], cwd=folder, env=environment,
+        capture_output=True, text=True, timeout=limit_s, check=False,
+    )  # fmt: skip

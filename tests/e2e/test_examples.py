@@ -1,4 +1,4 @@
-"""Every program of host/examples runs as it is, on the real daemon."""
+"""Every program of host/examples runs as it is; those for a sensor on the real daemon."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from test_bad_input import run_host
 from tiny_sensor import ROOT, Sensor, calibrated_pair, start
 
 from ruffini.device import Connection
@@ -48,6 +50,14 @@ def test_two_fingers(sensor: Sensor, tmp_path: Path) -> None:
         said = run("two_fingers.py", left.port, right.port, "5").splitlines()
     assert len(said) == 5
     assert all("squeezed by" in line and "ms apart" in line for line in said)
+
+
+def test_tray_stiffness(tmp_path: Path) -> None:
+    log, columns = tmp_path / "tray.h5", EXAMPLES / "tray.toml"
+    code, _, text = run_host("cal", "convert", str(EXAMPLES / "tray.csv"), "--columns", str(columns), "--out", str(log))
+    assert code == 0, text
+    rows = [[float(word) for word in line.split()[1:]] for line in run("tray_stiffness.py", str(log)).splitlines()[1:]]
+    assert np.allclose(rows, [[900, 20, 0], [-15, 850, 30], [10, 5, 2600]], atol=5)
 
 
 def test_each_example_is_run() -> None:

@@ -6,18 +6,14 @@ Blocks of ```sh long, and whole commands within sentences. What takes hours goes
 from __future__ import annotations
 
 import importlib.util
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from readme_texts import NOT_COMMANDS, PROGRAM, ROOT, TEXTS, blocks, fault_of, name_of, spans, words_of
+from readme_texts import NOT_COMMANDS, PROGRAM, TEXTS, blocks, fault_of, name_of, run_commands, spans, words_of
 from test_readme_blocks import BY_HAND, READERS_OWN
 
 LIMIT_S = 2400
-FOLDERS = ("boards", "build", "host", "tests")  # of the repository, in which a reader is
 SCRIPT = re.compile(r"(?:python )?(tests/bench/\S+\.py(?: .*)?)")
 HOURS = re.compile(r"ruffini (reproduce|bench papers|cal auto|sim reproduce) ")
 ELSEWHERE = {  # command as a text shows it: what it wants, or what runs it
@@ -57,22 +53,10 @@ def long_blocks() -> list[tuple[str, str]]:
 
 
 def run(commands: str, folder: Path) -> None:
-    for name in FOLDERS:
-        (folder / name).symlink_to(ROOT / name)
-    commands = re.sub(r"^(tests/)", r"python \1", commands)
-    lines = [f"{line} --quick" if HOURS.match(line) and "--quick" not in line else line
-             for line in (re.sub(r" +# .*", "", line) for line in commands.splitlines())]  # fmt: skip
-    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    done = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", "\n".join(lines)],
-        cwd=folder, capture_output=True, text=True, check=False, timeout=LIMIT_S,
-        env={**os.environ, "HOME": str(folder), "PATH": path, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
-    if (
-        done.returncode == 2
-        and "PyTorch, which is not installed" in done.stderr
-        and not importlib.util.find_spec("torch")
-    ):
+    lines = [re.sub(r" +# .*", "", line) for line in re.sub(r"^(tests/)", r"python \1", commands).splitlines()]
+    lines = [f"{line} --quick" if HOURS.match(line) and "--quick" not in line else line for line in lines]
+    done = run_commands("\n".join(lines), folder, limit_s=LIMIT_S)
+    if "PyTorch, which is not installed" in done.stderr and not importlib.util.find_spec("torch"):
         pytest.skip("needs the extra [train]")
     assert done.returncode == 0, f"{commands}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
 

@@ -15,39 +15,35 @@ from ruffini.rig.log_file import read_log, write_log
 POUND_N = 4.4482216152605
 N_TOUCHES = 12
 STIFFNESS = np.array([[900.0, 20, 0], [-15, 850, 30], [10, 5, 2600]])  # N m^-1 or N a unit of area
-THEIRS = """n_markers = 3
-first = 1
-[columns]
-time_ms = "Time"
-fx_lbf = "Fx"
-fy_lbf = "Fy"
-fz_lbf = "Fz"
-"m{i}_dx_mm" = "u{i}"
-"m{i}_dy_mm" = "v{i}"
-"m{i}_da" = "A{i}"
-"""
+EXAMPLES = Path(__file__).parents[3] / "host" / "examples"
+THEIRS = (EXAMPLES / "tray.toml").read_text()
 
 
-def example(path: Path, *, seed: int = 1) -> None:
-    """Three targets on a sprung tray and a reference in pounds, as another program would write them, 100 rows/s."""
+def example(*, n_touches: int = N_TOUCHES, n_rows: int = 200, seed: int = 1) -> str:
+    """Three targets on a sprung tray and a reference in pounds, as another program would write them, 2 s a touch."""
     rng = np.random.default_rng(seed)
     rows = ["Time,Fx,Fy,Fz," + ",".join(f"u{i},v{i},A{i}" for i in (1, 2, 3)) + ",remark"]
-    for n in range(N_TOUCHES):
+    for n in range(n_touches):
         peak = np.array([*rng.uniform(-2e-4, 2e-4, 2), -rng.uniform(2e-4, 6e-4)])
-        for k in range(200):
-            ramp = np.clip(min(k - 50, 150 - k) / 30, 0, 1)
+        for k in range(n_rows):
+            ramp = np.clip(min(k / n_rows - 0.25, 0.75 - k / n_rows) / 0.15, 0, 1)
             moved = ramp * peak
             force = (STIFFNESS @ moved + [0.1, 0.0, -0.5]) / POUND_N  # what hangs on the reference is not tared
             force += 1e-4 * rng.normal(size=3)
             markers = [f"{1e3 * moved[0]:.6f},{1e3 * moved[1]:.6f},{moved[2]:.7f}"] * 3
-            rows.append(f"{10 * (200 * n + k)},{force[0]:.6f},{force[1]:.6f},{force[2]:.6f},{','.join(markers)},ok")
-    path.write_text("\n".join(rows) + "\n")
+            time_ms = 2000 * (n * n_rows + k) // n_rows
+            rows.append(f"{time_ms},{force[0]:.6f},{force[1]:.6f},{force[2]:.6f},{','.join(markers)},ok")
+    return "\n".join(rows) + "\n"
+
+
+def test_the_example_of_the_readme_is_this():
+    assert (EXAMPLES / "tray.csv").read_text() == example(n_touches=4, n_rows=100)
 
 
 @pytest.fixture
 def files(tmp_path):
     csv, columns = tmp_path / "theirs.csv", tmp_path / "columns.toml"
-    example(csv)
+    csv.write_text(example())
     columns.write_text(THEIRS)
     return csv, columns
 
