@@ -51,7 +51,7 @@ test: build  ## all tests that need no hardware
 readmes: build  ## the commands of all READMEs that need no board and take minutes, word for word; what takes hours with --quick (needs 5 GB)
 	@.ci/setup browser
 	@.ci/setup train
-	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -m long -v --durations 0 tests/e2e/test_long_commands.py
+	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -m long -vv --durations 0 tests/e2e/test_long_commands.py
 
 lint: lint-python lint-page lint-cpp werror  ## formatters, linters, types, and a build where warnings are errors
 

@@ -50,11 +50,14 @@ def main() -> None:
         key = chosen["indenter"], chosen["turn_mrad"] != 0
         by_shape.setdefault(key, []).append(told_and_true(board, calibration, run))
     for shape in sorted({shape for shape, _ in by_shape}):
-        told, true = np.concatenate(by_shape[shape, True]).T
-        still = np.concatenate(by_shape[shape, False])[:, 0]
-        error = np.sqrt(np.mean((told - true) ** 2))
-        print(f"{shape:10} told over true {told @ true / (true @ true):.2f}", end=", ")
-        print(f"error {error:.1f} of {true.max():.0f} mrad, not turned {np.sqrt(np.mean(still**2)):.1f} mrad")
+        said = []
+        if turned := by_shape.get((shape, True)):
+            told, true = np.concatenate(turned).T
+            error = np.sqrt(np.mean((told - true) ** 2))
+            said.append(f"told over true {told @ true / (true @ true):.2f}, error {error:.1f} of {true.max():.0f} mrad")
+        if unturned := by_shape.get((shape, False)):
+            said.append(f"not turned {np.sqrt(np.mean(np.concatenate(unturned)[:, 0] ** 2)):.1f} mrad")
+        print(f"{shape:10} {', '.join(said)}")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ Blocks of ```sh long, and whole commands within sentences. What takes hours goes
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from readme_texts import NOT_COMMANDS, PROGRAM, TEXTS, blocks, fault_of, name_of
 from test_readme_blocks import BY_HAND, READERS_OWN
 
 LIMIT_S = 2400
+TURN, OF = (int(part) for part in os.environ.get("RUFFINI_READMES_TURN", "0/1").split("/"))  # "1/2": every other one
 SCRIPT = re.compile(r"(?:python )?(tests/bench/\S+\.py(?: .*)?)")
 HOURS = re.compile(r"ruffini (reproduce|bench papers|cal auto|sim reproduce) ")
 ELSEWHERE = {  # command as a text shows it: what it wants, or what runs it
@@ -45,11 +47,15 @@ def sentences() -> list[str]:
     return sorted({span for path in TEXTS for span in spans(path.read_text()) if is_whole(span)})
 
 
+def run_here() -> list[str]:
+    return [command for command in sentences() if command not in ELSEWHERE][TURN::OF]
+
+
 def long_blocks() -> list[tuple[str, str]]:
     """Also those that a person runs for hours."""
     by_hand = [(path, block) for path in TEXTS for block in blocks(path, "console") if BY_HAND.search(block)]
     found = [*((path, block) for path in TEXTS for block in blocks(path, "sh long")), *by_hand]
-    return [(name_of(path), block) for path, block in found]
+    return [(name_of(path), block) for path, block in found][TURN::OF]
 
 
 def run(commands: str, folder: Path) -> None:
@@ -62,7 +68,7 @@ def run(commands: str, folder: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("line", [s for s in sentences() if s not in ELSEWHERE])
+@pytest.mark.parametrize("line", run_here())
 def test_a_command_within_a_sentence(line: str, tmp_path: Path) -> None:
     run(line, tmp_path)
 

@@ -68,8 +68,11 @@ def tool(*words: str, code: int | None = 0) -> str:
     return said.getvalue()
 
 
-def run_all(set_up: Callable[[], str]) -> None:
-    """Each check in its order after set_up, or only those of VM_CHECKS; RESULT is written after each."""
+def run_all(set_up: Callable[[], str], *, log: Path | None = None) -> None:
+    """Each check in its order after set_up, or only those of VM_CHECKS; RESULT is written after each.
+
+    log : its last lines stand beside a check that failed.
+    """
     rows: list[dict[str, object]] = []
 
     def tell(is_over: bool) -> None:
@@ -83,7 +86,8 @@ def run_all(set_up: Callable[[], str]) -> None:
         try:
             row["found"] = function()
         except BaseException as error:
-            row.update(ok=False, found=f"{error}\n{traceback.format_exc()}")
+            said = "\n".join(content(log).splitlines()[-20:]) if log and log.exists() else ""
+            row.update(ok=False, found=f"{error}\n{traceback.format_exc()}\n{said}")
         row["seconds"] = round(time.monotonic() - start, 1)
         rows.append(row)
         print(f"vm: {row['seconds']} s  {'ok' if row['ok'] else 'FAILED'}  {row['check']}\n{row['found']}", flush=True)

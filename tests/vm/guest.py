@@ -479,4 +479,4 @@ def set_up() -> str:
 
 
 if __name__ == "__main__":
-    run_all(set_up)
+    run_all(set_up, log=LOG)
