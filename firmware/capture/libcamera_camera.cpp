@@ -19,6 +19,7 @@
 #include "capture/libcamera_metadata.h"
 #include "capture/libcamera_session.h"
 #include "capture/pixels.h"
+#include "capture/silence.h"
 #include "capture/v4l2_exposure.h"
 #include "hw/frame_memory.h"
 
@@ -29,8 +30,7 @@ namespace lc = libcamera;
 using std::chrono::milliseconds;
 using SteadyClock = std::chrono::steady_clock;
 
-constexpr milliseconds kWait{100};     // for one frame; then the daemon looks whether it is to stop
-constexpr milliseconds kStall{1'000};  // without frames, and three periods: the stream is started again
+constexpr milliseconds kWait{100};  // for one frame; then the daemon looks whether it is to stop
 constexpr milliseconds kStopTime{2'000};
 constexpr int kSettlingFrames = 10;  // after a start, until new controls are in force in every pipeline
 constexpr int kMaxDrifted = 300;     // frames in a row that are not as [exposure] asks
@@ -278,8 +278,7 @@ class LibcameraCamera : public Camera {
 
   CaptureStatus without_frame() {
     if (is_told_gone()) return end("was unplugged");
-    if (SteadyClock::now() - last_frame_ < std::max<SteadyClock::duration>(kStall, 3 * period_))
-      return CaptureStatus::kNothing;
+    if (SteadyClock::now() - last_frame_ < longest_silence(period_, n_restarts_)) return CaptureStatus::kNothing;
     if (is_gone()) return end("was unplugged");
     if (++n_restarts_ > kMaxRestarts) return end("gives no frames, though it was started again: dmesg says more");
     if (!stop_in_time()) return end("does not stop: it is left to the kernel, which may need a reboot");
