@@ -45,7 +45,6 @@ from virtual_board import (
     settings,
     settle,
     starved,
-    streamer,
     udc,
     warm_to,
 )
@@ -142,14 +141,12 @@ def camera_stalls() -> str:
         run("mount", "-t", "debugfs", "debugfs", "/sys/kernel/debug")
     with daemon("vimc", board="vmbare") as process:
         new_pictures(1)
-        first = streamer()
-        with starved(first):
+        with starved() as first:
             time.sleep(2.0)  # a stall is told after 1 s, a stop that does not come back 2 s later
         assert len(new_pictures(2)) == 2
-        second = streamer()
-        assert second != first
         assert process.poll() is None
-        with starved(second):
+        with starved() as second:
+            assert second != first
             seconds = until("ruffinid gives up", lambda: "does not stop" in LOG.read_text(), 20)
         process.wait(20)
         said = LOG.read_text().strip().splitlines()[-1]

@@ -121,24 +121,28 @@ def pictures_and_wrenches() -> Iterator[tuple[Any, Any, bool]]:
                 yield last["IMAGE"], last["WRENCH"], frame.is_simulated
 
 
-def streamer() -> str:
-    """The thread of vimc that makes the pictures."""
-    (thread,) = run("pgrep", "vimc-streamer").split()
-    return thread
+def streamer_on_second_cpu() -> str:
+    """vimc's thread that makes the pictures; nothing where there is none, as when the stream is just started again."""
+    found = subprocess.run(["pgrep", "vimc-streamer"], capture_output=True, text=True, check=False).stdout.split()
+    for thread in found:
+        if subprocess.run(["taskset", "-p", "2", thread], capture_output=True, check=False).returncode == 0:
+            return thread
+    return ""
 
 
 @contextlib.contextmanager
-def starved(thread: str) -> Iterator[None]:
-    """It shares the second CPU with what never lets go, and nothing keeps a part for it."""
+def starved() -> Iterator[str]:
+    """vimc's thread shares the second CPU with what never lets go, and nothing keeps a part for it; its number."""
     limits = [Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/sys/kernel/debug/sched/fair_server/cpu1/runtime")]
     were = [limit.read_text() for limit in limits]
     for limit, value in zip(limits, ("-1", "0"), strict=True):
         limit.write_text(value)
-    run("taskset", "-p", "2", thread)
+    tried: list[str] = []
+    until("a thread of vimc", lambda: tried.append(streamer_on_second_cpu()) or bool(tried[-1]))
     command = ["taskset", "2", "chrt", "-f", "99", "sh", "-c", "while :; do :; done"]
     with subprocess.Popen(command) as hog:
         try:
-            yield
+            yield tried[-1]
         finally:
             hog.kill()
             for limit, was in zip(limits, were, strict=True):
