@@ -48,6 +48,7 @@ test: build  ## all tests that need no hardware
 	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) --dist loadfile tests
 
+# RUFFINI_READMES_TURN=0/2: the first, third, fifth... of them; 1/2: the others.
 readmes: build  ## the commands of all READMEs that need no board and take minutes, word for word; what takes hours with --quick (needs 5 GB)
 	@.ci/setup browser
 	@.ci/setup train
