@@ -157,6 +157,8 @@ def test_in_asyncio_the_loop_goes_on_while_frames_come(sensor: Sensor, tmp_path:
         async with ruffini.connect_async(port, depth=0) as host:
             assert host.sensor.boards == ("tiny",)
             async for frame in host.frames():
+                if frame.is_stale:  # the last one again: the camera stood still, as it may on a busy computer
+                    continue
                 numbers.append(frame.number)
                 if len(numbers) == 20:
                     break
