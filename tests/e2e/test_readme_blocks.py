@@ -22,7 +22,7 @@ COMMAND = re.compile(
 )
 # A sensor's port, or in capitals what the reader puts there: a bench, recordings, a folder of presses.
 READERS_OWN = re.compile(
-    r"/dev/|\b(NAME|BENCH|BOARD|FOLDER|FILE|DIR|LOG|COPY|THEIRS|PORT|ADDRESS|VIDEO|B)\b|\bsudo\b|\.\.\.|\.ci/"
+    r"/dev/|\b(NAME|BENCH|BOARD|FOLDER|FILE|DIR|LOG|COPY|THEIRS|PORT|ADDRESS)\b|\bsudo\b|\.\.\.|\.ci/"
 )
 BY_HAND = re.compile(r"^# by hand: (minutes|half an hour|an hour|hours)\b", re.M)
 RUN_HERE = [(path, block) for path in TEXTS if name_of(path) not in RUN_ELSEWHERE for block in blocks(path, "sh")]

@@ -133,12 +133,12 @@ def streamer_on_second_cpu() -> str:
 @contextlib.contextmanager
 def starved() -> Iterator[str]:
     """vimc's thread shares the second CPU with what never lets go, and nothing keeps a part for it; its number."""
+    tried: list[str] = []
+    until("a thread of vimc", lambda: tried.append(streamer_on_second_cpu()) or bool(tried[-1]))
     limits = [Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/sys/kernel/debug/sched/fair_server/cpu1/runtime")]
     were = [limit.read_text() for limit in limits]
     for limit, value in zip(limits, ("-1", "0"), strict=True):
         limit.write_text(value)
-    tried: list[str] = []
-    until("a thread of vimc", lambda: tried.append(streamer_on_second_cpu()) or bool(tried[-1]))
     command = ["taskset", "2", "chrt", "-f", "99", "sh", "-c", "while :; do :; done"]
     with subprocess.Popen(command) as hog:
         try:
