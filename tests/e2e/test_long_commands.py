@@ -76,7 +76,9 @@ def test_a_command_within_a_sentence(line: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("name", "block"), long_blocks()[TURN::OF], ids=lambda text: text if text.endswith(".md") else "")
+@pytest.mark.parametrize(
+    ("name", "block"), long_blocks()[TURN::OF], ids=lambda text: text if text.endswith(".md") else ""
+)
 def test_a_block(name: str, block: str, tmp_path: Path) -> None:
     run(block, tmp_path)
 
