@@ -69,7 +69,9 @@ class ParsedError(Exception):
 
 def scripts() -> list[tuple[str, list[str]]]:
     """Files of tests/ that a text names, with the words behind those that it has somebody run."""
-    found = [match for path in TEXTS for span in spans(path.read_text()) if (match := SCRIPT.fullmatch(span))]
+    texts = [path.read_text() for path in TEXTS]
+    shown = [s for text in texts for s in (*(re.sub(r" +#.*", "", line) for line in lines(text)), *spans(text))]
+    found = [match for s in shown if (match := SCRIPT.fullmatch(s))]
     is_run = [match for match in found if match[0].startswith("python ") or match[2]]
     return sorted({(match[1], *shlex.split(match[2] or "")) for match in is_run if "*" not in match[1]})
 
