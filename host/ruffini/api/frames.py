@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ruffini.api.frame import SensorFrame
+from ruffini.bell import Bell
 from ruffini.device.connection import LineGap
 
 
@@ -22,7 +23,7 @@ class Frames:
         self._waiting: deque[SensorFrame] = deque(maxlen=capacity)
         self._sensor, self._partial = sensor, partial
         self._gap: LineGap | None = None  # before a frame that was not given out
-        self._changed = threading.Condition()
+        self._lock, self._changed = threading.Lock(), Bell()  # of all that both threads change
         self._end: BaseException | None = None
         self._before: dict[int, int] = {}  # by sensor: the frame that was taken last
         self.n_partial = 0  # frames of which a part was lost on the way, and which were not wanted
@@ -33,25 +34,23 @@ class Frames:
         return self
 
     def __next__(self) -> SensorFrame:
-        with self._changed:
-            while (frame := self._take()) is None:
-                self._changed.wait()
+        frame = self._changed.wait_for(self._take)
+        assert frame is not None
         return frame
 
     def get(self, timeout_s: float) -> SensorFrame | None:
         """The next frame; None where none comes in time. StopIteration at the end, as `next` does."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._end is not None, timeout_s)
-            return self._take()
+        return self._changed.wait_for(self._take, timeout_s)
 
     def _take(self) -> SensorFrame | None:
-        if not self._waiting:
-            if self._end is not None:
-                raise self._end
-            return None
-        frame = self._waiting.popleft()
-        before = self._before.get(frame.sensor)
-        self._before[frame.sensor] = frame.number
+        with self._lock:
+            if not self._waiting:
+                if self._end is not None:
+                    raise self._end
+                return None
+            frame = self._waiting.popleft()
+            before = self._before.get(frame.sensor)
+            self._before[frame.sensor] = frame.number
         is_new = before is None or frame.number < before
         return replace(frame, n_missed=None if is_new or before is None else max(frame.number - before - 1, 0))
 
@@ -67,15 +66,15 @@ class Frames:
             return
         if self._gap is not None and not frame.is_stale:
             frame, self._gap = replace(frame, gap=frame.gap or self._gap), None
-        with self._changed:
+        with self._lock:
             self.n_replaced += len(self._waiting) == self._waiting.maxlen
             self._waiting.append(frame)
-            self._changed.notify()
+        self._changed.ring()
         self.wake()
 
     def end(self, reason: BaseException) -> None:
         """No more will come: StopIteration, or what went wrong."""
-        with self._changed:
+        with self._lock:
             self._end = reason
-            self._changed.notify_all()
+        self._changed.ring()
         self.wake()

@@ -10,6 +10,8 @@ from __future__ import annotations
 import threading
 import time
 
+from ruffini.bell import Bell
+
 POLL_S = 0.05  # real, of those who sleep where no frame comes
 FIRST_S = 0.05  # real: so long a host is waited for that has not subscribed yet
 PATIENCE_S = 2.0  # real: and so long one that reads
@@ -24,52 +26,52 @@ class FrameClock:
     ) -> None:
         self._period_s, self._step, self._patience_s, self._grace_s = period_s, step, patience_s, grace_s
         self._is_over = False
-        self._changed = threading.Condition()
+        self._lock, self._changed = threading.Lock(), Bell()
         self._frame, self._seen = 0, 0
         self._spoken_s, self._heard_s = -1.0, -1.0
         self._made_s = time.monotonic()
 
     def now(self) -> float:
-        with self._changed:
-            return self._now()
+        with self._lock:
+            now_s = self._now()
+        return now_s
 
     def _now(self) -> float:
         return self._frame * self._period_s + max(0.0, time.monotonic() - self._made_s - self._grace_s)
 
     def sleep(self, duration_s: float) -> None:
-        with self._changed:
-            end_s = self._now() + duration_s
-            while self._now() < end_s:
-                self._changed.wait(POLL_S)
+        end_s = self.now() + duration_s
+        while not self._changed.wait_for(lambda: self.now() >= end_s, POLL_S):
+            pass
 
     def has_seen(self, frame: int) -> None:
-        with self._changed:
+        with self._lock:
             self._seen = max(self._seen, frame)
-            self._changed.notify_all()
+        self._changed.ring()
 
     def has_spoken(self) -> None:
-        with self._changed:
+        with self._lock:
             self._spoken_s = self._now()
 
     def has_heard(self, reading_s: float) -> None:
-        with self._changed:
+        with self._lock:
             self._heard_s = max(self._heard_s, reading_s)
-            self._changed.notify_all()
+        self._changed.ring()
 
     def next_frame(self) -> int:
         """Waits until the host has read all of the frame before; time is that of the frame of this number from now."""
-        with self._changed:
-            self._changed.wait_for(self._is_read, self._patience_s if self._seen else FIRST_S)
-            self._frame = int(self._now() / self._period_s + 1e-6) + self._step
+        self._changed.wait_for(self._is_read, self._patience_s if self._seen else FIRST_S)
+        with self._lock:
+            self._frame = made = int(self._now() / self._period_s + 1e-6) + self._step
             self._made_s = time.monotonic()
-            self._changed.notify_all()
-            return self._frame
+        self._changed.ring()
+        return made
 
     def stop(self) -> None:
         """Nobody reads any more: no frame waits from now on."""
-        with self._changed:
-            self._is_over = True
-            self._changed.notify_all()
+        self._is_over = True
+        self._changed.ring()
 
     def _is_read(self) -> bool:
-        return self._is_over or (self._seen >= self._frame and self._heard_s >= self._spoken_s)
+        with self._lock:
+            return self._is_over or (self._seen >= self._frame and self._heard_s >= self._spoken_s)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini import host_clock
+from ruffini.bell import Bell
 from ruffini.errors import NoDeviceError, RefusedError, RuffiniError
 from ruffini.rig.reference import AXES, Facts, Reading, Reference
 
@@ -32,7 +33,7 @@ class Watch:
         self._readings: list[Reading] = []
         self._zero = np.zeros(6)
         self._error: RuffiniError | None = None
-        self._changed, self._stop = threading.Condition(), threading.Event()
+        self._lock, self._changed, self._is_over = threading.Lock(), Bell(), False
         self._thread = threading.Thread(target=self._run, name="reference", daemon=True)
         self._thread.start()
 
@@ -44,22 +45,21 @@ class Watch:
 
     def close(self) -> None:
         """Stop reading and give the device back."""
-        self._stop.set()
+        self._is_over = True
         self._thread.join()
         self._reference.close()
 
     def _run(self) -> None:
-        while not self._stop.is_set():
+        while not self._is_over:
             try:
                 new = self._reference.read(self.silence_s)
             except RuffiniError as error:
-                with self._changed:
-                    self._error = error
-                    self._changed.notify_all()
+                self._error = error
+                self._changed.ring()
                 return
-            with self._changed:
+            with self._lock:
                 self._readings += new
-                self._changed.notify_all()
+            self._changed.ring()
             host_clock.has_heard(new[-1].host_s)
 
     def latest(self) -> Reading:
@@ -73,14 +73,14 @@ class Watch:
             It is saturated.
         """
         deadline = host_clock.now() + self.silence_s + 5.0  # a board that resets when it is opened takes seconds
-        with self._changed:
-            while not self._readings and self._error is None and host_clock.now() < deadline:
-                self._changed.wait(0.1)
-            if self._error is not None:
-                raise self._error
-            if not self._readings:
-                raise NoDeviceError(f"{self.facts.name} sends nothing: is it plugged in?")
-            newest = self._readings[-1]
+        while not self._changed.wait_for(lambda: self._readings or self._error, 0.1) and host_clock.now() < deadline:
+            pass
+        if self._error is not None:
+            raise self._error
+        with self._lock:
+            newest = self._readings[-1] if self._readings else None
+        if newest is None:
+            raise NoDeviceError(f"{self.facts.name} sends nothing: is it plugged in?")
         age_s = host_clock.now() - newest.host_s
         if age_s > self.silence_s:
             raise NoDeviceError(f"{self.facts.name} fell silent {age_s:.1f} s ago: is it plugged in?")
@@ -92,24 +92,22 @@ class Watch:
 
     def fresh(self, n: int = FRESH_READINGS) -> Reading:
         """The n-th reading from now on: it was measured after this call as a whole; raises as `latest`."""
-        with self._changed:
-            wanted = len(self._readings) + n
+        wanted = len(self._readings) + n
         deadline = host_clock.now() + n * self.silence_s
         while len(self._readings) < wanted and host_clock.now() < deadline:
             self.latest()
-            with self._changed:
-                self._changed.wait(0.01)
+            self._changed.wait_for(lambda: len(self._readings) >= wanted, 0.01)
         return self.latest()
 
     def since(self, host_s: float) -> list[Reading]:
         """Readings received after `host_s`, tare taken off."""
-        with self._changed:
+        with self._lock:
             return [self._tared(r) for r in self._readings if r.host_s > host_s]
 
     def recent(self, duration_s: float) -> list[Reading]:
         """Readings of the last `duration_s`, tare taken off; none where it is silent. Raises nothing."""
         since = host_clock.now() - duration_s
-        with self._changed:
+        with self._lock:
             n = next((i for i, r in enumerate(reversed(self._readings)) if r.host_s <= since), len(self._readings))
             return [self._tared(r) for r in self._readings[len(self._readings) - n :]]
 
@@ -130,7 +128,7 @@ class Watch:
             It is not at rest: it moves more than its stated uncertainty explains, or it is saturated.
         """
         self.tare_change(duration_s)
-        with self._changed:
+        with self._lock:
             return self._zero.copy()
 
     def tare_change(self, duration_s: float) -> Array:
@@ -147,7 +145,7 @@ class Watch:
                                f"should touch it (stated uncertainty {self.facts.sigma[worst]:.3g}): "
                                "lift off, and keep the bench still")  # fmt: skip
         change: Array = np.nan_to_num(values.mean(axis=0))
-        with self._changed:
+        with self._lock:
             self._zero = self._zero + change
         return change
 
