@@ -28,7 +28,6 @@ ELSEWHERE = {  # command as a text shows it: what it wants, or what runs it
     "ruffini info": "a sensor",
     "ruffini latency": "a sensor",
     "ruffini replay run.mcap": "test_host_readme.py",
-    "ruffini reproduce eltac --out FOLDER": "hours: its presses.toml has no quick subset",
     "ruffini rerun": "a sensor",
     "ruffini view": "a sensor",
 }

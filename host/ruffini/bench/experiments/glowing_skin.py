@@ -105,7 +105,7 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     for done, run in enumerate(judged, 1):
         played.append(play(board, file, run))
         within(0.7, 1.0)(done / len(judged))
-    result, text = judge(board, played, fit.report)
+    result, text = judge(board, played, fit.report, quick=quick)
     return Experiment(result, text, pictures.draw(out, played, result))
 
 
@@ -163,14 +163,16 @@ def away(found: Array, place: Array) -> float:
     return float(np.linalg.norm(on_tube(found) - on_tube(place), axis=1).min()) if len(found) else np.nan
 
 
-def judge(board: Board, played: list[Played], calibration: dict[str, Any]) -> tuple[dict[str, Any], str]:
+def judge(
+    board: Board, played: list[Played], calibration: dict[str, Any], *, quick: bool = False
+) -> tuple[dict[str, Any], str]:
     """Every table, and the text of it."""
     camera, cylinder = _calibrated(board)
     pairs = np.concatenate([np.column_stack([p.level, p.cell]) for p in played if p.name == "curve"])
     pairs = pairs[pairs[:, 1] <= LARGEST_N]
     curve = force_curve(pairs[:, 0], pairs[:, 1])
     result: dict[str, Any] = {
-        "simulated": True, "board": board.name, "calibration": calibration, "curve": curve.tolist(),
+        "simulated": True, "board": board.name, "quick": quick, "calibration": calibration, "curve": curve.tolist(),
         "places": _places(played, camera, cylinder), "forces": _forces(played, curve),
         "both_ways": _both_ways(played), "loops": _loops(played, curve), "trials": _trials(played),
         "two_fingers": _two_fingers(played), "unflagged": _unflagged(played),
@@ -350,12 +352,13 @@ def _lines(title: str, names: Iterable[str], rows: dict[str, dict[str, float]]) 
 def _text(r: dict[str, Any]) -> str:
     forces = ("ours", "ours_sd", "method", "method_sd", "paper", "paper_sd")
     return "\n".join([
-        f"{r['board']}: SIMULATED",
+        f"{r['board']}: SIMULATED{', QUICK: fewer runs, not the figures of the README' if r['quick'] else ''}",
         *_lines("Fig. 9, place, mm", ("n", "ours", "ours_noted", "method", "method_noted", "paper"), r["places"]),
         *_lines("Table I, force at 3, 5 and 9 N, %", forces, r["forces"]),
         *_lines("Force at every level, down and up, %", ("down", "up", "mean"), r["both_ways"]),
         *_lines("Table II by mm/s, %", ("bench", "ours", "paper", "split_ours", "split_quadratic"), r["loops"]),
-        "Fig. 12, spread of five trials at 5 N, %: " + ", ".join(f"{k} {v:.2g}" for k, v in r["trials"].items()),
+        "Fig. 12, spread of five trials at 5 N, %: "
+        + (", ".join(f"{k} {v:.2g}" for k, v in r["trials"].items()) or "not played"),
         "Two fingers at 15 mm told: " + ", ".join(f"{k} {100 * v:.0f} %" for k, v in r["two_fingers"].items()),
         "Frames {frames}, flagged {flagged}, no touch told {missed}, told as more than one {split}, "
         "told and wrong without a flag {wrong}".format(

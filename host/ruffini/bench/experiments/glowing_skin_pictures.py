@@ -84,12 +84,14 @@ def _forces(path: Path, played: Sequence[Played], result: dict[str, Any]) -> Pat
 def _loops(path: Path, played: Sequence[Played], result: dict[str, Any]) -> Path:
     plt = plots()
     figure, axes = plt.subplots(1, 3, figsize=(13, 4.2))
-    for p in (p for p in played if p.name == "repeat"):
+    trials = [p for p in played if p.name == "repeat"]  # none in the quick subset
+    for p in trials:
         used = p.cell < SHOWN_N
         axes[0].plot(p.level[used], p.cell[used], ".-", ms=4, lw=0.8, label=f"trial {p.recorded.run.chosen['trial']}")
     axes[0].set_xlabel("brightness, green + blue")
     axes[0].set_ylabel("load cell, N")
-    axes[0].legend(fontsize=8)
+    if trials:
+        axes[0].legend(fontsize=8)
     for p in (p for p in played if p.name == "loops"):
         speed = float(str(p.recorded.run.chosen["speed_um_s"])) * 1e-3
         axes[1].plot(p.way * 1e3, p.cell, lw=1, label=f"{speed:g} mm/s")
