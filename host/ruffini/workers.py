@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ruffini.errors import InputError, RuffiniError
+from ruffini.extras import missing
 
 Results = Iterator[tuple[int, Any]]
 AHEAD = 2  # pieces under way for each worker
@@ -85,7 +86,7 @@ def on_dask(work: Work, items: Sequence[int], address: str) -> Results:
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
-        raise InputError("--dask needs Dask: pip install 'ruffini[fleet]'") from error
+        raise missing("--dask", "fleet") from error
     try:
         client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -172,8 +172,8 @@ def test_no_number_is_invalid_and_frames_go_on(asking: Sensor, tmp_path: Path) -
 
 @pytest.mark.parametrize("mode", [1, 3])
 def test_an_exported_network_says_on_the_board_what_pytorch_says(tmp_path: Path, mode: int) -> None:
-    torch = pytest.importorskip("torch", reason="needs the extra [train]: pip install 'ruffini[train]'")
-    pytest.importorskip("onnx", reason="needs the extra [train]: pip install 'ruffini[train]'")
+    torch = pytest.importorskip("torch", reason="needs the extra [train]")
+    pytest.importorskip("onnx", reason="needs the extra [train]")
     from dataclasses import replace
 
     from ruffini.train.stereo_export import onnx_of

@@ -230,7 +230,7 @@ def test_parquet(run: Path, frames: list[SensorFrame], tmp_path: Path) -> None:
     except ImportError:
         code, _, text = run_host("export", str(run), "--format", "parquet", "--out", str(tmp_path / "a.parquet"))
         assert (code, is_one_sentence(text)) == (2, True)
-        assert "pip install 'ruffini[parquet]'" in text
+        assert "pip install 'pyarrow>=15'" in text
         assert list(tmp_path.iterdir()) == []
         return
     assert export(run, tmp_path / "a.parquet", "parquet")["frames"] == N_FRAMES

@@ -23,7 +23,7 @@ def test_a_press_becomes_a_file(sensor: Sensor, tmp_path: Path) -> None:
     if importlib.util.find_spec("rerun") is None:
         missing = run("rerun", "--save", str(tmp_path / "a.rrd"))
         assert missing.returncode == 2
-        assert "pip install 'ruffini[rerun]'" in missing.stderr
+        assert "pip install 'rerun-sdk>=0.24'" in missing.stderr
         pytest.skip("extra [rerun] is not installed: 500 MB")
     with start(sensor, tmp_path / "store", "--loop") as daemon:
         with Connection(daemon.port) as host:

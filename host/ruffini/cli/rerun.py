@@ -26,6 +26,7 @@ def rerun(
 
     import ruffini
     from ruffini.errors import InputError, RuffiniError
+    from ruffini.extras import missing
     from ruffini.ros.messages import ros_name
     from ruffini.view.rerun_sink import RerunSink
 
@@ -34,7 +35,7 @@ def rerun(
     try:
         import rerun as rr
     except ImportError as error:
-        raise InputError("rerun is missing: pip install 'ruffini[rerun]'") from error
+        raise missing("ruffini rerun", "rerun") from error
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())

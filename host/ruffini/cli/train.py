@@ -30,7 +30,7 @@ def _set_threads(threads: int) -> None:
     torch.set_num_threads(threads)
 
 
-app = typer.Typer(no_args_is_help=True, help="Train networks on the digital twin (pip install 'ruffini[train]').")
+app = typer.Typer(no_args_is_help=True, help="Train networks on the digital twin (needs PyTorch).")
 
 
 @app.callback()

@@ -19,6 +19,7 @@ from ruffini.api.frame import SensorFrame
 from ruffini.api.sensor import node_places, sensor_info
 from ruffini.device.results import VALID
 from ruffini.errors import InputError
+from ruffini.extras import missing
 from ruffini.record.recording import Recording
 
 FORMATS = ("csv", "hdf5", "npz", "parquet")
@@ -229,7 +230,7 @@ def _parquet(path: Path, blocks: Iterator[Block], about: dict[str, Any]) -> None
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise InputError("Parquet needs pyarrow: pip install 'ruffini[parquet]', or choose another --format") from error
+        raise missing("Parquet", "parquet", ", or choose another --format") from error
     writer = None
     try:
         for block in map(_flat, blocks):

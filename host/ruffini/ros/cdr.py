@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ruffini.errors import InputError
+from ruffini.extras import missing
 from ruffini.ros.messages import Message
 
 SOURCES = Path(__file__).parent / "ruffini_msgs"  # a ROS package: copy it into a workspace
@@ -26,7 +26,7 @@ class Types:
         try:
             from rosbags.typesys import Stores, get_types_from_msg, get_typestore
         except ImportError as error:
-            raise InputError("rosbags is missing: pip install 'ruffini[ros]'") from error
+            raise missing("ROS 2", "ros") from error
         self.store: Any = get_typestore(Stores.ROS2_JAZZY)
         for path in sorted(SOURCES.glob("msg/*.msg")):
             self.store.register(get_types_from_msg(path.read_text(), f"ruffini_msgs/msg/{path.stem}"))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ruffini.errors import InputError
+from ruffini.extras import missing
 from ruffini.ros.cdr import Types
 from ruffini.ros.messages import Message, Topic
 
@@ -71,7 +72,7 @@ def configuration(connect: list[str], listen: list[str]) -> Any:
     try:
         import zenoh
     except ImportError as error:
-        raise InputError("zenoh is missing: pip install 'ruffini[ros]'") from error
+        raise missing("ROS 2", "ros") from error
     if path := os.environ.get("ZENOH_SESSION_CONFIG_URI"):
         try:
             return zenoh.Config.from_file(Path(path))

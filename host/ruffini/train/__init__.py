@@ -2,10 +2,10 @@
 
 from importlib.util import find_spec
 
-from ruffini.errors import InputError
+from ruffini.extras import missing
 
 
 def need_torch(work: str) -> None:
     """To be asked before anything is pressed or read for minutes. Raises InputError where PyTorch is not installed."""
     if find_spec("torch") is None:
-        raise InputError(f"{work} needs PyTorch, which is not installed: pip install 'ruffini[train]'")
+        raise missing(work, "train")

@@ -9,7 +9,7 @@ from ruffini.train import presses
 from ruffini.train.predict import DisplacementNetwork
 
 N_PRESSES, N_PASSES, SEED = 10, 4, 3
-NO_TORCH = "needs the extra [train]: pip install 'ruffini[train]'"
+NO_TORCH = "needs the extra [train]"
 
 
 @pytest.fixture(autouse=True)

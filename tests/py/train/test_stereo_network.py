@@ -19,7 +19,7 @@ from ruffini.train.stereo_predict import StereoNetwork, metadata_of
 BOARD = find_board("stereo-fingertip")
 N_PRESSES, N_FRAMES, N_PASSES = 10, 6, 2
 N_REST = 3
-NO_TORCH = "needs the extra [train]: pip install 'ruffini[train]'"
+NO_TORCH = "needs the extra [train]"
 
 
 def drawn(force_n: float, x_mm: float, rng: np.random.Generator) -> np.ndarray:
