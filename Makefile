@@ -49,9 +49,11 @@ test: build  ## all tests that need no hardware
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) --dist loadfile tests
 
 # RUFFINI_READMES_TURN=0/2: the first, third, fifth... of them; 1/2: the others.
-readmes: build  ## the commands of all READMEs that need no board and take minutes, word for word; what takes hours with --quick (needs 5 GB)
+EXTRA_TESTS = tests/py/train tests/e2e/test_learned_network.py tests/e2e/test_recordings.py tests/e2e/test_rerun.py
+readmes: build  ## the commands of all READMEs that need no board and take minutes, word for word; what takes hours with --quick and the tests of what needs the extras (6 GB)
 	@.ci/setup browser
-	@.ci/setup train
+	@.ci/setup extras
+	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -rs $(EXTRA_TESTS)
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -m long -vv --durations 0 tests/e2e/test_long_commands.py
 
 lint: lint-python lint-page lint-cpp werror  ## formatters, linters, types, and a build where warnings are errors
