@@ -28,6 +28,8 @@ from ruffini.boards import find_board
 from ruffini.wire import Schema
 
 ABSENT = "\u2013"
+TOO_WIDE = """() => [document.documentElement, ...document.querySelectorAll(".cell, .maps figcaption")]
+  .filter(e => e.scrollWidth > e.clientWidth).map(e => e.innerText.slice(0, 40))"""
 LAST = 39  # frame of a sensor that then falls silent
 
 
@@ -103,6 +105,35 @@ def test_two_pads_of_one_line_and_two_lines_stand_side_by_side(page: Page) -> No
         wait_for(page, "both pads", lambda s: sensor_of(s, 0, 1)["wrench"] and sensor_of(s, 1, 0)["wrench"])
         assert page.locator("section.sensor").count() == 3
     assert [line["serial"] for line in state["lines"]] == ["left", "right"]
+
+
+@pytest.mark.parametrize("width_px", [400, 900, 1280, 1800])
+def test_two_sensors_stand_beside_each_other_where_there_is_room_and_no_number_leaves_its_cell(
+    page: Page, width_px: int
+) -> None:
+    pad = info_of(find_board("gelslim"), 0, (31, 25))
+    page.set_viewport_size({"width": width_px, "height": 900})
+    with (
+        ToldSensor([pad], told_field(31, 25), serial="left") as left,
+        ToldSensor([pad], told_field(31, 25), serial="right") as right,
+        viewer(left.port, right.port) as address,
+    ):
+        page.goto(address)
+        wait_for(page, "both", lambda s: min(line["nDrawn"] for line in s["lines"]) > 2 and len(s["lines"]) == 2)
+        for unit in ("N", "mN", "gf"):
+            wait_for(page, unit, lambda _, u=unit: page.locator(".cell .unit").first.inner_text() == u)  # type: ignore[misc]
+            assert page.evaluate(TOO_WIDE) == []
+            page.keyboard.press("u")
+        boxes = [page.locator("section.sensor").nth(i).bounding_box() for i in range(2)]
+        health = [page.locator("section.health").nth(i).bounding_box() for i in range(2)]
+    for first, second in (boxes, health):
+        assert first is not None
+        assert second is not None
+        if width_px > 1000:
+            assert first["y"] == second["y"]
+            assert first["x"] + first["width"] <= second["x"]
+        else:
+            assert first["y"] + first["height"] <= second["y"]
 
 
 def test_an_older_schema_is_fetched_and_decoded(page: Page) -> None:

@@ -125,6 +125,7 @@ function greet(strand: Strand, hello: Hello): void {
     main.append(strand.health.element);
   }
   for (const panel of strand.panels.values()) panel.element.classList.remove("lost");
+  main.dataset["lines"] = String(strands.length);
   main.dataset["panels"] = String(document.querySelectorAll("section.sensor").length);
   const names = strands.flatMap((s) => (s.hello ? [`${s.hello.sensors.map((i) => i.board).join(" + ")} ${s.hello.serial}`] : []));
   document.querySelector("#who")!.textContent = names.join(" · ");

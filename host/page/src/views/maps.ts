@@ -191,9 +191,9 @@ export class Maps {
     for (const map of Object.values(this.maps)) map.writeRange();
   }
 
-  /** Newtons in the person's unit, a thousandth of it. */
-  private milli(newtons: number): string {
-    return short(newtons * this.unit.perN * 1e3);
+  /** A node's force in the person's unit. */
+  private ofNode(newtons: number): string {
+    return short(newtons * this.unit.nodePerN);
   }
 
   /** The camera's picture is not asked for. */
@@ -241,7 +241,7 @@ export class Maps {
     let most = 0;
     for (let i = 2; i < field.force.length; i += 3) most = Math.max(most, -field.force[i]!);
     const full = Math.max(most, 1e-4);
-    const rangeOf = (): string => `0 … ${this.milli(full)} m${this.unit.name}`;
+    const rangeOf = (): string => `0 … ${this.ofNode(full)} ${this.unit.nodeName}`;
     this.maps["normal"]!.show(field.nX, field.nY, rangeOf, wordOf(validity), (i) => sequentialPixel(-field.force[3 * i + 2]! / full));
   }
 
@@ -252,7 +252,7 @@ export class Maps {
     }
     let most = 1e-4;
     for (let i = 0; i < field.force.length; i += 3) most = Math.max(most, Math.hypot(field.force[i]!, field.force[i + 1]!));
-    const rangeOf = (): string => `0 … ${this.milli(most)} m${this.unit.name}`;
+    const rangeOf = (): string => `0 … ${this.ofNode(most)} ${this.unit.nodeName}`;
     this.maps["shear"]!.show(field.nX, field.nY, rangeOf, wordOf(validity), (i) => {
       const [fx, fy] = [field.force[3 * i]!, field.force[3 * i + 1]!];
       return wheelPixel(Math.atan2(fy, fx), Math.hypot(fx, fy) / most);
@@ -267,7 +267,7 @@ export class Maps {
       least = Math.min(least, sigma[i]!);
       most = Math.max(most, sigma[i]!);
     }
-    const rangeOf = (): string => `± ${this.milli(least)} … ${this.milli(most)} m${this.unit.name}`;
+    const rangeOf = (): string => `± ${this.ofNode(least)} … ${this.ofNode(most)} ${this.unit.nodeName}`;
     const span = Math.max(most - least, 1e-9);
     this.maps["sigma"]!.show(field.nX, field.nY, rangeOf, "", (i) => sequentialPixel((sigma[3 * i + 2]! - least) / span));
   }

@@ -118,9 +118,9 @@ export class Panel {
   }
 
   private showScale(): void {
-    const { perN, name } = this.unit;
+    const { perN, name, nodePerN, nodeName } = this.unit;
     const whole = `${short(this.field.wrenchFullScaleN * perN)} ${name}`;
-    const node = `${short(this.field.nodeFullScaleN * perN * 1e3)} m${name} at a node, `;
+    const node = `${short(this.field.nodeFullScaleN * nodePerN)} ${nodeName} at a node, `;
     const said = this.info.fieldForces ? `longest arrow: ${node}${whole} in all` : `longest arrow: ${whole}`;
     write(this.scale, `${said}${this.field.isScaleLocked ? " (locked)" : ""}${this.field.hasCard ? "" : " · no graphics card"}`);
   }
@@ -140,8 +140,9 @@ export class Panel {
 
   private showWrench(wrench: Wrench): void {
     this.cells.forEach((cell, i) => {
-      const [per, name] = i < 3 ? [this.unit.perN, this.unit.name] : [this.unit.perNm, this.unit.momentName];
-      cell.show(wrench.values[i]! * per, (wrench.sigma?.[i] ?? NaN) * per, name, wrench.validity[i]!);
+      const { perN, name, digits, perNm, momentName } = this.unit;
+      const [per, said, behind] = i < 3 ? [perN, name, digits] : [perNm, momentName, 3];
+      cell.show(wrench.values[i]! * per, (wrench.sigma?.[i] ?? NaN) * per, said, behind, wrench.validity[i]!);
     });
   }
 
@@ -212,10 +213,10 @@ class Cell {
     this.element.removeAttribute("id");
   }
 
-  show(value: number, sigma: number, unit: string, validity: number): void {
-    write(this.value, validity === NOT_MEASURED ? ABSENT : text(value, 3));
+  show(value: number, sigma: number, unit: string, digits: number, validity: number): void {
+    write(this.value, validity === NOT_MEASURED ? ABSENT : text(value, digits));
     write(this.unit, validity === VALID ? unit : "");
-    write(this.note, validity === VALID ? (Number.isNaN(sigma) ? "" : `± ${text(sigma, 3)}`) : (VALIDITY_WORDS[validity] ?? "invalid"));
+    write(this.note, validity === VALID ? `± ${Number.isNaN(sigma) ? "?" : text(sigma, digits)}` : (VALIDITY_WORDS[validity] ?? "invalid"));
     this.element.dataset["validity"] = String(validity);
   }
 }

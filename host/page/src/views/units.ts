@@ -3,14 +3,17 @@
 export interface Unit {
   name: string; // of force
   perN: number;
+  digits: number; // behind the point, of force
+  nodeName: string; // of a single node's force, which is a thousand times smaller
+  nodePerN: number;
   momentName: string;
   perNm: number;
 }
 
 export const UNITS: Unit[] = [
-  { name: "N", perN: 1, momentName: "N mm", perNm: 1e3 },
-  { name: "mN", perN: 1e3, momentName: "mN m", perNm: 1e3 },
-  { name: "gf", perN: 101.9716, momentName: "gf cm", perNm: 10197.16 },
+  { name: "N", perN: 1, digits: 3, nodeName: "mN", nodePerN: 1e3, momentName: "N mm", perNm: 1e3 },
+  { name: "mN", perN: 1e3, digits: 1, nodeName: "mN", nodePerN: 1e3, momentName: "mN m", perNm: 1e3 },
+  { name: "gf", perN: 101.9716, digits: 2, nodeName: "mgf", nodePerN: 101971.6, momentName: "gf cm", perNm: 10197.16 },
 ];
 
 export const ABSENT = "–";
