@@ -107,24 +107,27 @@ def told(album: Album) -> None:
         ("gelsight-mini", told_uncertain, (20, 16), "what is invalid, uncalibrated, not measured"),
     ]
     for name, teller, grid, what in boards:
-        with ToldSensor([info_of(find_board(name), grid=grid)], teller) as sensor, viewer(sensor.port) as address:
-            with album.page(address) as page:
-                page.wait_for_timeout(SETTLE_MS)
-                album.add(page, name, f"{what} (made-up numbers)")
+        with (
+            ToldSensor([info_of(find_board(name), grid=grid)], teller) as sensor,
+            viewer(sensor.port) as address,
+            album.page(address) as page,
+        ):
+            page.wait_for_timeout(SETTLE_MS)
+            album.add(page, name, f"{what} (made-up numbers)")
 
 
 def side_by_side(album: Album) -> None:
     """Two sensors; then one is gone."""
     pad = info_of(find_board(DEMO), 0, (31, 25))
-    with contextlib.ExitStack() as right_stack:
-        right = right_stack.enter_context(ToldSensor([pad], told_field(31, 25), serial="right"))
-        with ToldSensor([pad], told_field(31, 25), serial="left") as left, viewer(left.port, right.port) as address:
-            with album.page(address, (1800, 1000)) as page:
-                page.wait_for_timeout(SETTLE_MS)
-                album.add(page, "two-pads", "two pads side by side (made-up numbers)")
-                right_stack.close()
-                page.wait_for_timeout(2 * SETTLE_MS)
-                album.add(page, "line-lost", "one of them unplugged")
+    with contextlib.ExitStack() as stack, contextlib.ExitStack() as unplug:
+        right = unplug.enter_context(ToldSensor([pad], told_field(31, 25), serial="right"))
+        left = stack.enter_context(ToldSensor([pad], told_field(31, 25), serial="left"))
+        page = stack.enter_context(album.page(stack.enter_context(viewer(left.port, right.port)), (1800, 1000)))
+        page.wait_for_timeout(SETTLE_MS)
+        album.add(page, "two-pads", "two pads side by side (made-up numbers)")
+        unplug.close()
+        page.wait_for_timeout(2 * SETTLE_MS)
+        album.add(page, "line-lost", "one of them unplugged")
 
 
 def main() -> None:
