@@ -7,10 +7,11 @@ import re
 import shlex
 import signal
 import subprocess
-import urllib.request
 from pathlib import Path
 
 import pytest
+from browser import sensor_of, wait_for
+from playwright.sync_api import Page
 from readme_texts import BLOCK, ROOT, TEXTS, blocks, name_of, run_commands
 from test_bad_input import HOST
 
@@ -25,6 +26,7 @@ READERS_OWN = re.compile(
     r"/dev/|\b(NAME|BENCH|BOARD|FOLDER|FILE|DIR|LOG|COPY|THEIRS|PORT|ADDRESS)\b|\bsudo\b|\.\.\.|\.ci/"
 )
 BY_HAND = re.compile(r"^# by hand: (minutes|half an hour|an hour|hours)\b", re.M)
+PRESS_S = 60.0
 RUN_HERE = [(path, block) for path in TEXTS if name_of(path) not in RUN_ELSEWHERE for block in blocks(path, "sh")]
 
 
@@ -49,7 +51,7 @@ def test_what_does_not_run_says_why(path: Path) -> None:
     assert faults == []
 
 
-def test_the_page_with_a_simulated_pad_as_its_readme_opens_it(tmp_path: Path) -> None:
+def test_the_page_with_a_simulated_pad_as_its_readme_opens_it(page: Page, tmp_path: Path) -> None:
     """But for the browser, which this opens itself."""
     (line,) = [x for b in blocks(ROOT / "host/page/README.md", "console") for x in b.splitlines() if "--demo" in x]
     words = shlex.split(line, comments=True)[1:]
@@ -59,9 +61,11 @@ def test_the_page_with_a_simulated_pad_as_its_readme_opens_it(tmp_path: Path) ->
         try:
             address = process.stdout.readline().strip()
             assert address, process.communicate(timeout=60)
-            with urllib.request.urlopen(address, timeout=20) as page:  # an address of this computer
-                assert b"ruffini" in page.read()
+            page.goto(address)
+            state = wait_for(page, "a press", lambda s: sensor_of(s)["wrench"]["values"][2] < -0.2, PRESS_S)
         finally:
             process.send_signal(signal.SIGINT)
             said = process.communicate(timeout=60)[1]
     assert process.returncode == 0, said
+    assert sensor_of(state)["isSimulated"]
+    assert min(sensor_of(state)["wrench"]["sigma"]) > 0

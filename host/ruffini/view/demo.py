@@ -68,6 +68,7 @@ def _calibration(board: Board, unit: TwinUnit) -> bytes:
     """What `make run` makes of the twin, kept for the next time."""
     from ruffini import __version__
     from ruffini.calibrate import container
+    from ruffini.calibrate.error_model import N_TOUCHES
     from ruffini.calibrate.operator import make_operator
     from ruffini.calibrate.pad_view import Pinhole
     from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
@@ -77,7 +78,7 @@ def _calibration(board: Board, unit: TwinUnit) -> bytes:
 
     assert board.folder is not None
     sources = [(board.folder / name).read_bytes() for name in ("board.toml", "twin.toml")]
-    key = hashlib.sha256(b"\0".join([__version__.encode(), *sources])).hexdigest()[:16]
+    key = hashlib.sha256(b"\0".join([__version__.encode(), b"%d" % N_TOUCHES, *sources])).hexdigest()[:16]
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ruffini"
     kept = cache / f"demo-{board.name}-{key}.safetensors"
     if kept.is_file():
@@ -93,7 +94,7 @@ def _calibration(board: Board, unit: TwinUnit) -> bytes:
             fit = fit_photometric(samples, progress=progress)
     noise = Noise((5e-6, 5e-6, 20e-6), gauge_m=100e-6, tilt_m=30e-6)
     with progress_bar("inverse FEM") as progress:
-        kind = make_operator(board, method="support", noise=noise, progress=progress)
+        kind = make_operator(board, method="support", noise=noise, n_touches=N_TOUCHES, progress=progress)
     metadata = {**container.base_metadata(board), **kind.metadata, "residuals": json.dumps(fit.report())}
     file = container.pack({**kind.tensors, **tabulate(fit.model)}, metadata)
     with contextlib.suppress(OSError):  # next time it takes as long again
