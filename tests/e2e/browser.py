@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Protocol
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
@@ -15,6 +15,14 @@ from ruffini.view.line import SharedLine
 CHROMIUM = "/usr/bin/chromium"
 SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PATIENCE_S = 20.0
+
+
+class Evaluates(Protocol):
+    """Of a page, in whatever browser."""
+
+    def evaluate(self, expression: str) -> Any: ...
+
+    def wait_for_timeout(self, timeout: float) -> None: ...
 
 
 @contextlib.contextmanager
@@ -34,12 +42,14 @@ def viewer(*ports: str) -> Iterator[str]:
         yield told[0]
 
 
-def state_of(page: Page) -> dict[str, Any]:
+def state_of(page: Evaluates) -> dict[str, Any]:
     """What the page says that it shows."""
     return page.evaluate("JSON.parse(JSON.stringify(window.__state ?? {lines: []}))")  # type: ignore[no-any-return]
 
 
-def wait_for(page: Page, what: str, accept: Callable[[dict[str, Any]], bool], timeout_s: float = PATIENCE_S) -> Any:
+def wait_for(
+    page: Evaluates, what: str, accept: Callable[[dict[str, Any]], bool], timeout_s: float = PATIENCE_S
+) -> Any:
     """The page's state, once it is accepted."""
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:

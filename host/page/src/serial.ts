@@ -22,7 +22,7 @@ export function serialOf(navigator: Navigator): SerialLike | undefined {
 }
 
 export const NO_SERIAL =
-  "This browser cannot open serial ports itself (WebSerial): take Chrome or Edge, or start `ruffini view` on this computer, which works with any browser.";
+  "This browser cannot open serial ports itself (WebSerial): take Chrome, Edge or a new Firefox, or start `ruffini view` on this computer, which works with any browser.";
 
 /** A port that the person has chosen; opens again by itself when the sensor is plugged in again. */
 export class SerialSource {
