@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, Protocol
 
 from playwright.sync_api import Browser, Page, sync_playwright
@@ -59,6 +61,18 @@ def wait_for(
                 return state
         page.wait_for_timeout(50)
     raise AssertionError(f"the page never showed {what}: {state}")
+
+
+def drop_file(page: Page, path: Path) -> None:
+    """As a person drops it on the page."""
+    page.evaluate(
+        """([name, data]) => {
+          const transfer = new DataTransfer();
+          transfer.items.add(new File([Uint8Array.from(atob(data), (c) => c.charCodeAt(0))], name));
+          document.dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, cancelable: true }));
+        }""",
+        [path.name, base64.b64encode(path.read_bytes()).decode()],
+    )
 
 
 def sensor_of(state: dict[str, Any], line: int = 0, sensor: int = 0) -> Any:

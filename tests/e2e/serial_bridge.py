@@ -12,11 +12,14 @@ from pathlib import Path
 
 from aiohttp import WSMsgType, web
 
-# A port as WebSerial has it: opened, read and written by streams, gone with an error when it is unplugged.
+# A port as WebSerial has it: opened, read and written by streams, gone with an error when it is unplugged; it is not
+# opened twice, and not closed while somebody holds its streams. `window.__isBusy`: another program has it.
 FAKE_SERIAL = """
 (() => {
   class FakePort extends EventTarget {
     async open({ baudRate, bufferSize }) {
+      if (this.readable) throw new DOMException("The port is already open.", "InvalidStateError");
+      if (window.__isBusy) throw new DOMException("Failed to open serial port.", "NetworkError");
       window.__opened = { baudRate, bufferSize };
       const socket = new WebSocket("ws://127.0.0.1:PORT/line");
       socket.binaryType = "arraybuffer";
@@ -26,13 +29,24 @@ FAKE_SERIAL = """
       });
       this.readable = new ReadableStream({
         start: (controller) => {
-          socket.onmessage = ({ data }) => controller.enqueue(new Uint8Array(data));
-          socket.onclose = () => controller.error(new Error("The device has been lost."));
+          const isOver = () => this.isCancelled;
+          this.isCancelled = false;
+          socket.onmessage = ({ data }) => isOver() || controller.enqueue(new Uint8Array(data));
+          socket.onclose = () => isOver() || controller.error(new DOMException("The device has been lost.", "NetworkError"));
+        },
+        cancel: () => {
+          this.isCancelled = true;
         },
       });
       this.writable = new WritableStream({ write: (chunk) => socket.send(chunk) });
+      this.socket = socket;
     }
-    async close() {}
+    async close() {
+      if (!this.readable) throw new DOMException("The port is already closed.", "InvalidStateError");
+      if (this.readable.locked || this.writable.locked) throw new TypeError("Cannot cancel a locked stream");
+      this.socket.close();
+      this.readable = this.writable = null;
+    }
   }
   const serial = new EventTarget();
   const port = new FakePort();

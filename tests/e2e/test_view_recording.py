@@ -6,7 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from browser import sensor_of, viewer, wait_for
+from browser import drop_file, sensor_of, viewer, wait_for
 from mcap.reader import make_reader
 from playwright.sync_api import Page
 from tiny_sensor import N_FRAMES, Sensor, start
@@ -55,7 +55,9 @@ def test_what_the_page_records_others_read_and_it_shows_again(page: Page, told: 
         recording = Recording(path)
         shown = list(recording.frames())
         assert len(shown) > 5
-        assert all(frame.is_simulated and frame.is_valid and frame.field is not None for frame in shown[1:-1])
+        with_field = [frame for frame in shown if frame.field is not None]  # a page that is slow gets fewer
+        assert abs(len(with_field) - messages["ruffini.Field"]) <= 1
+        assert all(frame.is_simulated and frame.is_valid for frame in with_field)
         assert recording.problems == []
         open_file(page, path)
         state = wait_for(page, "the recording", lambda s: sensor_of(s)["isReplay"] and sensor_of(s)["field"])
@@ -84,11 +86,70 @@ def test_what_ruffini_record_wrote_is_shown_to_its_end(page: Page, sensor: Senso
     assert shown["wrench"]["values"][2] < -0.1
 
 
-def test_a_file_that_is_cut_or_none_is_refused_with_a_sentence(page: Page, told: ToldSensor, tmp_path: Path) -> None:
-    path = tmp_path / "cut.mcap"
-    path.write_bytes(b"\x89MCAP0\r\n" + bytes(500))
+@pytest.fixture
+def recorded(sensor: Sensor, tmp_path: Path) -> Path:
+    path = tmp_path / "host.mcap"
+    with start(sensor, tmp_path / "store", "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        host.flash(sensor.calibration)
+        record_stream(host, path)
+    return path
+
+
+def test_a_file_that_is_none_is_refused_with_a_sentence_and_live_goes_back(
+    page: Page, told: ToldSensor, tmp_path: Path
+) -> None:
+    paths = {
+        "it is no MCAP file": b"no recording" * 50,
+        "it was cut short before anything": b"\x89MCAP0\r\n" + bytes(5),
+    }
     with told, viewer(told.port) as address:
         page.goto(address)
+        wait_for(page, "frames", lambda s: sensor_of(s)["field"])
+        assert not page.is_visible("text=Live")
+        for why, data in paths.items():
+            (tmp_path / "none.mcap").write_bytes(data)
+            drop_file(page, tmp_path / "none.mcap")
+            wait_for(page, "the reason", lambda _, w=why: f"cannot be shown: {w}" in page.inner_text("#notice"))  # type: ignore[misc]
+        page.click("text=Live")
+        wait_for(page, "frames again", lambda s: sensor_of(s)["field"] and not sensor_of(s)["isReplay"])
+        assert not page.is_visible("text=Live")
+
+
+def test_a_file_that_is_cut_is_shown_as_far_as_it_goes(page: Page, recorded: Path, tmp_path: Path) -> None:
+    data = recorded.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 3 // 4])
+    with ToldSensor([], told_field(2, 2)) as silent, viewer(silent.port) as address:
+        page.goto(address)
         wait_for(page, "itself", lambda s: "notice" in s)
-        open_file(page, path)
-        wait_for(page, "the reason", lambda s: "cannot be shown: it is no MCAP file" in page.inner_text("#notice"))
+        drop_file(page, tmp_path / "cut.mcap")
+        wait_for(page, "the end", lambda s: "cut short: it is shown as far as it goes" in s["notice"])
+        state = wait_for(page, "its last frame", lambda s: sensor_of(s)["wrench"]["frame"] > 0)
+    assert sensor_of(state)["isReplay"]
+    assert sensor_of(state)["wrench"]["frame"] < N_FRAMES - 1
+
+
+def test_a_recording_is_not_lost_when_another_file_is_opened_or_the_page_left(
+    page: Page, told: ToldSensor, recorded: Path, tmp_path: Path
+) -> None:
+    asked: list[str] = []
+    page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.dismiss()))
+    with told, viewer(told.port) as address:
+        page.goto(address)
+        state = wait_for(page, "frames", lambda s: sensor_of(s)["field"])
+        page.keyboard.press("r")
+        n_before = state["lines"][0]["nDrawn"]
+        wait_for(page, "frames to record", lambda s: s["lines"][0]["nDrawn"] > n_before + 30)
+        page.evaluate("setTimeout(() => location.reload())")
+        wait_for(page, "the question", lambda _: asked == ["beforeunload"])
+        with page.expect_download() as download:
+            drop_file(page, recorded)
+        download.value.save_as(tmp_path / "page.mcap")
+        wait_for(page, "the file", lambda s: sensor_of(s)["isReplay"])
+        assert not page.is_visible("body.recording")
+        page.keyboard.press("r")
+        wait_for(page, "the refusal", lambda s: "Nothing to record: this is a recording" in s["notice"])
+        assert not page.is_visible("body.recording")
+        page.reload()
+        wait_for(page, "itself again", lambda s: s["lines"] and not sensor_of(s)["isReplay"])
+    assert asked == ["beforeunload"]
+    assert len(list(Recording(tmp_path / "page.mcap").frames())) > 5

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
-from browser import sensor_of, state_of, wait_for
+from browser import drop_file, sensor_of, state_of, wait_for
 from playwright.sync_api import Page
 from serial_bridge import FAKE_SERIAL, SerialBridge, serial_bridge
+from tiny_sensor import Sensor, start
 from tiny_twin import Twin
 
 from ruffini.demo.daemon import running_daemon
 from ruffini.device import Connection
-from ruffini.sim.contact import Indenter
+from ruffini.record import record_stream
+from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.serve import Steered, TwinServer
 from ruffini.view.server import page_folder
@@ -23,11 +26,16 @@ NOISE = os.urandom(3000) + b"\0" + cobs_encode(bytes(range(40))) + b"\0" + b"\x0
 
 
 @pytest.fixture(scope="module")
-def bridge(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Iterator[SerialBridge]:
+def steered(twin: Twin) -> Steered:
+    return Steered(twin.unit, Indenter("sphere", 3e-3))
+
+
+@pytest.fixture(scope="module")
+def bridge(twin: Twin, steered: Steered, tmp_path_factory: pytest.TempPathFactory) -> Iterator[SerialBridge]:
     folder = tmp_path_factory.mktemp("serial")
     assert twin.board.folder is not None
     with (
-        TwinServer(twin.unit.renderer(), Steered(twin.unit, Indenter("sphere", 3e-3)), Scenario(), folder / "twin"),
+        TwinServer(twin.unit.renderer(), steered, Scenario(), folder / "twin"),
         running_daemon(twin.board.folder, f"twin:{folder / 'twin'}", folder / "store") as port,
     ):
         with Connection(port) as sensor:
@@ -57,6 +65,61 @@ def test_a_sensor_is_opened_by_webserial_behind_noise_and_again_after_it_was_unp
     last = sensor_of(state_of(page))["wrench"]["frame"]
     page.evaluate("window.__plugIn()")
     wait_for(page, "later frames", lambda s: sensor_of(s)["wrench"]["frame"] > last and "plug" not in s["notice"])
+
+
+@pytest.fixture
+def recorded(sensor: Sensor, tmp_path: Path) -> Path:
+    path = tmp_path / "host.mcap"
+    with start(sensor, tmp_path / "store", "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+        record_stream(host, path)
+    return path
+
+
+def connected(bridge: SerialBridge, page: Page) -> None:
+    page.add_init_script(FAKE_SERIAL.replace("PORT", str(bridge.port)))
+    page.goto(f"http://127.0.0.1:{bridge.port}/")
+    wait_for(page, "the prompt", lambda s: "Press Connect" in s["notice"])
+
+
+def test_a_port_that_is_busy_is_told_and_leaves_nothing_behind(bridge: SerialBridge, page: Page) -> None:
+    connected(bridge, page)
+    page.evaluate("window.__isBusy = true")
+    page.keyboard.press("k")
+    state = wait_for(page, "the reason", lambda s: "is another program using it" in s["notice"])
+    assert state["lines"] == []
+    page.evaluate("window.__isBusy = false")
+    page.keyboard.press("k")
+    wait_for(page, "forces", lambda s: sensor_of(s)["wrench"]["validity"] == [1] * 6)
+    page.keyboard.press("k")
+    state = wait_for(page, "that it is", lambda s: s["notice"] == "This port is connected already.")
+    assert len(state["lines"]) == 1
+    page.keyboard.press("z")
+    wait_for(page, "no complaint of a sensor that is not there", lambda s: s["notice"] == "")
+
+
+def test_a_port_is_given_back_for_a_recording_and_taken_again(bridge: SerialBridge, page: Page, recorded: Path) -> None:
+    connected(bridge, page)
+    for _ in range(2):
+        page.keyboard.press("k")
+        wait_for(page, "forces", lambda s: sensor_of(s)["wrench"]["values"] and not sensor_of(s)["isReplay"])
+        drop_file(page, recorded)
+        wait_for(page, "the recording", lambda s: sensor_of(s)["isReplay"])
+        page.keyboard.press("b")
+        wait_for(page, "the prompt", lambda s: "Press Connect" in s["notice"] and s["lines"] == [])
+
+
+def test_the_force_is_the_twins(bridge: SerialBridge, page: Page, steered: Steered) -> None:
+    connected(bridge, page)
+    page.keyboard.press("k")
+    wait_for(page, "valid forces", lambda s: sensor_of(s)["wrench"]["validity"] == [1] * 6)
+    steered.move_to(Pose(1e-3, 0.5e-3, 0.6e-3))
+    wait_for(
+        page, "a press", lambda s: sensor_of(s)["wrench"]["values"][2] < -0.3 and sensor_of(s)["field"]["sum"][2] < 0
+    )
+    page.wait_for_timeout(1500)
+    shown, truth = sensor_of(state_of(page)), steered.wrench
+    assert shown["wrench"]["values"][2] == pytest.approx(truth[2], rel=0.25)
+    assert shown["field"]["sum"][2] == pytest.approx(truth[2], rel=0.25)
 
 
 def test_a_browser_without_webserial_is_told_what_to_do(bridge: SerialBridge, page: Page) -> None:

@@ -1,4 +1,4 @@
-// Recordings: what was recorded is what is played, and a file that is cut or spoilt is refused with a sentence.
+// Recordings: what was recorded is what is played, and a file that is cut is played as far as it goes, one that is spoilt is refused with a sentence.
 
 import { Recording } from "../../host/page/src/recording";
 import { BadRecording, Replay } from "../../host/page/src/replay";
@@ -35,12 +35,33 @@ test("what was recorded is played, byte for byte, with its sensor and its schema
   expect(await replay.play(() => undefined, () => true)).toBe(false);
 });
 
-test("a file that is cut anywhere, or none, is refused with a sentence", async () => {
+test("a file that is cut within its only chunk, or none, is refused with a sentence", async () => {
   const file = await recorded();
-  for (let cut = 0; cut < file.size; cut += 97) await expect(played(file.slice(0, cut))).rejects.toThrow(BadRecording);
+  const bytes = Buffer.from(await file.arrayBuffer());
+  const chunkEnd = bytes.lastIndexOf(PIECES.at(-1)!) + PIECES.at(-1)!.length;
+  for (let cut = 0; cut < chunkEnd; cut += 97) await expect(played(file.slice(0, cut))).rejects.toThrow(BadRecording);
   for (const other of [new Blob(["not an MCAP at all"]), new Blob([new Uint8Array(5000)])]) {
     await expect(Replay.open(other)).rejects.toThrow(/no MCAP file/);
   }
+});
+
+test("a file that is cut later is played up to there, and says that it is cut", async () => {
+  const recording = new Recording(SCHEMA, HELLO);
+  const pieces = Array.from({ length: 24 }, (_, i) => new Uint8Array(200_000).fill(i + 1)); // several chunks
+  for (const piece of pieces) recording.addRaw(piece);
+  const file = await recording.finish();
+  expect((await Replay.open(file)).isCut).toBe(false);
+  const counts: number[] = [];
+  for (const part of [0.3, 0.6, 0.9, 0.999]) {
+    const cut = file.slice(0, Math.floor(file.size * part));
+    const shown = await played(cut);
+    expect(shown).toEqual(pieces.slice(0, shown.length).map(hexOf));
+    expect((await Replay.open(cut)).isCut).toBe(true);
+    counts.push(shown.length);
+  }
+  expect(counts[0]).toBeGreaterThan(0);
+  expect(counts).toEqual([...counts].sort((a, b) => a - b));
+  expect(counts.at(-1)).toBeGreaterThan(20);
 });
 
 test("of a spoilt file nothing is shown that was not recorded", async () => {

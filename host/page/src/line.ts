@@ -21,6 +21,7 @@ export class Line {
   private readonly worker = new Worker(new URL("worker.js", document.baseURI), { type: "module" });
   private readonly answers = new Map<number, (answer: Answer) => void>();
   private nAsked = 0;
+  private onClosed: () => void = () => undefined;
 
   constructor(private readonly events: LineEvents) {
     this.worker.onmessage = ({ data }: MessageEvent<FromWorker>) => this.hear(data);
@@ -46,6 +47,7 @@ export class Line {
     else if (message.kind === "guide") this.events.onGuide(message.guide);
     else if (message.kind === "recorded") this.events.onRecorded(message.blob, message.nMessages);
     else if (message.kind === "flashing") this.events.onFlashing(message.part, message.text, message.isOver, message.isOk);
+    else if (message.kind === "closed") this.onClosed();
     else if (message.kind === "problem") this.events.onProblem(message.text);
     else if (message.kind === "line") {
       this.isOpen = message.isOpen;
@@ -58,7 +60,10 @@ export class Line {
     }
   }
 
-  close(): void {
+  /** Resolves when a recording that was under way is handed over, and the line let go of. */
+  close(): Promise<void> {
+    const closed = new Promise<void>((resolve) => (this.onClosed = resolve));
     this.tell({ kind: "close" });
+    return closed;
   }
 }

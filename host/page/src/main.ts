@@ -25,6 +25,7 @@ type News = Snapshot["events"][number];
 /** One line with the panels of its sensors. */
 interface Strand {
   line: Line;
+  serial: SerialSource | undefined; // that the page has opened itself
   panels: Map<number, Panel>;
   health: Health;
   guide: GuidePanel | undefined; // where a collection goes on with its sensor
@@ -48,6 +49,8 @@ let isCamera = false;
 let isResidual = false;
 let isLocked = false;
 let isRecording = false;
+let isFile = false; // a recording is shown
+let closing: Promise<unknown> = Promise.resolve(); // of lines that were shown before
 let answeredMs = -Infinity; // a person was answered: news waits until that is read
 let news: News | undefined; // the newest that waits: good news may take back a bad one
 let isZeroRefused = false; // and the notice says so: Zero again means it
@@ -79,7 +82,7 @@ function subscription(): Record<string, number> {
 
 function addStrand(): Strand {
   const health = new Health();
-  const strand: Strand = { line: undefined as unknown as Line, panels: new Map(), health, guide: undefined, hello: undefined, waiting: undefined, latest: {}, nDrawn: 0, openedMs: undefined, firstFrameMs: undefined };
+  const strand: Strand = { line: undefined as unknown as Line, serial: undefined, panels: new Map(), health, guide: undefined, hello: undefined, waiting: undefined, latest: {}, nDrawn: 0, openedMs: undefined, firstFrameMs: undefined };
   strand.line = new Line({
     onHello: (hello) => greet(strand, hello),
     onSnapshot: (snapshot) => {
@@ -261,6 +264,7 @@ function freeze(): void {
 }
 
 function record(): void {
+  if (isFile) return answer("Nothing to record: this is a recording. Press Live first.", true);
   if (!strands.some((strand) => strand.hello)) return say("Nothing to record: no sensor is connected.", true);
   isRecording = !isRecording;
   document.body.classList.toggle("recording", isRecording);
@@ -287,16 +291,36 @@ function askToFlash(file: File): void {
   flashDialog.ask(what, () => strand.line.tell({ kind: "flash", file }));
 }
 
-/** Show a recording instead of what is there. */
-function openFile(file: File): void {
-  for (const strand of strands.splice(0)) {
-    strand.line.close();
+/** Nothing is shown any more; a recording that was under way is saved. */
+function closeLines(): void {
+  const gone = strands.splice(0);
+  for (const strand of gone) {
     for (const panel of strand.panels.values()) panel.close();
     strand.health.element.remove();
     strand.guide?.element.remove();
   }
-  say("");
+  closing = Promise.all(gone.map(({ line, serial }) => line.close().then(() => serial?.close())));
+  document.querySelector("#who")!.textContent = "";
+}
+
+/** Show a recording instead of what is there. */
+function openFile(file: File): void {
+  closeLines();
+  showAsFile(true);
+  if (!isRecording) say("");
   addStrand().line.tell({ kind: "file", file });
+}
+
+function showAsFile(isOne: boolean): void {
+  isFile = isOne;
+  live.hidden = !isOne;
+}
+
+/** Back from a recording. */
+function goLive(): void {
+  closeLines();
+  showAsFile(false);
+  void start();
 }
 
 const chooser = document.querySelector<HTMLInputElement>("#file")!;
@@ -360,7 +384,10 @@ function help(): void {
   document.querySelector<HTMLDialogElement>("#help")!.showModal();
 }
 
+const live = button("Live", "B", "back from a recording to the sensors", goLive);
+live.hidden = true;
 const BUTTONS = [
+  live,
   button("Connect", "K", "open a sensor's serial port from this page (WebSerial)", () => void connect()),
   button("Zero", "Z", "learn the untouched pad anew", zero),
   button("Freeze", " ", "hold the picture (space)", freeze),
@@ -388,9 +415,14 @@ document.addEventListener("keydown", (event) => {
   if (event.key === "Enter" && event.target instanceof HTMLButtonElement) return; // likewise
   const guides = strands.flatMap(({ guide }) => guide?.buttons.filter((b) => !b.hidden) ?? []);
   const found = [...guides, ...BUTTONS].find((b) => b.dataset["key"] === event.key.toLowerCase());
-  if (!found) return;
+  if (!found || found.hidden) return;
   event.preventDefault();
   found.click();
+});
+
+// What is recorded is in this page's memory until it is saved.
+addEventListener("beforeunload", (event) => {
+  if (isRecording) event.preventDefault();
 });
 
 document.addEventListener("dragover", (event) => event.preventDefault());
@@ -410,7 +442,21 @@ async function connect(): Promise<void> {
   } catch {
     return; // the person chose none
   }
-  await new SerialSource(port, addStrand().line, await schema, serial, (text) => say(text, true)).open();
+  await closing;
+  if (strands.some((strand) => strand.serial?.port === port)) return answer("This port is connected already.", true);
+  const source = new SerialSource(port, await schema, serial, (text) => say(text, true));
+  const problem = await source.open();
+  if (problem) {
+    await source.close();
+    return answer(problem, true);
+  }
+  if (isFile) {
+    closeLines();
+    showAsFile(false);
+  }
+  const strand = addStrand();
+  strand.serial = source;
+  source.lead(strand.line);
 }
 
 async function fetchSchema(): Promise<Uint8Array> {

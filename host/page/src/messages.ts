@@ -88,4 +88,5 @@ export type FromWorker =
   | { kind: "guide"; guide: Guide }
   | { kind: "flashing"; part: number; text: string; isOver: boolean; isOk: boolean }
   | { kind: "recorded"; blob: Blob; nMessages: number }
+  | { kind: "closed" }
   | { kind: "reply"; id: number; answer: Answer };

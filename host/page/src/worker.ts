@@ -29,6 +29,7 @@ let fileDecoder: Decoder | undefined;
 let recording: Recording | undefined;
 let lastHello: { schema: Schema; payload: Uint8Array } | undefined;
 let tell: ((told: Record<string, unknown>) => void) | undefined; // the server, where one stands between
+let release = async (): Promise<void> => undefined; // the streams of a port
 let isGuideOver = false;
 let isDrawn = true;
 let isClosed = false;
@@ -124,7 +125,8 @@ async function play(file: Blob): Promise<void> {
       offer();
     };
     const hasEnded = await replay.play(feed, () => isClosed);
-    if (hasEnded) post({ kind: "problem", text: "The recording is over. Drop it on the page again to see it once more." });
+    const how = replay.isCut ? "The recording was cut short: it is shown as far as it goes." : "The recording is over.";
+    if (hasEnded) post({ kind: "problem", text: `${how} Drop it on the page again to see it once more, or press Live.` });
   } catch (error) {
     post({ kind: "problem", text: `This recording cannot be shown: ${error instanceof Error ? error.message : String(error)}.` });
   }
@@ -201,6 +203,9 @@ async function openStreams(readable: ReadableStream<Uint8Array>, writable: Writa
   const writer = writable.getWriter();
   open((data) => void writer.write(data).catch(() => undefined));
   const reader = readable.getReader();
+  release = async () => {
+    await Promise.allSettled([reader.cancel(), writer.close()]);
+  };
   try {
     for (;;) {
       const { done, value } = await reader.read();
@@ -211,7 +216,9 @@ async function openStreams(readable: ReadableStream<Uint8Array>, writable: Writa
     // the sensor was unplugged: said below
   }
   close();
-  post({ kind: "line", isOpen: false, port: "", text: "The sensor was unplugged: plug it in again." });
+  reader.releaseLock();
+  await writer.abort().catch(() => undefined);
+  if (!isClosed) post({ kind: "line", isOpen: false, port: "", text: "The sensor was unplugged: plug it in again." });
 }
 
 self.onmessage = async ({ data }: MessageEvent<ToWorker>) => {
@@ -240,7 +247,10 @@ self.onmessage = async ({ data }: MessageEvent<ToWorker>) => {
     await run(data.id, data.name, data.value);
   } else {
     isClosed = true;
+    await endRecording();
     close();
+    await release();
+    post({ kind: "closed" });
     self.close();
   }
 };
