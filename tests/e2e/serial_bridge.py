@@ -32,7 +32,7 @@ FAKE_SERIAL = """
           const isOver = () => this.isCancelled;
           this.isCancelled = false;
           socket.onmessage = ({ data }) => isOver() || controller.enqueue(new Uint8Array(data));
-          socket.onclose = () => isOver() || controller.error(new DOMException("The device has been lost.", "NetworkError"));
+          socket.onclose = () => isOver() || controller.error(new Error("The device has been lost."));
         },
         cancel: () => {
           this.isCancelled = true;

@@ -136,6 +136,41 @@ def test_two_sensors_stand_beside_each_other_where_there_is_room_and_no_number_l
             assert first["y"] + first["height"] <= second["y"]
 
 
+WHITE = """() => {
+  const canvas = document.querySelector(".maps figure:nth-child(2) canvas");
+  const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  let n = 0;
+  for (let i = 0; i < pixels.length; i += 4) n += pixels[i] > 250 && pixels[i + 1] > 250 && pixels[i + 2] > 250;
+  return n;
+}"""
+CORNER = """() => {
+  const [from, to] = [document.querySelector(".stage canvas"), document.createElement("canvas")];
+  [to.width, to.height] = [from.width, from.height];
+  to.getContext("2d").drawImage(from, 0, 0);
+  return [...to.getContext("2d").getImageData(3, 3, 1, 1).data.slice(0, 3)];
+}"""
+
+
+def test_shear_is_told_without_colour_the_keys_turn_the_pad_and_the_theme_follows_the_system(page: Page) -> None:
+    pad = info_of(find_board("gelslim"), 0, (31, 25))
+    page.emulate_media(color_scheme="dark", reduced_motion="reduce")
+    with ToldSensor([pad], told_field(31, 25)) as sensor, viewer(sensor.port) as address:
+        page.goto(address)
+        state = wait_for(page, "frames", lambda s: sensor_of(s)["field"] and s["lines"][0]["nDrawn"] > 3)
+        assert page.evaluate(WHITE) > 50  # no hue of the wheel is white: these are the arrows
+        wait_for(page, "a dark picture", lambda _: max(page.evaluate(CORNER)) < 60)
+        page.focus(".stage")
+        from_ = sensor_of(state)["seenFrom"]
+        for key in ("ArrowLeft", "+"):
+            before = sensor_of(state)["seenFrom"]
+            page.keyboard.press(key)
+            state = wait_for(page, key, lambda s, b=before: sensor_of(s)["seenFrom"] != b)  # type: ignore[misc]
+        page.keyboard.press("Home")
+        wait_for(page, "as at first", lambda s: sensor_of(s)["seenFrom"] == pytest.approx(from_))
+        page.emulate_media(color_scheme="light", reduced_motion="no-preference")
+        wait_for(page, "a light picture", lambda _: min(page.evaluate(CORNER)) > 200)
+
+
 def test_an_older_schema_is_fetched_and_decoded(page: Page) -> None:
     """A sensor whose schema is another one: fields that this page knows are shown, those it lacks are absent."""
     files = descriptor_pb2.FileDescriptorSet.FromString(Schema.own().bytes)

@@ -41,7 +41,9 @@ const strands: Strand[] = [];
 const flashDialog = new FlashDialog();
 const main = document.querySelector("main")!;
 const notice = document.querySelector<HTMLElement>("#notice")!;
-const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
+const motion = matchMedia("(prefers-reduced-motion: reduce)");
+motion.addEventListener("change", () => panels().forEach((panel) => panel.field.setStill(motion.matches)));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => paint());
 let unit = 0;
 let tint = 0;
 let isFrozen = false;
@@ -120,7 +122,7 @@ function greet(strand: Strand, hello: Hello): void {
     for (const panel of strand.panels.values()) panel.close();
     strand.panels.clear();
     for (const info of hello.sensors) {
-      const panel = new Panel(info, UNITS[unit]!, isStill);
+      const panel = new Panel(info, UNITS[unit]!, motion.matches);
       panel.setTint(TINTS[tint]!);
       strand.panels.set(info.sensor, panel);
       main.append(panel.element);
@@ -210,6 +212,7 @@ function stateOfPanel({ info, latest, maps, charts, field }: Panel): object {
     maps: Object.fromEntries(Object.entries(maps.maps).map(([name, map]) => [name, map.shown])),
     residual: residual && { frame: residual.frame, nX: residual.nX, validity: residual.validity, ...mostOf(residual.size) },
     nArrows: field.nArrows,
+    seenFrom: field.seenFrom,
     nChartPoints: charts.nPoints,
   };
 }

@@ -1,7 +1,7 @@
 // The newest result of each kind, decoded when it is wanted: what nobody draws costs no decoding.
 
+import { Delays } from "./delays";
 import type { LineHealth, SensorNews, Snapshot, Status } from "./messages";
-import { DELAY_BIN_MS, N_DELAY_BINS } from "./messages";
 import { contactsOf, depthOf, fieldOf, imageOf, learnedOf, residualOf, wrenchOf } from "./results";
 import { type Counters, type Frame, REPLAY, SIMULATED } from "./wire/framing";
 import type { Decoded, Schema } from "./wire/schema";
@@ -29,8 +29,7 @@ export class Model {
   private since: number;
   private rates: [string, number][] = [];
   private bytesPerS = 0;
-  private fastestMs = Infinity;
-  private delays = new Array<number>(N_DELAY_BINS).fill(0);
+  private readonly delays = new Delays();
 
   constructor(
     private readonly schema: Schema,
@@ -75,10 +74,7 @@ export class Model {
     const values = wrench.values.map((v, i) => (wrench.validity[i] === 1 ? v : NaN));
     sensor.trace.push(wrench.captureS, ...values);
     if (sensor.trace.length > MAX_TRACE * TRACE_ROW) sensor.trace.splice(0, TRACE_ROW);
-    const away = this.now() - wrench.captureS * 1e3;
-    this.fastestMs = Math.min(this.fastestMs, away);
-    const bin = Math.min(Math.floor((away - this.fastestMs) / DELAY_BIN_MS), N_DELAY_BINS - 1);
-    this.delays[bin]!++;
+    this.delays.add(this.now(), wrench.captureS * 1e3);
   }
 
   /** All that is new; undefined where nothing is. */
@@ -132,7 +128,7 @@ export class Model {
       perS: this.rates,
       notSent,
       notShown: this.notShown,
-      delays: [...this.delays],
+      delays: this.delays.bins(this.now()),
     };
   }
 }

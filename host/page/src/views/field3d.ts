@@ -7,6 +7,7 @@ import type { SensorInfo } from "../board";
 import { type Contacts, type Field, NOT_MEASURED, VALID, type Wrench } from "../results";
 import { arrowGeometry, writeArrow } from "./arrow";
 import { linear, sequentialLight, wheelLight } from "./colours";
+import { orbit } from "./orbit";
 import { Quality } from "./quality";
 import { SoftwareRenderer } from "./software";
 
@@ -92,7 +93,7 @@ export class Field3d {
     const away = info.shape.kind === "tube" ? 1.3 * Math.max(1, info.shape.length / this.size) : 1.35;
     this.camera.position.set(-0.5 * this.size * away, -1.35 * this.size * away, 1.5 * this.size * away);
     this.controls = new OrbitControls(this.camera, this.canvas);
-    this.controls.enableDamping = !isStill;
+    this.setStill(isStill);
     this.controls.target.set(0, 0, info.shape.kind === "dome" ? -0.3 * info.shape.radius : 0);
     this.controls.addEventListener("change", () => (this.isDirty = true));
     this.controls.update();
@@ -295,6 +296,30 @@ export class Field3d {
   setBackground(colour: string): void {
     this.scene.background = new THREE.Color(colour);
     this.isDirty = true;
+  }
+
+  /** Nothing goes on moving by itself. */
+  setStill(isStill: boolean): void {
+    this.controls.enableDamping = !isStill;
+  }
+
+  /** Where it is seen from, of its size, from what is looked at. */
+  get seenFrom(): number[] {
+    return this.camera.position.clone().sub(this.controls.target).divideScalar(this.size).toArray();
+  }
+
+  /** A key was pressed on it; false: it is none of its own. */
+  press(key: string): boolean {
+    if (key === "Home") this.reset();
+    const { target } = this.controls;
+    const from = this.camera.position.clone().sub(target);
+    const place = key === "Home" ? undefined : orbit([from.x, from.y, from.z], key);
+    if (place) {
+      this.camera.position.set(...place).add(target);
+      this.camera.lookAt(target);
+    }
+    this.isDirty = true;
+    return key === "Home" || place !== undefined;
   }
 
   /** As seen at first. */

@@ -1,5 +1,6 @@
 // Is the line well, is the sensor well: rates, losses by cause, delays, temperatures.
 
+import { WINDOW_MS } from "../delays";
 import { DELAY_BIN_MS, type LineHealth, N_DELAY_BINS, type Status } from "../messages";
 import { fillTable, make, spaced, words, write } from "./dom";
 import { Paced } from "./paced";
@@ -24,7 +25,7 @@ export class Health {
       make("h2", {}, "Link and health"),
       this.state,
       make("div", { class: "tables" }, table("Rates", this.rates), table("Lost, by cause", this.drops), table("Stages, mean and longest", this.stages)),
-      make("figure", {}, make("figcaption", {}, `Delay over the fastest frame, bins of ${DELAY_BIN_MS} ms, the last one all above`), this.bars),
+      make("figure", {}, make("figcaption", {}, `Delay over the fastest frame of the last ${WINDOW_MS / 1e3} s, bins of ${DELAY_BIN_MS} ms, the last one all above`), this.bars),
     );
   }
 

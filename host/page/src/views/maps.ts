@@ -7,6 +7,9 @@ import { make, write } from "./dom";
 import { ABSENT, short, type Unit, VALIDITY_WORDS } from "./units";
 
 const HATCH_PX = 10;
+const ARROW_PX = 26; // of the canvas, at least, between two
+const FAINT_ARROW = 0.12; // of the longest: shorter ones are not drawn
+const HEAD = 0.3; // of an arrow's length
 const NOTHING_YET = "nothing yet";
 const LEAST_FULL_SIGMAS = 5; // what noise and an ordinary press make stays in the lower part of the bar
 const WHEEL_ENDS = ["+x", "+y", "−x", "−y", "+x"];
@@ -130,6 +133,35 @@ export class PadMap {
 
   writeRange(): void {
     write(this.range, this.rangeOf());
+  }
+
+  /** What the colours of directions say, without colour: an arrow at every so many nodes, `of` a node 0 to 1 long. */
+  arrows(nX: number, nY: number, of: (node: number) => [number, number]): void {
+    const { canvas } = this;
+    const context = canvas.getContext("2d")!;
+    const [stepX, stepY] = [canvas.width / nX, canvas.height / nY];
+    const every = Math.max(1, Math.ceil(ARROW_PX / Math.min(stepX, stepY)));
+    const longest = 0.9 * every * Math.min(stepX, stepY);
+    context.beginPath();
+    for (let y = every >> 1; y < nY; y += every) {
+      for (let x = every >> 1; x < nX; x += every) {
+        const [dx, dy] = of(y * nX + x);
+        if (Math.hypot(dx, dy) < FAINT_ARROW) continue;
+        const [px, py] = [(x + 0.5) * stepX, (y + 0.5) * stepY];
+        const [tipX, tipY] = [px + (dx * longest) / 2, py + (dy * longest) / 2];
+        context.moveTo(px - (dx * longest) / 2, py - (dy * longest) / 2);
+        context.lineTo(tipX, tipY);
+        for (const side of [-1, 1]) {
+          context.moveTo(tipX, tipY);
+          context.lineTo(tipX - (dx - 0.6 * side * dy) * HEAD * longest, tipY - (dy + 0.6 * side * dx) * HEAD * longest);
+        }
+      }
+    }
+    for (const [colour, width] of [["#000", 3], ["#fff", 1.5]] as const) {
+      context.strokeStyle = colour;
+      context.lineWidth = width;
+      context.stroke();
+    }
   }
 
   /** Rings at the contacts' places, by their part of the picture's width and height; dashed: at a place to press. */
@@ -257,6 +289,7 @@ export class Maps {
       const [fx, fy] = [field.force[3 * i]!, field.force[3 * i + 1]!];
       return wheelPixel(Math.atan2(fy, fx), Math.hypot(fx, fy) / most);
     });
+    this.maps["shear"]!.arrows(field.nX, field.nY, (i) => [field.force[3 * i]! / most, field.force[3 * i + 1]! / most]);
   }
 
   private sigma(field: Field): void {

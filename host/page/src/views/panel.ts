@@ -39,7 +39,10 @@ export class Panel {
   ) {
     this.maps = new Maps(info, unit);
     this.charts = new Charts(unit);
-    const stage = make("div", { class: "stage", tabindex: "0", "aria-label": "Force field in three dimensions" });
+    const stage = make("div", { class: "stage", tabindex: "0", "aria-label": "Force field in three dimensions: arrow keys turn it" });
+    stage.addEventListener("keydown", (event) => {
+      if (this.field.press(event.key)) event.preventDefault();
+    });
     this.field = new Field3d(info, isStill);
     stage.append(this.field.canvas, this.scale, this.legend);
     new ResizeObserver(([entry]) => this.field.resize(entry!.contentRect.width, entry!.contentRect.height)).observe(stage);
