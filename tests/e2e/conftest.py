@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,9 @@ from tiny_twin import Twin, make_twin
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
+
+
+LOCAL = re.compile(r"(https?|wss?)://(127\.0\.0\.1|localhost)[:/]|blob:|data:")
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +28,12 @@ def chrome() -> Iterator[Browser]:
 
 @pytest.fixture
 def page(chrome: Browser) -> Iterator[Page]:
-    """A page in which no script fails."""
+    """A page in which no script fails, and which asks nobody but this computer."""
     page = chrome.new_page(viewport={"width": 1200, "height": 900})
     faults: list[str] = []
     page.on("pageerror", lambda error: faults.append(str(error)))
+    page.on("request", lambda request: LOCAL.match(request.url) or faults.append(request.url))
+    page.on("websocket", lambda socket: LOCAL.match(socket.url) or faults.append(socket.url))
     yield page
     page.close()
     assert faults == []

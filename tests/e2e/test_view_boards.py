@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from browser import colours_in, sensor_of, state_of, viewer, wait_for
+from browser import PATIENCE_S, colours_in, sensor_of, state_of, viewer, wait_for
 from google.protobuf import descriptor_pb2
 from playwright.sync_api import Page
+from test_bad_input import HOST
 from told_sensor import (
     SCHEMA,
     Messages,
@@ -278,3 +283,21 @@ def test_1200_nodes_come_as_fast_as_they_are_sent_and_the_newest_is_shown(page: 
     print(
         f"{(n_sent - n_before) / elapsed_s:.0f} fields/s sent, {drawn / elapsed_s:.0f} drawn/s, {behind} frames behind"
     )
+
+
+def test_view_opens_the_persons_browser_on_the_page(tmp_path: Path) -> None:
+    note, browser = tmp_path / "address", tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {note}\n')
+    browser.chmod(0o755)
+    with ToldSensor([info_of(find_board("ftouch"))], told_tray) as sensor:
+        command = [*HOST, "--port", sensor.port, "view", "--http-port", "0"]
+        environment = os.environ | {"BROWSER": str(browser)}
+        with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True) as process:
+            assert process.stdout is not None
+            address = process.stdout.readline().strip()
+            deadline = time.monotonic() + PATIENCE_S
+            while not (note.exists() and note.read_text()) and time.monotonic() < deadline:
+                time.sleep(0.05)
+            process.send_signal(signal.SIGINT)
+    assert note.read_text().strip() == address
+    assert address.startswith("http://127.0.0.1:")
