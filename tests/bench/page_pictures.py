@@ -79,6 +79,9 @@ def demo(album: Album, folder: Path) -> None:
             download.value.save_as(folder / "run.mcap")
             page.keyboard.press("?")
             album.add(page, "help", "what the keys do")
+            page.keyboard.press("Escape")
+            page.keyboard.press("m")
+            album.add(page, "rates", "what the sensor is asked for")
         with album.page(f"{address}?draw=webgl") as page:
             wait_for_press(page)
             album.add(page, "webgl", "the same by WebGL")

@@ -12,12 +12,10 @@ import { FlashDialog } from "./views/flash_dialog";
 import { GuidePanel } from "./views/guide_panel";
 import { Health } from "./views/health";
 import { Panel } from "./views/panel";
+import { Rates } from "./views/rates";
 import { UNITS } from "./views/units";
 
 const TINTS: Tint[] = ["normal", "slip", "plain"];
-const DEPTH_EVERY = 4; // a depth map is larger than all the rest of its frame
-const IMAGE_EVERY = 6;
-const RESIDUAL_EVERY = 4; // two products more on the sensor
 const READ_ANSWER_MS = 4000;
 
 type News = Snapshot["events"][number];
@@ -47,8 +45,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => pain
 let unit = 0;
 let tint = 0;
 let isFrozen = false;
-let isCamera = false;
-let isResidual = false;
+const rates = new Rates(subscribe);
 let isLocked = false;
 let isRecording = false;
 let isFile = false; // a recording is shown
@@ -78,10 +75,6 @@ function tellNews(events: News[]): void {
   news = undefined;
 }
 
-function subscription(): Record<string, number> {
-  return { wrench: 1, field: 1, contacts: 1, depth: DEPTH_EVERY, status: 1, learned: 1, ...(isCamera ? { image: IMAGE_EVERY } : {}), ...(isResidual ? { residual: RESIDUAL_EVERY } : {}) };
-}
-
 function addStrand(): Strand {
   const health = new Health();
   const strand: Strand = { line: undefined as unknown as Line, serial: undefined, panels: new Map(), health, guide: undefined, hello: undefined, waiting: undefined, latest: {}, nDrawn: 0, openedMs: undefined, firstFrameMs: undefined };
@@ -109,7 +102,7 @@ function addStrand(): Strand {
       publish();
     },
   });
-  strand.line.tell({ kind: "subscribe", every: subscription() });
+  strand.line.tell({ kind: "subscribe", every: rates.subscription });
   strands.push(strand);
   return strand;
 }
@@ -165,8 +158,8 @@ function draw(nowMs: number): void {
 
 function show(strand: Strand, snapshot: Snapshot): void {
   for (const [id, news] of snapshot.sensors) {
-    if (!isCamera) delete news.image; // asked for by another page
-    if (!isResidual) delete news.residual; // likewise
+    if (!rates.wants("image")) delete news.image; // asked for by another page
+    if (!rates.wants("residual")) delete news.residual; // likewise
     strand.panels.get(id)?.show(news);
   }
   if (snapshot.status) strand.health.showStatus(snapshot.status, [...strand.panels.values()].flatMap((panel) => panel.info.stages));
@@ -348,16 +341,10 @@ function lockScale(): void {
   for (const panel of panels()) panel.field.isScaleLocked = isLocked;
 }
 
-function toggleCamera(): void {
-  isCamera = !isCamera;
-  for (const { line } of strands) line.tell({ kind: "subscribe", every: subscription() });
-  if (!isCamera) for (const panel of panels()) panel.maps.hideImage();
-}
-
-function toggleResidual(): void {
-  isResidual = !isResidual;
-  for (const { line } of strands) line.tell({ kind: "subscribe", every: subscription() });
-  if (!isResidual) for (const panel of panels()) panel.maps.hideResidual();
+function subscribe(): void {
+  for (const { line } of strands) line.tell({ kind: "subscribe", every: rates.subscription });
+  if (!rates.wants("image")) for (const panel of panels()) panel.maps.hideImage();
+  if (!rates.wants("residual")) for (const panel of panels()) panel.maps.hideResidual();
 }
 
 function toggleTheme(): void {
@@ -397,8 +384,9 @@ const BUTTONS = [
   button("Scale", "L", "lock the length of the arrows", lockScale),
   button("Tint", "I", "colour the surface by normal force, by slip, not at all", nextTint),
   button("Units", "U", "newtons, millinewtons, grams of force", nextUnit),
-  button("Camera", "C", "show the camera's picture", toggleCamera),
-  button("Residual", "E", "show where the forces do not explain what the camera sees", toggleResidual),
+  button("Camera", "C", "show the camera's picture", () => rates.toggle("image")),
+  button("Residual", "E", "show where the forces do not explain what the camera sees", () => rates.toggle("residual")),
+  button("Rates", "M", "how often each result is asked for", () => rates.open()),
   button("View", "V", "look from where you looked at first", () => panels().forEach((panel) => panel.field.reset())),
   button("Record", "R", "record to an MCAP file, until pressed again", record),
   button("Open", "O", "show a recording (MCAP); or drop it on the page", () => chooser.click()),
