@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 from tiny_sensor import Sensor, start
 
 from ruffini.device import Connection, flashing
-from ruffini.device.connection import LineGap
+from ruffini.device.line_gap import LineGap
 from ruffini.errors import LineLostError, RefusedError
 from ruffini.record import record_stream
 

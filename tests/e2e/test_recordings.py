@@ -28,7 +28,7 @@ import ruffini
 from ruffini.api import SensorFrame
 from ruffini.boards import find_board
 from ruffini.device import Connection
-from ruffini.device.connection import LineGap
+from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.record import Recording, record_stream
 from ruffini.record.export import export as write_table

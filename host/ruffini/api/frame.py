@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from ruffini.device.connection import LineGap
+from ruffini.device.line_gap import LineGap
 from ruffini.device.results import VALID, Contacts, Depth, Field, Image, Learned, Residual, Wrench
 from ruffini.wire import Frame, Schema
 

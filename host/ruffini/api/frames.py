@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from ruffini.api.frame import SensorFrame
 from ruffini.bell import Bell
-from ruffini.device.connection import LineGap
+from ruffini.device.line_gap import LineGap
 
 
 class Frames:

@@ -16,8 +16,10 @@ import numpy as np
 from ruffini.api.frame import Assembler, SensorFrame
 from ruffini.api.frames import Frames
 from ruffini.device import choice
-from ruffini.device.connection import SILENCE_S, Connection, LineGap
+from ruffini.device.connection import SILENCE_S, Connection
 from ruffini.device.health import health_words
+from ruffini.device.line_gap import LineGap
+from ruffini.device.namesakes import same_serial, usb_namesakes
 from ruffini.device.results import Array
 from ruffini.errors import InputError, NoDeviceError, RuffiniError
 from ruffini.wire import Frame
@@ -54,6 +56,8 @@ class Sensor:
         self._is_closing = False
         self._end: BaseException | None = None
         self._frame_s, self._n_told = time.monotonic(), 0
+        if others := usb_namesakes(self.port, self.serial_number):
+            on_note(same_serial(self.serial_number, [self.port, *others]))
         connection.on_damage = on_note
         connection.on_turn = self._turn
         connection.read_clock()

@@ -36,6 +36,7 @@ def open_sensor() -> Connection:
 def devices(json_: JsonFlag = False) -> None:
     """List the sensors that answer."""
     from ruffini.device import Connection
+    from ruffini.device.namesakes import namesakes
     from ruffini.device.ports import candidate_ports
     from ruffini.errors import NoDeviceError, RuffiniError
 
@@ -51,7 +52,8 @@ def devices(json_: JsonFlag = False) -> None:
     text = "\n".join(f"{r['port']}  " + (r.get("error") or f"{r['serial']}  {', '.join(r['boards'])}") for r in rows)
     if not any("serial" in r for r in rows):
         raise NoDeviceError(text or "no sensor found: plug one in, or name its port with --port")
-    emit({"devices": rows}, json_, text)
+    mixed_up = namesakes([(r["port"], r["serial"]) for r in rows if "serial" in r])
+    emit({"devices": rows, "same_serial": mixed_up}, json_, "\n".join([text, *mixed_up]))
 
 
 def info(json_: JsonFlag = False) -> None:

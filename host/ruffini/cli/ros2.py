@@ -50,7 +50,7 @@ def bridge(
     with ruffini.connect(Settings.port, Settings.serial, on_note=note) as sensor:
         name = ros_name(sensor.serial_number)
         with ZenohNode(name, config, domain=domain) if config is not None else RclpyNode(name) as node:
-            relay = Bridge(sensor, node)
+            relay = Bridge(sensor, node, note)
             note(f"{sensor.port}: publishing as /{name} through {through.value}; stop with Ctrl-C")
             relay.run(stop.is_set, n_frames)
     emit({"node": name, "frames": relay.n_frames}, json_, f"{relay.n_frames} frames published")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 from ruffini.device.connection import Connection
+from ruffini.device.namesakes import namesakes
 from ruffini.device.ports import candidate_ports
 from ruffini.errors import NoDeviceError, RuffiniError, SeveralDevicesError
 
@@ -19,7 +20,7 @@ def connect(port: str | None = None, serial: str | None = None) -> Connection:
     NoDeviceError
         None, or none with this serial number; the text says what each port answered.
     SeveralDevicesError
-        Several and no choice; the text lists them and names the option.
+        Several and no choice, or several with this serial number; the text lists them and names the option.
     """
     port = port or os.environ.get("RUFFINI_PORT")
     serial = serial or os.environ.get("RUFFINI_SERIAL")
@@ -47,6 +48,10 @@ def connect(port: str | None = None, serial: str | None = None) -> Connection:
         connection.close()
     listed = ", ".join(seen)
     if answering:
-        raise SeveralDevicesError(f"several sensors, choose one with --port or --serial: {listed}")
+        same = namesakes([(c.port, c.serial_number) for c in answering])
+        if len({c.serial_number for c in answering}) == 1:  # no serial number chooses among them
+            raise SeveralDevicesError(same[0])
+        text = f"several sensors, choose one with --port or --serial: {listed}"
+        raise SeveralDevicesError("; ".join([text, *same]))
     which = "no sensor answers" if serial is None else f"no sensor with serial {serial!r}"
     raise NoDeviceError(f"{which} among: {listed}")

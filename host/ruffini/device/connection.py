@@ -6,12 +6,14 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from ruffini.device import flashing
 from ruffini.device.backlog import Backlog
 from ruffini.device.device_clock import DeviceClock
+from ruffini.device.line_gap import LineGap
+from ruffini.device.namesakes import REMEDY, Whereabouts
 from ruffini.device.ports import candidate_ports, open_port
 from ruffini.device.writer import Writer
 from ruffini.errors import LineLostError, NoDeviceError, RefusedError, RuffiniError
@@ -35,18 +37,6 @@ FIRST_TIMES, FIRST_TIME_S, TIME_S = 8, 0.02, 1.0  # time exchanges: so many at o
 ASK_AGAIN = 0  # the request id of a reply to what came damaged
 
 
-@dataclass(frozen=True)
-class LineGap:
-    """A time without line."""
-
-    lost_s: float
-    n_frames: int | None  # that were not received; None: the sensor was started again and counts anew
-
-    def __str__(self) -> str:
-        missing = "it was started again" if self.n_frames is None else f"{self.n_frames} frames missing"
-        return f"the line was lost for {self.lost_s:.2f} s: {missing}"
-
-
 class Connection:
     """An open sensor; use as a context manager.
 
@@ -64,6 +54,7 @@ class Connection:
     def __init__(self, port: str, *, hello_timeout_s: float = HELLO_TIMEOUT_S) -> None:
         self.port, self._first_port = port, port
         self._serial = open_port(port)
+        self._whereabouts = Whereabouts(port)
         self._subscribed: dict[str, int] = {}
         self.schema = Schema.own()
         self.decoder = Decoder()
@@ -111,30 +102,52 @@ class Connection:
         Raises
         ------
         NoDeviceError
-            It does not come back in time.
+            It does not come back in time, or nobody can tell it from another one with its serial number.
         """
-        serial, deadline = self.serial_number, time.monotonic() + timeout_s
+        deadline, doubt = time.monotonic() + timeout_s, ""
         self._writer.forget()
         self.close()
+        self._whereabouts.look_around()
         while time.monotonic() < deadline:
             for port in dict.fromkeys([self._first_port, *candidate_ports()]):
-                self.port, self.decoder = port, Decoder()
                 with contextlib.suppress(NoDeviceError):
-                    self._serial = open_port(port)
-                    hello = self._say_hello(REOPEN_HELLO_S)
-                    if hello.device_serial == serial:
-                        if hello.session_id != self.hello.session_id:
-                            self.clock = DeviceClock()
-                        self.hello = hello
-                        if self._subscribed:
-                            self.subscribe(**self._subscribed)
-                        self.resumed_s = time.monotonic()
+                    doubt = self._resume_on(port)
+                    if not doubt:
                         return
                 self.close()
             self.on_turn(False)
             time.sleep(REOPEN_PAUSE_S)
         self.port = self._first_port
-        raise NoDeviceError(f"{self.port}: the line was lost, and sensor {serial} is not back after {timeout_s:.0f} s")
+        away = f"the line was lost, and sensor {self.serial_number} is not back after {timeout_s:.0f} s"
+        raise NoDeviceError(f"{self.port}: {away}{doubt}")
+
+    def _resume_on(self, port: str) -> str:
+        """Go on with what answers on `port` if it is the same sensor; else why it may be another with its number.
+
+        What another one says goes nowhere. Raises NoDeviceError where this sensor's number is not on that port.
+        """
+        waiting, sink, heard = self.messages, self.raw_sink, list[bytes]()
+        self.port, self.decoder, self.messages, self.raw_sink = port, Decoder(), Backlog(), heard.append
+        try:
+            self._serial = open_port(port)
+            hello = self._say_hello(REOPEN_HELLO_S)
+            if hello.device_serial != self.serial_number:
+                raise NoDeviceError(f"{port}: another sensor")
+            if why := self._whereabouts.doubt(port, self.hello, hello):
+                return f": the one on {port} {why}: connect again by --port, and {REMEDY}"
+        finally:
+            said, self.messages, self.raw_sink = self.messages, waiting, sink
+        if sink is not None:
+            sink(b"".join(heard))
+        while said:
+            self.messages.append(*said.popleft())
+        if hello.session_id != self.hello.session_id:
+            self.clock = DeviceClock()
+        self.hello, self._whereabouts = hello, Whereabouts(port)
+        if self._subscribed:
+            self.subscribe(**self._subscribed)
+        self.resumed_s = time.monotonic()
+        return ""
 
     @property
     def serial_number(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from ruffini.device import port_holder
@@ -35,10 +36,22 @@ def _is_busy(error: Exception) -> bool:
     return "busy" in text or "lock" in text or "resource temporarily unavailable" in text
 
 
-def candidate_ports() -> list[str]:
-    """Serial ports that may be sensors: USB devices whose product or maker says ruffini."""
+def usb_ports() -> list[Any]:
+    """Serial ports whose USB product or maker says ruffini, as pyserial describes them."""
     from serial.tools import list_ports
 
-    return sorted(
-        p.device for p in list_ports.comports() if "ruffini" in f"{p.product or ''} {p.manufacturer or ''}".lower()
-    )
+    return [p for p in list_ports.comports() if "ruffini" in f"{p.product or ''} {p.manufacturer or ''}".lower()]
+
+
+def candidate_ports() -> list[str]:
+    """Serial ports that may be sensors: USB devices whose product or maker says ruffini."""
+    return sorted(p.device for p in usb_ports())
+
+
+def place_of(port: str) -> str:
+    """What stays when a sensor is unplugged and plugged in again: its USB socket; of other lines the port's name.
+
+    A link such as /dev/ruffini/SERIAL may lead elsewhere then.
+    """
+    real = os.path.realpath(port)
+    return next((str(p.location) for p in usb_ports() if p.location and p.device == real), port)

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ruffini.device import Connection
-from ruffini.device.connection import DEVICE, SILENCE_S, LineGap
+from ruffini.device.connection import DEVICE, SILENCE_S
+from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError, NoDeviceError
 from ruffini.record.ros_types import RosChannels
 from ruffini.wire import Frame

@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ruffini.api.frame import Assembler, SensorFrame
-from ruffini.device.connection import DEVICE, LineGap
+from ruffini.device.connection import DEVICE
 from ruffini.device.device_clock import MAX_DRIFT, WANDER
+from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError
 from ruffini.record.mcap_file import RAW_TOPIC
 from ruffini.wire import Decoder, Frame, Schema

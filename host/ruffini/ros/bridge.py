@@ -14,6 +14,7 @@ from ruffini.api.frame import SensorFrame
 from ruffini.api.sensor import Sensor
 from ruffini.device.connection import Connection
 from ruffini.device.health import health_words
+from ruffini.device.namesakes import REMEDY
 from ruffini.device.system_clock import SystemClock
 from ruffini.errors import NoDeviceError, RuffiniError
 from ruffini.ros.messages import (
@@ -44,12 +45,16 @@ class Node(Protocol):
     def publish(self, name: str, message: Message) -> None:
         """On a topic that was advertised."""
 
+    def n_namesakes(self) -> int:
+        """Other nodes of this name in the graph."""
+
 
 class Bridge:
-    """One sensor's topics on one node."""
+    """One sensor's topics on one node; `on_note` is told when another node has its name, and so its topics."""
 
-    def __init__(self, sensor: Sensor, node: Node) -> None:
+    def __init__(self, sensor: Sensor, node: Node, on_note: Callable[[str], None] = lambda _: None) -> None:
         self._sensor, self._node, self._clock = sensor, node, SystemClock()
+        self._on_note, self._n_namesakes = on_note, 0
         self._pads: dict[int, tuple[str, npt.NDArray[np.float64] | None]] = {}
         self._due_s = 0.0
         self._last: SensorFrame | None = None
@@ -106,6 +111,7 @@ class Bridge:
 
     def tell_health(self, *, is_silent: bool = False) -> None:
         """Ask the sensor how it fares and publish that."""
+        namesakes = self._namesakes()
         try:
             status = self._sensor.call(Connection.status)
         except RuffiniError as error:
@@ -120,6 +126,8 @@ class Bridge:
             words, level = [*words, "forces are not valid: " + (", ".join(last.flags) or "not measured")], ERROR
         if set(names) & set(BAD_HEALTH):
             level = ERROR
+        if namesakes:
+            words, level = [*words, namesakes], ERROR
         if is_silent or (last is not None and last.is_stale):
             words, level = [*words, "no new picture comes"], STALE
         values = {
@@ -134,6 +142,19 @@ class Bridge:
             "calibration": status.calibration_sha256.hex()[:12] or "none",
         }
         return self._tell(level, words, values)
+
+    def _namesakes(self) -> str:
+        """What is wrong where another node publishes on these topics, too; told when that begins."""
+        n_before, self._n_namesakes = self._n_namesakes, self._node.n_namesakes()
+        if not self._n_namesakes:
+            return ""
+        text = (
+            f"another node is named {self.node_name}, too, and two sensors' forces may be mixed on its topics: end one "
+            f"of the bridges; where two sensors have serial number {self._sensor.serial_number}, {REMEDY}"
+        )
+        if not n_before:
+            self._on_note(text)
+        return text
 
     def _tell(self, level: int, words: list[str], values: dict[str, str]) -> None:
         message = diagnostics(time.time_ns(), self._sensor.serial_number, level, words, values)

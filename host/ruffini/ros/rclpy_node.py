@@ -51,7 +51,7 @@ class RclpyNode:
         except ImportError as error:
             raise InputError("no rclpy here: source ROS 2's setup file, or use --through zenoh") from error
         self._rclpy.init()
-        self._node = self._rclpy.create_node(name)
+        self._node, self._name = self._rclpy.create_node(name), name
         self._publishers: dict[str, Any] = {}
 
     def __enter__(self) -> RclpyNode:
@@ -64,6 +64,10 @@ class RclpyNode:
         """Leave the graph."""
         self._node.destroy_node()
         self._rclpy.try_shutdown()
+
+    def n_namesakes(self) -> int:
+        """Other nodes of this name in the graph."""
+        return max(list(self._node.get_node_names()).count(self._name) - 1, 0)
 
     def advertise(self, name: str, topic: Topic) -> None:
         """Be seen as a publisher of the topic `name`."""

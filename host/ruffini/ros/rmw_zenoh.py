@@ -50,6 +50,11 @@ def node_token(domain: int, zid: str, node: str) -> str:
     return f"@ros2_lv/{domain}/{zid}/0/0/NN/%/%/{mangled(node)}"
 
 
+def namesakes_key(domain: int, node: str) -> str:
+    """Tokens of all nodes of this name in the root namespace, whoever made them."""
+    return f"@ros2_lv/{domain}/*/*/*/NN/*/%/{mangled(node)}"
+
+
 def publisher_token(domain: int, zid: str, number: int, node: str, name: str, topic: Topic, hash_: str) -> str:
     """Liveliness token of a publisher; `name` is the topic's full name."""
     parts = (mangled(name), dds_type(topic.type), hash_, qos_key(topic))
@@ -106,7 +111,10 @@ class ZenohNode:
         self._zid = str(self._session.zid())
         self._publishers: dict[str, tuple[Any, bytes]] = {}
         self._numbers: dict[str, int] = {}
-        self._tokens = [self._session.liveliness().declare_token(node_token(domain, self._zid, node))]
+        alive = self._session.liveliness()
+        self._namesakes: set[str] = set()
+        self._watch = alive.declare_subscriber(namesakes_key(domain, node), self._see, history=True)
+        self._tokens = [alive.declare_token(node_token(domain, self._zid, node))]
 
     def __enter__(self) -> ZenohNode:
         return self
@@ -117,6 +125,18 @@ class ZenohNode:
     def close(self) -> None:
         """Leave the graph."""
         self._session.close()
+
+    def _see(self, sample: Any) -> None:
+        import zenoh
+
+        token = str(sample.key_expr)
+        if token.split("/")[2] != self._zid:
+            is_there = sample.kind == zenoh.SampleKind.PUT
+            (self._namesakes.add if is_there else self._namesakes.discard)(token)
+
+    def n_namesakes(self) -> int:
+        """Other nodes of this name in the graph."""
+        return len(self._namesakes)
 
     def advertise(self, name: str, topic: Topic) -> None:
         """Be seen as a publisher of the topic `name`."""

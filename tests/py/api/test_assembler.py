@@ -9,7 +9,7 @@ import pytest
 
 from ruffini.api import SensorFrame
 from ruffini.api.frame import Assembler
-from ruffini.device.connection import LineGap
+from ruffini.device.line_gap import LineGap
 from ruffini.device.results import KNOWN_FLAGS
 from ruffini.wire import Frame, Schema
 

@@ -12,7 +12,7 @@ import pytest
 from ruffini.api import SensorFrame, synchronized, synchronized_async
 from ruffini.api.frames import Frames
 from ruffini.api.in_asyncio import AsyncFrames
-from ruffini.device.connection import LineGap
+from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError, NoDeviceError
 
 
