@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ruffini.cli.common import JsonFlag, Settings, emit, note
+from ruffini.cli.device import open_sensor
 
 HTTP_PORT = 8451
 
@@ -45,13 +46,16 @@ def view(
         stop = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await serve([SharedLine(port) for port in ports], http_port, ready, stop)
+        await serve([SharedLine(port) for port in ports], http_port, ready, stop, note)
 
     with contextlib.ExitStack() as stack:
         if demo:
             from ruffini.view.demo import running_demo
 
             ports = [stack.enter_context(running_demo(demo))]
+        elif Settings.serial:
+            with open_sensor() as sensor:
+                ports = [sensor.port]
         else:
             ports = Settings.port.split(",") if Settings.port else candidate_ports()
         if not ports:

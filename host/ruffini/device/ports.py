@@ -27,12 +27,13 @@ def open_port(port: str) -> Any:
         return opened
     except (serial.SerialException, OSError, ValueError) as error:
         who = ", ".join(port_holder.holders(port)) or "another program"
-        reason = f"busy: {who} has it open: end that first" if _is_busy(error) else f"cannot be opened: {error}"
-        raise NoDeviceError(f"{port} is {reason}" if "busy" in reason else f"{port} {reason}") from error
+        is_busy = _is_busy(str(error).replace(port, ""))  # a name may have such words in it
+        reason = f"is busy: {who} has it open: end that first" if is_busy else f"cannot be opened: {error}"
+        raise NoDeviceError(f"{port} {reason}") from error
 
 
-def _is_busy(error: Exception) -> bool:
-    text = str(error).lower()
+def _is_busy(text: str) -> bool:
+    text = text.lower()
     return "busy" in text or "lock" in text or "resource temporarily unavailable" in text
 
 

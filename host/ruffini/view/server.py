@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import WSMsgType, web
 
-from ruffini.errors import InputError, RuffiniError
+from ruffini.errors import InputError, NoDeviceError, RuffiniError
 from ruffini.native import native_folder
 from ruffini.view.line import Line
 from ruffini.view.outbox import Outbox
@@ -123,8 +123,11 @@ async def _receive_all(socket: web.WebSocketResponse, line: Line, box: Outbox, s
                     seen.release()
 
 
-def make_app(lines: Sequence[Line]) -> web.Application:
-    """Routes and lines; the lines are opened when it starts and closed when it ends."""
+def make_app(lines: Sequence[Line], on_note: Callable[[str], None] = lambda _: None) -> web.Application:
+    """Routes and lines; the lines are opened when it starts and closed when it ends.
+
+    Of several a line that is missing or busy is left out and told.
+    """
     app = web.Application(middlewares=[_only_from_here])
     app[LINES] = list(lines)
     app.router.add_get("/", _index)
@@ -133,12 +136,22 @@ def make_app(lines: Sequence[Line]) -> web.Application:
     app.router.add_static("/", page_folder())
 
     async def hold_lines(_: web.Application) -> Any:
-        health = []
+        app[LINES].clear()
+        problems = []
         async with contextlib.AsyncExitStack() as stack:
             for line in lines:
-                await line.start()
+                try:
+                    await line.start()
+                except NoDeviceError as error:
+                    problems.append(str(error))
+                    continue
                 stack.push_async_callback(line.close)
-                health.append(asyncio.create_task(line.tell_health()))
+                app[LINES].append(line)
+            if problems and not app[LINES]:
+                raise NoDeviceError("; ".join(problems))
+            for problem in problems:
+                on_note(f"{problem}; the page shows the others")
+            health = [asyncio.create_task(line.tell_health()) for line in app[LINES]]
             yield
             for task in health:
                 task.cancel()
@@ -147,17 +160,23 @@ def make_app(lines: Sequence[Line]) -> web.Application:
     return app
 
 
-async def serve(lines: Sequence[Line], http_port: int, ready: Callable[[str], None], stop: asyncio.Event) -> None:
+async def serve(
+    lines: Sequence[Line], http_port: int, ready: Callable[[str], None], stop: asyncio.Event,
+    on_note: Callable[[str], None] = lambda _: None,
+) -> None:  # fmt: skip
     """Serve the page until `stop`; `ready` gets its address. HTTP port 0: any that is free.
+
+    `on_note` is told of serial ports that are missing or busy while there are others.
 
     Raises
     ------
     NoDeviceError
-        A serial port is missing or busy.
+        All serial ports are missing or busy.
     InputError
         The HTTP port is taken.
     """
-    runner = web.AppRunner(make_app(lines), access_log=None, shutdown_timeout=1)
+    app = make_app(lines, on_note)
+    runner = web.AppRunner(app, access_log=None, shutdown_timeout=1)
     try:
         await runner.setup()
         site = web.TCPSite(runner, HOST, http_port)
@@ -170,7 +189,7 @@ async def serve(lines: Sequence[Line], http_port: int, ready: Callable[[str], No
             ) from error
         ready(f"http://{HOST}:{runner.addresses[0][1]}/")
         await stop.wait()
-        for line in lines:
+        for line in app[LINES]:
             await line.say_goodbye()
     finally:
         await runner.cleanup()
