@@ -21,7 +21,7 @@ from ruffini.device.namesakes import REMEDY, Whereabouts
 from ruffini.errors import LineLostError, NoDeviceError, SeveralDevicesError
 
 __all__ = ["listener"]
-SERIAL = "0001"
+SERIAL = f"{os.getpid():07d}"  # a pty that is free again may be another test's sensor the next moment: not ours
 Plug = Callable[..., None]
 
 
@@ -50,7 +50,7 @@ def pair(sensor: Sensor, tmp_path: Path) -> Iterator[tuple[Daemon, Daemon]]:
 
 
 def told(one: str, other: str) -> str:
-    return f"{one} and {other} have the same serial number 0001: choose by --port, and {REMEDY}"
+    return f"{one} and {other} have the same serial number {SERIAL}: choose by --port, and {REMEDY}"
 
 
 def end(daemon: Daemon) -> None:
@@ -67,7 +67,7 @@ def lose(host: Connection) -> None:
         host.messages.popleft()
 
 
-@pytest.mark.parametrize("serial", [None, SERIAL])
+@pytest.mark.parametrize("serial", [None, SERIAL], ids=["none is given", "theirs is given"])
 def test_no_serial_number_chooses_among_them(pair: tuple[Daemon, Daemon], serial: str | None) -> None:
     ports = [daemon.port for daemon in pair]
     with pytest.raises(SeveralDevicesError) as said:
@@ -79,7 +79,9 @@ def test_no_serial_number_chooses_among_them(pair: tuple[Daemon, Daemon], serial
 def test_beside_a_third_one_both_options_choose(pair: tuple[Daemon, Daemon], sensor: Sensor, tmp_path: Path) -> None:
     ports = [daemon.port for daemon in pair]
     with start(sensor, tmp_path / "c", serial="0002") as third:
-        with pytest.raises(SeveralDevicesError, match=r"--port or --serial.*; .* have the same serial number 0001"):
+        with pytest.raises(
+            SeveralDevicesError, match=rf"--port or --serial.*; .* have the same serial number {SERIAL}"
+        ):
             connect(",".join([*ports, third.port]))
         with connect(",".join([*ports, third.port]), "0002") as host:
             assert host.port == third.port
@@ -90,7 +92,7 @@ def test_the_list_of_devices_says_so(pair: tuple[Daemon, Daemon]) -> None:
     code, out, _ = run_host("devices", port=",".join(ports))
     assert code == 0
     assert out.splitlines()[-1] == told(*ports)
-    assert run_host("devices", port=ports[0])[1].splitlines() == [f"{ports[0]}  0001  tiny"]
+    assert run_host("devices", port=ports[0])[1].splitlines() == [f"{ports[0]}  {SERIAL}  tiny"]
 
 
 def test_who_opens_one_by_its_port_is_told_of_the_other(pair: tuple[Daemon, Daemon], plug: Plug) -> None:
@@ -117,7 +119,7 @@ def test_after_a_lost_line_the_other_is_not_taken(pair: tuple[Daemon, Daemon], p
         lose(host)
         heard.clear()
         busy._serial.close()  # as a program that was killed leaves it
-        with pytest.raises(NoDeviceError, match="sensor 0001 is not back after 1 s: ") as said:
+        with pytest.raises(NoDeviceError, match=f"sensor {SERIAL} is not back after 1 s: ") as said:
             host.resume(1)
         why = f"the one on {other.port} was there before, beside it: connect again by --port, and {REMEDY}"
         assert why in str(said.value)
@@ -130,7 +132,7 @@ def test_a_link_that_leads_to_the_other_then_is_not_followed(
 ) -> None:
     """As udev's /dev/ruffini/SERIAL does."""
     one, other = pair
-    link = tmp_path / "0001"
+    link = tmp_path / SERIAL
     link.symlink_to(one.port)
     plug(**{one.port: "1-1", other.port: "1-2"})
     with Connection(str(link)) as host:
@@ -219,7 +221,7 @@ def test_two_bridges_of_one_name_say_so(pair: tuple[Daemon, Daemon], listener: L
 
         def words() -> set[str]:
             said = [s.message for m in listener.messages("diagnostics") for s in m.status]
-            return {w for w in said if "another node is named ruffini_0001" in w}
+            return {w for w in said if f"another node is named ruffini_{SERIAL}" in w}
 
         wait_until(words)
         assert all(REMEDY in text for text in words())
@@ -227,4 +229,4 @@ def test_two_bridges_of_one_name_say_so(pair: tuple[Daemon, Daemon], listener: L
         for bridge in (one, other):
             bridge.terminate()
     said = [bridge.communicate(timeout=60)[1] for bridge in (one, other)]
-    assert any("another node is named ruffini_0001, too" in text for text in said)
+    assert any(f"another node is named ruffini_{SERIAL}, too" in text for text in said)

@@ -310,19 +310,21 @@ def test_the_sensor_is_asked_for_what_the_person_chose(page: Page) -> None:
         newest = [c.subscribe for c in sensor.commands if c.WhichOneof("action") == "subscribe"][-1]
         return {s.type: s.every for s in newest.subscriptions if s.every}
 
-    with ToldSensor([info_of(find_board("gelslim"), 0, (31, 25))], told_field(31, 25)) as sensor:
-        with viewer(sensor.port) as address:
-            page.goto(address)
-            wait_for(page, "frames", lambda s: s["lines"][0]["nDrawn"] > 3)
-            assert asked()[number["FIELD"]] == 1
-            assert number["IMAGE"] not in asked()
-            page.keyboard.press("m")
-            page.select_option("#rates select[name=field]", label="each 4th")
-            page.select_option("#rates select[name=wrench]", label="off")
-            page.select_option("#rates select[name=image]", label="each 30th")
-            wait_for(page, "the sensor being asked", lambda _: asked().get(number["IMAGE"]) == 30)
-            assert asked()[number["FIELD"]] == 4
-            assert number["WRENCH"] not in asked()
-            page.keyboard.press("Escape")
-            page.keyboard.press("c")
-            wait_for(page, "no picture", lambda _: number["IMAGE"] not in asked())
+    with (
+        ToldSensor([info_of(find_board("gelslim"), 0, (31, 25))], told_field(31, 25)) as sensor,
+        viewer(sensor.port) as address,
+    ):
+        page.goto(address)
+        wait_for(page, "frames", lambda s: s["lines"][0]["nDrawn"] > 3)
+        assert asked()[number["FIELD"]] == 1
+        assert number["IMAGE"] not in asked()
+        page.keyboard.press("m")
+        page.select_option("#rates select[name=field]", label="each 4th")
+        page.select_option("#rates select[name=wrench]", label="off")
+        page.select_option("#rates select[name=image]", label="each 30th")
+        wait_for(page, "the sensor being asked", lambda _: asked().get(number["IMAGE"]) == 30)
+        assert asked()[number["FIELD"]] == 4
+        assert number["WRENCH"] not in asked()
+        page.keyboard.press("Escape")
+        page.keyboard.press("c")
+        wait_for(page, "no picture", lambda _: number["IMAGE"] not in asked())
