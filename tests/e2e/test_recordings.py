@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 import pytest
 from broken_line import BrokenLine
+from foreign_reader import compare, read
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from test_bad_input import HOST, is_one_sentence, run_host
@@ -111,6 +112,17 @@ def test_ros_messages_are_what_the_stream_says(run: Path, frames: list[SensorFra
         np.testing.assert_array_equal(points[..., 3:], frame.field.force.astype("f4"))
         assert c.is_dense == (not np.isnan(points).any()) == frame.is_valid
     assert points[0, 0, 0] == pytest.approx(Recording(run).hello.sensors[0].grid_origin_x_nm * 1e-9, abs=1e-4)
+
+
+def test_readers_that_know_no_ruffini_read_the_same_from_every_topic(run: Path) -> None:
+    """Foxglove and the mcap tools have of the file what is in it: schemas and messages."""
+    counts = compare(run)
+    assert counts == {
+        **{f"/ruffini/{name}": N_FRAMES for name in ("wrench", "field", "depth", "contacts", "markers")},
+        "/ruffini/image": len(range(0, N_FRAMES, 8)),
+    }  # fmt: skip
+    others = {"/ruffini/hello", "/ruffini/status", "/ruffini/ros/0/wrench", "/ruffini/ros/0/field"}
+    assert read(run).keys() - counts.keys() - {"/ruffini/event"} == others
 
 
 def test_without_ros(sensor: Sensor, tmp_path: Path) -> None:

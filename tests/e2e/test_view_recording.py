@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from browser import drop_file, sensor_of, viewer, wait_for
+from foreign_reader import compare
 from mcap.reader import make_reader
 from playwright.sync_api import Page
 from tiny_sensor import N_FRAMES, Sensor, start
@@ -59,6 +60,8 @@ def test_what_the_page_records_others_read_and_it_shows_again(page: Page, told: 
         assert abs(len(with_field) - messages["ruffini.Field"]) <= 1
         assert all(frame.is_simulated and frame.is_valid for frame in with_field)
         assert recording.problems == []
+        counts = compare(path)
+        assert min(counts["/ruffini/wrench"], counts["/ruffini/field"]) > 5
         open_file(page, path)
         state = wait_for(page, "the recording", lambda s: sensor_of(s)["isReplay"] and sensor_of(s)["field"])
     assert len(state["lines"]) == 1
