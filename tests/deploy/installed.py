@@ -2,6 +2,7 @@
 
     python3 tests/deploy/installed.py device    ruffinid of a Debian package
     python3 tests/deploy/installed.py host      ruffini of a Debian package or a wheel, with the Python that it is for
+    python3 tests/deploy/installed.py plugin    LeRobot's plugin beside the host tool, without LeRobot
     python3 tests/deploy/installed.py both      the two talking over a pseudo-terminal
 
 Every file of the checkout that belongs into a package is looked for by its content. Ends at the first thing that is
@@ -88,6 +89,21 @@ def host() -> None:
     print(f"ruffini {ruffini.__version__}: {n} files, library, schema, page, boards")
 
 
+def plugin() -> None:
+    from importlib import metadata, util
+
+    name = "lerobot_camera_ruffini"  # by its beginning LeRobot finds it
+    spec = util.find_spec(name)  # to import it would want LeRobot
+    need(spec is not None and spec.origin, f"{name} cannot be found")
+    here = Path(spec.origin).parent
+    need(SOURCE not in here.parents, f"{here} is the checkout, not what was installed")
+    n = all_there(list((SOURCE / "host/lerobot_plugin" / name).glob("*.py")), list(here.glob("*")), str(here))
+    wants = metadata.requires(name) or []
+    need(any(text.startswith("ruffini") for text in wants), f"{name} does not want ruffini, but {wants}")
+    need(any(text.startswith("lerobot") for text in wants), f"{name} does not want lerobot, but {wants}")
+    print(f"{name} {metadata.version(name)}: {n} files, beside ruffini {metadata.version('ruffini')}")
+
+
 def ruffini_tool(*words: str) -> str:
     """The host tool that belongs to this Python."""
     beside = Path(sys.executable).with_name("ruffini")
@@ -124,4 +140,4 @@ def both() -> None:
 
 
 if __name__ == "__main__":
-    {"device": device, "host": host, "both": both}[sys.argv[1]]()
+    {"device": device, "host": host, "plugin": plugin, "both": both}[sys.argv[1]]()

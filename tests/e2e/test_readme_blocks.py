@@ -15,6 +15,26 @@ from playwright.sync_api import Page
 from readme_texts import BLOCK, ROOT, TEXTS, blocks, name_of, run_commands
 from test_bad_input import HOST
 
+# Lines of `console` blocks that nobody runs as they are, and why. The others say it themselves (READERS_OWN).
+SENSOR = "a sensor"
+ITS_LOG = "the log of a collection at a sensor; the same on the twin is in that text's block `sh long`"
+NOT_RUN = {
+    ".venv/bin/ruffini devices": SENSOR,
+    "cmake -G Ninja -S . -B /root/build -DRUFFINI_PAGE=OFF && cmake --build /root/build --target ruffini_capture_tests":
+        "goes on a line of .ci/in-root, which wants root",
+    "ruffini record run.mcap --n 600": "test_host_readme.py, with fewer frames",
+    "pip install ./host ./host/lerobot_plugin": "LeRobot wants Python 3.12 and PyTorch: .ci/wheel does without",
+    "pip install -e 'host[train]'": "PyTorch: .ci/setup extras installs it for `make readmes`",
+    "ruffini view --demo gelslim": "test_the_page_with_a_simulated_pad_as_its_readme_opens_it, until it is stopped",
+    "ruffini cal flash colours.safetensors": SENSOR,
+    "ruffini cal report unit.safetensors --log grid.h5 --out report.html": ITS_LOG,
+    "ruffini cal report unit.safetensors --log other.h5 --out report.html": ITS_LOG,
+    "ruffini cal flash unit.safetensors": SENSOR,
+    "ruffini cal check --grams 100 --calibration unit.safetensors": SENSOR,
+    "ruffini cal undo": SENSOR,
+    "ruffini ros2 bridge --connect tcp/10.0.0.2:7447 --domain 7": "a sensor, another computer: test_ros2.py has both",
+    "ruffini ros2 bridge --through rclpy": "a sensor and ROS 2",
+}  # fmt: skip
 RUN_ELSEWHERE = {  # by `.ci/run`, test_host_readme.py, py/client/test_cpp_package.py
     "README.md", "host/README.md", "host/cpp/README.md"
 }  # fmt: skip
@@ -40,15 +60,40 @@ def test_some_run() -> None:
     assert {name_of(path) for path, _ in RUN_HERE} >= {"boards/ftouch/README.md", "host/ruffini/rig/README.md"}
 
 
-@pytest.mark.parametrize("path", [p for p in TEXTS if name_of(p) != "host/README.md"], ids=name_of)
-def test_what_does_not_run_says_why(path: Path) -> None:
-    faults = [
-        block
+def not_run(path: Path) -> list[tuple[str, str]]:
+    """Kind of its block and line, without its comment, of each command that no test takes from its block."""
+    return [
+        (kind, re.sub(r" +# .*", "", line).strip())
         for kind, block in BLOCK.findall(path.read_text())
-        if kind not in ("sh", "sh long") and any(COMMAND.match(line) for line in block.splitlines())
-        if kind != "console" or not (BY_HAND.search(block) or READERS_OWN.search(block))
+        if kind not in ("sh", "sh long") and not (kind == "console" and BY_HAND.search(block))
+        for line in block.splitlines()
+        if COMMAND.match(line)
     ]
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=name_of)
+def test_what_does_not_run_says_why(path: Path) -> None:
+    """Line by line: a command beside one that wants a board must run, or be named."""
+    faults = [line for kind, line in not_run(path) if kind != "console" or not is_excused(line)]
     assert faults == []
+
+
+def is_excused(line: str) -> bool:
+    return bool(READERS_OWN.search(line)) or line in NOT_RUN
+
+
+def test_a_line_is_not_excused_by_its_neighbour(tmp_path: Path) -> None:
+    text = tmp_path / "README.md"
+    block = "```console\nruffini --port /dev/ttyACM0 view  # now\nruffini board list  # all\n```\n"
+    text.write_text(block + "```sh\nmake\n```\n")
+    lines = [line for _, line in not_run(text)]
+    assert lines == ["ruffini --port /dev/ttyACM0 view", "ruffini board list"]
+    assert [is_excused(line) for line in lines] == [True, False]
+
+
+def test_what_is_named_as_not_run_is_still_shown() -> None:
+    shown = {line for path in TEXTS for _, line in not_run(path)}
+    assert NOT_RUN.keys() - shown == set()
 
 
 def test_the_page_with_a_simulated_pad_as_its_readme_opens_it(page: Page, tmp_path: Path) -> None:
