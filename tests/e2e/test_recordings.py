@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import csv
 import itertools
 import json
 import random
@@ -14,7 +13,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import h5py
 import numpy as np
 import pytest
 from broken_line import BrokenLine
@@ -23,17 +21,13 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from test_bad_input import HOST, is_one_sentence, run_host
 from tiny_sensor import N_FRAMES, Sensor, start
-from told_sensor import ToldSensor, info_of, told_field
 
 import ruffini
 from ruffini.api import SensorFrame
-from ruffini.boards import find_board
 from ruffini.device import Connection
 from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.record import Recording, record_stream
-from ruffini.record.export import export as write_table
-from ruffini.record.plot import plot as write_page
 from ruffini.record.replay import replayed
 
 if TYPE_CHECKING:
@@ -183,93 +177,6 @@ def test_as_text(run: Path) -> None:
     code, out, _ = run_host("replay", str(run), "--text")
     assert code == 0
     assert "SIMULATED REPLAY FLAG_NO_REFERENCE" in out.splitlines()[0]
-
-
-# ---- tables --------------------------------------------------------------------------------------
-
-
-def export(run: Path, out: Path, kind: str) -> dict[str, object]:
-    code, said, text = run_host("export", str(run), "--format", kind, "--out", str(out), "--json")
-    assert code == 0, text
-    result = json.loads(said)
-    assert isinstance(result, dict)
-    return result
-
-
-def test_csv(run: Path, frames: list[SensorFrame], tmp_path: Path) -> None:
-    assert export(run, tmp_path / "a.csv", "csv")["frames"] == N_FRAMES
-    with (tmp_path / "a.csv").open() as stream:
-        rows = list(csv.DictReader(stream))
-    assert len(rows) == N_FRAMES
-    assert rows[0]["force_z_n"] == "", "no number where there is none"
-    assert rows[0]["flags"] == "FLAG_NO_REFERENCE"
-    assert rows[0]["n_missed"] == ""
-    assert int(rows[0]["host_utc_ns"]) > 1e18
-    last, wrench = rows[-1], frames[-1].wrench
-    assert wrench is not None
-    assert [float(last[f"force_{a}_n"]) for a in "xyz"] == wrench.force.tolist()
-    assert [float(last[f"torque_{a}_nm"]) for a in "xyz"] == wrench.torque.tolist()
-    assert (last["is_simulated"], last["is_replay"], last["is_stale"], last["n_contacts"]) == ("1", "1", "0", "1")
-    assert last["validity_force_z"] == "1"
-
-
-@pytest.mark.parametrize("kind", ["npz", "hdf5"])
-def test_arrays_with_fields(run: Path, frames: list[SensorFrame], tmp_path: Path, kind: str) -> None:
-    said = export(run, tmp_path / f"a.{kind}", kind)
-    assert (said["frames"], said["fields"]) == (N_FRAMES, N_FRAMES)
-    if kind == "npz":
-        arrays = dict(np.load(tmp_path / "a.npz"))
-        assert arrays["serial"] == "0001"
-        assert arrays["flags"][0] == "FLAG_NO_REFERENCE"
-    else:
-        with h5py.File(tmp_path / "a.hdf5") as file:
-            arrays = {name: np.array(values) for name, values in file.items()}
-            assert file.attrs["serial"] == "0001"
-            assert file["flags"].asstr()[0] == "FLAG_NO_REFERENCE"
-    for i, frame in enumerate(frames):
-        assert frame.field is not None
-        assert frame.field.displacement is not None
-        np.testing.assert_array_equal(arrays["field_force_n"][i], frame.field.force.astype("f4"))
-        np.testing.assert_array_equal(arrays["field_displacement_m"][i], frame.field.displacement.astype("f4"))
-    assert np.isnan(arrays["force_n"][0]).all()
-    assert arrays["node_place_m"].shape == (*arrays["field_force_n"].shape[1:3], 2)
-    assert arrays["has_field"].all()
-
-
-def test_parquet(run: Path, frames: list[SensorFrame], tmp_path: Path) -> None:
-    try:
-        from pyarrow import parquet
-    except ImportError:
-        code, _, text = run_host("export", str(run), "--format", "parquet", "--out", str(tmp_path / "a.parquet"))
-        assert (code, is_one_sentence(text)) == (2, True)
-        assert "pip install 'pyarrow>=15'" in text
-        assert list(tmp_path.iterdir()) == []
-        return
-    assert export(run, tmp_path / "a.parquet", "parquet")["frames"] == N_FRAMES
-    table = parquet.read_table(tmp_path / "a.parquet")
-    assert frames[-1].wrench is not None
-    assert table["force_z_n"][-1].as_py() == frames[-1].wrench.force[2]
-    assert table.schema.metadata[b"serial"] == b"0001"
-
-
-def test_of_a_device_with_two_sensors_one_is_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    board, path = find_board("gelslim"), tmp_path / "two.mcap"
-    infos = [info_of(board, sensor, (20, 16)) for sensor in (0, 1)]
-    monkeypatch.setattr("ruffini.record.mcap_file.SILENCE_S", 0.5)  # the recording ends then
-    with ToldSensor(infos, told_field(20, 16)) as told, Connection(told.port) as host:
-        told.stop_after = 12
-        record_stream(host, path)
-    recording = Recording(path)
-    code, _, text = run_host("export", str(path))
-    assert (code, is_one_sentence(text)) == (2, True)
-    assert "has sensors 0, 1: choose one with --sensor" in text
-    with pytest.raises(InputError, match="has no sensor 2: it has 0, 1"):
-        write_table(recording, tmp_path / "two.npz", "npz", 2)
-    assert write_table(recording, tmp_path / "two.npz", "npz", 1) == {"frames": 12, "fields": 12}
-    arrays = np.load(tmp_path / "two.npz")
-    assert arrays["frame"].tolist() == list(range(12))
-    np.testing.assert_allclose(arrays["field_force_n"].sum(axis=(1, 2)), arrays["force_n"], atol=1e-6)
-    assert write_page(recording, tmp_path / "two.html", 0)["frames"] == 12
 
 
 # ---- the page ------------------------------------------------------------------------------------
