@@ -21,6 +21,7 @@ from ruffini.ros.rclpy_node import RclpyNode
 
 published: list[tuple[str, Any]] = []
 profiles: dict[str, Any] = {}
+others: list[str] = []  # names of all nodes that the fake's graph has
 
 
 def fake_message(name: str, fields: list[str]) -> type:
@@ -40,6 +41,9 @@ class FakeNode:
     def create_publisher(self, kind: type, name: str, profile: Any) -> FakePublisher:
         profiles[name] = profile
         return FakePublisher(name, kind)
+
+    def get_node_names(self) -> list[str]:
+        return others
 
     def destroy_node(self) -> None:
         published.append(("destroyed", None))
@@ -82,6 +86,13 @@ def test_all_messages_have_the_fields_of_their_types(ros: None) -> None:
     assert got["/diagnostics"].status[0].level == b"\1"
     assert profiles["wrench"] == {"depth": 10, "reliability": "best effort"}
     assert profiles["depth"] == {"depth": 10, "reliability": "reliable"}
+
+
+def test_another_node_of_its_name_is_seen(ros: None) -> None:
+    with RclpyNode("ruffini_1") as node:
+        for names, n in (([], 0), (["ruffini_1", "ruffini_2"], 0), (["ruffini_1", "rviz", "ruffini_1"], 1)):
+            others[:] = names
+            assert node.n_namesakes() == n
 
 
 def test_without_ros_it_says_what_to_do() -> None:

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import pytest
+import zenoh
 import zenoh.ext
 from test_ros_messages import KNOWN_HASHES
 
 from ruffini.errors import InputError
 from ruffini.ros.messages import DIAGNOSTICS, TOPICS
-from ruffini.ros.rmw_zenoh import attachment, configuration, node_token, publisher_token, qos_key, topic_key
+from ruffini.ros.rmw_zenoh import (
+    attachment,
+    configuration,
+    namesakes_key,
+    node_token,
+    publisher_token,
+    qos_key,
+    topic_key,
+)
 
 HASH = KNOWN_HASHES["geometry_msgs/msg/WrenchStamped"]
 
@@ -21,6 +30,14 @@ def test_keys_have_the_parts_that_rmw_zenoh_names() -> None:
         "@ros2_lv/3/a1b2/0/7/MP/%/%/ruffini_1/%ruffini_1%wrench/"
         f"geometry_msgs::msg::dds_::WrenchStamped_/{HASH}/2::,10:,:,:,,"
     )
+
+
+def test_another_node_of_its_name_is_seen_whoever_made_it() -> None:
+    wanted = zenoh.KeyExpr(namesakes_key(3, "ruffini_1"))
+    assert wanted.includes(zenoh.KeyExpr(node_token(3, "ffff", "ruffini_1")))
+    assert wanted.includes(zenoh.KeyExpr("@ros2_lv/3/a1b2/4/4/NN/%/%/ruffini_1"))  # a node of a process with several
+    for other in (node_token(4, "ffff", "ruffini_1"), node_token(3, "ffff", "ruffini_12")):
+        assert not wanted.includes(zenoh.KeyExpr(other))
 
 
 def test_quality_of_service_is_best_effort_but_for_images_and_health() -> None:
