@@ -112,7 +112,7 @@ def test_parquet_by_its_verb(run: Path, tmp_path: Path) -> None:
 
 def test_without_pyarrow_it_says_what_to_install(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(InputError, match=r"pip install 'ruffini\[parquet\]'") as said:
+    with pytest.raises(InputError, match=r"pip install 'pyarrow>=15'") as said:
         write_table(Recording(run), tmp_path / "a.parquet", "parquet")
     assert is_one_sentence(str(said.value))
     assert list(tmp_path.iterdir()) == []
