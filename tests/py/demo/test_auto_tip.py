@@ -92,7 +92,8 @@ def test_without_pytorch_nothing_is_pressed(monkeypatch: pytest.MonkeyPatch, tmp
     words = ["cal", "auto", "--board", str(BOARD.folder), "--rig", "sim", "--quick", "--out", str(tmp_path)]
     done = CliRunner().invoke(app, words)
     assert isinstance(done.exception, InputError)
-    assert "needs PyTorch" in str(done.exception)
+    assert "needs packages that are not installed" in str(done.exception)
+    assert "'torch>=" in str(done.exception)
     assert pressed == []
 
 
