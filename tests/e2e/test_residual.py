@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -134,7 +135,9 @@ def test_it_comes_to_who_asks_and_is_recorded_and_exported(
         for _, frame in zip(range(8), sensor.frames(), strict=False):
             assert frame.residual is None, "nobody asked"
     with ruffini.connect(port, residual=2) as sensor:
-        frames = [frame for _, frame in zip(range(12), sensor.frames(), strict=False)]
+        # A machine that is busy gives the camera's frames late: what is repeated meanwhile has no map.
+        fresh = (frame for frame in sensor.frames() if not frame.is_stale)
+        frames = list(itertools.islice(fresh, 12))
     found = [frame.residual for frame in frames if frame.residual is not None]
     assert 4 <= len(found) <= 8
     for residual in found:

@@ -36,7 +36,8 @@ class SensorFrame:
     n_missed : frames of the camera between the one before and this one that did not come to you. None: not known, the
         first one or a sensor that was started again.
     gap : the line was lost before this frame.
-    is_whole : every message that is due has come. A repeated result is of WRENCH alone.
+    is_whole : every message that is due has come. A repeated result is of WRENCH alone. What comes with each n-th frame
+        is due n numbers after it came last: where the camera missed a frame, one frame more may count as partial.
     messages : the protobuf messages as they came, by type.
     """
 
@@ -127,6 +128,7 @@ class _Stream:
     n_seen: int = 0  # frames that were seen to their end
     held: list[_Open] = field(default_factory=list)  # the first ones, until it is known what makes them whole
     last_with: dict[str, int] = field(default_factory=dict)  # message type: last frame that had it
+    missed: dict[str, int] = field(default_factory=dict)  # message type: last frame that should have had it
     every: dict[str, int] = field(default_factory=dict)  # message type: shortest way between two frames that had it
     late: deque[int] = field(default_factory=lambda: deque(maxlen=LATEST))  # frames that messages came late for
     learned: Any = None
@@ -137,6 +139,21 @@ class _Stream:
         if (way := number - self.last_with.get(name, number)) > 0:
             self.every[name] = min(way, self.every.get(name, way))
         self.last_with[name] = number
+        self.missed.pop(name, None)
+
+    def awaited(self) -> list[str]:
+        """Messages that the open frame may still get, by how often they came; one that was lost, until it comes."""
+        assert self.open is not None
+        number, absent = self.open.number, self.last_with.keys() - self.open.messages.keys()
+        return [name for name in absent if number - self.last_with[name] >= self.every.get(name, math.inf)]
+
+    def lost(self) -> list[str]:
+        """Of the open frame, that is over: what it should have had. Each loss is one frame's."""
+        assert self.open is not None
+        number = self.open.number
+        lost = [name for name in self.awaited() if number - self.missed.get(name, -math.inf) >= self.every[name]]
+        self.missed.update(dict.fromkeys(lost, number))
+        return lost
 
 
 class Assembler:
@@ -203,7 +220,7 @@ class Assembler:
             stream.open, self._gap = _Open(number, packet, {}, self._gap), None
         stream.open.messages[name] = message
         stream.saw(name, number)
-        if stream.n_seen >= self._n_settled and not self._due(stream):
+        if stream.n_seen >= self._n_settled and not stream.awaited():
             yield self._finish(stream)
 
     def flush(self) -> Iterator[SensorFrame]:
@@ -220,21 +237,12 @@ class Assembler:
         if stream.open is not None:
             yield self._finish(stream)
 
-    def _due(self, stream: _Stream) -> bool:
-        """Is a message of the open frame still to come?"""
-        assert stream.open is not None
-        number = stream.open.number
-        return any(
-            name not in stream.open.messages and number - last >= stream.every.get(name, math.inf)
-            for name, last in stream.last_with.items()
-        )
-
     def _finish(self, stream: _Stream) -> SensorFrame:
         assert stream.open is not None
-        is_whole = not self._due(stream)
+        lost = stream.lost()
         whole, stream.open = stream.open, None
         stream.last = whole.number
-        return self._made(whole, stream.learned, is_whole)
+        return self._made(whole, stream.learned, not lost)
 
     def _made(self, whole: _Open, learned: Learned | None, is_whole: bool) -> SensorFrame:
         bits = 0
