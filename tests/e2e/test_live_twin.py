@@ -21,6 +21,7 @@ from ruffini.boards import find_board
 from ruffini.demo.daemon import find_daemon, running_daemon
 from ruffini.device import Connection, flashing
 from ruffini.errors import RefusedError, RuffiniError
+from ruffini.record import Recording
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.scenario import Scenario
@@ -133,6 +134,21 @@ def test_a_camera_that_stands_still_is_said_at_once(twin: Twin, tmp_path: Path) 
     assert events[-2:] == ["camera_stalled", "camera_back"]
     assert stale >= 5  # 1.5 s without a frame
     assert frames == sorted(set(frames))
+
+
+def test_a_recording_of_so_many_frames_does_not_count_what_was_repeated(twin: Twin, tmp_path: Path) -> None:
+    assert twin.board.folder is not None
+    with (
+        TwinServer(twin.unit.renderer(), Still(twin), standing_still(), tmp_path / "twin"),
+        running_daemon(twin.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store") as port,
+    ):
+        code, out, text = run_host("record", str(tmp_path / "run.mcap"), "--n", "160", port=port)
+    assert code == 0, text
+    frames = list(Recording(tmp_path / "run.mcap").frames(partial=True))
+    n_repeated = sum(frame.is_stale for frame in frames)
+    assert n_repeated >= 5
+    assert len(frames) - n_repeated >= 160
+    assert f"{len(frames) - n_repeated} frames, {n_repeated} repeated results" in out
 
 
 def test_monitor_says_what_the_device_says(twin: Twin, tmp_path: Path) -> None:

@@ -151,11 +151,11 @@ def record(
             sensor, out, n_frames=n, image_every=image_every, residual_every=residual_every, has_ros=ros,
             resume_s=resume, on_gap=lambda gap: note(f"{sensor.port}: {gap}"),
         )  # fmt: skip
-    total = sum(counts.values())
+    repeated = f", {counts['REPEATED']} repeated results" if "REPEATED" in counts else ""
     emit(
         {"file": str(out), "messages": counts},
         json_,
-        f"{out}: {total} messages, {counts.get('WRENCH', 0)} frames",
+        f"{out}: {sum(counts.values())} messages, {counts.get('WRENCH', 0)} frames{repeated}",
     )
 
 

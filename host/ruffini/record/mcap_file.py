@@ -31,7 +31,7 @@ def record_stream(
     resume_s: float = 0.0,
     on_gap: Callable[[LineGap], None] = lambda _: None,
 ) -> dict[str, int]:
-    """Record until `n_frames` wrenches came (0: until interrupted or the line is lost for `resume_s`).
+    """Record until `n_frames` frames came (0: until interrupted or the line is lost for `resume_s`).
 
     Every message goes to topic /ruffini/<type>, the sensor's HELLO first; all received bytes to /ruffini/raw, for
     bit-exact replay, with the host's monotonic time of their arrival as `publish_time`; with `has_ros` wrench and field
@@ -42,7 +42,7 @@ def record_stream(
     Returns
     -------
     dict
-        Number of messages by type.
+        Number of messages by type; results that the sensor repeats while its camera gives nothing are "REPEATED".
 
     Raises
     ------
@@ -97,7 +97,8 @@ def record_stream(
                     channels[name], log_time=clock_us * 1000, data=frame.payload,
                     publish_time=clock_us * 1000, sequence=frame.sequence,
                 )  # fmt: skip
-                counts[name] = counts.get(name, 0) + 1
+                kind = name if frame.sensor != DEVICE or stamp is None else "REPEATED"
+                counts[kind] = counts.get(kind, 0) + 1
                 if stamp is not None and has_ros and frame.sensor != DEVICE:
                     ros.write(name, frame, message, clock_us * 1000, utc_ns(clock_us, frame))
                 if stamp is not None and clock_us - said_us >= CLOCK_EVERY_US and frame.host_time_ns is not None:
