@@ -146,6 +146,8 @@ class TwinServer:
     def __init__(self, renderer: Renderer, frames: Frames, scenario: Scenario, path: Path) -> None:
         self._board, self._renderer = renderer.board, renderer
         self._frames, self._scenario, self._path = frames, scenario, path
+        self._kept: dict[tuple[int, bool], bytes] = {}  # (frame, is it the unlit one)
+        self._n_kept = 0  # frames; then they begin again
         self._stop = threading.Event()
         self._listener = _listen(path)
         self._thread = threading.Thread(target=self.run, daemon=True)
@@ -187,6 +189,25 @@ class TwinServer:
         states = self._frames.states(frame)
         return None if states is None else self._scenario.computed_from(self._renderer, frame, *states)
 
+    def keep(self, n: int, progress: Progress = lambda _: None) -> None:
+        """Make the pictures of the first n frames now, and serve those without end: no camera waits for one.
+
+        To draw one takes longer than a camera's interval. In memory they take n times a picture's size.
+        """
+        kept: dict[tuple[int, bool], bytes] = {}
+        for frame in range(n):
+            states = self._frames.states(frame)
+            assert states is not None, "n is more than there are"
+            for is_unlit in (False, True)[: 1 + self._board.alternates]:
+                kept[frame, is_unlit] = self._drawn(frame, states, is_unlit=is_unlit)
+            progress((frame + 1) / n)
+        self._kept, self._n_kept = kept, n
+
+    def _drawn(self, frame: int, states: States, *, is_unlit: bool = False) -> bytes:
+        if self._n_kept:
+            return self._kept[frame % self._n_kept, is_unlit]
+        return self._scenario.picture(self._renderer, frame, *states, is_unlit=is_unlit).tobytes()
+
     def _serve(self, camera: socket.socket) -> None:
         settings = self._board.camera
         name = self._board.name.encode()
@@ -218,15 +239,15 @@ class TwinServer:
                 frame += max(0, int(late_s / period_s))
             elif self.next_frame is not None:
                 frame = self.next_frame()
-            states = self._frames.states(frame)
+            states = self._frames.states(frame % self._n_kept if self._n_kept else frame)
             if states is None:
                 self._send(camera, struct.pack("<4sIQ", b"RFTF", 0, frame))
                 return
             if self._board.alternates and self._scenario.is_sent(frame, is_unlit=True):
-                dark = self._scenario.picture(self._renderer, frame, *states, is_unlit=True).tobytes()
+                dark = self._drawn(frame, states, is_unlit=True)
                 self._send(camera, struct.pack("<4sIQ", b"RFTF", len(dark), 2 * frame) + dark)
             if self._scenario.is_sent(frame):
-                data = self._scenario.picture(self._renderer, frame, *states).tobytes()
+                data = self._drawn(frame, states)
                 number = 2 * frame + 1 if self._board.alternates else frame
                 self._send(camera, struct.pack("<4sIQ", b"RFTF", len(data), number) + data)
                 self.n_sent += 1

@@ -16,20 +16,10 @@ from ruffini.demo.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.errors import InputError
 from ruffini.sim.scenario import Scenario
-from ruffini.sim.serve import Scripted, States, TwinServer
+from ruffini.sim.serve import Scripted, TwinServer
 from ruffini.sim.unit import TwinUnit
 
 N_BALLS, BALL_MM = 40, 5.0
-
-
-class Again:
-    """Scripted frames, from the beginning again when they are over."""
-
-    def __init__(self, frames: Scripted) -> None:
-        self._frames = frames
-
-    def states(self, frame: int) -> States | None:
-        return self._frames.states(frame % len(self._frames))
 
 
 @contextlib.contextmanager
@@ -55,8 +45,11 @@ def running_demo(board_name: str) -> Iterator[str]:
     assert board.folder is not None
     with tempfile.TemporaryDirectory(prefix="ruffini-") as folder:
         socket = Path(folder) / "twin"
+        twin = TwinServer(unit.renderer(), frames, scenario, socket)
+        with progress_bar("pictures") as progress:
+            twin.keep(len(frames), progress)
         with (
-            TwinServer(unit.renderer(), Again(frames), scenario, socket),
+            twin,
             running_daemon(board.folder, f"twin:{socket}", Path(folder) / "store") as port,
         ):
             with Connection(port) as sensor:

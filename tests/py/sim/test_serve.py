@@ -1,5 +1,6 @@
 """The live twin on its socket: the bytes, the faults, and the same pictures every time."""
 
+import itertools
 import socket
 import struct
 import time
@@ -65,6 +66,27 @@ def test_greeting_and_frames(coarse_unit, tmp_path):
         assert list(frames) == list(range(N))
         assert (frames[3].reshape(240, 320, 3) == server.picture(3)).all()
     assert not (tmp_path / "twin").exists()
+
+
+def test_pictures_that_are_kept_are_the_same_and_come_again_without_end(coarse_unit, tmp_path):
+    frames = Scripted(coarse_unit, rest())
+    drawn = []
+
+    class Counting(Scenario):
+        def picture(self, renderer, frame, *states, **more):
+            drawn.append(frame)
+            return super().picture(renderer, frame, *states, **more)
+
+    scenario = Counting(program="rest", n=N)
+    twin, steps = TwinServer(coarse_unit.renderer(), frames, scenario, tmp_path / "twin"), []
+    twin.keep(5, steps.append)
+    with twin:
+        seen = dict(itertools.islice(Camera(tmp_path / "twin").frames(), 3 * N))
+        expected = [twin.picture(i) for i in range(5)]
+    assert list(seen) == list(range(3 * N))
+    assert all((picture.reshape(240, 320, 3) == expected[i % 5]).all() for i, picture in seen.items())
+    assert steps[-1] == 1
+    assert drawn == [*range(5), *range(5)], "once each, and again for the comparison"
 
 
 def test_every_camera_gets_the_same_bits(coarse_unit, tmp_path):
