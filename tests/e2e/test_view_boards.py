@@ -191,15 +191,18 @@ def test_an_older_schema_is_fetched_and_decoded(page: Page) -> None:
     assert sensor_of(state)["maps"]["sigma"] == "not measured"
 
 
-def test_an_answer_can_be_read_before_the_newest_news_takes_its_place(page: Page) -> None:
+def test_an_answer_can_be_read_before_the_newest_news_takes_its_place_and_what_is_over_goes(page: Page) -> None:
     is_stalled, is_back = threading.Event(), threading.Event()
 
     def tell(frame: int, stamp: Any) -> Messages:
         told = told_tray(frame, stamp)
-        for happened, severity, text in ((is_stalled, 1, "the camera stalled"), (is_back, 0, "frames come again")):
+        for happened, severity, what, text in (
+            (is_stalled, 2, "camera_stalled", "the camera stalled"),
+            (is_back, 1, "camera_back", "frames come again"),
+        ):
             if happened.is_set():
                 happened.clear()
-                told["EVENT"] = SCHEMA.new("Event", severity=severity, what="camera", text=text)
+                told["EVENT"] = SCHEMA.new("Event", severity=severity, what=what, text=text)
         return told
 
     with ToldSensor([info_of(find_board("ftouch"))], tell) as sensor, viewer(sensor.port) as address:
@@ -213,6 +216,14 @@ def test_an_answer_can_be_read_before_the_newest_news_takes_its_place(page: Page
         is_back.set()
         wait_for(page, "the newest", lambda s: s["notice"] == "frames come again")
         assert time.monotonic() - pressed_s > 4
+        assert page.get_attribute("#notice", "class") == "warn"
+        wait_for(page, "nothing is left to do", lambda s: s["notice"] == "")
+        assert not page.is_visible("#notice")
+        is_stalled.set()
+        wait_for(page, "the stall", lambda s: s["notice"] == "the camera stalled")
+        assert page.get_attribute("#notice", "class") == "bad"
+        page.wait_for_timeout(4500)
+        assert state_of(page)["notice"] == "the camera stalled", "until it is over"
 
 
 def maps_of(state: dict[str, Any], *names: str) -> list[str]:

@@ -16,7 +16,9 @@ import { Rates } from "./views/rates";
 import { UNITS } from "./views/units";
 
 const TINTS: Tint[] = ["normal", "slip", "plain"];
-const READ_ANSWER_MS = 4000;
+const READ_MS = 4000; // a sentence stays at least so long
+const SEVERITY_WARNING = 1;
+const NOTHING_TO_DO = new Set(["camera_back", "calibration_active"]); // news that goes again by itself
 
 type News = Snapshot["events"][number];
 
@@ -52,12 +54,15 @@ let isFile = false; // a recording is shown
 let closing: Promise<unknown> = Promise.resolve(); // of lines that were shown before
 let answeredMs = -Infinity; // a person was answered: news waits until that is read
 let news: News | undefined; // the newest that waits: good news may take back a bad one
+let passesMs = Infinity; // when the notice goes by itself
 let isZeroRefused = false; // and the notice says so: Zero again means it
 
-function say(text: string, isBad = false): void {
+function say(text: string, isBad = false, isWarning = false): void {
   isZeroRefused = false;
+  passesMs = Infinity;
   notice.textContent = text;
   notice.classList.toggle("bad", isBad);
+  notice.classList.toggle("warn", isWarning);
   notice.hidden = !text;
 }
 
@@ -69,9 +74,12 @@ function answer(text: string, isBad: boolean): void {
 }
 
 function tellNews(events: News[]): void {
+  const nowMs = performance.now();
+  if (nowMs > passesMs) say("");
   news = events.at(-1) ?? news;
-  if (!news || performance.now() < answeredMs + READ_ANSWER_MS) return;
-  say(news.text || news.what, news.severity > 0);
+  if (!news || nowMs < answeredMs + READ_MS) return;
+  say(news.text || news.what, news.severity > SEVERITY_WARNING, news.severity === SEVERITY_WARNING);
+  if (NOTHING_TO_DO.has(news.what)) passesMs = nowMs + READ_MS;
   news = undefined;
 }
 
