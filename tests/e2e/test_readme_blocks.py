@@ -25,6 +25,7 @@ NOT_RUN = {
     "ruffini record run.mcap --n 600": "test_host_readme.py, with fewer frames",
     "pip install ./host ./host/lerobot_plugin": "LeRobot wants Python 3.12 and PyTorch: .ci/wheel does without",
     "pip install -e 'host[train]'": "PyTorch: .ci/setup extras installs it for `make readmes`",
+    ".venv/bin/ruffini view --demo gelslim": "test_the_page_with_a_simulated_pad_as_its_readme_opens_it, likewise",
     "ruffini view --demo gelslim": "test_the_page_with_a_simulated_pad_as_its_readme_opens_it, until it is stopped",
     "ruffini cal flash colours.safetensors": SENSOR,
     "ruffini cal report unit.safetensors --log grid.h5 --out report.html": ITS_LOG,
