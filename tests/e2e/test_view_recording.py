@@ -54,11 +54,12 @@ def test_what_the_page_records_others_read_and_it_shows_again(page: Page, told: 
         assert abs(messages["ruffini.Field"] - frames["FIELD"]) <= 1
         assert decoder.counters.bad_crc == decoder.counters.malformed == 0
         recording = Recording(path)
-        shown = list(recording.frames())
-        assert len(shown) > 5
-        with_field = [frame for frame in shown if frame.field is not None]  # a page that is slow gets fewer
+        whole = list(recording.frames())
+        assert len(whole) > 5
+        assert all(frame.is_simulated and frame.is_valid for frame in whole)
+        # A page that is slow gets of some frames the one result without the other.
+        with_field = [frame for frame in recording.frames(partial=True) if frame.field is not None]
         assert abs(len(with_field) - messages["ruffini.Field"]) <= 1
-        assert all(frame.is_simulated and frame.is_valid for frame in with_field)
         assert recording.problems == []
         counts = compare(path)
         assert min(counts["/ruffini/wrench"], counts["/ruffini/field"]) > 5
