@@ -11,7 +11,7 @@ from ruffini.rig.emulated_machine import MAX_BLOCKS, EmulatedMachine
 from ruffini.rig.stage import Place
 
 WORD = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
-BUSY_S = 0.5  # between two notes that a command takes time
+BUSY_S = 0.5  # between two notes that a command takes time; real, as the patience of who waits for the answer
 
 
 def _target(machine: EmulatedMachine, text: str, *, is_relative: bool = False) -> tuple[Place, float | None]:
@@ -36,9 +36,9 @@ class EmulatedMarlin(EmulatedMachine):
 
     def is_ready(self) -> bool:
         if self._answer and self.is_moving():
-            if host_clock.now() - self._noted_s > BUSY_S:
+            if time.monotonic() - self._noted_s > BUSY_S:
                 self.say("echo:busy: processing")
-                self._noted_s = host_clock.now()
+                self._noted_s = time.monotonic()
             return False
         self.say(*self._answer)
         self._answer = []
@@ -82,7 +82,7 @@ class EmulatedMarlin(EmulatedMachine):
             x, y, z = (1e3 * v for v in self.blocks[-1].end)
             self.say(f"X:{x:.4f} Y:{y:.4f} Z:{z:.4f} E:0.00 Count X:0 Y:0 Z:0")
         elif code == "M400":
-            self._answer, self._noted_s = ["ok"], host_clock.now()
+            self._answer, self._noted_s = ["ok"], time.monotonic()
             return
         elif code == "M410":
             self.freeze()

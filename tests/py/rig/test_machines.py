@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from ruffini import host_clock
 from ruffini.errors import NoDeviceError, RefusedError
 from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
 from ruffini.rig.emulated_machine import EmulatedMachine
@@ -124,6 +125,40 @@ def test_marlin_sends_again_what_was_garbled():
         machine.garble = 50
         with pytest.raises(NoDeviceError, match=r"does not understand .* after 6 tries"):
             stage.move(B, 0.5)
+        stage.close()
+
+
+class SlowTime(host_clock.RealTime):
+    """Simulated time of a computer that has little time for it: a tenth of the real one from now on."""
+
+    def __init__(self) -> None:
+        self._start_s = time.monotonic()
+
+    def now(self) -> float:
+        return self._start_s + 0.1 * (time.monotonic() - self._start_s)
+
+    def sleep(self, duration_s: float) -> None:
+        time.sleep(10 * duration_s)
+
+
+@pytest.mark.parametrize("busy_s", [0.1, 99.0])
+def test_a_marlin_that_says_that_it_is_busy_is_waited_for(monkeypatch, busy_s):
+    """In real time, as the driver's patience is: simulated time may go on so slowly that no note of it came."""
+    with EmulatedMarlin() as machine:
+        stage = Marlin(machine.port)
+        stage.home()
+        stage.move(A, 0.5)
+        monkeypatch.setattr("ruffini.rig.marlin.ANSWER_S", 0.5)
+        monkeypatch.setattr("ruffini.rig.emulated_dialects.BUSY_S", busy_s)
+        there = Place(A.x_m + 0.003, A.y_m, A.z_m)
+        start = time.monotonic()
+        with host_clock.lent(SlowTime()):
+            if busy_s > 1:
+                with pytest.raises(NoDeviceError, match="does not answer 'M400'"):
+                    stage.move(there, 0.03)
+            else:
+                stage.move(there, 0.03)  # 0.1 s, a second of the real clock
+                assert time.monotonic() - start > 2 * 0.5
         stage.close()
 
 
