@@ -139,7 +139,6 @@ class _Stream:
         if (way := number - self.last_with.get(name, number)) > 0:
             self.every[name] = min(way, self.every.get(name, way))
         self.last_with[name] = number
-        self.missed.pop(name, None)
 
     def awaited(self) -> list[str]:
         """Messages that the open frame may still get, by how often they came; one that was lost, until it comes."""
