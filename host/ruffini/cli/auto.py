@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.cli.device import open_sensor
 from ruffini.errors import InputError, RefusedError
 
@@ -47,6 +47,7 @@ def auto(
     json_: JsonFlag = False,
 ) -> None:
     """Collect, fit, report, flash; then press where nothing was pressed before, and say the error before and after."""
+    note(f"cal auto: board {board}, {'the simulated bench' if rig == SIMULATED else f'bench {rig}'}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container, keys
     from ruffini.demo.auto import Auto
@@ -120,7 +121,8 @@ def _simulated(board: Board, task: Task, folder: Path, depth_m: float, shear_m: 
     from ruffini.sim.units import build_unit, fleet_error
 
     span = task.span(board, depth_m, shear_m, reach_of(board))
-    unit = build_unit(board, fleet_error(board, number))
+    with progress_bar("pad mechanics") as progress:
+        unit = build_unit(board, fleet_error(board, number), progress=progress)
     limits = limits_of(board, span, task.ball_mm)
 
     @contextlib.contextmanager

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
 
 app = typer.Typer(no_args_is_help=True, help="Benchmarks on the digital twin: our methods and the papers'.")
@@ -29,6 +29,7 @@ def ifem(
     json_: JsonFlag = False,
 ) -> None:
     """Inverse FEM: raw, sparse and ridge as in the papers, the optimal linear estimate, and the board's default."""
+    note(f"bench ifem: board {board}")
     from ruffini.bench import ifem as benchmark
     from ruffini.boards import find_board
 
@@ -55,6 +56,7 @@ def slip(
     json_: JsonFlag = False,
 ) -> None:
     """Stick and slip: foreseen how long before a contact slides, false alarms, friction."""
+    note(f"bench slip: board {board}")
     from ruffini.bench import slip as benchmark
     from ruffini.boards import find_board
 
@@ -73,6 +75,7 @@ def slip(
 @app.command("held")
 def held(board: BoardOption, json_: JsonFlag = False) -> None:
     """A gel that relaxes: the force of held touches before and after `cal relaxation` on other ones."""
+    note(f"bench held: board {board}")
     from ruffini.bench import held as benchmark
     from ruffini.boards import find_board
 
@@ -85,6 +88,7 @@ def held(board: BoardOption, json_: JsonFlag = False) -> None:
 @app.command("touch")
 def touch(board: BoardOption, json_: JsonFlag = False) -> None:
     """First touch: frames and newtons until it is reported, and false contacts on the untouched pad."""
+    note(f"bench touch: board {board}")
     from ruffini.bench import first_touch as benchmark
     from ruffini.boards import find_board
 
@@ -96,6 +100,7 @@ def touch(board: BoardOption, json_: JsonFlag = False) -> None:
 @app.command("light")
 def light(board: BoardOption, json_: JsonFlag = False) -> None:
     """Drifting lamps before and after they are followed, a contact held for minutes, and how late a touch is seen."""
+    note(f"bench light: board {board}")
     from ruffini.bench import light as benchmark
     from ruffini.boards import find_board
 
@@ -115,6 +120,7 @@ def health(
     json_: JsonFlag = False,
 ) -> None:
     """Faults of camera, light and pad one by one: frames until each is flagged, wrong forces that pass as valid."""
+    note(f"bench health: board {board}")
     from ruffini.bench import health as benchmark
     from ruffini.boards import find_board
     from ruffini.sim.units import build_unit
@@ -140,6 +146,7 @@ def presses(
     json_: JsonFlag = False,
 ) -> None:
     """The twin's picture of a ball press beside recorded ones: lamps fitted on half of them, judged on the others."""
+    note("bench presses ...")
     from ruffini.bench import presses as comparison
     from ruffini.calibrate.presses import load_presses
 
@@ -165,6 +172,7 @@ def papers(
     json_: JsonFlag = False,
 ) -> None:
     """The papers' own methods on the twin, beside what the papers print. Recordings are kept and gone on with."""
+    note(f"bench papers: board {board}")
     if recordings is not None and board is None:
         raise InputError("--recordings are of one board: say which with --board")
     from ruffini.bench import papers as benchmark
@@ -193,6 +201,7 @@ def rig(
     json_: JsonFlag = False,
 ) -> None:
     """The simulated calibration bench: time for its presses, and the error of the clock offset that its log finds."""
+    note(f"bench rig: board {board}")
     from ruffini.bench import rig as benchmark
     from ruffini.boards import find_board
 
@@ -210,6 +219,7 @@ def auto(
     json_: JsonFlag = False,
 ) -> None:
     """Runs of `cal auto` in one table: presses, time, error before and after, clocks."""
+    note("bench auto ...")
     from ruffini.demo.auto_page import table_of
 
     results, text = table_of(folders)
@@ -227,6 +237,7 @@ def fleet(
     json_: JsonFlag = False,
 ) -> None:
     """Units of a simulated fleet before and after `cal fleet`, few presses with the fleet's prior, and the time."""
+    note(f"bench fleet: board {board}")
     from ruffini.bench import fleet as benchmark
     from ruffini.boards import find_board
 

@@ -82,6 +82,7 @@ def operator(
     json_: JsonFlag = False,
 ) -> None:
     """Solve the inverse FEM of a board and compile it to the board's integers."""
+    note(f"cal operator: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.gauge import gauge_uncertainty_m
@@ -200,6 +201,7 @@ def material(
     json_: JsonFlag = False,
 ) -> None:
     """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
+    note(f"cal material: board {board}")
     from ruffini.calibrate import container
     from ruffini.calibrate.gauge import gauge_uncertainty_m
     from ruffini.calibrate.material import fit_material, log_from_recording
@@ -245,6 +247,7 @@ def fit_relaxation_of_log(
     json_: JsonFlag = False,
 ) -> None:
     """Fit how much force the pad loses under a held strain, and how fast, to a recording with a reference wrench."""
+    note(f"cal relaxation: board {board}")
     from ruffini.calibrate import container
     from ruffini.calibrate.reference_log import write_fit
     from ruffini.calibrate.relaxation import fit_relaxation, log_from_recording
@@ -294,6 +297,7 @@ def photometric(
     json_: JsonFlag = False,
 ) -> None:
     """Fit colour change -> surface slope, or brightness -> depth, on ball presses of known size."""
+    note(f"cal photometric: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.fit_presses import fit_presses

@@ -34,6 +34,7 @@ def check(
     json_: JsonFlag = False,
 ) -> None:
     """One weight or one ball: does this unit still meet its report?"""
+    note(f"cal check: board {board}")
     from ruffini.calibrate import container
     from ruffini.rig.check import check_ball, check_weight
 

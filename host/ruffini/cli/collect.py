@@ -70,6 +70,7 @@ def collect(
     json_: JsonFlag = False,
 ) -> None:
     """Press the pad along a plan, or have it pressed, and keep what sensor and reference saw."""
+    note(f"cal collect: board {board}")
     from ruffini.boards import find_board
     from ruffini.demo.twin_session import MACHINES, TwinOptions
     from ruffini.rig import collect as collecting

@@ -1,10 +1,11 @@
-"""What all commands share: results on stdout, progress on stderr, and only on a terminal."""
+"""Shared by all commands: results on stdout, progress on stderr (a bar on a terminal, plain lines elsewhere)."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import sys
+import time
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
@@ -12,6 +13,7 @@ import typer
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 RESUME_S = 10.0
+PLAIN_PERIOD_S = 5.0  # between two lines of progress on a pipe
 ResumeOption = Annotated[
     float, typer.Option(min=0, help="How long a line that was lost is waited for, seconds (0 = end with it).")
 ]
@@ -35,14 +37,22 @@ def emit(result: dict[str, Any], as_json: bool, text: str) -> None:
 def note(text: str) -> None:
     """A line for the person, on stderr."""
     if not Settings.quiet:
-        print(text, file=sys.stderr)
+        print(text, file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
 def progress_bar(label: str) -> Iterator[Callable[[float], None]]:
-    """A bar on stderr where that is a terminal; silent otherwise."""
-    if Settings.quiet or not Settings.progress or not sys.stderr.isatty():
+    """A bar on stderr on a terminal, plain lines elsewhere; yields a function that takes the fraction done, 0 to 1.
+
+    On a pipe the label is printed at once, then the percentage at most every `PLAIN_PERIOD_S`.
+    """
+    if Settings.quiet or not Settings.progress:
         yield lambda _: None
+        return
+    if not sys.stderr.isatty():
+        lines = PlainProgress(label)
+        yield lines.update
+        lines.finish()
         return
     from rich.console import Console
     from rich.progress import Progress
@@ -50,3 +60,26 @@ def progress_bar(label: str) -> Iterator[Callable[[float], None]]:
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(label, total=1.0)
         yield lambda done: bar.update(task, completed=done)
+
+
+class PlainProgress:
+    """Progress as lines of text on stderr, for logs and pipes."""
+
+    def __init__(self, label: str, now: Callable[[], float] = time.monotonic) -> None:
+        self._label, self._now = label, now
+        self._start_s = self._printed_s = now()
+        print(f"{label} ...", file=sys.stderr, flush=True)
+
+    def update(self, done: float) -> None:
+        """Print the fraction `done`, 0 to 1, unless a line was printed less than `PLAIN_PERIOD_S` ago."""
+        now_s = self._now()
+        if now_s - self._printed_s < PLAIN_PERIOD_S:
+            return
+        self._printed_s = now_s
+        print(f"{self._label}: {100 * done:.0f} %, {now_s - self._start_s:.0f} s", file=sys.stderr, flush=True)
+
+    def finish(self) -> None:
+        """Print the duration of work that took longer than one period."""
+        duration_s = self._now() - self._start_s
+        if duration_s >= PLAIN_PERIOD_S:
+            print(f"{self._label}: done, {duration_s:.0f} s", file=sys.stderr, flush=True)

@@ -28,6 +28,7 @@ def contact(
 
     What counts as a touch, from untouched frames, is `cal touch`.
     """
+    note(f"cal contact: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.contact_log import read_presses

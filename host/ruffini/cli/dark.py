@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 
 
 def dark(
@@ -18,6 +18,7 @@ def dark(
     json_: JsonFlag = False,
 ) -> None:
     """Measure what the camera shows with its lamps off: black level and daylight, which then do not count."""
+    note(f"cal dark: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.dark import dark_frame

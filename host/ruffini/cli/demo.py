@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag
+from ruffini.cli.common import BoardOption, JsonFlag, note
 
 
 def demo(
@@ -22,6 +22,7 @@ def demo(
     json_: JsonFlag = False,
 ) -> None:
     """The whole path once: recording, calibration, ruffinid, flash, live field, pictures, judgement."""
+    note(f"demo: board {board}, {'SIMULATED' if video is None else f'recording {video}'}, results in {out}")
     from ruffini.demo.main_job import RealInput, run_real, run_twin
 
     if video is None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
 
 
@@ -30,6 +30,7 @@ def design(
     json_: JsonFlag = False,
 ) -> None:
     """Force over displacement of other hardnesses and thicknesses, and where the body collapses."""
+    note(f"sim design: board {board}")
     from ruffini.boards import find_board
     from ruffini.sim.design import picture, study
     from ruffini.sim.indenters import Indenter

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
 
 app = typer.Typer(no_args_is_help=True, help="Judge markers, depth and flow on your own recordings.")
@@ -28,6 +28,7 @@ def markers(
     json_: JsonFlag = False,
 ) -> None:
     """The marker tracker: known warps beside Lucas-Kanade, noise at rest, identity, frames left out or shuffled."""
+    note(f"eval markers: board {board}")
     from ruffini.boards import find_board
     from ruffini.evaluate import markers as judge
     from ruffini.frames import read_frames
@@ -58,6 +59,7 @@ def photometric(
     json_: JsonFlag = False,
 ) -> None:
     """Normals, cap shape and height of ball presses with the device's own arithmetic; depth of untouched images."""
+    note(f"eval photometric: board {board}")
     from ruffini.calibrate import container
     from ruffini.calibrate.presses import load_presses, reference_images
     from ruffini.evaluate import photometric as judge
@@ -94,6 +96,7 @@ def flow(
     json_: JsonFlag = False,
 ) -> None:
     """The texture flow on known warps, beside OpenCV's dense inverse search in the same run."""
+    note(f"eval flow: board {board}")
     from ruffini.boards import find_board
     from ruffini.evaluate import flow as judge
     from ruffini.frames import read_image

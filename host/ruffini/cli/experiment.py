@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit, progress_bar
+from ruffini.cli.common import JsonFlag, emit, note, progress_bar
 
 
 def reproduce(
@@ -24,6 +24,7 @@ def reproduce(
     json_: JsonFlag = False,
 ) -> None:
     """Play the experiment of the board's paper on the twin: its tables and figures, ours beside the paper's."""
+    note(f"reproduce: the experiments of {board}'s paper on its SIMULATED sensor, results in {out}")
     import json
 
     from ruffini.bench.experiments import Options

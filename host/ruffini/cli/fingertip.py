@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 
 
 def fingertip(
@@ -22,6 +22,7 @@ def fingertip(
     json_: JsonFlag = False,
 ) -> None:
     """Force, way, place, angles and area of a tool on a fingertip, from the pins that its two eyes see."""
+    note(f"cal fingertip: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.fingertip import calibration, fit_fingertip

@@ -35,6 +35,7 @@ def fit(
     json_: JsonFlag = False,
 ) -> None:
     """Fit what the board needs, stage after stage, to a log; the file carries its gates."""
+    note(f"cal fit: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container, keys
     from ruffini.calibrate.fit import finished, run_stages

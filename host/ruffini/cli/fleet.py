@@ -25,6 +25,7 @@ def fleet(
     json_: JsonFlag = False,
 ) -> None:
     """Fit every unit on all cores or a Dask cluster; page with spread and outliers, prior for new units."""
+    note("cal fleet ...")
     from ruffini.boards import find_board
     from ruffini.calibrate.fleet import fit_fleet
     from ruffini.calibrate.fleet_page import write_fleet_page

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ def track(
     json_: JsonFlag = False,
 ) -> None:
     """Follow the printed markers of a recording: displacement against rest, in pixels."""
+    note(f"track: board {board}")
     import numpy as np
 
     from ruffini.boards import find_board
@@ -113,6 +114,7 @@ def depth(
     json_: JsonFlag = False,
 ) -> None:
     """Depth of the surface in single images, against an untouched one."""
+    note(f"depth: board {board}")
     import cv2
     import numpy as np
 

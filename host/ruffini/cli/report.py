@@ -26,6 +26,7 @@ def report(
     json_: JsonFlag = False,
 ) -> None:
     """Judge a calibration on a log: gates, residuals, coverage, accuracy against presses, as one page and JSON."""
+    note(f"cal report: board {board}")
     from ruffini.calibrate import container
     from ruffini.calibrate.prior import read_prior
     from ruffini.calibrate.report import report_of

@@ -19,6 +19,7 @@ def reproduce(
     json_: JsonFlag = False,
 ) -> None:
     """The presses of the board's paper, from its reproduce.toml, as recordings with what the bench read."""
+    note(f"sim reproduce: the presses of {board}'s paper, recordings in {out}")
     from ruffini.boards import find_board
     from ruffini.sim.reproduce.make import reproduce as make
 

@@ -60,6 +60,7 @@ def press(
     json_: JsonFlag = False,
 ) -> None:
     """Press the simulated pad and record frames and truth."""
+    note(f"sim press: board {board}")
     from ruffini.boards import find_board
     from ruffini.sim.recording import record_balls, record_touches
     from ruffini.sim.scenario import load_scenario, scenario_of
@@ -111,6 +112,7 @@ def dataset(
     json_: JsonFlag = False,
 ) -> None:
     """Many presses with their truth, as HDF5 shards with a card."""
+    note(f"sim dataset: board {board}")
     from ruffini.boards import find_board
     from ruffini.sim.dataset.make import make_dataset
     from ruffini.sim.dataset.plan import Plan

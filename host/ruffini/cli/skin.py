@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
 
 
@@ -27,6 +27,7 @@ def skin(
     json_: JsonFlag = False,
 ) -> None:
     """Lens, openings, force and place of a skin that gets brighter where it is pressed."""
+    note(f"cal skin: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate import skin as fits

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit, progress_bar
+from ruffini.cli.common import JsonFlag, emit, note, progress_bar
 
 
 def touch(
@@ -19,6 +19,7 @@ def touch(
     json_: JsonFlag = False,
 ) -> None:
     """Measure the noise of untouched frames: what counts as a touch on this unit."""
+    note(f"cal touch: board {board}")
     from ruffini.calibrate import container
     from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
     from ruffini.frames import read_frames

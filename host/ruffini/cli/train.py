@@ -49,6 +49,7 @@ def displacement(
     json_: JsonFlag = False,
 ) -> None:
     """A U-Net from pictures to the displacement of all nodes, the iFEM 2.0 paper's way; ONNX for OpenCV."""
+    note(f"train displacement: board {board}")
     _set_threads(threads)
     from ruffini.boards import find_board
     from ruffini.train.export import export
@@ -94,6 +95,7 @@ def stereo(
     json_: JsonFlag = False,
 ) -> None:
     """The stereo paper's network: force, place and angles from two views; ONNX for the board and OpenCV."""
+    note(f"train stereo: board {board}")
     _set_threads(threads)
     from ruffini.boards import find_board
     from ruffini.train.stereo_run import Wish, train

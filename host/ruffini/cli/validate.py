@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit, progress_bar
+from ruffini.cli.common import JsonFlag, emit, note, progress_bar
 
 
 def validate(
@@ -16,6 +16,7 @@ def validate(
     json_: JsonFlag = False,
 ) -> None:
     """Theory beside the twin's mechanics; exit code 1 where a number is outside its tolerance."""
+    note("sim validate ...")
     from ruffini.sim.validation import table
 
     with progress_bar("validation") as progress:

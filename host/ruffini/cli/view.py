@@ -25,6 +25,7 @@ def view(
     json_: JsonFlag = False,
 ) -> None:
     """The live force field in a browser; several sensors: --port A,B."""
+    note(f"view: preparing the SIMULATED {demo}" if demo else "view: looking for sensors")
     import asyncio
     import signal
     import webbrowser

@@ -33,6 +33,7 @@ def wrench(
     json_: JsonFlag = False,
 ) -> None:
     """Fit the wrench of the board's targets or markers to a reference sensor; errors on what was not fitted."""
+    note(f"cal wrench: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.feature_log import features_of, read_feature_runs

@@ -136,6 +136,7 @@ class Auto:
         """Times are kept, so that a run that was stopped knows what its steps took."""
         known, start = self.folder / "seconds.json", time.monotonic()
         self.seconds = json.loads(known.read_text()) if known.exists() else {}
+        self.say(f"{name} ...")
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.monotonic() - start
         write_whole(known, json.dumps(self.seconds).encode())

@@ -113,6 +113,7 @@ class TipAuto:
     @contextlib.contextmanager
     def _step(self, name: str) -> Iterator[None]:
         start = time.monotonic()
+        self.say(f"{name} ...")
         yield
         self.seconds[name] = time.monotonic() - start
         self.say(f"{name}: {self.seconds[name]:.0f} s")
