@@ -5,13 +5,13 @@
 #include <pty.h>
 #include <sys/file.h>
 #include <sys/ioctl.h>
-#include <sys/stat.h>
 #include <termios.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <string_view>
 #include <thread>
 #include <utility>
 
@@ -58,6 +58,8 @@ void close_elsewhere(UniqueFd fd) {
 }
 
 bool is_only_late() { return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR; }
+
+std::pair<time_t, long> time_of(const timespec& t) { return {t.tv_sec, t.tv_nsec}; }
 
 bool is_link_to(const std::string& path, const std::string& target) {
   std::error_code failed;
@@ -111,7 +113,27 @@ Status SerialPort::open_device() {
   }
   if (!set_raw(fd_.get())) return unavailable(link_, "set raw mode (not a serial line?)");
   host_path_ = link_;
+  place_.reset();
+  char name[128];
+  if (::ttyname_r(fd_.get(), name, sizeof(name)) == 0 && std::string_view(name).starts_with("/dev/pts/") &&
+      ::lstat(link_.c_str(), &link_stat_) == 0) {
+    place_.reset(::open(link_.c_str(), O_PATH | O_CLOEXEC));
+  }
   return Unit{};
+}
+
+// The number of a pty is given out again as soon as the pty is closed: a name that was not made anew since then leads
+// nowhere, or to a stranger's line. A link that was made again within a tick of the clock may look as it did, but not
+// older than what it leads to.
+bool SerialPort::is_stale() const {
+  struct stat place{};
+  if (!place_ || ::fstat(place_.get(), &place) != 0 || place.st_nlink > 0) return false;
+  if (!S_ISLNK(link_stat_.st_mode)) return true;
+  struct stat link{};
+  struct stat target{};
+  return ::lstat(link_.c_str(), &link) == 0 && ::stat(link_.c_str(), &target) == 0 &&
+         link.st_ino == link_stat_.st_ino && link.st_dev == link_stat_.st_dev &&
+         time_of(link.st_ctim) == time_of(link_stat_.st_ctim) && time_of(target.st_ctim) > time_of(link.st_mtim);
 }
 
 int SerialPort::read(std::span<uint8_t> out) {
@@ -151,7 +173,7 @@ bool SerialPort::reopen() {
     return slave && ::tcflush(slave.get(), TCIFLUSH) == 0;
   }
   close_elsewhere(std::move(fd_));
-  return open_device().has_value();
+  return !is_stale() && open_device().has_value();
 }
 
 }  // namespace ruffini

@@ -1,6 +1,8 @@
 // A serial line: a tty device in raw mode, or the master side of a new pty. Never blocks.
 #pragma once
 
+#include <sys/stat.h>
+
 #include <cstdint>
 #include <span>
 #include <string>
@@ -36,12 +38,15 @@ class SerialPort final : public Link {
   Status open_pty();
   Status open_device();
   [[nodiscard]] UniqueFd open_slave() const;
+  [[nodiscard]] bool is_stale() const;
 
   UniqueFd fd_;
   std::string slave_path_;  // empty for a device. Only hosts keep it open: the last one's close hangs up the line
   std::string link_;
   std::string host_path_;
   std::string symlink_;
+  UniqueFd place_;           // where a device that is a pty was, without opening it; empty for other devices
+  struct stat link_stat_{};  // of link_ then
 };
 
 }  // namespace ruffini

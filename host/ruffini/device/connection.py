@@ -15,6 +15,7 @@ from ruffini.device.device_clock import DeviceClock
 from ruffini.device.line_gap import LineGap
 from ruffini.device.namesakes import REMEDY, Whereabouts
 from ruffini.device.ports import candidate_ports, open_port
+from ruffini.device.pty_name import KnownPort
 from ruffini.device.writer import Writer
 from ruffini.errors import LineLostError, NoDeviceError, RefusedError, RuffiniError
 from ruffini.wire import Decoder, Frame, Schema, encode_message
@@ -54,6 +55,7 @@ class Connection:
     def __init__(self, port: str, *, hello_timeout_s: float = HELLO_TIMEOUT_S) -> None:
         self.port, self._first_port = port, port
         self._serial = open_port(port)
+        self._known = KnownPort(port)
         self._whereabouts = Whereabouts(port)
         self._subscribed: dict[str, int] = {}
         self.schema = Schema.own()
@@ -129,7 +131,8 @@ class Connection:
         waiting, sink, heard = self.messages, self.raw_sink, list[bytes]()
         self.port, self.decoder, self.messages, self.raw_sink = port, Decoder(), Backlog(), heard.append
         try:
-            self._serial = open_port(port)
+            self._serial = open_port(port, self._known)
+            known = KnownPort(port)
             hello = self._say_hello(REOPEN_HELLO_S)
             if hello.device_serial != self.serial_number:
                 raise NoDeviceError(f"{port}: another sensor")
@@ -143,7 +146,7 @@ class Connection:
             self.messages.append(*said.popleft())
         if hello.session_id != self.hello.session_id:
             self.clock = DeviceClock()
-        self.hello, self._whereabouts = hello, Whereabouts(port)
+        self.hello, self._whereabouts, self._known = hello, Whereabouts(port), known
         if self._subscribed:
             self.subscribe(**self._subscribed)
         self.resumed_s = time.monotonic()

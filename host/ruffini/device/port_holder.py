@@ -9,7 +9,7 @@ import termios
 from pathlib import Path
 from typing import Any
 
-PTY_FOLDER = "/dev/pts/"
+from ruffini.device.pty_name import PTY_FOLDER
 
 
 def make_exclusive(serial: Any, port: str) -> None:

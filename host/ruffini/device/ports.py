@@ -6,21 +6,28 @@ import os
 from typing import Any
 
 from ruffini.device import port_holder
+from ruffini.device.pty_name import KnownPort
 from ruffini.errors import NoDeviceError
 
 WRITE_TIMEOUT_S = 5.0  # a kernel with too much to do carried nothing through a pty for two seconds and more
 
 
-def open_port(port: str) -> Any:
+def open_port(port: str, known: KnownPort | None = None) -> Any:
     """The serial port, ours alone; reads wait 20 ms at most.
+
+    Parameters
+    ----------
+    known : what the port was when it was open before, None for the first time.
 
     Raises
     ------
     NoDeviceError
-        It is missing or busy.
+        It is missing or busy, or its name leads to another program's pseudo-terminal by now.
     """
     import serial
 
+    if known is not None and known.port == port and known.is_stale():
+        raise NoDeviceError(f"{port} is gone, and its name may be another program's by now: start the sensor again")
     try:
         opened = serial.Serial(port, baudrate=115200, timeout=0.02, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         port_holder.make_exclusive(opened, port)

@@ -12,6 +12,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ruffini.device.ports import open_port
+from ruffini.device.pty_name import KnownPort
 from ruffini.errors import NoDeviceError, RuffiniError
 from ruffini.view.outbox import Outbox
 from ruffini.wire import Decoder, Frame, Schema, encode_message
@@ -106,6 +107,7 @@ class SharedLine(Line):
     async def start(self) -> None:
         self._loop = asyncio.get_running_loop()
         self._serial = await asyncio.to_thread(open_port, self.port)
+        self._known = KnownPort(self.port)
         self._problem = ""
         self._thread.start()
 
@@ -138,10 +140,11 @@ class SharedLine(Line):
             self._serial.close()
         while not self._stop.wait(REOPEN_S):
             try:
-                self._serial = open_port(self.port)
+                self._serial = open_port(self.port, self._known)
             except NoDeviceError as error:
                 self.tell(self._say_lost, str(error))
                 continue
+            self._known = KnownPort(self.port)
             self.tell(self._say_open)
             return
 

@@ -169,6 +169,34 @@ TEST_F(SerialPortTest, ADeviceThatIsUnpluggedReadsAsGoneAndComesBack) {
   EXPECT_TRUE(becomes_true([&] { return port.read(got) == 2; }));
 }
 
+// The number of a pty is free again as soon as it is closed, and the next program that asks gets it.
+TEST_F(SerialPortTest, AStrangersPtyUnderTheOldNumberIsNotTaken) {
+  const std::string path = folder_ + "/tty";
+  for (const bool by_link : {true, false}) {
+    auto wire = std::make_unique<Wire>(path);
+    const std::string number = fs::read_symlink(path).string();
+    SerialPort port = SerialPort::open(by_link ? path : number).value();
+    wire.reset();
+    Bytes got(16);
+    EXPECT_EQ(port.read(got), -1);
+    EXPECT_FALSE(port.reopen());  // closes its end: only now is the number free
+    std::vector<std::unique_ptr<Wire>> strangers;
+    const std::string elsewhere = folder_ + "/stranger";
+    do {
+      ::usleep(5'000);  // a tick of the kernel's clock: the link is older than what it leads to
+      strangers.push_back(std::make_unique<Wire>(elsewhere));
+    } while (fs::read_symlink(elsewhere) != number && strangers.size() < 100);
+    EXPECT_FALSE(port.reopen());
+    // Another process may have been faster: then the number is a stranger's, too.
+    if (fs::read_symlink(elsewhere) == number) {
+      EXPECT_TRUE(SerialPort::open(elsewhere)) << "the stranger's own line is free";
+    }
+    if (!by_link) continue;
+    wire = std::make_unique<Wire>(path);
+    EXPECT_TRUE(port.reopen()) << "the link was made again, so it is meant";
+  }
+}
+
 TEST_F(SerialPortTest, ACloseThatWaitsHoldsNobodyUp) {
   const std::string path = folder_ + "/tty";
   auto wire = std::make_unique<Wire>(path);
