@@ -57,7 +57,9 @@ ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* 
   if (calibration != nullptr) {
     auto loaded = ruffini::CalibrationFile::load({calibration, calibration_bytes});
     if (!loaded) return fail(loaded.error().message), nullptr;
-    const ruffini::Status fits = loaded.value()->get().check_target(board.value(), "*");
+    // Offline there is no sensor whose serial number could differ: a file for one sensor is computed with as it is.
+    const ruffini::Calibration& offered = loaded.value()->get();
+    const ruffini::Status fits = offered.check_target(board.value(), offered.text("sensor_serial"));
     if (!fits) return fail(fits.error().message), nullptr;
     file = loaded.value();
   }

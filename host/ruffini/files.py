@@ -43,6 +43,28 @@ def write_whole(
         raise InputError(f"{path} cannot be written ({error.strerror}): what was there is whole; {remedy}") from error
 
 
+def write_new(path: Path, data: bytes, *, mode: int = 0o644) -> None:
+    """Write a file in one step under a name that nothing has yet, not even a dangling link.
+
+    Raises
+    ------
+    FileExistsError
+        The name is taken.
+    OSError
+        It cannot be written; nothing is left behind.
+    """
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.link(temporary, path)
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
 def write_array(path: Path, array: npt.NDArray[np.generic]) -> None:
     """Write one array as NPY, under exactly this name. Raises InputError as `write_whole`."""
     stream = io.BytesIO()

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from ruffini.calibrate import container
 from ruffini.errors import InputError, VerifyError
+from ruffini.files import write_new, write_whole
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
 KEY_BYTES = 32
@@ -63,14 +64,17 @@ def make(name: str) -> Key:
     if not NAME.fullmatch(name):
         raise InputError(f"{name!r} is no name of a key: give letters, digits, '.', '_' and '-'")
     secret, public = folder() / f"{name}.key", folder() / f"{name}.pub"
-    if secret.exists() or public.exists():
+    if os.path.lexists(secret) or os.path.lexists(public):
         raise InputError(f"{folder()} has a key {name} already: choose another name")
     made = SigningKey.generate()
     try:
         folder().mkdir(parents=True, exist_ok=True, mode=0o700)
-        with os.fdopen(os.open(secret, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-            file.write(bytes(made).hex() + "\n")
-        public.write_text(bytes(made.verify_key).hex() + "\n")
+        write_new(public, bytes(made.verify_key).hex().encode() + b"\n")
+        try:
+            write_new(secret, bytes(made).hex().encode() + b"\n", mode=0o600)
+        except OSError:
+            public.unlink()
+            raise
     except OSError as error:
         raise InputError(f"{folder()}: cannot be written: {error.strerror}") from error
     return Key(name, bytes(made.verify_key), can_sign=True)
@@ -86,11 +90,7 @@ def enrol(name: str, into: Path) -> Path:
     """
     key = find(name)
     target = into / f"{name}.pub"
-    try:
-        into.mkdir(parents=True, exist_ok=True)
-        target.write_text(key.public.hex() + "\n")
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror}") from error
+    write_whole(target, key.public.hex().encode() + b"\n")
     return target
 
 

@@ -6,9 +6,15 @@ import sys
 
 from ruffini.errors import RuffiniError
 
+INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
+
 
 def main() -> int:
-    """Run the command line; returns the exit code: 0 ok, 1 failed check, 2 usage, 3 no device, 4 refused, 5 verify."""
+    """Run the command line and return the exit code.
+
+    0 ok, 1 failed check, 2 usage, 3 no device, 4 refused, 5 verify failed, 130 interrupted. With `--json` an error is
+    one JSON object on stdout, {"error": sentence, "exit_code": number}, beside the sentence on stderr.
+    """
     from ruffini.cli.app import app
 
     try:
@@ -16,15 +22,23 @@ def main() -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except RuffiniError as error:
-        print(f"ruffini: {error}", *_notes(error), sep="\n", file=sys.stderr)
-        return error.exit_code
+        return _fail(str(error), error.exit_code, *_notes(error))
     except OSError as error:  # a path of the command line that no verb could use
         what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        print(f"ruffini: {what}: check the path and its permissions", file=sys.stderr)
-        return 2
+        return _fail(f"{what}: check the path and its permissions", 2)
     except KeyboardInterrupt:
-        return 130
+        return INTERRUPTED
     return 0
+
+
+def _fail(sentence: str, exit_code: int, *notes: str) -> int:
+    """Print an error on stderr and, with `--json`, as an object on stdout."""
+    print(f"ruffini: {sentence}", *notes, sep="\n", file=sys.stderr)
+    if "--json" in sys.argv[1:]:
+        import json
+
+        print(json.dumps({"error": sentence, "exit_code": exit_code}), flush=True)
+    return exit_code
 
 
 def _notes(error: BaseException) -> list[str]:

@@ -45,7 +45,8 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="Newtons from a camera that looks at a soft pad: simulate, calibrate, flash, record, show.",
-    epilog="Exit codes: 0 ok, 1 failed check, 2 usage or bad input, 3 no device, 4 refused, 5 verify failed.",
+    epilog="Exit codes: 0 ok, 1 failed check, 2 usage or bad input, 3 no device, 4 refused, 5 verify failed, "
+    "130 interrupted.",
 )
 app.callback()(device.common_options)
 app.command("devices")(device.devices)

@@ -29,15 +29,20 @@ class Settings:
     progress: bool = True
 
 
+def printable(text: str) -> str:
+    """`text` with every control character but newline and tab escaped."""
+    return "".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in text)
+
+
 def emit(result: dict[str, Any], as_json: bool, text: str) -> None:
-    """Print a result: JSON or text."""
-    print(json.dumps(result) if as_json else text, flush=True)
+    """Print a result: JSON or text. Control characters in a device's name do not reach the terminal."""
+    print(json.dumps(result) if as_json else printable(text), flush=True)
 
 
 def note(text: str) -> None:
     """A line for the person, on stderr."""
     if not Settings.quiet:
-        print(text, file=sys.stderr, flush=True)
+        print(printable(text), file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

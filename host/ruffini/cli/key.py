@@ -13,6 +13,7 @@ app = typer.Typer(
     help="Signing keys: new, show, enrol, sign. A sensor with an enrolled key takes that owner's files only."
 )
 NAME = typer.Argument(help="Name of the key.")
+MAX_VERSION, MAX_EPOCH = 10**12 - 1, 10**9  # as the firmware reads them: proto/CALIBRATION.md
 
 
 @app.command("new")
@@ -57,9 +58,12 @@ def sign(
     name: Annotated[
         str | None, typer.Option("--key", envvar="RUFFINI_KEY", help="Name of the key (without: the development key).")
     ] = None,
-    version: Annotated[int | None, typer.Option(min=1, help="Number of this calibration; sensors go forward.")] = None,
+    version: Annotated[
+        int | None, typer.Option(min=1, max=MAX_VERSION, help="Number of this calibration; sensors go forward.")
+    ] = None,
     epoch: Annotated[
-        int | None, typer.Option(min=0, help="Security epoch; a sensor that reached one never takes a lower one.")
+        int | None,
+        typer.Option(min=0, max=MAX_EPOCH, help="Security epoch; a sensor that reached one never takes a lower one."),
     ] = None,
     sensor: Annotated[
         str | None, typer.Option(help="Serial number of the only sensor that may take it; '*': any.")

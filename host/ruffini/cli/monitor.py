@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ruffini.cli.common import RESUME_S, ResumeOption, Settings, note
+from ruffini.cli.common import RESUME_S, ResumeOption, Settings, note, printable
 
 if TYPE_CHECKING:
     from ruffini.api import SensorFrame
@@ -36,7 +36,7 @@ def show(frame: SensorFrame, *, as_json: bool) -> None:
     if frame.wrench is None:
         return
     end = "\r" if sys.stdout.isatty() and not as_json else "\n"
-    print(json.dumps(_told(frame)) if as_json else _line(frame).ljust(150), end=end, flush=True)
+    print(json.dumps(_told(frame)) if as_json else printable(_line(frame)).ljust(150), end=end, flush=True)
 
 
 def _told(frame: SensorFrame) -> dict[str, Any]:

@@ -54,9 +54,13 @@ def page_folder() -> Path:
 @web.middleware
 async def _only_from_here(request: web.Request, handler: Any) -> web.StreamResponse:
     """Another site's page must not talk to a sensor through the browser of who visits it."""
-    name = urlsplit(f"//{request.host}").hostname
-    origin = request.headers.get("Origin")
-    if name not in (HOST, "localhost") or (origin and urlsplit(origin).netloc != request.host):
+    host, origin = request.headers.get("Host", ""), request.headers.get("Origin")
+    try:
+        is_ours = urlsplit(f"//{host}").hostname in (HOST, "localhost")
+        is_ours = is_ours and (not origin or urlsplit(origin).netloc == host)
+    except ValueError:  # e.g. "Host: ["
+        is_ours = False
+    if not is_ours:
         raise web.HTTPForbidden(text="the viewer answers its own page alone")
     response: web.StreamResponse = await handler(request)
     if not response.prepared:

@@ -94,3 +94,34 @@ def test_an_owner_says_what_a_file_may_follow(file: container.CalibrationFile) -
     assert keys.verify(signed) == "lab"
     assert {key: signed.metadata[key] for key in changes} == changes
     assert keys.verify(keys.sign(signed, None, {"version": "8"})) == "development key"
+
+
+def test_a_full_disk_leaves_no_half_of_a_key(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(InputError, match="No space left"):
+        keys.make("lab")
+    assert list(folder.iterdir()) == []
+    monkeypatch.undo()
+    monkeypatch.setenv("RUFFINI_KEYS", str(folder))
+    assert keys.make("lab").can_sign
+
+
+@pytest.mark.parametrize("half", ["lab.key", "lab.pub"])
+def test_a_key_is_not_written_through_a_link(folder: Path, tmp_path: Path, half: str) -> None:
+    folder.mkdir()
+    (folder / half).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="has a key lab already"):
+        keys.make("lab")
+    assert not (tmp_path / "elsewhere").exists()
+
+
+def test_enrolling_replaces_a_link_and_not_its_target(folder: Path, tmp_path: Path) -> None:
+    key, card = keys.make("lab"), tmp_path / "card"
+    card.mkdir()
+    (tmp_path / "precious").write_text("precious")
+    (card / "lab.pub").symlink_to(tmp_path / "precious")
+    assert bytes.fromhex(keys.enrol("lab", card).read_text()) == key.public
+    assert (tmp_path / "precious").read_text() == "precious"
