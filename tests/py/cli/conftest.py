@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from command_line import run_ruffini
 from small_board import BASE, COARSE, Files, Run
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.operator import make_operator
-from ruffini.cli import main
 from ruffini.fem.operators import Noise
 
 
@@ -36,13 +36,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def run() -> Run:
     """Exit code, stdout and stderr of `ruffini` with these words."""
-
-    def run_words(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["ruffini", *map(str, words)])
-        code = main()
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return run_words
+    return run_ruffini

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from command_line import refusal_in
 from small_board import Files, Run
 
 from ruffini.calibrate import container
@@ -87,8 +88,7 @@ def test_operator_refuses(words: tuple[str, ...], said: str, files: Files, run: 
     out = tmp_path / "o.safetensors"
     code, text, err = run("cal", "operator", "--board", files.folder, "--out", out, *words)
     assert (code, text) == (2, ""), err
-    assert said in err
-    assert len(err.strip().splitlines()) == 1, err
+    assert said in refusal_in(err)
     assert not out.exists()
 
 
@@ -119,8 +119,8 @@ def test_verify_tells_a_changed_file_from_one_for_another_board(files: Files, ru
 
 def test_a_path_that_no_verb_can_use_is_named(run: Run) -> None:
     code, _, err = run("board", "check", "x" * 5000)
-    assert (code, len(err.strip().splitlines())) == (2, 1)
-    assert "File name too long" in err
+    assert code == 2
+    assert "File name too long" in refusal_in(err)
 
 
 def test_ridge_weight_by_rule(files: Files, run: Run, tmp_path: Path) -> None:
@@ -165,8 +165,7 @@ def test_operator_of_a_pad_that_cannot_be(
     out = tmp_path / "o.safetensors"
     code, text, err = run("cal", "operator", "--board", tmp_path / "small", "--out", out)
     assert (code, text) == (2, ""), err
-    assert said in err
-    assert len(err.strip().splitlines()) == 1, err
+    assert said in refusal_in(err)
     assert [p.name for p in tmp_path.iterdir()] == ["small"]
 
 
@@ -175,7 +174,7 @@ def test_operator_of_a_material_that_cannot_be(files: Files, run: Run, tmp_path:
     material.write_text(json.dumps({"board": "small", "modulus_pa": 2e5, "poisson": 0.5, "thickness_m": 4e-3}))
     code, text, err = run("cal", "operator", "--board", files.folder, "--out", out, "--material", material)
     assert (code, text) == (2, "")
-    assert err.startswith(f"ruffini: {material}: poisson 0.5 is no pad of board 'small'")
+    assert refusal_in(err).startswith(f"ruffini: {material}: poisson 0.5 is no pad of board 'small'")
     assert not out.exists()
 
 

@@ -1,5 +1,6 @@
 """A coarse simulated unit, solved once; a daemon that a twin serves."""
 
+import functools
 import json
 import os
 import subprocess
@@ -7,6 +8,7 @@ import sys
 import time
 
 import pytest
+from command_line import run_ruffini
 
 from ruffini.boards import find_board
 from ruffini.demo.daemon import running_daemon
@@ -38,12 +40,8 @@ def command(*words):
 
 @pytest.fixture(scope="module")
 def ruffini(environment):
-    """Runs `ruffini` with the words given, in a process of its own."""
-
-    def run(*words, **options):
-        return subprocess.run(command(*words), capture_output=True, text=True, timeout=120, env=environment, **options)
-
-    return run
+    """Runs `ruffini` with the words given, its cache private to the module."""
+    return functools.partial(run_ruffini, XDG_CACHE_HOME=environment["XDG_CACHE_HOME"])
 
 
 @pytest.fixture

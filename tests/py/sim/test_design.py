@@ -3,11 +3,10 @@
 import json
 import os
 import shutil
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from command_line import run_ruffini
 
 from ruffini.boards import find_board
 from ruffini.sim.design import Curve, study
@@ -82,21 +81,14 @@ def test_a_press_beyond_the_model_ends_with_its_reason(board):
 
 
 def test_the_verb(board, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", "from ruffini.cli import main; import sys; sys.exit(main())", "sim", "design", "--board",
-         str(board.folder), "--shore-a", "30", "--depth-mm", "0.4", "--force-n", "1", "--out", str(tmp_path / "d.png"),
-         "--json"],
-        capture_output=True, text=True, timeout=120, env=dict(os.environ),
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    curves = json.loads(done.stdout)["curves"]
+    words = ("sim", "design", "--board", board.folder, "--shore-a")
+    more = ("30", "--depth-mm", "0.4", "--force-n", "1", "--out", tmp_path / "d.png", "--json")
+    done = run_ruffini(*words, *more)
+    assert done.code == 0, done.err
+    curves = json.loads(done.out)["curves"]
     assert [c["label"] for c in curves] == ["as it is", "Shore A 30"]
     assert curves[1]["depth_at_force_mm"] < curves[0]["depth_at_force_mm"]
     assert (tmp_path / "d.png").read_bytes()[:4] == b"\x89PNG"
-    bad = subprocess.run(
-        [sys.executable, "-c", "from ruffini.cli import main; import sys; sys.exit(main())", "sim", "design", "--board",
-         str(board.folder), "--shore-a", "soft"],
-        capture_output=True, text=True, timeout=120, env=dict(os.environ),
-    )  # fmt: skip
-    assert bad.returncode == 2
-    assert "--shore-a 'soft'" in bad.stderr
+    bad = run_ruffini(*words, "soft")
+    assert bad.code == 2
+    assert "--shore-a 'soft'" in bad.err
