@@ -72,6 +72,8 @@ Result<FeatureWrench> FeatureWrench::load(const Calibration& c, std::string_view
   if (!full) return full.error();
   auto square = c.tensor("wrench.square", Tensor::Type::kI32, {kAxes, kPairs});
   if (!square) return square.error();
+  const Status coarse = out.load_square_shift(c);
+  if (!coarse) return coarse.error();
   auto error = c.tensor("wrench.error", Tensor::Type::kI32, {2, kAxes, kAxes});
   if (!error) return error.error();
   const auto g = gain.value()->as<int32_t>();
@@ -104,6 +106,18 @@ Result<FeatureWrench> FeatureWrench::load(const Calibration& c, std::string_view
   const Status relaxation = out.load_relaxation(c);
   if (!relaxation) return relaxation.error();
   return out;
+}
+
+Status FeatureWrench::load_square_shift(const Calibration& c) {
+  if (c.tensor("wrench.square_shift") == nullptr) return Unit{};
+  auto shift = c.tensor("wrench.square_shift", Tensor::Type::kU8, {kAxes});
+  if (!shift) return shift.error();
+  const auto s = shift.value()->as<uint8_t>();
+  if (std::any_of(s.begin(), s.end(), [](uint8_t each) { return each >= kScaledFraction; })) {
+    return refused("wrench.square_shift is out of range");
+  }
+  std::copy(s.begin(), s.end(), square_shift_.begin());
+  return Unit{};
 }
 
 Status FeatureWrench::load_agreement(const Calibration& c) {
@@ -225,7 +239,7 @@ FeatureWrench::Outcome FeatureWrench::run(std::span<const int32_t> features, con
   for (size_t i = 0; i < kAxes; ++i) {
     int64_t sum = 0;
     for (size_t k = 0; k < kPairs; ++k) sum += square_[i * kPairs + k] * pairs[k];
-    e[i] += round_shift(sum, kScaledFraction);
+    e[i] += round_shift(sum, kScaledFraction - square_shift_[i]);
   }
   Outcome out;
   const Axes strained = scaled_q14(e);

@@ -63,6 +63,7 @@ class FeatureWrench {
     Axes state{};  // h
   };
 
+  [[nodiscard]] Status load_square_shift(const Calibration& calibration);
   [[nodiscard]] Status load_agreement(const Calibration& calibration);
   [[nodiscard]] Status load_relaxation(const Calibration& calibration);
   [[nodiscard]] Axes linear(std::span<const int32_t> features, SaturationCounter& saturations) const;
@@ -72,10 +73,11 @@ class FeatureWrench {
   [[nodiscard]] WrenchCovariance covariance_of(const Axes& u) const;
 
   size_t n_ = 0;
-  std::vector<int32_t> gain_;                       // K, [6][n]
-  std::array<int, kAxes> shift_{};                  // of the sums
-  Axes full_scale_{};                               // 1/16 uN and uN mm; 0: not measured
-  std::vector<int32_t> square_;                     // q, [6][21], 1/16 uN and uN mm
+  std::vector<int32_t> gain_;       // K, [6][n]
+  std::array<int, kAxes> shift_{};  // of the sums
+  Axes full_scale_{};               // 1/16 uN and uN mm; 0: not measured
+  std::vector<int32_t> square_;     // q, [6][21], 1/16 uN and uN mm, shifted left by square_shift_
+  std::array<int, kAxes> square_shift_{};
   std::vector<int32_t> forward_;                    // G and H, [n][6 + 21]; empty: agreement is not looked at
   std::vector<int32_t> tolerance_;                  // [n]
   std::array<std::array<Axes, kAxes>, 2> error_{};  // constant, at |u| = 1; uN, uN mm

@@ -66,6 +66,7 @@ def tables(rng: np.random.Generator, n: int = 9) -> dict[str, npt.NDArray[np.gen
         "wrench.shift": np.array([20, 19, 18, 17, 16, 21], np.uint8),
         "wrench.full_scale": full_scale,
         "wrench.square": rng.integers(-(1 << 18), 1 << 18, (6, 21)).astype(np.int32),
+        "wrench.square_shift": np.array([0, 1, 3, 0, 13, 2], np.uint8),
         "wrench.error": rng.integers(-(1 << 14), 1 << 14, (2, 6, 6)).astype(np.int32),
         "wrench.forward": rng.integers(-(1 << 10), 1 << 10, (n, 27)).astype(np.int32),
         "wrench.tolerance": np.full(n, 1 << 19, np.int32),
@@ -159,7 +160,7 @@ def test_a_table_for_other_features_is_refused() -> None:
         ("wrench.gain", 1 << 27), ("wrench.square", 1 << 27), ("wrench.shift", 41), ("wrench.full_scale", -1),
         ("wrench.error", 1 << 26), ("wrench.forward", 1 << 27), ("wrench.tolerance", 0), ("wrench.relax_time_ms", 0),
         ("wrench.relax_part", (1 << 20) + 1), ("wrench.warm_mc", 300_001), ("wrench.warm_gain", -(1 << 15) - 1),
-        ("wrench.warm_offset", (1 << 26) + 1),
+        ("wrench.warm_offset", (1 << 26) + 1), ("wrench.square_shift", 14),
     ],
 )  # fmt: skip
 def test_numbers_out_of_range_are_refused(name: str, value: int) -> None:
@@ -205,7 +206,8 @@ def test_a_fitted_map_says_the_same_in_integers() -> None:
     fit = Fit(made, 0.0, {}, {}, full, full, full, 1.0, 50, 1, "recording")
     kind, _ = tables_of(fit, Features("targets", 9))
     degrees = Degrees(np.linspace(18.0, 33.0, 50), np.full(50, 21.0))
-    frames = Frames(np.round(features), np.zeros((50, 6)), 0.1 * np.arange(50), np.zeros(50, np.intp), degrees)
+    none = np.zeros(50, np.intp)
+    frames = Frames(np.round(features), np.zeros((50, 6)), 0.1 * np.arange(50), none, degrees, none, none)
     core, saturations = FeatureWrench(kind), Saturations()
     said = [
         core.run(row.astype(int).tolist(), 1 + 100_000 * t, saturations, (round(1000 * degrees.now[t]), 21_000))

@@ -82,6 +82,16 @@ def base_metadata(board: Board, *, sensor_serial: str = "*", gel_serial: str = "
     }
 
 
+def metadata_without_board() -> dict[str, str]:
+    """The manifest of a file for a sensor that no board describes; it is judged on the host; no board accepts it."""
+    created = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return {
+        "format": "ruffini-calibration", "format_version": "1", "product": "ruffini", "board": "none",
+        "sensor_serial": "*", "gel_serial": "*", "resolution": "0x0", "optics": "none", "version": "1",
+        "security_epoch": "0", "created_utc": created, "tool_version": __version__, "inputs_sha256": "",
+    }  # fmt: skip
+
+
 def pack(tensors: Tensors, metadata: dict[str, str], seed: bytes = DEVELOPMENT_SEED) -> CalibrationFile:
     """Lay out, sign and return a file.
 

@@ -37,7 +37,8 @@ class FeatureRun:
     """One recording from rest on.
 
     features (t, n) raw integers at time_s (t,), is_good (t,) nothing lost; reference (r, 6) N and N m at reference_s
-    (r,); degrees (t,) where the board has a thermometer.
+    (r,); degrees (t,) where the board has a thermometer. `touch` (t,) numbers the touches where the log does;
+    `recording` names the recording of a run that is only one touch of it.
     """
 
     name: str
@@ -47,6 +48,13 @@ class FeatureRun:
     reference_s: Array
     reference: Array
     degrees: Degrees | None = None
+    touch: npt.NDArray[np.intp] | None = None
+    recording: str = ""
+
+    @property
+    def is_row_by_row(self) -> bool:
+        """Whether the reference was read once for each frame, at the frame's own time."""
+        return self.reference_s is self.time_s
 
     def at(self, lag_s: float) -> Array:
         """Reference of each frame (t, 6) where it is read `lag_s` after what the camera sees."""
@@ -164,7 +172,8 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
         out.append(FeatureRun(f"{path.name}/{number}", touch.arrays["marker_s"] + offset, rows,
                               np.asarray(np.isfinite(rows).all(axis=1)), touch.arrays["reference_s"],
                               reference_in_pad(log, touch),
-                              Degrees(np.full(len(rows), celsius), np.full(len(rows), at_rest))))  # fmt: skip
+                              Degrees(np.full(len(rows), celsius), np.full(len(rows), at_rest)),
+                              np.full(len(rows), number), f"{path}/{touch.facts.get('session', '')}"))  # fmt: skip
     if not out:
         raise InputError(f"{path} holds no {wanted.sort} in pixels: give recordings of frames instead")
     return out

@@ -15,7 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.calibrate.feature_log import FeatureRun
-from ruffini.calibrate.wrench_model import AXES, Frames, WrenchMap, frames_of, memories, products
+from ruffini.calibrate.wrench_model import (
+    AXES,
+    Frames,
+    WrenchMap,
+    frames_of,
+    memories,
+    products,
+    recordings_of,
+)
 from ruffini.calibrate.wrench_terms import (
     FREE_RIDGE,
     LEAST_PRODUCT,
@@ -34,8 +42,10 @@ Array = npt.NDArray[np.float64]
 
 Folds = list[npt.NDArray[np.bool_]]
 
+N_FOLDS = 5
 LAGS_S = np.arange(-0.1, 0.1001, 0.0125)
 FEW = 30  # features: thousands of frames determine these without a ridge, and their memories besides
+SAME_ROW_S = 0.02  # a log with one row a frame has paired them already: a smaller lag is left as it is
 SAME_LAG_S = 0.005  # a sixth of a frame of a usual camera
 RIDGES = (
     LEAST_RIDGE,
@@ -47,8 +57,11 @@ RIDGES = (
 SAME = 1.001  # errors on what was not fitted that are as good as each other
 LEAST_GAIN = 0.01  # a term stays where it lessens the error of an axis on what was not fitted by this part
 LEAST_R2 = 0.3  # of what the features tell of an axis: one that the log hardly loads is not measured
+LEAST_AT_REST = 20  # frames
+NEED_REST = ("noise at rest", "agreement of the features at rest")
 REST_PART = 0.02  # of full scale: nothing presses
 LEAST_ERROR = 5e-3  # of a load: no reference sensor is better
+ONE_SIGMA = 0.6827
 TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
 
 
@@ -56,7 +69,8 @@ TOLERANCE = 3.0  # times the largest disagreement of a feature in the log
 class Fit:
     """A map, what it was made with, and what it errs by on what was not fitted.
 
-    rmse, r2 : of each axis against the reference, held out; `linear_rmse` of K alone there.
+    rmse, mae, r2 : of each axis against the reference, held out; `linear_rmse` of K alone there; `by_recording` the
+        same errors (2, 6), RMSE and MAE, by the recording's name.
     """
 
     map: WrenchMap
@@ -70,9 +84,12 @@ class Fit:
     n_frames: int
     n_runs: int
     holdout: str
+    mae: Array = field(default_factory=lambda: np.full(6, np.nan))
+    by_recording: dict[str, Array] = field(default_factory=dict)
     checks: list[str] = field(default_factory=list)
     no_warmth: str | None = None  # why temperature was not tried
     leaning: list[str] = field(default_factory=list)  # axes whose K leans on the pad's mechanics
+    not_stated: list[str] = field(default_factory=list)  # what needs untouched frames, where there are none
 
     @property
     def left_out(self) -> str:
@@ -82,13 +99,17 @@ class Fit:
     def report(self) -> dict[str, object]:
         """For JSON."""
         by_axis = {
-            axis: {"rmse": float(e), "r2": float(r), "rmse_linear": float(p), "full_scale": float(f)}
-            for axis, e, r, p, f in zip(AXES, self.rmse, self.r2, self.linear_rmse, self.map.full, strict=True)
+            axis: {"rmse": float(e), "mae": float(m), "r2": float(r), "rmse_linear": float(p), "full_scale": float(f)}
+            for axis, e, m, r, p, f in zip(
+                AXES, self.rmse, self.mae, self.r2, self.linear_rmse, self.map.full, strict=True
+            )
         }
         return {
             "axes": by_axis, "unit": "N, N mm", "held_out_by": self.holdout, "lag_ms": 1e3 * self.lag_s,
             "ridge": self.ridge, "terms": self.terms, "condition": self.condition, "n_frames": self.n_frames,
             "prior": self.leaning, "n_recordings": self.n_runs, "checks": self.checks, "temperature": self._warmth(),
+            "recordings": {n: {"rmse": v[0].tolist(), "mae": v[1].tolist()} for n, v in self.by_recording.items()},
+            "not_stated": self.not_stated,
             "not_measured": [a for a, f in zip(AXES, self.map.full, strict=True) if f == 0],
         }  # fmt: skip
 
@@ -111,7 +132,8 @@ def fit_wrench_map(
     bend : what products of axes add to the features (n, 21), for features that are linear in them by (n, 6), where the
         board's geometry says it (`target_geometry`); else quadratic terms are free.
     prior : K (6, n) by the pad's mechanics (`marker_prior`), for many features: each axis leans on it where that pays.
-    holdout : `recording` leaves whole recordings out, `touch` single loads (from one touch-free moment to the next).
+    holdout : `recording` leaves whole recordings out, `touch` single touches (as the log numbers them, else from one
+        touch-free moment to the next).
 
     Raises
     ------
@@ -123,7 +145,9 @@ def fit_wrench_map(
     seen = frames_of(runs, 0.0)
     _checks(seen)
     ways = (False, True) if seen.features.shape[1] <= FEW else (False,)
-    lags = [_lag(runs, has_memory) for has_memory in ways]
+    lags = [_lag(runs, has_memory) for has_memory in ways] if _has_sequences(seen) else [0.0]
+    if all(run.is_row_by_row for run in runs):
+        lags = [0.0 if abs(lag) < SAME_ROW_S else lag for lag in lags]
     if abs(lags[-1] - lags[0]) < SAME_LAG_S:
         lags = lags[:1]
     fits = [_fit_at(runs, lag_s, holdout, bend, prior) for lag_s in lags]
@@ -132,8 +156,7 @@ def fit_wrench_map(
 
 def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | None, prior: Array | None) -> Fit:
     frames = frames_of(runs, lag_s)
-    groups = frames.run if holdout == "recording" else _touches(frames)
-    folds = _folds(groups)
+    folds = folds_of(frames, holdout)
     checks = _checks(frames)
     route = _route(frames, folds, bend, prior)
     chosen, linear, errors = route.terms, route.linear, route.errors
@@ -154,13 +177,33 @@ def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | Non
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)
     return Fit(
         found, lag_s, dict(zip(AXES, chosen.ridge.tolist(), strict=True)), {n: _names(m) for n, m in terms.items()},
-        rms(errors), r2, rms(linear), _condition(scaled), len(frames.features), len(runs), holdout, checks,
-        frames.degrees.why_not, _names(chosen.leans),
+        rms(errors), r2, rms(linear), _condition(scaled), len(frames.features), len(np.unique(frames.recording)),
+        holdout, mean_abs(errors), _by_recording(frames, runs, errors), checks, frames.degrees.why_not,
+        _names(chosen.leans), [] if has_rest(frames) else list(NEED_REST),
     )  # fmt: skip
 
 
 def _names(axes: Axes) -> list[str]:
     return [axis for axis, on in zip(AXES, axes, strict=True) if on]
+
+
+def mean_abs(errors: Array) -> Array:
+    """Of each axis, (6,)."""
+    return np.asarray(np.nanmean(np.abs(errors), axis=0))
+
+
+def _by_recording(frames: Frames, runs: list[FeatureRun], errors: Array) -> dict[str, Array]:
+    """RMSE and MAE (2, 6) of each recording."""
+    numbers = recordings_of(runs)
+    names = {k: run.recording or run.name for k, run in zip(numbers, runs, strict=True)}
+    parts = {name: errors[frames.recording == k] for k, name in names.items()}
+    return {name: np.stack([rms(part), mean_abs(part)]) for name, part in parts.items() if np.isfinite(part).any()}
+
+
+def has_rest(frames: Frames) -> bool:
+    """Whether the log has untouched frames to measure noise at rest on."""
+    loaded = np.abs(frames.wrench) / np.maximum(np.abs(frames.wrench).max(axis=0), 1e-12)
+    return int((loaded.max(axis=1) < REST_PART).sum()) >= LEAST_AT_REST
 
 
 def _left_out(holdout: str) -> str:
@@ -192,16 +235,27 @@ def _condition(scaled: Array) -> float:
     return float(values[0] / values[min(5, len(values) - 1)])
 
 
-def _folds(groups: npt.NDArray[np.intp], n: int = 5) -> Folds:
-    """What each fold leaves out: whole groups, dealt round."""
-    names = np.unique(groups)
-    if len(names) < n:
-        raise InputError(f"only {len(names)} recordings or touches: {n} are needed to tell what a fit is worth")
+def folds_of(frames: Frames, holdout: str) -> Folds:
+    """Frames that each fold leaves out: whole recordings or whole touches, dealt round.
+
+    Raises
+    ------
+    InputError
+        Less than two recordings, or five touches.
+    """
+    by_touch = holdout == "touch"
+    names = np.unique(groups := _touches(frames) if by_touch else frames.recording)
+    if len(names) < (least := N_FOLDS if by_touch else 2):
+        remedy = "press more often" if by_touch else "give another log, or --holdout touch"
+        raise InputError(f"only {len(names)} {_left_out(holdout)}: {least} are needed to judge a fit; {remedy}")
+    n = min(N_FOLDS, len(names))
     return [np.isin(groups, names[i::n]) for i in range(n)]
 
 
 def _touches(frames: Frames) -> npt.NDArray[np.intp]:
-    """Number of the load that a frame belongs to."""
+    """Number of the touch that a frame belongs to: the log's, else by the load."""
+    if (frames.touch >= 0).all():
+        return frames.touch
     size = (np.abs(frames.wrench) / np.maximum(np.abs(frames.wrench).max(axis=0), 1e-12)).max(axis=1)
     starts = np.diff((size > 0.1).astype(int), prepend=0) == 1
     starts |= np.diff(frames.run, prepend=frames.run[0]) != 0
@@ -256,6 +310,13 @@ def _with_terms(frames: Frames, folds: Folds, plain: Terms) -> _Route:
         chosen = replace(chosen, **{name: gains})
         errors = held_out(frames, folds, chosen) if gains.any() else errors
     return _Route(chosen, linear, errors)
+
+
+def _has_sequences(frames: Frames) -> bool:
+    """Whether touches have several frames, so that a lag shows."""
+    if (frames.touch < 0).any():
+        return True
+    return len(frames.touch) >= 3 * len(np.unique(frames.touch))
 
 
 def _lag(runs: list[FeatureRun], has_memory: bool) -> float:
@@ -319,14 +380,28 @@ def _error(found: WrenchMap, frames: Frames, errors: Array) -> Array:
     u = found.scaled(at_once)
     size2 = (u**2).sum(axis=1)
     at_rest = size2 < REST_PART**2
-    if at_rest.sum() < 20:
-        raise InputError("the log has fewer than 20 frames at rest: leave some before every load")
+    if at_rest.sum() < LEAST_AT_REST:
+        return _error_of_loads(errors, size2, found.full)
     quiet = np.cov(at_once[at_rest].T)
     loaded = size2 > 0.1**2
     left = np.cov(errors[loaded].T) - np.cov(errors[at_rest].T)
     growing = left / size2[loaded].mean()
     is_measured = np.outer(found.full > 0, found.full > 0)  # nothing is said of the others
     return np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured, least=LEAST_ERROR * found.full)])
+
+
+def _error_of_loads(errors: Array, size2: Array, full: Array) -> Array:
+    """As `_error` for a log without rest frames: by held-out errors of the lightest quarter of the frames and of all.
+
+    Errors have longer tails than a normal distribution: each axis is scaled so that one sigma covers 68 % of them.
+    """
+    light = size2 <= np.quantile(size2, 0.25)
+    quiet = np.cov(errors[light].T)
+    growing = (np.cov(errors[~light].T) - quiet) / max(size2[~light].mean(), 1e-12)
+    is_measured = np.outer(full > 0, full > 0)
+    out = np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured)])
+    sigma = np.sqrt((out[0] ** 2).sum(axis=0) + size2[:, None] * (out[1] ** 2).sum(axis=0))
+    return np.asarray(out * np.quantile(np.abs(errors) / np.maximum(sigma, 1e-12), ONE_SIGMA, axis=0))
 
 
 def _vectors(covariance: Array, least: Array | None = None) -> Array:

@@ -25,7 +25,8 @@ TIMES_S = (0.3, 3.0, 30.0)  # a third of a second to half a minute: rubber forge
 class Frames:
     """Frames of a log, in order.
 
-    features (t, n), reference (t, 6) N and N mm, time, number of the recording, and how warm it is.
+    features (t, n), reference (t, 6) N and N mm, time, number of the run, temperature, numbers of the recording and
+    of the touch; -1: the log does not number its touches.
     """
 
     features: Array
@@ -33,10 +34,18 @@ class Frames:
     time_s: Array
     run: npt.NDArray[np.intp]
     degrees: Degrees
+    recording: npt.NDArray[np.intp]
+    touch: npt.NDArray[np.intp]
 
     def take(self, which: npt.NDArray[np.bool_]) -> Frames:
         return Frames(
-            self.features[which], self.wrench[which], self.time_s[which], self.run[which], self.degrees.take(which)
+            self.features[which],
+            self.wrench[which],
+            self.time_s[which],
+            self.run[which],
+            self.degrees.take(which),
+            self.recording[which],
+            self.touch[which],
         )
 
 
@@ -53,7 +62,28 @@ def frames_of(runs: list[FeatureRun], lag_s: float) -> Frames:
         np.concatenate([run.time_s[g] for run, g in zip(runs, good, strict=True)]),
         np.concatenate([np.full(int(g.sum()), i) for i, g in enumerate(good)]),
         degrees,
+        np.concatenate([np.full(int(g.sum()), r) for r, g in zip(recordings_of(runs), good, strict=True)]),
+        _touch_numbers(runs),
     )
+
+
+def recordings_of(runs: list[FeatureRun]) -> list[int]:
+    """Number of each run's recording."""
+    names = list(dict.fromkeys(run.recording or f"{i}" for i, run in enumerate(runs)))
+    return [names.index(run.recording or f"{i}") for i, run in enumerate(runs)]
+
+
+def _touch_numbers(runs: list[FeatureRun]) -> npt.NDArray[np.intp]:
+    """One number for each touch of all logs, of the good frames; -1 for frames whose log does not number them."""
+    out, n = [], 0
+    for run in runs:
+        if run.touch is None:
+            out.append(np.full(int(run.is_good.sum()), -1))
+            continue
+        names, number = np.unique(run.touch, return_inverse=True)
+        out.append((number + n)[run.is_good])
+        n += len(names)
+    return np.concatenate(out)
 
 
 @dataclass(frozen=True)

@@ -8,56 +8,140 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import JsonFlag, emit, note, progress_bar
+
+MOST_LISTED = 12  # recordings
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from ruffini.calibrate.column_log import Columns
     from ruffini.calibrate.wrench_map import Fit
 
 
+ColumnsOption = Annotated[
+    Path | None, typer.Option("--columns", help="TOML file that names the columns of a log from elsewhere.")
+]
+TimeOption = Annotated[str | None, typer.Option("--time", help="Column of time, seconds.")]
+FeaturesOption = Annotated[
+    list[str] | None, typer.Option("--features", help="Column or dataset of features; * matches; repeatable.")
+]
+UnitOption = Annotated[str | None, typer.Option("--unit", help="Of displacements: px, mm, um or m.")]
+WrenchOption = Annotated[
+    str | None, typer.Option("--wrench", help="Dataset of six columns, or six names with commas: fx to tz.")
+]
+WrenchUnitOption = Annotated[str | None, typer.Option("--wrench-unit", help="Of forces and torques (N,Nm).")]
+TouchOption = Annotated[str | None, typer.Option("--touch", help="Column that numbers the touches.")]
+RecordingOption = Annotated[str | None, typer.Option("--recording", help="Column that numbers the recordings.")]
+
+
+def columns_of(
+    columns: Path | None, time: str | None, features: list[str] | None, unit: str | None, wrench: str | None,
+    wrench_unit: str | None, touch: str | None, recording: str | None,
+) -> Columns | None:  # fmt: skip
+    """Columns named on the command line, over those of the file; None where nothing is named."""
+    from dataclasses import asdict
+
+    from ruffini.calibrate.column_log import Columns
+
+    said = {
+        "time": time, "features": features, "unit": unit, "wrench": wrench.split(",") if wrench else None,
+        "wrench_unit": wrench_unit.split(",") if wrench_unit else None, "touch": touch, "recording": recording,
+    }  # fmt: skip
+    said = {name: value for name, value in said.items() if value}
+    if columns is None and not said:
+        return None
+    return Columns.of({**(asdict(Columns.read(columns)) if columns else {}), **said}, "the command line")
+
+
 def wrench(
-    log: Annotated[
-        list[Path],
-        typer.Option(
-            "--log", help="Frames with wrench.csv, a folder of such recordings, or a log of cal collect; repeatable."
+    logs: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="LOG...",
+            help="HDF5 or CSV with named columns, frames with wrench.csv, a folder of "
+            "such recordings, or a log of cal collect.",
         ),
-    ],
-    board: BoardOption,
-    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")],
+    ] = None,
+    log: Annotated[list[Path] | None, typer.Option("--log", help="The same; repeatable.")] = None,
+    board: Annotated[
+        str | None, typer.Option("--board", help="Board name, or a folder with a board.toml; not needed with columns.")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")
+    ] = Path("wrench.safetensors"),
     holdout: Annotated[
-        str, typer.Option(help="What is left out to judge the fit: whole recordings, or single touches.")
-    ] = "recording",
+        str | None,
+        typer.Option(help="Judge on `recording`s or on `touch`es left out (default: recordings if there are two)."),
+    ] = None,
+    columns: ColumnsOption = None,
+    time: TimeOption = None,
+    features: FeaturesOption = None,
+    unit: UnitOption = None,
+    wrench_columns: WrenchOption = None,
+    wrench_unit: WrenchUnitOption = None,
+    touch: TouchOption = None,
+    recording: RecordingOption = None,
     prior: Annotated[
         bool, typer.Option("--prior/--no-prior", help="Of markers: lean on the pad's mechanics where that helps.")
     ] = True,
     report: Annotated[Path | None, typer.Option(help="JSON of the report.")] = None,
     json_: JsonFlag = False,
 ) -> None:
-    """Fit the wrench of the board's targets or markers to a reference sensor; errors on what was not fitted."""
-    note(f"cal wrench: board {board}")
+    """Fit a wrench to targets, markers or any named columns beside a force sensor; judged on what was left out."""
+    note(f"cal wrench: board {board}" if board else "cal wrench: columns of a log")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.feature_log import features_of, read_feature_runs
+    from ruffini.calibrate.column_log import read_column_logs
+    from ruffini.calibrate.feature_log import Features, features_of, read_feature_runs
     from ruffini.calibrate.marker_prior import marker_prior
     from ruffini.calibrate.target_geometry import second_order_of
     from ruffini.calibrate.wrench_map import fit_wrench_map
+    from ruffini.calibrate.wrench_model import recordings_of
     from ruffini.calibrate.wrench_tables import tables
+    from ruffini.errors import InputError
     from ruffini.files import write_whole
 
-    found = find_board(board)
-    with progress_bar("frames") as progress:
-        runs = read_feature_runs(log, found, progress=progress)
-    mechanics = marker_prior(found) if prior else None
-    fit = fit_wrench_map(runs, holdout=holdout, bend=second_order_of(found), prior=mechanics)
+    paths = [*(logs or []), *(log or [])]
+    if not paths:
+        raise InputError("no log: give files or folders")
+    named = columns_of(columns, time, features, unit, wrench_columns, wrench_unit, touch, recording)
+    found = find_board(board) if board else None
+    if named is not None:
+        read = read_column_logs(paths, named)
+        runs, sort = read.runs, Features("columns", len(read.names))
+        for line in read.remarks:
+            note(line)
+        if found is not None:
+            sort = features_of(found)
+            if sort.n != len(read.names):
+                raise InputError(f"{paths[0]}: has {len(read.names)} features, board {found.name!r} makes {sort.n} of "
+                                 f"its {sort.sort}: another sensor, or leave --board out")  # fmt: skip
+    elif found is None:
+        raise InputError(f"{paths[0]}: name its columns (--columns FILE, or --time, --features, --wrench), or --board "
+                         "for a recording of one of its sensors")  # fmt: skip
+    else:
+        with progress_bar("frames") as progress:
+            runs, sort = read_feature_runs(paths, found, progress=progress), features_of(found)
+    fit = fit_wrench_map(
+        runs,
+        holdout=holdout or ("recording" if len(set(recordings_of(runs))) > 1 else "touch"),
+        bend=second_order_of(found) if found else None,
+        prior=marker_prior(found) if found and prior else None,
+    )
     for line in fit.checks:
         note(line)
-    if "feature_wrench" not in found.pipeline.stages:
+    if found is not None and "feature_wrench" not in found.pipeline.stages:
         note(f"board {found.name!r} has no stage feature_wrench: it would not use this table")
-    tensors, metadata = tables(fit, features_of(found))
-    container.write(out, container.pack(tensors, {**container.base_metadata(found), **metadata}))
-    said = {"file": str(out), **fit.report()}
+    tensors, metadata = tables(fit, sort)
+    base = container.base_metadata(found) if found else container.metadata_without_board()
+    container.write(out, container.pack(tensors, {**base, **metadata}))
+    left_out = json.loads(metadata["residuals"])["left_out"]
+    said = {"file": str(out), **fit.report(), "left_out": left_out}
     if report is not None:
         write_whole(report, json.dumps(said, indent=1).encode())
-    emit(said, json_, _text(out, fit))
+    emit(said, json_, "\n".join([_text(out, fit), *(f"  left out: {line}" for line in left_out)]))
 
 
 def _text(out: Path, fit: Fit) -> str:
@@ -66,17 +150,21 @@ def _text(out: Path, fit: Fit) -> str:
     lines = [
         f"{out}: {fit.n_frames} frames of {fit.n_runs} recordings, reference {1e3 * fit.lag_s:.1f} ms behind the "
         f"pictures, condition number {fit.condition:.1f}",
-        f"  RMSE on {fit.left_out} that were not fitted, against the reference:",
-        f"  {'':4}{'range':>10}{'K alone':>10}{'RMSE':>10}{'R2':>8}",
+        f"  errors on {fit.left_out} that were not fitted, against the reference (K alone: RMSE):",
+        f"  {'':4}{'range':>10}{'K alone':>10}{'RMSE':>10}{'MAE':>10}{'R2':>8}",
     ]
     for i, axis in enumerate(AXES):
         unit = "N" if i < 3 else "N mm"
         extra = ", ".join(name for name, axes in fit.terms.items() if axis in axes)
         state = extra if fit.map.full[i] else "not measured: the log hardly loads it"
         lines.append(
-            f"  {axis:4}{abs(fit.map.full[i]):>10.3g}{fit.linear_rmse[i]:>10.3g}{fit.rmse[i]:>10.3g}{fit.r2[i]:>8.3f}"
+            f"  {axis:4}{abs(fit.map.full[i]):>10.3g}{fit.linear_rmse[i]:>10.3g}{fit.rmse[i]:>10.3g}"
+            f"{fit.mae[i]:>10.3g}{fit.r2[i]:>8.3f}"
             f"  {unit}{'  ' + state if state else ''}"
         )
+    for name, (rmse, mae) in fit.by_recording.items() if len(fit.by_recording) < MOST_LISTED else ():
+        lines.append(f"  {name}: RMSE {_listed(rmse)}; MAE {_listed(mae)}")
+    lines += [f"  not stated: {what} (no untouched frames)" for what in fit.not_stated]
     if fit.leaning:
         lines.append(f"  {', '.join(fit.leaning)} lean on the pad's mechanics (the board's inverse FEM, shifts alone)")
     warmth = fit.map.warmth
@@ -85,3 +173,7 @@ def _text(out: Path, fit: Fit) -> str:
         f"  temperature: corrected from {warmth.coldest:.1f} to {warmth.warmest:.1f} C, about {warmth.reference:.1f} C"
     )  # fmt: skip
     return "\n".join(lines)
+
+
+def _listed(values: npt.NDArray[np.float64]) -> str:
+    return " ".join(f"{v:.3g}" for v in values)

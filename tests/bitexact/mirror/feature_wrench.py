@@ -39,6 +39,7 @@ class FeatureWrench:
     def __init__(self, tensors: Tensors) -> None:
         self._table = {name: np.asarray(tensors[name]).astype(object) for name in tensors if name.startswith("wrench.")}
         self._full = [int(v) << 4 for v in self._table["wrench.full_scale"]]
+        self._square_shift = self._table.get("wrench.square_shift", [0] * 6)
         n_terms = len(self._table.get("wrench.relax_time_ms", []))
         self._state = [[0] * 6 for _ in range(n_terms)]
         self._before, self._last_us = [0] * 6, 0
@@ -71,8 +72,8 @@ class FeatureWrench:
         u = self._scaled(y)
         pairs = self._products(u)
         e = [
-            v + _round_shift(sum(int(q) * p for q, p in zip(row, pairs, strict=True)), 14)
-            for v, row in zip(y, table["wrench.square"], strict=True)
+            v + _round_shift(sum(int(q) * p for q, p in zip(row, pairs, strict=True)), 14 - int(coarse))
+            for v, row, coarse in zip(y, table["wrench.square"], self._square_shift, strict=True)
         ]
         strained = self._scaled(e)
         agrees = self._agrees(features, [*strained, *self._products(strained)])

@@ -192,8 +192,8 @@ def _routes(
         frames = Frames(
             np.concatenate([(p.features * RAW).reshape(len(p.features), -1) for p in group]), truth,
             np.concatenate([period_s * np.arange(len(p.truth)) for p in group]),
-            np.concatenate([np.full(len(p.truth), i) for i, p in enumerate(group)]),
-            Degrees.unknown(len(truth)),
+            run := np.concatenate([np.full(len(p.truth), i) for i, p in enumerate(group)]),
+            Degrees.unknown(len(truth)), run, np.full(len(truth), -1),
         )  # fmt: skip
         for route, found in maps.items():
             error = (found.predicted(frames) - truth)[judged]

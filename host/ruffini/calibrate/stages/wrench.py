@@ -13,8 +13,8 @@ from ruffini.calibrate.marker_prior import marker_prior
 from ruffini.calibrate.stages import contact
 from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage
 from ruffini.calibrate.target_geometry import second_order_of
-from ruffini.calibrate.wrench_map import FEW, Fit, fit_wrench_map
-from ruffini.calibrate.wrench_model import AXES, frames_of
+from ruffini.calibrate.wrench_map import FEW, N_FOLDS, Fit, fit_wrench_map
+from ruffini.calibrate.wrench_model import AXES, frames_of, recordings_of
 from ruffini.calibrate.wrench_tables import tables
 from ruffini.calibrate.wrench_terms import Bend
 from ruffini.errors import InputError
@@ -30,7 +30,7 @@ class Mechanics(TypedDict):
 def run(job: Job, progress: Progress) -> Outcome:
     """Fit to features and reference of every log; errors on recordings, or touches, that were left out."""
     runs = read_feature_runs(job.paths, job.board, progress=progress)
-    holdout = "recording" if len(runs) > 1 else "touch"
+    holdout = "recording" if len(set(recordings_of(runs))) >= N_FOLDS else "touch"
     mechanics: Mechanics = {"bend": second_order_of(job.board), "prior": marker_prior(job.board)}
     fit = fit_wrench_map(runs, holdout=holdout, **mechanics)
     tensors, metadata = tables(fit, features_of(job.board))

@@ -1,0 +1,312 @@
+"""Force logs from elsewhere as they are: HDF5 or CSV, with named columns of time, features and wrench.
+
+A small TOML file or the command line names the columns:
+
+    time = "vision/timestamp"            # seconds, rising
+    features = ["vision/dxyz"]           # datasets or columns; * matches: "taxel_*"
+    unit = "mm"                          # of displacements: px, mm, um, m; leave out for anything else
+    wrench = "force/values"              # six columns, or a list of six names, "" for an axis without a sensor
+    wrench_unit = ["N", "N m"]
+    touch = "force/segment_id"           # optional: one number a touch, 0 untouched
+    recording = "session"                # optional: else each file is a recording
+"""
+
+from __future__ import annotations
+
+import csv
+import fnmatch
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.calibrate.feature_log import FeatureRun
+from ruffini.errors import InputError
+from ruffini.rig.units import force_factor, torque_factor
+
+Array = npt.NDArray[np.float64]
+
+STEP = 65536.0  # raw units in a px or mm
+LARGEST_RAW = 1 << 20  # of a feature without a unit
+LENGTHS_MM = {"mm": 1.0, "um": 1e-3, "m": 1e3}
+# A displacement beyond these was given in another unit: no soft pad moves so little under load, or so far.
+LEAST = {"mm": 0.02, "px": 0.02}
+MOST = {"mm": 100.0, "px": 2000.0}
+MOST_ARM_MM, LEAST_ARM_MM = 1000.0, 0.05  # torque over force of a sensor that a hand can press
+TURNED = 3.0  # mean of a shear force over that of the normal force that means swapped columns
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Names of the columns of a log; the module's docstring explains each."""
+
+    time: str = ""
+    features: tuple[str, ...] = ()
+    unit: str = ""
+    wrench: tuple[str, ...] = ()
+    wrench_unit: tuple[str, ...] = ("N", "N m")
+    touch: str = ""
+    recording: str = ""
+
+    @classmethod
+    def read(cls, path: Path) -> Columns:
+        """Read the mapping file; raises InputError where it is not one."""
+        try:
+            file = tomllib.loads(path.read_text())
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise InputError(f"{path}: cannot be read: {error}") from error
+        return cls.of(file, str(path))
+
+    @classmethod
+    def of(cls, values: dict[str, Any], where: str) -> Columns:
+        """Check names and types; text stands for a list of one."""
+        lists = {"features", "wrench", "wrench_unit"}
+        unknown = sorted(values.keys() - {f.name for f in fields(cls)})
+        if unknown:
+            raise InputError(f"{where}: {unknown[0]}: unknown; known are {', '.join(f.name for f in fields(cls))}")
+        out: dict[str, Any] = {}
+        for name, value in values.items():
+            value = [value] if name in lists and isinstance(value, str) else value
+            if not (all(isinstance(v, str) for v in value) if name in lists else isinstance(value, str)):
+                raise InputError(f"{where}: {name} is no name of a column: give text")
+            out[name] = tuple(value) if name in lists else value
+        made = cls(**out)
+        missing = [name for name in ("time", "features", "wrench") if not getattr(made, name)]
+        if missing:
+            raise InputError(f"{where}: {missing[0]} is not named: which columns of the log are it?")
+        if made.unit not in ("", "px", *LENGTHS_MM):
+            raise InputError(f"{where}: unit {made.unit!r}: px, mm, um, m, or none for features of another kind")
+        return made
+
+
+@dataclass
+class Source:
+    """An opened log: the values of a column by its name, (t,) or (t, ...)."""
+
+    path: Path
+    columns: dict[str, Any]
+
+    def named(self, name: str) -> list[tuple[str, Array]]:
+        """Columns that a name or pattern means, each (t,), with a name for messages.
+
+        Raises
+        ------
+        InputError
+            There is none, or it is not made of numbers.
+        """
+        found = [name] if name in self.columns else fnmatch.filter(self.columns, name)
+        if not found:
+            raise InputError(f"{self.path}: has no column {name!r}, only {_listed(self.columns)}")
+        out = []
+        for each in sorted(found, key=_by_number):
+            try:
+                values = np.asarray(self.columns[each], np.float64)
+            except ValueError:
+                values = np.array([_number(self.path, each, row, v) for row, v in enumerate(self.columns[each], 1)])
+            flat = values.reshape(len(values), -1)
+            labels = [""] if values.ndim == 1 else [str(list(i)) for i in np.ndindex(values.shape[1:])]
+            out += [(f"{each}{label}", column) for label, column in zip(labels, flat.T, strict=True)]
+        return out
+
+    def one(self, name: str) -> Array:
+        """The only column of a name."""
+        found = self.named(name)
+        if len(found) > 1:
+            raise InputError(f"{self.path}: {name} has {len(found)} columns, one is needed")
+        return found[0][1]
+
+
+class ColumnLogs(NamedTuple):
+    """Recordings; raw units in one unit of each feature (n,); names of the features; remarks for the user."""
+
+    runs: list[FeatureRun]
+    step: Array
+    names: list[str]
+    remarks: list[str]
+
+
+def read_column_logs(paths: Sequence[Path], columns: Columns) -> ColumnLogs:
+    """Every recording of the files.
+
+    Raises
+    ------
+    InputError
+        A file or column is missing, a cell is no number, time does not rise, files differ in their features, or units
+        cannot be right. The message names file, column, row and remedy.
+    """
+    sources = [_opened(path) for path in _files(paths)]
+    tables = [_features(source, columns) for source in sources]
+    names = tables[0][0]
+    for source, (others, _) in zip(sources, tables, strict=True):
+        if others != names:
+            first = next((n for n in [*others, *names] if (n in others) != (n in names)), others[0])
+            raise InputError(
+                f"{source.path}: column {first}: {len(others)} features, {sources[0].path.name} has {len(names)}: "
+                "a recording of another sensor; fit each sensor by itself"
+            )
+    for source, (_, values) in zip(sources, tables, strict=True):
+        _check_size(source.path, names, values, columns.unit)
+    step = _steps(np.concatenate([values for _, values in tables]), columns.unit)
+    runs, remarks = list[FeatureRun](), list[str]()
+    for source, (_, values) in zip(sources, tables, strict=True):
+        runs += _runs(source, columns, values, step)
+    pressing = np.concatenate([run.reference for run in runs])
+    if pressing[:, 2].mean() > 0:
+        remarks.append("Fz is positive on average: pressing must be negative (forces act on the pad, +z out of it)")
+    return ColumnLogs(runs, step, names, remarks)
+
+
+def _files(paths: Sequence[Path]) -> list[Path]:
+    out = list[Path]()
+    for path in paths:
+        found = sorted(p for p in path.iterdir() if p.suffix in (".h5", ".hdf5", ".csv")) if path.is_dir() else [path]
+        if not found:
+            raise InputError(f"{path}: holds no .h5, .hdf5 or .csv file")
+        out += found
+    return out
+
+
+def _opened(path: Path) -> Source:
+    if path.suffix == ".csv":
+        try:
+            with path.open(newline="") as stream:
+                header, *rows = [row for row in csv.reader(stream) if row]
+        except (OSError, ValueError, csv.Error) as error:
+            raise InputError(f"{path}: cannot be read as CSV: {error}") from error
+        short = next((i for i, row in enumerate(rows, 1) if len(row) != len(header)), None)
+        if short:
+            raise InputError(f"{path}: row {short} has {len(rows[short - 1])} cells, the header {len(header)}: "
+                             "complete or delete it")  # fmt: skip
+        return Source(path, {name.strip(): [row[i] for row in rows] for i, name in enumerate(header)})
+    import h5py
+
+    found: dict[str, Any] = {}
+    try:
+        with h5py.File(path) as file:
+            file.visititems(lambda name, node: found.update({name: node[()]}) if hasattr(node, "dtype") else None)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read as HDF5: {error}") from error
+    return Source(path, {name: v for name, v in found.items() if np.ndim(v) and v.dtype.kind in "fiub"})
+
+
+def _features(source: Source, columns: Columns) -> tuple[list[str], Array]:
+    named = [each for name in columns.features for each in source.named(name)]
+    names, values = [name for name, _ in named], np.stack([v for _, v in named], axis=1)
+    _check_finite(source.path, names, values)
+    return names, values * LENGTHS_MM.get(columns.unit, 1.0)
+
+
+def _runs(source: Source, columns: Columns, values: Array, step: Array) -> list[FeatureRun]:
+    path, time_s, wrench = source.path, source.one(columns.time), _wrench(source, columns)
+    _check_finite(path, [columns.time], time_s[:, None])
+    if len({len(time_s), len(wrench), len(values)}) > 1:
+        raise InputError(f"{path}: {columns.time} has {len(time_s)} rows, the features {len(values)}, the wrench "
+                         f"{len(wrench)}: one row a frame in each")  # fmt: skip
+    touch = source.one(columns.touch).astype(int) if columns.touch else None
+    session = source.one(columns.recording) if columns.recording else np.zeros(len(time_s))
+    out = []
+    for number in np.unique(session):
+        rows = np.flatnonzero(session == number)
+        back = np.flatnonzero(np.diff(time_s[rows]) < 0)
+        if len(back):
+            raise InputError(f"{path}: {columns.time}, row {rows[back[0] + 1] + 1}: time runs backwards: is this the "
+                             "column of time? Give each recording a file of its own, or name --recording")  # fmt: skip
+        name = path.name if not columns.recording else f"{path.name}/{number:g}"
+        when = time_s[rows]
+        out.append(FeatureRun(
+            name, when, np.round(values[rows] * step), np.ones(len(rows), bool), when, wrench[rows],
+            touch=None if touch is None else touch[rows],
+        ))  # fmt: skip
+    return out
+
+
+def _wrench(source: Source, columns: Columns) -> Array:
+    """N and N m, (t, 6)."""
+    path = source.path
+    named = [each for name in columns.wrench for each in (source.named(name) if name else [("", None)])]
+    if len(named) != 6:
+        raise InputError(f"{path}: the wrench has {len(named)} columns: name six, fx fy fz tx ty tz, with '' for an "
+                         "axis that nothing measures")  # fmt: skip
+    n = next(len(v) for _, v in named if v is not None)
+    values = np.stack([np.zeros(n) if v is None else v for _, v in named], axis=1)
+    names = [name for name, _ in named]
+    _check_finite(path, names, values)
+    units = columns.wrench_unit if len(columns.wrench_unit) == 2 else ()
+    if not units:
+        raise InputError("wrench_unit needs two: of forces and of torques, such as N and N m")
+    wrench = np.asarray(values * ([force_factor(units[0])] * 3 + [torque_factor(units[1])] * 3))
+    _check_wrench(path, names, wrench, units)
+    return wrench
+
+
+def _check_wrench(path: Path, names: list[str], wrench: Array, units: Sequence[str]) -> None:
+    force, torque = (float(np.sqrt((wrench[:, part] ** 2).sum(axis=1).mean())) for part in (slice(0, 3), slice(3, 6)))
+    if torque > 0 and force > 0 and not LEAST_ARM_MM < 1e3 * torque / force < MOST_ARM_MM:
+        column = 3 + int(np.abs(wrench[:, 3:]).max(axis=0).argmax())
+        row = 1 + int(np.abs(wrench[:, column]).argmax())
+        arm_mm = 1e3 * torque / force
+        what = (
+            "forces and torques look swapped: name --wrench in the order fx fy fz tx ty tz"
+            if LEAST_ARM_MM < 1e3 * force / torque < MOST_ARM_MM and force < 1
+            else "they look like N mm: give --wrench-unit N,Nmm" if arm_mm > MOST_ARM_MM
+            else "they look like N m: give --wrench-unit N,Nm"
+        )  # fmt: skip
+        raise InputError(f"{path}: {names[column]}, row {row}: torques read as {units[1]} are {arm_mm:.3g} mm times "
+                         f"the forces; {what}")  # fmt: skip
+    mean = np.abs(wrench[:, :3].mean(axis=0))
+    side = int(mean[:2].argmax())
+    if mean[side] > TURNED * mean[2] and mean[side] > 0.5 * float(np.sqrt((wrench[:, side] ** 2).mean())):
+        row = 1 + int(np.abs(wrench[:, side]).argmax())
+        raise InputError(f"{path}: {names[side]}, row {row}: {WRENCH[side]} presses on average, fz hardly: columns "
+                         "look swapped; name --wrench in the order fx fy fz tx ty tz, z out of the pad")  # fmt: skip
+
+
+def _check_size(path: Path, names: list[str], values: Array, unit: str) -> None:
+    if not unit:
+        return
+    kind = "px" if unit == "px" else "mm"
+    row, column = np.unravel_index(int(np.abs(values).argmax()), values.shape)
+    largest = float(np.abs(values[row, column]))
+    if LEAST[kind] <= largest <= MOST[kind]:
+        return
+    guess = "m or another unit" if largest < LEAST[kind] else "um or px"
+    raise InputError(f"{path}: {names[column]}, row {row + 1}: the largest displacement, read as {unit}, is "
+                     f"{largest:.3g} {kind}: is it in {guess}? Give --unit")  # fmt: skip
+
+
+def _check_finite(path: Path, names: list[str], values: Array) -> None:
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        row, column = bad[0]
+        raise InputError(f"{path}: {names[column]}, row {row + 1} is not a number: delete that row, or the column")
+
+
+def _steps(values: Array, unit: str) -> Array:
+    """Raw units in one of each feature: of displacements fixed, of others by the largest value in the log."""
+    if unit:
+        return np.full(values.shape[1], STEP)
+    largest = np.maximum(np.abs(values).max(axis=0), 1e-30)
+    return np.asarray(2.0 ** np.floor(np.log2(LARGEST_RAW / largest)))
+
+
+def _number(path: Path, name: str, row: int, cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        raise InputError(f"{path}: {name}, row {row}: {cell!r} is no number: correct or delete that row") from None
+
+
+def _by_number(name: str) -> tuple[object, ...]:
+    """m2 before m10."""
+    return tuple(int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name))
+
+
+def _listed(names: dict[str, Any]) -> str:
+    shown = list(names)[:12]
+    return ", ".join(shown) + (f" and {len(names) - 12} others" if len(names) > 12 else "")

@@ -1,0 +1,185 @@
+"""Force logs from elsewhere: read as they are, refused in one sentence where they cannot be right."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+import pytest
+from typer.testing import CliRunner
+
+from ruffini.calibrate import container
+from ruffini.calibrate.column_log import Columns, read_column_logs
+from ruffini.cli.app import app
+from ruffini.errors import InputError
+
+Array = npt.NDArray[np.float64]
+COLUMNS = Columns("t", ("moved",), "mm", ("wrench",), ("N", "N m"), "touch")
+N_MARKERS, N_TOUCHES, N_FRAMES = 5, 12, 8
+FULL = np.array([1.0, 1.0, 8.0, 0.02, 0.02, 0.02])  # N, N m
+
+
+def made(seed: int, noise_mm: float = 0.002, n_markers: int = N_MARKERS) -> dict[str, Array]:
+    """Touches of a linear sensor; displacements in mm, no untouched frames."""
+    rng = np.random.default_rng(seed)
+    peak = rng.uniform(-1, 1, (N_TOUCHES, 1, 6)) * FULL
+    peak[..., 2] = -np.abs(peak[..., 2]) - 1
+    wrench = (peak * np.linspace(0.3, 1, N_FRAMES)[:, None]).reshape(-1, 6)
+    makes = np.random.default_rng(0).normal(size=(n_markers * 3, 6)) * 0.3 / FULL
+    moved = wrench @ makes.T + rng.normal(size=(len(wrench), 3 * n_markers)) * noise_mm
+    return {"t": 0.05 * np.arange(len(wrench)), "moved": moved.reshape(-1, n_markers, 3), "wrench": wrench,
+            "touch": np.repeat(np.arange(1, N_TOUCHES + 1), N_FRAMES).astype(float)}  # fmt: skip
+
+
+def hdf5(path: Path, log: dict[str, Array]) -> Path:
+    with h5py.File(path, "w") as file:
+        for name, values in log.items():
+            file[name] = values
+    return path
+
+
+def as_csv(path: Path, log: dict[str, Array]) -> Path:
+    moved = log["moved"].reshape(len(log["t"]), -1)
+    names = ["t", "touch", *(f"m{i}" for i in range(moved.shape[1])), "fx", "fy", "fz", "tx", "ty", "tz"]
+    table = np.column_stack([log["t"], log["touch"], moved, log["wrench"]])
+    path.write_text("\n".join([",".join(names), *(",".join(map(repr, row)) for row in table.tolist())]))
+    return path
+
+
+def test_hdf5_and_csv_read_alike(tmp_path: Path) -> None:
+    log = made(1)
+    a = read_column_logs([hdf5(tmp_path / "a.h5", log)], COLUMNS)
+    named = Columns("t", ("m*",), "mm", ("fx", "fy", "fz", "tx", "ty", "tz"), ("N", "N m"), "touch")
+    b = read_column_logs([as_csv(tmp_path / "b.csv", log)], named)
+    assert a.runs[0].features.tolist() == b.runs[0].features.tolist()
+    assert a.runs[0].features[3, 4] == round(65536 * log["moved"][3, 1, 1])
+    assert a.runs[0].reference == pytest.approx(b.runs[0].reference)
+    assert b.names[9:11] == ["m9", "m10"]
+    assert a.runs[0].touch is not None
+    assert a.runs[0].touch[-1] == N_TOUCHES
+
+
+def test_metres_torques_in_n_mm_and_features_without_a_unit(tmp_path: Path) -> None:
+    log = made(1)
+    log["moved"] *= 1e-3
+    log["wrench"][:, 3:] *= 1e3
+    columns = Columns("t", ("moved",), "m", ("wrench",), ("N", "N mm"), "touch")
+    (run,) = read_column_logs([hdf5(tmp_path / "a.h5", log)], columns).runs
+    assert run.features[3, 4] == round(65536e3 * log["moved"][3, 1, 1])
+    assert run.reference[0, 3] == pytest.approx(1e-3 * log["wrench"][0, 3])
+    read = read_column_logs([hdf5(tmp_path / "b.h5", log)], Columns("t", ("moved",), "", ("wrench",), ("N", "N mm")))
+    assert (np.abs(read.runs[0].features).max(axis=0) >= 2**19).all()
+    assert read.runs[0].features[3, 4] / read.step[4] == pytest.approx(log["moved"][3, 1, 1], rel=1e-3)
+
+
+def changed(change: Callable[[dict[str, Array]], Any]) -> dict[str, Array]:
+    log = made(2)
+    change(log)
+    return log
+
+
+def _swapped(log: dict[str, Array]) -> None:
+    log["wrench"] = log["wrench"][:, [2, 1, 0, 3, 4, 5]]
+
+
+def _turned(log: dict[str, Array]) -> None:
+    log["wrench"] = log["wrench"][:, [3, 4, 5, 0, 1, 2]]
+
+
+BAD: dict[str, tuple[Callable[[dict[str, Array]], Any], str]] = {
+    "nan": (lambda log: log["moved"].__setitem__((6, 2, 1), np.nan), r"b\.h5: moved\[2, 1\], row 7 is not a number: d"),
+    "nan wrench": (lambda log: log["wrench"].__setitem__((3, 2), np.nan), r"wrench\[2\], row 4 is not a number"),
+    "missing": (lambda log: log.pop("wrench"), r"b\.h5: has no column 'wrench', only moved, t, touch"),
+    "N mm": (lambda log: log["wrench"].__setitem__(np.s_[:, 3:], log["wrench"][:, 3:] * 1e3 * 1e2),
+             r"b\.h5: wrench\[\d\], row \d+: torques read as N m are .* --wrench-unit N,Nmm"),
+    "swapped": (_swapped, r"b\.h5: wrench\[0\], row \d+: fx presses on average, fz hardly: .*--wrench in the order"),
+    "torques for forces": (_turned, r"b\.h5: wrench\[\d\], row \d+: .* look swapped: name --wrench in the order"),
+    "backwards": (lambda log: log["t"].__setitem__(9, 0.1), r"b\.h5: t, row 10: time runs backwards"),
+    "metres": (lambda log: log.__setitem__("moved", log["moved"] * 1e-3), r"moved\[.*\], row \d+: .*Give --unit"),
+    "other rows": (lambda log: log.__setitem__("wrench", log["wrench"][1:]), r"b\.h5: t has 96 rows"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_log_is_one_sentence_and_nothing_is_written(case: str, tmp_path: Path) -> None:
+    change, sentence = BAD[case]
+    log = changed(change)
+    if case == "N mm":
+        log["wrench"][:, :3] /= 1e2
+    paths = [hdf5(tmp_path / "a.h5", made(1)), hdf5(tmp_path / "b.h5", log)]
+    with pytest.raises(InputError, match=sentence) as caught:
+        read_column_logs(paths, COLUMNS)
+    assert caught.value.exit_code == 2
+    assert "\n" not in str(caught.value)
+    said = CliRunner().invoke(app, _command(paths, tmp_path / "out"))
+    assert isinstance(said.exception, InputError)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_of_another_sensor(tmp_path: Path) -> None:
+    paths = [hdf5(tmp_path / "a.h5", made(1)), hdf5(tmp_path / "b.h5", made(1, n_markers=6))]
+    with pytest.raises(InputError, match=r"b\.h5: column moved\[5, 0\]: 18 features, a\.h5 has 15: .*another sensor"):
+        read_column_logs(paths, COLUMNS)
+
+
+def test_a_cell_that_is_no_number(tmp_path: Path) -> None:
+    path = as_csv(tmp_path / "a.csv", made(1))
+    rows = path.read_text().split("\n")
+    rows[5] = rows[5].replace(rows[5].split(",")[4], "lost", 1)
+    path.write_text("\n".join(rows))
+    with pytest.raises(InputError, match=r"a\.csv: m2, row 5: 'lost' is no number"):
+        read_column_logs([path], Columns("t", ("m*",), "mm", ("fx", "fy", "fz", "tx", "ty", "tz")))
+
+
+def _command(paths: list[Path], out: Path) -> list[str]:
+    return ["cal", "wrench", *map(str, paths), "--time", "t", "--features", "moved", "--unit", "mm", "--wrench",
+            "wrench", "--touch", "touch", "--out", str(out), "--json"]  # fmt: skip
+
+
+def test_two_recordings_without_untouched_frames_are_fitted(tmp_path: Path) -> None:
+    """One left out at a time; what needs untouched frames is named; the same by a mapping file."""
+    paths = [hdf5(tmp_path / f"{i}.h5", made(i)) for i in (1, 2)]
+    out = tmp_path / "wrench.safetensors"
+    result = CliRunner().invoke(app, _command(paths, out), catch_exceptions=False)
+    said = json.loads(result.stdout)
+    assert said["held_out_by"] == "recording"
+    assert said["n_recordings"] == 2
+    assert said["not_stated"]
+    assert list(said["recordings"]) == ["1.h5", "2.h5"]
+    for axis, full in zip(("Fx", "Fy", "Fz", "Tx", "Ty", "Tz"), FULL * [1, 1, 1, 1e3, 1e3, 1e3], strict=True):
+        assert said["axes"][axis]["rmse"] < 0.02 * full
+        assert 0 < said["axes"][axis]["mae"] < said["axes"][axis]["rmse"]
+    assert "wrench" in container.read(out).kinds
+    mapping = tmp_path / "columns.toml"
+    mapping.write_text('time = "t"\nfeatures = ["moved"]\nunit = "mm"\nwrench = "wrench"\ntouch = "touch"\n')
+    by_file = ["cal", "wrench", *map(str, paths), "--columns", str(mapping), "--out", str(out), "--json"]
+    again = json.loads(CliRunner().invoke(app, by_file, catch_exceptions=False).stdout)
+    assert again["axes"] == said["axes"]
+
+
+def test_one_frame_a_touch_and_one_recording(tmp_path: Path) -> None:
+    log = made(3)
+    log["touch"] = np.arange(len(log["t"])) + 1.0
+    result = CliRunner().invoke(app, _command([hdf5(tmp_path / "a.h5", log)], tmp_path / "w"), catch_exceptions=False)
+    said = json.loads(result.stdout)
+    assert said["held_out_by"] == "touch"
+    assert said["lag_ms"] == 0
+
+
+@pytest.mark.parametrize("times", [1e-3, 30.0])
+def test_any_range(times: float, tmp_path: Path) -> None:
+    """A thousandth and thirty times the force; a sensor's torques beyond 1,074 N mm are left out, and named."""
+    paths = []
+    for i in (1, 2):
+        log = made(i)
+        log["wrench"] *= times
+        log["moved"] += 0.2 * np.abs(log["moved"]) * log["moved"]
+        paths.append(hdf5(tmp_path / f"{i}.h5", log))
+    result = CliRunner().invoke(app, _command(paths, tmp_path / "w"), catch_exceptions=False)
+    said = json.loads(result.stdout)
+    assert said["axes"]["Fz"]["rmse"] < 0.1 * said["axes"]["Fz"]["full_scale"]
