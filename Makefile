@@ -25,7 +25,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test readmes lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 wheel deb arm64 vm pi board fresh clean
+.PHONY: help setup build run test test-realtime readmes lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 wheel deb arm64 vm pi board fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -47,6 +47,9 @@ test: build  ## all tests that need no hardware
 	@npm --prefix host/page --silent test
 	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) --dist loadfile tests
+
+test-realtime: build  ## the few tests that are about real time, one after the other on a quiet computer; each states its margin, none is retried
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -m realtime -v -rs tests
 
 # RUFFINI_READMES_TURN=0/2: the first, third, fifth... of them; 1/2: the others.
 EXTRA_TESTS = tests/py/train tests/e2e/test_learned_network.py tests/e2e/test_recordings.py tests/e2e/test_rerun.py

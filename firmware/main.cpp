@@ -79,6 +79,7 @@ struct Arguments {
   std::string keys;
   std::string factory;
   std::string throttled;
+  std::string clock;
   bool accepts_development_key = false;
   bool has_no_challenge = false;
   bool is_loop = false;
@@ -97,12 +98,13 @@ ruffini::Result<ruffini::BoardSettings> load_board(const Arguments& arguments) {
 }
 
 ruffini::Result<std::unique_ptr<ruffini::Camera>> open_one(const std::string& camera, const Arguments& arguments,
-                                                           const ruffini::BoardSettings& board) {
+                                                           const ruffini::BoardSettings& board,
+                                                           const ruffini::Clock& clock) {
   const bool is_lockstep = arguments.daemon.is_lockstep;
   if (camera.rfind("libcamera:", 0) == 0) return ruffini::open_libcamera(camera.substr(10), board);
-  if (camera.rfind("twin:", 0) == 0) return ruffini::open_twin(camera.substr(5), is_lockstep, board);
+  if (camera.rfind("twin:", 0) == 0) return ruffini::open_twin(camera.substr(5), is_lockstep, board, clock);
   if (camera.rfind("replay:", 0) == 0) {
-    return ruffini::open_replay({camera.substr(7), is_lockstep, arguments.is_loop}, board);
+    return ruffini::open_replay({camera.substr(7), is_lockstep, arguments.is_loop}, board, clock);
   }
   return ruffini::Error{ruffini::ErrorKind::kBadInput,
                         "--camera " + camera + ": give libcamera:NAME, replay:PATH or twin:SOCKET"};
@@ -111,17 +113,18 @@ ruffini::Result<std::unique_ptr<ruffini::Camera>> open_one(const std::string& ca
 using CameraResult = ruffini::Result<std::unique_ptr<ruffini::Camera>>;
 
 // One that makes the whole picture, or two of half a picture each.
-CameraResult open_cameras(const Arguments& arguments, const ruffini::BoardSettings& board) {
-  if (arguments.cameras.size() == 1) return open_one(arguments.cameras[0], arguments, board);
+CameraResult open_cameras(const Arguments& arguments, const ruffini::BoardSettings& board,
+                          const ruffini::Clock& clock) {
+  if (arguments.cameras.size() == 1) return open_one(arguments.cameras[0], arguments, board, clock);
   if (board.stereo.tolerance_us == 0) {
     return ruffini::Error{ruffini::ErrorKind::kBadInput,
                           "--camera is given twice, but board.toml has no [stereo]: give one, or add that section"};
   }
   ruffini::BoardSettings half = board;
   half.camera.width_px /= 2;
-  auto left = open_one(arguments.cameras[0], arguments, half);
+  auto left = open_one(arguments.cameras[0], arguments, half, clock);
   if (!left) return left;
-  auto right = open_one(arguments.cameras[1], arguments, half);
+  auto right = open_one(arguments.cameras[1], arguments, half, clock);
   if (!right) return right;
   return ruffini::pair_cameras(std::move(left).value(), std::move(right).value(), board.camera.width_px,
                                board.camera.height_px, static_cast<uint64_t>(board.stereo.tolerance_us));
@@ -129,10 +132,10 @@ CameraResult open_cameras(const Arguments& arguments, const ruffini::BoardSettin
 
 // What a twin's lamps do it says by its numbers; a board's are switched here. Recordings hold what was computed from.
 CameraResult open_alternating(const Arguments& arguments, const ruffini::BoardSettings& board,
-                              ruffini::OutputLine* lamps) {
+                              const ruffini::Clock& clock, ruffini::OutputLine* lamps) {
   ruffini::BoardSettings faster = board;
   faster.camera.rate_mhz *= 2;
-  auto camera = open_cameras(arguments, faster);
+  auto camera = open_cameras(arguments, faster, clock);
   if (!camera || camera.value()->is_replay()) return camera;
   const size_t n_bytes = size_t{3} * static_cast<size_t>(board.camera.width_px * board.camera.height_px);
   if (arguments.cameras[0].rfind("twin:", 0) == 0) {
@@ -153,8 +156,10 @@ CameraResult open_alternating(const Arguments& arguments, const ruffini::BoardSe
   return ruffini::alternate(std::move(camera).value(), during, n_bytes);
 }
 
-CameraResult open_camera(const Arguments& arguments, const ruffini::BoardSettings& board, ruffini::OutputLine* lamps) {
-  return board.light.alternates ? open_alternating(arguments, board, lamps) : open_cameras(arguments, board);
+CameraResult open_camera(const Arguments& arguments, const ruffini::BoardSettings& board, const ruffini::Clock& clock,
+                         ruffini::OutputLine* lamps) {
+  return board.light.alternates ? open_alternating(arguments, board, clock, lamps)
+                                : open_cameras(arguments, board, clock);
 }
 
 // Everything that a start needs, looked at; the camera is opened as a start would.
@@ -166,7 +171,8 @@ int doctor(const Arguments& arguments) {
     checks.push_back({"board", CheckState::kOk, board.value().name, ""});
     checks.push_back(ruffini::examine_threads(board.value().threads));
     checks.push_back(ruffini::examine_lamps(board.value().led_driver));
-    const auto camera = open_cameras(arguments, board.value());
+    const ruffini::SystemClock clock;
+    const auto camera = open_cameras(arguments, board.value(), clock);
     checks.push_back({"frames", camera ? CheckState::kOk : CheckState::kFailed,
                       camera ? fmt::format("{}", fmt::join(arguments.cameras, ", ")) : camera.error().message, ""});
   } else {
@@ -204,7 +210,11 @@ int run(const Arguments& arguments) {
   if (!pad) return fail(pad.error());
   if (!pad.value().dark().empty()) fmt::print(stderr, "ruffinid: {}\n", pad.value().dark());
   const bool is_lockstep = arguments.daemon.is_lockstep;
-  auto camera = open_camera(arguments, board.value(), pad.value().lamps());
+  auto clock = arguments.clock.empty()
+                   ? ruffini::Result<std::unique_ptr<ruffini::Clock>>(std::make_unique<ruffini::SystemClock>())
+                   : ruffini::FileClock::open(arguments.clock);
+  if (!clock) return fail(clock.error());
+  auto camera = open_camera(arguments, board.value(), *clock.value(), pad.value().lamps());
   if (!camera) return fail(camera.error());
   const std::string serial = !arguments.serial.empty()            ? arguments.serial
                              : pad.value().board_serial().empty() ? "0000"
@@ -272,8 +282,7 @@ int run(const Arguments& arguments) {
                                          .is_lossless = arguments.daemon.is_lockstep,
                                          .last_run = record.last(),
                                          .is_safe_mode = record.is_safe_mode()};
-  const ruffini::SystemClock clock;
-  ruffini::Surroundings around{.clock = clock,
+  ruffini::Surroundings around{.clock = *clock.value(),
                                .random = random,
                                .camera = std::move(camera).value(),
                                .link = std::make_unique<ruffini::SerialPort>(std::move(port).value()),
@@ -321,6 +330,8 @@ int main(int argc, char** argv) {
   app.add_flag("--linger", arguments.daemon.lingers, "keep the link after the recording's end");
   app.add_option("--throttled", arguments.throttled,
                  "file with the computer's throttling bits, e.g. /sys/devices/platform/soc/soc:firmware/get_throttled");
+  app.add_option("--clock", arguments.clock,
+                 "for tests: a file whose first 8 bytes are the time, microseconds, little endian");
   app.add_option("--frames", arguments.daemon.max_frames, "stop after so many frames");
   try {
     app.parse(argc, argv);

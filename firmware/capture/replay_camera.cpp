@@ -1,6 +1,7 @@
 #include "capture/replay_camera.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
@@ -17,7 +18,9 @@ namespace ruffini {
 namespace {
 
 namespace fs = std::filesystem;
-using SteadyClock = std::chrono::steady_clock;
+
+// Between two looks at the clock, which need not be the computer's own: a daemon that is to end waits no longer.
+constexpr uint64_t kLookNs = 1'000'000;
 
 const cv::Size kUnreadable(1, 1);  // stands for a file that is no picture: no board's size, so it is counted
 
@@ -67,13 +70,14 @@ class VideoPictures : public Pictures {
 class ReplayCamera : public Camera {
  public:
   ReplayCamera(std::unique_ptr<Pictures> pictures, cv::Mat first, const ReplayOptions& options, int64_t rate_mhz,
-               bool is_simulated)
+               bool is_simulated, const Clock& clock)
       : pictures_(std::move(pictures)),
         pending_(std::move(first)),
         size_(pending_.size()),
         options_(options),
-        period_(std::chrono::nanoseconds(1'000'000'000'000 / rate_mhz)),
-        is_simulated_(is_simulated) {}
+        period_ns_(static_cast<uint64_t>(1'000'000'000'000 / rate_mhz)),
+        is_simulated_(is_simulated),
+        clock_(clock) {}
 
   CaptureStatus capture(FramePool::Buffer& buffer) override {
     if (pending_.empty()) pending_ = pictures_->next();
@@ -82,11 +86,10 @@ class ReplayCamera : public Camera {
       pending_ = pictures_->next();
     }
     if (pending_.empty()) return CaptureStatus::kEnd;
-    pace();
+    if (!options_.is_lockstep && !is_due()) return CaptureStatus::kNothing;
     const cv::Mat picture = std::exchange(pending_, cv::Mat());
     buffer.number = number_++;
-    buffer.capture_us = static_cast<uint64_t>(
-        std::chrono::duration_cast<std::chrono::microseconds>(SteadyClock::now().time_since_epoch()).count());
+    buffer.capture_us = clock_.now_us();
     if (picture.size() != size_ || picture.type() != CV_8UC3) return CaptureStatus::kInvalidFrame;
     for (int y = 0; y < picture.rows; ++y) {
       std::memcpy(buffer.pixels.data() + static_cast<size_t>(y) * static_cast<size_t>(picture.cols) * 3, picture.ptr(y),
@@ -98,22 +101,29 @@ class ReplayCamera : public Camera {
   [[nodiscard]] bool is_replay() const override { return true; }
 
  private:
-  void pace() {
-    if (options_.is_lockstep) return;
-    const auto now = SteadyClock::now();
-    due_ = due_ == SteadyClock::time_point{} ? now : due_ + period_;
-    if (due_ < now - period_) due_ = now;  // the reader fell behind: do not catch up in a burst
-    std::this_thread::sleep_until(due_);
+  // Waits for the next frame's time, kLookNs at most.
+  bool is_due() {
+    uint64_t now_ns = 1'000 * clock_.now_us();
+    if (due_ns_ == 0) due_ns_ = now_ns;
+    if (now_ns < due_ns_) {
+      std::this_thread::sleep_for(std::chrono::nanoseconds(std::min(due_ns_ - now_ns, kLookNs)));
+      now_ns = 1'000 * clock_.now_us();
+    }
+    if (now_ns < due_ns_) return false;
+    if (due_ns_ + period_ns_ < now_ns) due_ns_ = now_ns;  // the reader fell behind: do not catch up in a burst
+    due_ns_ += period_ns_;
+    return true;
   }
 
   std::unique_ptr<Pictures> pictures_;
   cv::Mat pending_;
   cv::Size size_;
   ReplayOptions options_;
-  std::chrono::nanoseconds period_;
-  SteadyClock::time_point due_{};
+  uint64_t period_ns_;
+  uint64_t due_ns_ = 0;
   uint64_t number_ = 0;
   bool is_simulated_;
+  const Clock& clock_;
 };
 
 std::vector<fs::path> image_files(const fs::path& folder) {
@@ -170,7 +180,8 @@ Result<RecordingInfo> read_info(const fs::path& folder, const BoardSettings& boa
 
 }  // namespace
 
-Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const BoardSettings& board) {
+Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const BoardSettings& board,
+                                            const Clock& clock) {
   // The libraries' own lines about a broken file would hide ours.
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   ::setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
@@ -212,8 +223,8 @@ Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const 
   const bool has_rate = video_hz * 1'000 >= kMinRateMhz && video_hz * 1'000 <= kMaxRateMhz;
   int64_t rate_mhz = has_rate ? static_cast<int64_t>(video_hz * 1'000) : board.camera.rate_mhz;
   if (info.rate_mhz > 0) rate_mhz = info.rate_mhz;
-  return std::unique_ptr<Camera>(
-      std::make_unique<ReplayCamera>(std::move(pictures), std::move(first), options, rate_mhz, info.is_simulated));
+  return std::unique_ptr<Camera>(std::make_unique<ReplayCamera>(std::move(pictures), std::move(first), options,
+                                                                rate_mhz, info.is_simulated, clock));
 }
 
 }  // namespace ruffini

@@ -2,10 +2,10 @@
 // where there is one), with an optional recording.toml: simulated, rate_mhz, board.
 #pragma once
 
-#include <chrono>
 #include <memory>
 #include <string>
 
+#include "base/clock.h"
 #include "board/settings.h"
 #include "capture/camera.h"
 
@@ -17,7 +17,9 @@ struct ReplayOptions {
   bool is_loop = false;
 };
 
+// `clock` outlives the camera; its pace and its stamps are of that time.
 // Errors: kUnavailable (missing, unreadable, empty), kBadInput (wrong size, recording of another board).
-[[nodiscard]] Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const BoardSettings& board);
+[[nodiscard]] Result<std::unique_ptr<Camera>> open_replay(const ReplayOptions& options, const BoardSettings& board,
+                                                          const Clock& clock);
 
 }  // namespace ruffini

@@ -72,14 +72,18 @@ std::span<uint8_t> bytes_of(T& value) {
 
 class TwinCamera : public Camera {
  public:
-  TwinCamera(UniqueFd socket, std::string path, bool is_lockstep, uint64_t rate_mhz)
-      : socket_(std::move(socket)), path_(std::move(path)), is_lockstep_(is_lockstep), rate_mhz_(rate_mhz) {}
+  TwinCamera(UniqueFd socket, std::string path, bool is_lockstep, uint64_t rate_mhz, const Clock& clock)
+      : socket_(std::move(socket)),
+        path_(std::move(path)),
+        is_lockstep_(is_lockstep),
+        rate_mhz_(rate_mhz),
+        clock_(clock) {}
 
   CaptureStatus capture(FramePool::Buffer& buffer) override {
     // What waits in the socket of a device that stood still is old, and nothing in it says so.
-    if (!is_lockstep_ && asked_us_ != 0 && now_us() - asked_us_ > kStoodStillUs) is_behind_ = true;
+    if (!is_lockstep_ && asked_us_ != 0 && clock_.now_us() - asked_us_ > kStoodStillUs) is_behind_ = true;
     const CaptureStatus status = read_frame(buffer);
-    asked_us_ = now_us();
+    asked_us_ = clock_.now_us();
     if (status == CaptureStatus::kFrame && is_behind_) {
       is_behind_ = has_more();
       return CaptureStatus::kNothing;
@@ -101,7 +105,7 @@ class TwinCamera : public Camera {
     if (header.magic != std::array{'R', 'F', 'T', 'F'}) return lose("sent something that is no frame");
     if (header.n_bytes == 0) return CaptureStatus::kEnd;
     buffer.number = header.number;
-    buffer.capture_us = is_lockstep_ ? header.number * kMicrosecondsMillihertz / rate_mhz_ : now_us();
+    buffer.capture_us = is_lockstep_ ? header.number * kMicrosecondsMillihertz / rate_mhz_ : clock_.now_us();
     if (header.n_bytes != buffer.pixels.size()) return lose("sent a frame of another size");
     if (read_all(socket_.get(), buffer.pixels, true) != ReadStatus::kDone) return lose("went away within a frame");
     return CaptureStatus::kFrame;
@@ -110,11 +114,6 @@ class TwinCamera : public Camera {
   [[nodiscard]] bool has_more() const {
     char byte = 0;
     return ::recv(socket_.get(), &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 1;
-  }
-
-  static uint64_t now_us() {
-    return static_cast<uint64_t>(
-        std::chrono::duration_cast<std::chrono::microseconds>(SteadyClock::now().time_since_epoch()).count());
   }
 
   bool start() {
@@ -133,6 +132,7 @@ class TwinCamera : public Camera {
   std::string problem_;
   bool is_lockstep_;
   uint64_t rate_mhz_;
+  const Clock& clock_;
   bool is_started_ = false;
   bool is_behind_ = false;  // what comes next was sent while the device stood still
   uint64_t asked_us_ = 0;   // end of the last call
@@ -163,8 +163,8 @@ Result<UniqueFd> connect_to(const std::string& path) {
 
 }  // namespace
 
-Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool is_lockstep,
-                                          const BoardSettings& board) {
+Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool is_lockstep, const BoardSettings& board,
+                                          const Clock& clock) {
   auto socket = connect_to(socket_path);
   if (!socket) return socket.error();
   const int fd = socket.value().get();
@@ -191,7 +191,7 @@ Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool i
                                            std::to_string(board.camera.height_px)};
   }
   return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), socket_path, is_lockstep,
-                                                              static_cast<uint64_t>(board.camera.rate_mhz)));
+                                                              static_cast<uint64_t>(board.camera.rate_mhz), clock));
 }
 
 }  // namespace ruffini

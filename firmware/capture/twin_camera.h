@@ -12,14 +12,15 @@
 #include <memory>
 #include <string>
 
+#include "base/clock.h"
 #include "board/settings.h"
 #include "capture/camera.h"
 
 namespace ruffini {
 
-// Waits up to two seconds for the twin. Errors: kUnavailable (nobody serves there), kBadInput (no twin, another board,
+// Waits up to two seconds for the twin. `clock` outlives the camera; paced frames have its time. Errors: kUnavailable (nobody serves there), kBadInput (no twin, another board,
 // another size).
 [[nodiscard]] Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool is_lockstep,
-                                                        const BoardSettings& board);
+                                                        const BoardSettings& board, const Clock& clock);
 
 }  // namespace ruffini

@@ -6,6 +6,7 @@ Exit codes: 0 ok, 1 failed check, 2 usage or bad input, 3 no device, 4 refused, 
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import resource
@@ -13,17 +14,21 @@ import shutil
 import subprocess
 import sys
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import patch
 
 import cv2
 import numpy as np
 import pytest
 import serial
+from hang import HANG_S, guard
 from mcap.reader import make_reader
 from tiny_sensor import Sensor, start, write_board, write_recording
 
 from ruffini.calibrate import container
+from ruffini.cli import main
 from ruffini.demo.daemon import find_daemon
 
 HOST = [sys.executable, "-c", "import sys; from ruffini.cli import main; sys.exit(main())"]
@@ -37,20 +42,25 @@ def run_daemon(
         str(find_daemon()), "--board", str(board), "--camera", camera, "--link", link, "--store", str(store),
         "--lockstep", *options,
     ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     return done.returncode, done.stderr
 
 
-def run_host(
-    *arguments: str, port: str | None = None, timeout_s: float = 60.0, **environment: str
-) -> tuple[int, str, str]:
-    """Exit code, stdout and stderr of the host tool."""
-    command = [*HOST, *(["--port", port] if port else []), *arguments]
+def run_host(*arguments: str, port: str | None = None, **environment: str) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of the host tool, run in this process: to start one takes longer than most verbs."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
     clean = {k: v for k, v in os.environ.items() if k not in ("RUFFINI_PORT", "RUFFINI_SERIAL")}
-    done = subprocess.run(
-        command, capture_output=True, text=True, timeout=timeout_s, check=False, env={**clean, **environment}
-    )
-    return done.returncode, done.stdout, done.stderr
+    words = ["ruffini", *(["--port", port] if port else []), *arguments]
+    with (
+        patch.dict(os.environ, {**clean, **environment}, clear=True), patch.object(sys, "argv", words),
+        contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), guard(" ".join(words)),
+    ):  # fmt: skip
+        try:
+            code = main()
+        except Exception:
+            traceback.print_exc()
+            code = 1
+    return code, *(pipe.buffer.getvalue().decode() for pipe in (out, err))  # type: ignore[attr-defined, return-value]
 
 
 def is_one_sentence(text: str) -> bool:
@@ -147,7 +157,7 @@ def test_a_spoilt_stored_calibration_is_named_and_not_used(sensor: Sensor, tmp_p
     with start(sensor, tmp_path, "--wait-for-host") as daemon:
         code, out, _ = run_host("info", "--json", port=daemon.port)
         daemon.process.terminate()
-        _, text = daemon.process.communicate(timeout=5)
+        _, text = daemon.process.communicate(timeout=HANG_S)
     assert code == 0
     assert not json.loads(out)["sensors"][0]["calibration"]["present"]
     assert "stored calibration not used" in text
@@ -315,7 +325,7 @@ def test_a_daemon_that_dies_ends_the_verb_with_a_sentence(verb: list[str], senso
                     break
                 time.sleep(0.05)
         daemon.process.kill()
-        _, text = process.communicate(timeout=20)
+        _, text = process.communicate(timeout=HANG_S)
     assert process.returncode == 3, text
     last = text.strip().splitlines()[-1]
     assert daemon.port in last
@@ -337,7 +347,7 @@ def test_a_daemon_that_dies_under_snapshot_ends_it_with_a_sentence(sensor: Senso
             time.sleep(0.01)
         time.sleep(0.3)
         daemon.process.kill()
-        _, text = process.communicate(timeout=20)
+        _, text = process.communicate(timeout=HANG_S)
     assert (process.returncode, is_one_sentence(text)) == (3, True)
     assert daemon.port in text
     assert not out.exists()

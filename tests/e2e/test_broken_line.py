@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from broken_line import BrokenLine
+from hang import HANG_S
 from mcap.reader import make_reader
 from tiny_sensor import Sensor, start
 
@@ -141,7 +142,7 @@ def test_a_line_that_spoils_frames_is_said_to_be_bad_once(sensor: Sensor, tmp_pa
     ):
         host.on_damage = said.append
         host.subscribe(wrench=1, field=1)
-        stream = host.stream(timeout_s=5)
+        stream = host.stream(timeout_s=HANG_S)
         for _ in range(20):
             assert next(stream, None) is not None
         assert said == []
@@ -162,13 +163,13 @@ def test_a_sensor_that_was_started_again_says_so_and_another_one_is_not_taken_fo
         first = stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}"))
         host = stack.enter_context(Connection(port))
         host.subscribe(wrench=1)
-        next(iter(host.stream(timeout_s=20)))
+        next(iter(host.stream(timeout_s=HANG_S)))
         first.process.kill()
         first.process.wait()
         stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}"))
         while host.messages:
             host.messages.popleft()
-        stream = host.stream(timeout_s=2, resume_s=5, on_gap=gaps.append)
+        stream = host.stream(timeout_s=HANG_S, resume_s=5, on_gap=gaps.append)
         assert next((heard for heard in islice(stream, 1000) if gaps), None)  # what the first still sent comes before
         assert [gap.n_frames for gap in gaps] == [None]
         assert "started again" in str(gaps[0])
@@ -179,7 +180,7 @@ def test_a_sensor_that_was_started_again_says_so_and_another_one_is_not_taken_fo
         first.process.wait()
         stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}", serial="0002"))
         with pytest.raises(Exception, match="sensor 0001 is not back"):
-            list(host.stream(timeout_s=2, resume_s=1))
+            list(host.stream(timeout_s=HANG_S, resume_s=1))
 
 
 def test_hang_ups_cost_the_daemon_nothing_and_it_answers_at_once(sensor: Sensor, tmp_path: Path) -> None:
@@ -207,7 +208,7 @@ def test_hang_ups_cost_the_daemon_nothing_and_it_answers_at_once(sensor: Sensor,
         hang_up(100)
         with Connection(daemon.port) as host:
             host.subscribe(wrench=1)
-            next(iter(host.stream(timeout_s=20)))
+            next(iter(host.stream(timeout_s=HANG_S)))
         files, before_kb = open_files(), resident_kb()
         hang_up(N_HANG_UPS)
         waits_s = []
@@ -216,7 +217,7 @@ def test_hang_ups_cost_the_daemon_nothing_and_it_answers_at_once(sensor: Sensor,
             started = time.monotonic()
             with Connection(daemon.port) as host:
                 host.subscribe(wrench=1)
-                assert next(iter(host.stream(timeout_s=20)), None) is not None
+                assert next(iter(host.stream(timeout_s=HANG_S)), None) is not None
                 waits_s.append(time.monotonic() - started)
         time.sleep(0.1)
         assert open_files() == files
@@ -229,8 +230,8 @@ def test_hang_ups_cost_the_daemon_nothing_and_it_answers_at_once(sensor: Sensor,
 def test_a_line_that_is_lost_for_good_is_said(sensor: Sensor, tmp_path: Path) -> None:
     with start(sensor, tmp_path / "store", "--loop") as daemon, Connection(daemon.port) as host:
         host.subscribe(wrench=1)
-        next(iter(host.stream(timeout_s=20)))
+        next(iter(host.stream(timeout_s=HANG_S)))
         daemon.process.kill()
         daemon.process.wait()
         with pytest.raises(LineLostError, match="the line was lost"):
-            list(host.stream(timeout_s=2))
+            list(host.stream(timeout_s=HANG_S))

@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from hang import HANG_S
 from tiny_sensor import N_FRAMES, Sensor, start
 
 from ruffini.demo.daemon import find_daemon
@@ -15,7 +16,7 @@ from ruffini.device import Connection, Wrench
 
 def newtons(*arguments: str) -> subprocess.CompletedProcess[str]:
     program = find_daemon().parent / "host" / "cpp" / "ruffini_newtons"
-    return subprocess.run([program, *arguments], capture_output=True, text=True, timeout=30, check=False)
+    return subprocess.run([program, *arguments], capture_output=True, text=True, timeout=HANG_S, check=False)
 
 
 def forces(sensor: Sensor, store: Path) -> list[float]:
@@ -23,7 +24,7 @@ def forces(sensor: Sensor, store: Path) -> list[float]:
     with start(sensor, store, "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
         host.subscribe(wrench=1)
         out: list[float] = []
-        for frame, message in host.stream(timeout_s=2):
+        for frame, message in host.stream(timeout_s=HANG_S):
             if host.schema.type_name(frame.type) == "WRENCH":
                 out.append(Wrench.from_message(message).values[2])
             if len(out) == N_FRAMES:

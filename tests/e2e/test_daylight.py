@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hang import HANG_S
 from tiny_sensor import write_board
 from tiny_twin import Twin
 
@@ -69,7 +70,7 @@ def run(twin: Twin, folder: Path, scenario: Scenario) -> tuple[dict[int, tuple[f
         sensor.flash(twin.calibration)
         sensor.subscribe(wrench=1)
         try:
-            for frame, message in sensor.stream(timeout_s=3):
+            for frame, message in sensor.stream(timeout_s=HANG_S):
                 name = sensor.schema.type_name(frame.type)
                 if name == "WRENCH":
                     flags = set(sensor.schema.enum_names("FlagBit", message.stamp.flags))
@@ -81,7 +82,7 @@ def run(twin: Twin, folder: Path, scenario: Scenario) -> tuple[dict[int, tuple[f
         except RuffiniError:
             pass  # the twin has ended
         sensor._send("STATUS")
-        status = next(m for f, m in sensor.stream(timeout_s=3) if sensor.schema.type_name(f.type) == "STATUS")
+        status = next(m for f, m in sensor.stream(timeout_s=HANG_S) if sensor.schema.type_name(f.type) == "STATUS")
     return said, status, len(frames)
 
 
@@ -140,7 +141,7 @@ def test_a_recording_of_it_holds_what_the_device_computes_from(alternating: Twin
         n_rest = alternating.board.pipeline.n_rest_frames
         image = next(
             message
-            for frame, message in sensor.stream(timeout_s=5)
+            for frame, message in sensor.stream(timeout_s=HANG_S)
             if sensor.schema.type_name(frame.type) == "IMAGE" and message.stamp.frame > n_rest + 1
         )
     wanted = server.picture(image.stamp.frame)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hang import HANG_S
 from test_bad_input import run_host
 from tiny_sensor import ROOT, Sensor, calibrated_pair, start
 
@@ -19,7 +20,7 @@ EXAMPLES = ROOT / "host" / "examples"
 
 def run(name: str, *arguments: str, port: str = "nowhere") -> str:
     done = subprocess.run(
-        [sys.executable, str(EXAMPLES / name), *arguments], capture_output=True, text=True, timeout=60, check=False,
+        [sys.executable, str(EXAMPLES / name), *arguments], capture_output=True, text=True, timeout=HANG_S, check=False,
         env={**os.environ, "RUFFINI_PORT": port},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

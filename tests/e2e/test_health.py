@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from hang import HANG_S
 from test_bad_input import run_host
 from test_live_twin import Still, flags
 from tiny_twin import Twin
@@ -53,12 +54,12 @@ def daemon(
             yield Running(process, line.removeprefix("link: ").strip())
         finally:
             process.kill()
-            process.communicate(timeout=10)
+            process.communicate(timeout=HANG_S)
 
 
 def crash(running: Running) -> None:
     running.process.send_signal(signal.SIGSEGV)
-    assert running.process.wait(10) == -signal.SIGSEGV
+    assert running.process.wait(HANG_S) == -signal.SIGSEGV
 
 
 def health(sensor: Connection) -> set[str]:
@@ -82,7 +83,7 @@ def test_the_manager_is_told_when_frames_go_through_and_the_watchdog_is_fed(twin
         assert said[0] == b"READY=1"
         assert set(said[1:]) == {b"WATCHDOG=1"}
         running.process.send_signal(signal.SIGTERM)
-        assert running.process.wait(5) == 0
+        assert running.process.wait(HANG_S) == 0
         rest = []
         with contextlib.suppress(TimeoutError):
             listener.settimeout(0.1)
@@ -114,7 +115,7 @@ def test_a_process_that_was_stopped_shows_one_gap_and_no_old_frames(twin: Twin, 
         frames: list[tuple[int, int, float]] = []  # number, capture_us, when it came
         stale, events = 0, []
         stopped_at = woken_at = 0.0
-        for frame, message in sensor.stream(timeout_s=10):
+        for frame, message in sensor.stream(timeout_s=HANG_S):
             name = sensor.schema.type_name(frame.type)
             if name == "EVENT":
                 events.append(message.what)
@@ -163,7 +164,7 @@ def test_a_crash_is_told_after_the_restart(twin: Twin, tmp_path: Path) -> None:
         assert code == 0
         assert "the last run crashed with SIGSEGV in thread" in text
         running.process.send_signal(signal.SIGTERM)
-        assert running.process.wait(5) == 0
+        assert running.process.wait(HANG_S) == 0
     with daemon(twin, tmp_path) as running, Connection(running.port) as sensor:
         assert sensor.status().last_run.end == 0
         assert "HEALTH_CRASHED" not in health(sensor)
@@ -185,7 +186,7 @@ def test_three_crashes_in_a_row_lead_to_safe_mode_and_a_good_end_out_of_it(twin:
             assert not sensor.hello.sensors[0].calibration.present
             assert {"HEALTH_SAFE_MODE", "HEALTH_UNCALIBRATED"} <= health(sensor)
         running.process.send_signal(signal.SIGTERM)
-        assert running.process.wait(5) == 0
+        assert running.process.wait(HANG_S) == 0
         assert running.process.stderr is not None
         assert "no calibration is used" in running.process.stderr.read()
     with daemon(twin, tmp_path) as running, Connection(running.port) as sensor:
@@ -209,9 +210,9 @@ def test_a_reflex_line_that_is_not_there_is_said_and_the_sensor_measures(twin: T
             assert status.throttled == 0x50005
             assert status.reflex == 3
             sensor.subscribe(wrench=1)
-            assert next(m for _, m in sensor.stream(timeout_s=5) if hasattr(m, "force_z_un")) is not None
+            assert next(m for _, m in sensor.stream(timeout_s=HANG_S) if hasattr(m, "force_z_un")) is not None
         running.process.send_signal(signal.SIGTERM)
-        running.process.wait(5)
+        running.process.wait(HANG_S)
         assert running.process.stderr is not None
         said = running.process.stderr.read()
         assert "[reflex]" in said
@@ -253,7 +254,7 @@ def test_zero_is_refused_while_something_presses(twin: Twin, tmp_path: Path) -> 
                 sensor.subscribe(contacts=1)
                 steered.move_to(Pose(0.0, 0.0, 0.6e-3))
                 n_pressed = 0
-                for count, (frame, message) in enumerate(sensor.stream(timeout_s=10)):
+                for count, (frame, message) in enumerate(sensor.stream(timeout_s=HANG_S)):
                     if sensor.schema.type_name(frame.type) == "CONTACTS":
                         n_pressed = n_pressed + 1 if message.n_found else 0
                     if n_pressed > 10:

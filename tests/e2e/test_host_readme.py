@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from hang import HANG_S
 from test_bad_input import run_host
 from tiny_sensor import ROOT, Sensor, calibrated_pair, start
 
@@ -30,7 +31,7 @@ def test_python(sensor: Sensor, tmp_path: Path) -> None:
             record_stream(host, tmp_path / "run.mcap", n_frames=10)
         ports = f"LEFT, RIGHT = {left.port!r}, {right.port!r}\n"
         done = subprocess.run(
-            [sys.executable, "-c", ports + "\n".join(blocks("python"))], capture_output=True, text=True, timeout=60,
+            [sys.executable, "-c", ports + "\n".join(blocks("python"))], capture_output=True, text=True, timeout=HANG_S,
             check=False, cwd=tmp_path, env={**os.environ, "RUFFINI_PORT": left.port},
         )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hang import HANG_S
 from test_bad_input import is_one_sentence, run_daemon
 from tiny_sensor import Sensor, start, write_board
 
@@ -29,7 +30,7 @@ def health(sensor: Sensor, store: Path) -> tuple[set[str], str]:
     """Bits of the first STATUS, and what the daemon said before it."""
     with start(sensor, store, "--loop") as daemon, Connection(daemon.port) as host:
         host.subscribe(status=1)
-        status = next(m for f, m in host.stream(timeout_s=5) if host.schema.type_name(f.type) == "STATUS")
+        status = next(m for f, m in host.stream(timeout_s=HANG_S) if host.schema.type_name(f.type) == "STATUS")
         bits = set(host.schema.enum_names("HealthBit", status.health))
         assert daemon.process.stderr is not None
         return bits, daemon.process.stderr.readline() if "HEALTH_LIGHT" in bits else ""

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from hang import HANG_S
 from test_sensor_clock import SlowLine
 from tiny_sensor import Sensor, start
 
@@ -22,7 +23,7 @@ def latency(port: str, *words: str, code: int = 0) -> str:
         port,
         "latency",
     ]
-    done = subprocess.run([*command, *words], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run([*command, *words], capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == code, done.stderr
     return done.stdout if code == 0 else done.stderr
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hang import HANG_S
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from tiny_sensor import ROOT, Sensor, start, write_board, write_recording
@@ -51,7 +52,7 @@ def test_what_it_says_arrives_with_its_own_frames_stamp_and_is_recorded(asking: 
     with start(asking, store, "--lockstep", "--wait-for-host", "--linger") as daemon, Connection(daemon.port) as host:
         record_stream(host, out, n_frames=N_FRAMES)  # to the last frame's markers: what the network says is later
         host._send("STATUS")
-        status = next(m for f, m in host.stream(timeout_s=3) if host.schema.type_name(f.type) == "STATUS")
+        status = next(m for f, m in host.stream(timeout_s=HANG_S) if host.schema.type_name(f.type) == "STATUS")
         host.subscribe()
     with out.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
@@ -142,7 +143,7 @@ def test_frames_go_on_without_a_network_that_does_not_run(asking: Sensor, tmp_pa
     counts = {"WRENCH": 0, "LEARNED": 0}
     with start(asking, store, "--lockstep", "--wait-for-host", "--linger") as daemon, Connection(daemon.port) as host:
         host.subscribe(wrench=1, learned=1)
-        for frame, message in host.stream(timeout_s=3):
+        for frame, message in host.stream(timeout_s=HANG_S):
             kind = host.schema.type_name(frame.type)
             if kind == "STATUS":
                 status = message
@@ -163,7 +164,7 @@ def test_no_number_is_invalid_and_frames_go_on(asking: Sensor, tmp_path: Path) -
     said = []
     with start(asking, store, "--lockstep", "--wait-for-host", "--linger") as daemon, Connection(daemon.port) as host:
         host.subscribe(learned=1)
-        for _, message in host.stream(timeout_s=3):
+        for _, message in host.stream(timeout_s=HANG_S):
             said.append(Learned.from_message(message))
             if len(said) == N_FRAMES:
                 break
@@ -213,7 +214,7 @@ def test_an_exported_network_says_on_the_board_what_pytorch_says(tmp_path: Path,
     sensor = Sensor(own, folder, recording, b"")
     with start(sensor, store, "--lockstep", "--wait-for-host", "--linger") as daemon, Connection(daemon.port) as host:
         host.subscribe(learned=1)
-        for _, message in host.stream(timeout_s=10):
+        for _, message in host.stream(timeout_s=HANG_S):
             said.append(Learned.from_message(message))
             if len(said) == len(pictures):
                 break

@@ -14,6 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from daemon_time import DaemonTime
+from hand_twin import HandTwin, listen, settle, stalling_host
+from hang import HANG_S, until
 from test_bad_input import run_host
 from tiny_twin import Twin
 
@@ -43,7 +46,7 @@ def connected(twin: Twin, folder: Path, *options: str) -> Iterator[Connection]:
         yield sensor
 
 
-def wrenches(sensor: Connection, timeout_s: float = 20.0) -> Iterator[tuple[bool, object]]:
+def wrenches(sensor: Connection, timeout_s: float = HANG_S) -> Iterator[tuple[bool, object]]:
     """(is_simulated, WRENCH message) as they come, until the twin ends."""
     with contextlib.suppress(RuffiniError):
         for frame, message in sensor.stream(timeout_s=timeout_s):
@@ -103,84 +106,97 @@ def test_faults_are_flagged_in_the_frames_that_have_them(twin: Twin, tmp_path: P
     assert full == set(range(at["over_exposure"], at["over_exposure"] + 3))
 
 
-def standing_still() -> Scenario:
-    """For a second and a half, again and again: on a busy machine a host comes late to the first time."""
-    stalls = [{"kind": "stall", "first_frame": 30 + 90 * k, "n_frames": 30} for k in range(50)]
-    return Scenario.model_validate({"schema": 1, "program": "rest", "n": 1_000_000, "fault": stalls})
-
-
 def test_a_camera_that_stands_still_is_said_at_once(twin: Twin, tmp_path: Path) -> None:
-    """Within three frames and a bit: an event and stale wrenches; none of them is taken for a new frame."""
-    scenario = standing_still()
-    events, frames, stale = [], [], 0
+    """After three of its intervals: an event and stale wrenches; none of them is taken for a new frame."""
+    time, period_s, n = DaemonTime(tmp_path), 1e3 / twin.board.camera.rate_mhz, 20
     with (
-        TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"),
-        running_daemon(twin.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store") as port,  # type: ignore[arg-type]
+        HandTwin(twin, tmp_path / "twin") as camera,
+        running_daemon(
+            twin.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store", *time.options  # type: ignore[arg-type]
+        ) as port,
         Connection(port) as sensor,
-    ):
+    ):  # fmt: skip
         sensor.subscribe(wrench=1)
-        for frame, message in sensor.stream(timeout_s=5):
-            name = sensor.schema.type_name(frame.type)
-            if name == "EVENT":
-                events.append(message.what)
-            elif name == "WRENCH" and "FLAG_STALE" in flags(sensor, message):
-                stale += 1
-                assert not frames or message.stamp.frame == frames[-1]
-                assert 1 not in message.validity
-            elif name == "WRENCH":
-                frames.append(message.stamp.frame)
-            if (events[-2:] == ["camera_stalled", "camera_back"] and stale >= 5) or len(frames) > 1000:
-                break
-    assert events[-2:] == ["camera_stalled", "camera_back"]
-    assert stale >= 5  # 1.5 s without a frame
-    assert frames == sorted(set(frames))
+        next_wrench, events = listen(sensor)
+        for i in range(n):
+            time.advance(period_s)
+            camera.frame()
+            settle(sensor, i + 1)
+            message = next_wrench()
+            assert message.stamp.frame == i
+            assert message.stamp.capture_us == time.now_us
+            assert "FLAG_STALE" not in flags(sensor, message)
+        last_us = time.now_us
+
+        def is_stalled() -> bool:
+            return "HEALTH_CAMERA_STALLED" in sensor.schema.enum_names("HealthBit", settle(sensor, 0).health)
+
+        time.advance(3 * period_s)
+        assert not is_stalled()
+        time.advance(1e-6)
+        assert is_stalled()
+        for _ in range(5):
+            stale = next_wrench()
+            assert "FLAG_STALE" in flags(sensor, stale)
+            assert (stale.stamp.frame, stale.stamp.capture_us) == (n - 1, last_us)
+            assert 1 not in stale.validity
+            time.advance(0.1)
+        while next_wrench().stamp.frame < n:  # one sent while time jumped may be passed over as old
+            time.advance(period_s)
+            camera.frame()
+            settle(sensor, 0)
+        assert not is_stalled()
+        assert [event.what for event in events] == ["camera_stalled", "camera_back"]
+        assert "no good frame for 150 ms" in events[0].text
 
 
-def test_a_recording_of_so_many_frames_does_not_count_what_was_repeated(twin: Twin, tmp_path: Path) -> None:
-    assert twin.board.folder is not None
-    with (
-        TwinServer(twin.unit.renderer(), Still(twin), standing_still(), tmp_path / "twin"),
-        running_daemon(twin.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store") as port,
-    ):
-        code, out, text = run_host("record", str(tmp_path / "run.mcap"), "--n", "160", port=port)
+def test_a_recording_of_so_many_frames_does_not_count_what_was_repeated(
+    twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, out, text = with_a_stall(twin, tmp_path, monkeypatch, "record", str(tmp_path / "run.mcap"), "--n", "30")
     assert code == 0, text
     frames = list(Recording(tmp_path / "run.mcap").frames(partial=True))
-    n_repeated = sum(frame.is_stale for frame in frames)
-    assert n_repeated >= 5
-    assert len(frames) - n_repeated >= 160
-    assert f"{len(frames) - n_repeated} frames, {n_repeated} repeated results" in out
+    assert sum(frame.is_stale for frame in frames) == 6
+    assert sum(not frame.is_stale for frame in frames) == 30
+    assert "30 frames, 6 repeated results" in out
 
 
-def test_monitor_says_what_the_device_says(twin: Twin, tmp_path: Path) -> None:
-    scenario = standing_still()
+def test_monitor_says_what_the_device_says(twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, _, text = with_a_stall(twin, tmp_path, monkeypatch, "monitor", "--n", "36")
+    assert code == 0, text
+    assert text.index("camera_stalled: no good frame for") < text.index("camera_back: frames come again")
+
+
+def with_a_stall(
+    twin: Twin, folder: Path, monkeypatch: pytest.MonkeyPatch, *verb: str
+) -> tuple[int, str, str]:  # fmt: skip
+    """A verb on a sensor whose camera stands still after 15 frames, for six repeated results."""
+    time, period_s = DaemonTime(folder), 1e3 / twin.board.camera.rate_mhz
     assert twin.board.folder is not None
     with (
-        TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"),
-        running_daemon(twin.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store") as port,
+        HandTwin(twin, folder / "twin") as camera,
+        running_daemon(twin.board.folder, f"twin:{folder / 'twin'}", folder / "store", *time.options) as port,
     ):
-        code, _, text = run_host("monitor", "--n", "160", port=port)
-    assert code == 0, text
-    assert "camera_stalled: no good frame for" in text
-    assert "camera_back: frames come again" in text
+        host = stalling_host(camera, time, period_s, after=15, n_stale=6)
+        monkeypatch.setattr("ruffini.device.choice.Connection", host)
+        return run_host(*verb, port=port)
 
 
+@pytest.mark.realtime
 def test_a_stalled_twin_does_not_hold_up_the_end(twin: Twin, tmp_path: Path) -> None:
-    scenario = Scenario.model_validate(
-        {"schema": 1, "program": "rest", "n": 100_000,
-         "fault": [{"kind": "stall", "first_frame": 3, "n_frames": 99_000}]}
-    )  # fmt: skip
-
-    with TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"):
+    """The daemon waits for a frame 50 ms at a time: the margin to a second is twentyfold."""
+    with HandTwin(twin, tmp_path / "twin") as camera:
         process = subprocess.Popen(
             [str(find_daemon()), "--board", str(twin.board.folder), "--camera", f"twin:{tmp_path / 'twin'}",
              "--link", "pty", "--store", str(tmp_path / "store")], stdout=subprocess.PIPE,
         )  # fmt: skip
         assert process.stdout is not None
         assert process.stdout.readline().startswith(b"link: ")
-        time.sleep(0.5)
+        camera.frame()
+        until(camera.is_read, "the first frame")
         start = time.monotonic()
         process.send_signal(signal.SIGTERM)
-        assert process.wait(5) == 0
+        assert process.wait(HANG_S) == 0
         assert time.monotonic() - start < 1
         process.stdout.close()
 
@@ -213,13 +229,14 @@ class Still:
 
 def test_a_calibration_that_shows_no_good_frame_is_not_kept(twin: Twin, tmp_path: Path) -> None:
     """Flashed under the lens cap: what was before is in force again, and the host is told why."""
-    cap = {"kind": "lens_cap", "first_frame": 0, "n_frames": 1_000_000}
-    scenario = Scenario.model_validate({"schema": 1, "program": "rest", "n": 1_000_000, "fault": [cap]})
     assert twin.board.folder is not None
     with (
-        TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin"),
+        HandTwin(twin, tmp_path / "twin") as camera,
         running_daemon(twin.board.folder, f"twin:{tmp_path / 'twin'}", tmp_path / "store") as port,
     ):
+        noise = np.random.default_rng(1)
+        camera.pictures = [noise.integers(0, 4, len(p), np.uint8).tobytes() for p in camera.pictures]
+        camera.run()
         with (
             Connection(port) as sensor,
             pytest.raises(RefusedError, match=r"0 of \d+ frames were good \(.*dark.*flash again"),
@@ -253,11 +270,9 @@ def test_a_daemon_that_dies_during_the_trial_comes_back_with_what_was_before(
         port = process.stdout.readline().removeprefix("link: ").strip()
         upload = threading.Thread(target=flash, args=(port,))
         upload.start()
-        give_up = time.monotonic() + 20
-        while not (tmp_path / "store" / "trial.safetensors").exists() and time.monotonic() < give_up:
-            time.sleep(0.01)
+        until((tmp_path / "store" / "trial.safetensors").exists, "the trial")
         process.kill()
-        upload.join(20)
+        upload.join(HANG_S)
         assert not upload.is_alive()
     with TwinServer(twin.unit.renderer(), Still(twin), scenario, tmp_path / "twin2"):
         command[command.index(f"twin:{tmp_path / 'twin'}")] = f"twin:{tmp_path / 'twin2'}"
@@ -341,7 +356,7 @@ def test_frames_that_are_none_end_the_daemon_with_a_sentence(
         "--link", "pty", "--store", str(tmp_path / "store"),
     ]  # fmt: skip
     with Impostor(tmp_path / "twin", greeting() + frames):
-        done = subprocess.run(command, capture_output=True, timeout=10, text=True)
+        done = subprocess.run(command, capture_output=True, timeout=HANG_S, text=True)
     assert done.returncode == code
     assert words in done.stderr
     assert done.stderr.count("\n") == (1 if code else 0)
@@ -365,7 +380,7 @@ def test_every_board_with_a_twin_runs_on_the_daemon(tmp_path: Path, name: str) -
     ):
         sensor.subscribe(wrench=1, image=1, markers=1, contacts=1)
         with contextlib.suppress(RuffiniError):
-            for frame, message in sensor.stream(timeout_s=3.0):
+            for frame, message in sensor.stream(timeout_s=HANG_S):
                 messages.setdefault(sensor.schema.type_name(frame.type), []).append(message)
     last = messages["WRENCH"][-1]
     assert last.stamp.frame == scenario.n - 1

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from broken_line import BrokenLine
 from foreign_reader import compare, read
+from hang import HANG_S
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from test_bad_input import HOST, is_one_sentence, run_host
@@ -146,7 +147,7 @@ def test_played_it_is_the_sensor_again(run: Path, frames: list[SensorFrame]) -> 
             with contextlib.suppress(NoDeviceError):  # it goes with its recording
                 for frame in stream:
                     got.append(frame)
-        assert process.wait(10) == 0
+        assert process.wait(HANG_S) == 0
     assert [f.number for f in got] == list(range(N_FRAMES))
     for ours, was in zip(got, frames, strict=True):
         assert ours.is_replay

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from browser import colours_in, sensor_of, state_of, viewer, wait_for
+from hang import HANG_S
 from playwright.sync_api import Page
 from tiny_twin import Twin
 
@@ -120,7 +121,7 @@ def sliding(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tu
         with Connection(port) as sensor:
             sensor.flash(twin.calibration)
             sensor.subscribe(wrench=1)
-            for frame, message in sensor.stream(timeout_s=10):
+            for frame, message in sensor.stream(timeout_s=HANG_S):
                 if frame.type == NUMBER["WRENCH"] and message.validity[2] == VALID:  # rest is learned
                     break
         pad.move_to(PRESS)

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
+from hang import HANG_S
 from tiny_sensor import N_FRAMES, ROOT, Sensor, start
 
 from ruffini.device import Connection
@@ -101,7 +102,7 @@ def test_a_press_arrives_as_ros_messages(sensor: Sensor, listener: Listener, tmp
         bridge = start_bridge(daemon.port, listener.endpoint, "--n-frames", str(4 * N_FRAMES), "--json")
         wait_until(lambda: len(listener.samples[f"{base}/contacts"]) >= 2 * N_FRAMES)
         tokens = set(listener.tokens)
-        out, err = bridge.communicate(timeout=60)
+        out, err = bridge.communicate(timeout=HANG_S)
     assert bridge.returncode == 0, err
     assert json.loads(out) == {"node": base, "frames": 4 * N_FRAMES}
     ended_ns = time.time_ns()
@@ -168,7 +169,7 @@ def test_without_a_calibration_there_is_no_number(sensor: Sensor, listener: List
             lambda: len(listener.samples["ruffini_0001/measurement"]) >= 20 and told() and told()[-1].level == ERROR
         )
         bridge.send_signal(signal.SIGINT)
-        _, err = bridge.communicate(timeout=60)
+        _, err = bridge.communicate(timeout=HANG_S)
     assert bridge.returncode == 0, err
     got = listener.messages("ruffini_0001/measurement")
     assert all(math.isnan(getattr(m.wrench.force, axis)) for m in got for axis in "xyz")

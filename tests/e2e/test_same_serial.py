@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 from broken_line import BrokenLine
+from hang import HANG_S
 from test_bad_input import run_host
 from test_ros2 import Listener, listener, start_bridge, wait_until
 from tiny_sensor import Daemon, Sensor, start
@@ -162,7 +163,7 @@ def test_the_same_one_is_taken_beside_the_other_wherever_it_comes_back(
             plug(**{other.port: "", line.port: ""})
             host.resume(20)
             assert host.port == line.port
-            assert next(iter(host.stream(timeout_s=20)), None) is not None
+            assert next(iter(host.stream(timeout_s=HANG_S)), None) is not None
 
 
 def test_started_again_it_is_known_by_its_socket(sensor: Sensor, plug: Plug, tmp_path: Path) -> None:
@@ -179,7 +180,7 @@ def test_started_again_it_is_known_by_its_socket(sensor: Sensor, plug: Plug, tmp
         stack.enter_context(start(sensor, tmp_path / "a", "--loop", serial=SERIAL, link=f"pty:{link}"))
         again = os.path.realpath(link)
         plug(**{again: "1-1", other.port: "1-2"})
-        for _ in host.stream(timeout_s=20, resume_s=20, on_gap=gaps.append):
+        for _ in host.stream(timeout_s=HANG_S, resume_s=20, on_gap=gaps.append):
             if gaps:
                 break
         assert host.port == again
@@ -228,5 +229,5 @@ def test_two_bridges_of_one_name_say_so(pair: tuple[Daemon, Daemon], listener: L
     finally:
         for bridge in (one, other):
             bridge.terminate()
-    said = [bridge.communicate(timeout=60)[1] for bridge in (one, other)]
+    said = [bridge.communicate(timeout=HANG_S)[1] for bridge in (one, other)]
     assert any(f"another node is named ruffini_{SERIAL}, too" in text for text in said)

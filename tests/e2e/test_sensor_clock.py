@@ -13,6 +13,7 @@ import tty
 from pathlib import Path
 
 import pytest
+from hang import HANG_S
 from mcap.reader import make_reader
 from tiny_sensor import Sensor, start
 
@@ -83,7 +84,7 @@ def test_stamps_are_right_within_their_error_and_never_go_back(
         clock = host.read_clock(10)
         assert clock.n_exchanges >= 3
         host.subscribe(wrench=1)
-        for frame, message in host.stream(timeout_s=10):
+        for frame, message in host.stream(timeout_s=HANG_S):
             if frame.type == host.schema.type_numbers["WRENCH"]:
                 assert frame.host_time_ns is not None
                 assert frame.host_time_error_ns is not None

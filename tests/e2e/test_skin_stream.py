@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hang import HANG_S
 from tiny_sensor import Sensor, start
 
 from ruffini.boards import find_board
@@ -96,7 +97,7 @@ def test_a_touch_arrives_with_place_force_and_age_and_a_covered_lens_is_flagged(
         host.flash(glowing.calibration)
         host.subscribe(contacts=1, wrench=1)
         try:
-            for frame, message in host.stream(timeout_s=3):
+            for frame, message in host.stream(timeout_s=HANG_S):
                 name = host.schema.type_name(frame.type)
                 contacts += [message] if name == "CONTACTS" else []
                 wrenches += [message] if name == "WRENCH" else []

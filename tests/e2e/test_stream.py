@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hang import HANG_S
 from tiny_sensor import MILLI_CELSIUS, N_FRAMES, N_REST, Sensor, start
 
 from ruffini.device import Connection, Field, Wrench
@@ -85,7 +86,7 @@ def test_a_calibration_survives_a_restart(sensor: Sensor, tmp_path: Path) -> Non
 def test_zero_learns_anew_and_says_so(sensor: Sensor, tmp_path: Path) -> None:
     def learning(host: Connection, n: int) -> list[bool]:
         out: list[bool] = []
-        for frame, message in host.stream(timeout_s=2):
+        for frame, message in host.stream(timeout_s=HANG_S):
             if host.schema.type_name(frame.type) == "WRENCH":
                 out.append(bool(message.stamp.flags & NO_REFERENCE))
             if len(out) == n:
@@ -120,7 +121,7 @@ def test_a_new_host_on_the_same_line_is_answered(sensor: Sensor, tmp_path: Path)
         for _ in range(3):
             with Connection(daemon.port) as host:
                 host.subscribe(image=1, wrench=1)
-                next(iter(host.stream(timeout_s=20)))
+                next(iter(host.stream(timeout_s=HANG_S)))
         assert daemon.process.poll() is None
 
 
@@ -128,22 +129,22 @@ def test_a_host_that_goes_takes_its_subscriptions_with_it(sensor: Sensor, tmp_pa
     with start(sensor, tmp_path, "--loop") as daemon:
         with Connection(daemon.port) as host:
             host.subscribe(**EVERYTHING)
-            next(iter(host.stream(timeout_s=20)))
+            next(iter(host.stream(timeout_s=HANG_S)))
         time.sleep(0.2)
         with Connection(daemon.port) as host:
             # A busy machine's stall is said to whoever is there.
             event = host.schema.type_numbers["EVENT"]
-            assert not [frame for frame, _ in host.stream(timeout_s=0.5) if frame.type != event]
+            assert not [frame for frame, _ in host.stream(timeout_s=HANG_S) if frame.type != event]
             host.subscribe(wrench=1)
-            assert next(iter(host.stream(timeout_s=20)))
+            assert next(iter(host.stream(timeout_s=HANG_S)))
 
 
 def test_a_host_that_goes_does_not_hold_up_lockstep(sensor: Sensor, tmp_path: Path) -> None:
     with start(sensor, tmp_path, "--lockstep", "--wait-for-host") as daemon:
         with Connection(daemon.port) as host:
             host.subscribe(**EVERYTHING)
-            next(iter(host.stream(timeout_s=20)))
-        assert daemon.process.wait(5) == 0
+            next(iter(host.stream(timeout_s=HANG_S)))
+        assert daemon.process.wait(HANG_S) == 0
 
 
 def test_a_line_that_is_unplugged_is_opened_again(sensor: Sensor, tmp_path: Path) -> None:
@@ -207,10 +208,10 @@ def test_noise_on_the_line_is_counted_and_hello_answers(sensor: Sensor, tmp_path
 def test_sigterm_ends_it_cleanly_within_a_second(sensor: Sensor, tmp_path: Path) -> None:
     with start(sensor, tmp_path, "--loop") as daemon, Connection(daemon.port) as host:
         host.subscribe(**EVERYTHING)
-        next(iter(host.stream(timeout_s=20)))
+        next(iter(host.stream(timeout_s=HANG_S)))
         began = time.monotonic()
         daemon.process.send_signal(signal.SIGTERM)
-        assert daemon.process.wait(5) == 0
+        assert daemon.process.wait(HANG_S) == 0
         assert time.monotonic() - began < 1
 
 
@@ -222,7 +223,7 @@ def test_a_calibration_swapped_while_streaming_never_shows_a_force_of_another_ta
         host.flash(sensor.calibration)
         active = int.from_bytes(host.hello.sensors[0].calibration.sha256[:4], "big")
         got = []
-        for frame, message in host.stream(timeout_s=2):  # what came meanwhile comes first
+        for frame, message in host.stream(timeout_s=HANG_S):  # what came meanwhile comes first
             if host.schema.type_name(frame.type) == "WRENCH":
                 got.append(message)
             if len(got) > 30 and got[-1].stamp.calibration_id == active:

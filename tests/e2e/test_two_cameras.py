@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+from hang import HANG_S
 from test_bad_input import is_one_sentence, run_daemon
 from tiny_sensor import N_FRAMES, Sensor, start, write_board
 
@@ -39,7 +40,7 @@ def wrenches(sensor: Sensor, store: Path, *options: str) -> list[tuple[int, int,
     with start(sensor, store, "--lockstep", "--wait-for-host", *options) as daemon, Connection(daemon.port) as host:
         host.flash(sensor.calibration)
         host.subscribe(wrench=1)
-        for frame, message in host.stream(timeout_s=5):
+        for frame, message in host.stream(timeout_s=HANG_S):
             if host.schema.type_name(frame.type) == "WRENCH":
                 said.append((message.stamp.frame, message.force_z_un, message.stamp.flags))
                 if message.stamp.frame == N_FRAMES - 1:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hang import HANG_S
 from test_bad_input import run_host
 from tiny_sensor import Sensor, start
 
@@ -90,7 +91,7 @@ def test_the_second_of_two_hosts_is_told_who_changes_the_sensor(sensor: Sensor, 
         with pytest.raises(RefusedError, match=rf"another host is changing this sensor.*process {os.getpid()}.*wait"):
             second.checked(zero={"n_frames": 5, "even_if_touched": True})
         second.subscribe(wrench=1)
-        assert next(iter(second.stream(timeout_s=20)), None) is not None, "reading needs no lease"
+        assert next(iter(second.stream(timeout_s=HANG_S)), None) is not None, "reading needs no lease"
         assert f"process {os.getpid()}" in first.status().access.holder
         first._writer.has_lease = False  # killed: it says nothing any more
         deadline = time.monotonic() + 20
@@ -139,7 +140,7 @@ def test_a_sensor_with_owners_is_changed_by_them_only_and_not_by_what_they_sent_
         monkeypatch.setenv("RUFFINI_KEYS", str(tmp_path / "none"))
         with Connection(line.ports[1]) as stranger:
             stranger.subscribe(wrench=1)
-            assert next(iter(stranger.stream(timeout_s=20)), None) is not None
+            assert next(iter(stranger.stream(timeout_s=HANG_S)), None) is not None
             with pytest.raises(RefusedError, match="changed by its owners only"):
                 stranger.checked(zero={"n_frames": 5, "even_if_touched": True})
             before = stranger.hello.sensors[0].calibration.sha256
@@ -171,7 +172,7 @@ def test_what_a_modem_manager_and_an_echoing_terminal_send_is_counted_and_harmle
         with Connection(daemon.port) as host:
             assert host.serial_number == "0001"
             host.subscribe(wrench=1)
-            assert next(iter(host.stream(timeout_s=20)), None) is not None
+            assert next(iter(host.stream(timeout_s=HANG_S)), None) is not None
             status = host.status()
             assert status.drops.rx_malformed + status.drops.rx_bad_crc + status.drops.rx_oversize > 0
         os.close(end)

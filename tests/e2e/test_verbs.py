@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hang import HANG_S
 from test_bad_input import HOST, is_one_sentence, run_host
 from tiny_sensor import N_FRAMES, N_REST, Sensor, draw, start
 
@@ -29,7 +30,7 @@ def test_help_imports_nothing_heavy() -> None:
         "heavy = {'numpy', 'cv2', 'scipy', 'matplotlib', 'google.protobuf', 'serial'} & set(sys.modules)\n"
         "assert not heavy, heavy"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == 0, done.stderr
     assert "Exit codes" in done.stdout
 
@@ -236,6 +237,6 @@ def test_ctrl_c_ends_monitor_without_a_traceback(sensor: Sensor, tmp_path: Path)
         assert process.stdout is not None
         process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        _, text = process.communicate(timeout=10)
+        _, text = process.communicate(timeout=HANG_S)
     assert process.returncode == 130
     assert "Traceback" not in text

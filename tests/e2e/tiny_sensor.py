@@ -10,6 +10,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from hang import HANG_S
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
@@ -140,7 +141,7 @@ def start(sensor: Sensor, store: Path, *options: str, serial: str = "0001", link
         yield Daemon(process, line.removeprefix("link: ").strip())
     finally:
         process.kill()
-        process.communicate(timeout=10)
+        process.communicate(timeout=HANG_S)
 
 
 @contextlib.contextmanager
