@@ -23,7 +23,7 @@ using namespace std::chrono_literals;
 constexpr auto kConnectPatience = 2s;
 constexpr auto kFramePatience = 2s;          // from a frame's first byte to its last
 constexpr timeval kReadSlice{0, 50'000};     // so that a stalled twin does not hold up the daemon's end
-constexpr uint64_t kStoodStillUs = 250'000;  // between two calls
+constexpr uint64_t kStoodStillUs = 250'000;  // from the end of one call to that of the next
 constexpr uint32_t kVersion = 1;
 constexpr uint32_t kMaxNameBytes = 256;
 constexpr uint64_t kMicrosecondsMillihertz = 1'000'000'000;  // a period at 1 mHz
@@ -80,15 +80,17 @@ class TwinCamera : public Camera {
         clock_(clock) {}
 
   CaptureStatus capture(FramePool::Buffer& buffer) override {
-    // What waits in the socket of a device that stood still is old, and nothing in it says so.
-    if (!is_lockstep_ && asked_us_ != 0 && clock_.now_us() - asked_us_ > kStoodStillUs) is_behind_ = true;
+    // What waits in the socket of a device that stood still is old, and nothing in it says so: it may have stood still
+    // since the last call, or within this one, while it waited for a frame.
+    const uint64_t before_us = asked_us_ != 0 ? asked_us_ : clock_.now_us();
     const CaptureStatus status = read_frame(buffer);
     asked_us_ = clock_.now_us();
+    if (!is_lockstep_ && asked_us_ - before_us > kStoodStillUs) is_behind_ = true;
     if (status == CaptureStatus::kFrame && is_behind_) {
       is_behind_ = has_more();
       return CaptureStatus::kNothing;
     }
-    if (status == CaptureStatus::kNothing) is_behind_ = false;
+    if (status == CaptureStatus::kNothing) is_behind_ = is_behind_ && has_more();  // a stop also interrupts a wait
     return status;
   }
   [[nodiscard]] std::string problem() const override { return problem_; }

@@ -9,7 +9,13 @@ import select
 import threading
 import time
 import tty
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+from hang import until
+
+from ruffini.device import Connection
 
 PIECE_BYTES = 512  # what a full-speed link carries at once, and loses at once
 
@@ -61,6 +67,14 @@ class BrokenLine:
                     os.close(end)
             self._device = self._host = -1
 
+    def unplug_for(self, n_frames: int) -> None:
+        """Unplugged while the device processes so many frames."""
+        self.unplug()
+        with Connection(self._device_port) as host:
+            n_before = host.status().frames_processed
+            until(lambda: host.status().frames_processed >= n_before + n_frames, f"{n_frames} frames")
+        self.plug_in()
+
     def _carry(self) -> None:
         while not self._stop.is_set():
             with self._lock:
@@ -85,3 +99,20 @@ class BrokenLine:
             if not piece:
                 return
             time.sleep(0.001)
+
+
+def unplugged_host(line: BrokenLine, after: int, n_missed: int) -> type[Connection]:
+    """A Connection whose line is unplugged once, when so many frames have come, for `n_missed` more."""
+
+    class Host(Connection):
+        n_wrenches = 0
+
+        def stream(self, **how: Any) -> Iterator[tuple[Any, Any]]:
+            for frame, message in super().stream(**how):
+                yield frame, message
+                self.n_wrenches += frame.type == self.schema.type_numbers["WRENCH"]
+                if self.n_wrenches == after:
+                    self.n_wrenches += 1
+                    line.unplug_for(n_missed)
+
+    return Host

@@ -19,6 +19,7 @@ from tiny_twin import Twin
 from ruffini.device import Connection
 from ruffini.sim.scenario import Scenario
 
+N_SILENT = 20  # reads of 20 ms
 N_PICTURES = 4  # no two frames in a row are the same: that would be a fault
 
 
@@ -97,11 +98,21 @@ def stalling_host(camera: HandTwin, time: DaemonTime, period_s: float, *, after:
     """
 
     class Host(Connection):
-        n_fresh = n_repeated = 0
+        n_fresh = n_repeated = n_silent = 0
 
         def subscribe(self, **every: int) -> None:
             super().subscribe(**every)
             if self.n_fresh == 0:
+                camera.frame()
+
+        def _read(self) -> None:
+            n_before = self.messages.n_added
+            super()._read()
+            is_owed = self.n_fresh < after or self.n_repeated >= n_stale
+            self.n_silent = self.n_silent + 1 if is_owed and self.messages.n_added == n_before else 0
+            if self.n_fresh and self.n_silent == N_SILENT:  # one sent when time had jumped is passed over as old
+                self.n_silent = 0
+                time.advance(period_s)
                 camera.frame()
 
         def stream(self, **how: Any) -> Iterator[tuple[Any, Any]]:

@@ -10,10 +10,10 @@ import io
 import json
 import os
 import resource
+import select
 import shutil
 import subprocess
 import sys
-import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -23,14 +23,18 @@ import cv2
 import numpy as np
 import pytest
 import serial
-from hang import HANG_S, guard
+from hang import HANG_S, guard, until
 from mcap.reader import make_reader
 from tiny_sensor import Sensor, start, write_board, write_recording
 
+from ruffini.api import sensor as api_sensor
 from ruffini.calibrate import container
 from ruffini.cli import main
 from ruffini.demo.daemon import find_daemon
+from ruffini.device import connection, ports
+from ruffini.record import mcap_file
 
+SHORT_S, PATIENCE_S = 0.05, 3.0
 HOST = [sys.executable, "-c", "import sys; from ruffini.cli import main; sys.exit(main())"]
 
 
@@ -246,7 +250,8 @@ def test_port_that_is_busy(sensor: Sensor, tmp_path: Path) -> None:
     assert "busy" in text
 
 
-def test_a_port_where_nothing_answers() -> None:
+def test_a_port_where_nothing_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection.Connection.__init__, "__kwdefaults__", {"hello_timeout_s": SHORT_S})
     master, slave = os.openpty()
     try:
         code, _, text = run_host("info", port=os.ttyname(slave))
@@ -257,7 +262,8 @@ def test_a_port_where_nothing_answers() -> None:
     assert "nothing answers HELLO" in text
 
 
-def test_a_port_that_takes_nothing() -> None:
+def test_a_port_that_takes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ports, "WRITE_TIMEOUT_S", SHORT_S)
     master, slave = os.openpty()
     os.set_blocking(slave, False)
     try:
@@ -265,7 +271,7 @@ def test_a_port_that_takes_nothing() -> None:
             with contextlib.suppress(BlockingIOError):
                 while True:
                     os.write(slave, b"x" * 100)
-            time.sleep(0.1)
+            select.select([], [slave], [], 0.1)
         code, _, text = run_host("info", port=os.ttyname(slave))
     finally:
         os.close(master)
@@ -320,10 +326,7 @@ def test_a_daemon_that_dies_ends_the_verb_with_a_sentence(verb: list[str], senso
             assert process.stdout is not None
             process.stdout.readline()
         else:
-            for _ in range(200):
-                if out.exists() and out.stat().st_size > 0:
-                    break
-                time.sleep(0.05)
+            until(lambda: out.exists() and out.stat().st_size > 0, "the recording's first chunk")
         daemon.process.kill()
         _, text = process.communicate(timeout=HANG_S)
     assert process.returncode == 3, text
@@ -342,10 +345,7 @@ def test_a_daemon_that_dies_under_snapshot_ends_it_with_a_sentence(sensor: Senso
         process = subprocess.Popen(
             [*HOST, "--port", daemon.port, "snapshot", "--out", str(out)], stderr=subprocess.PIPE, text=True
         )
-        while not is_open_by(process.pid, daemon.port):
-            assert process.poll() is None
-            time.sleep(0.01)
-        time.sleep(0.3)
+        until(lambda: is_open_by(process.pid, daemon.port), "the open port")
         daemon.process.kill()
         _, text = process.communicate(timeout=HANG_S)
     assert (process.returncode, is_one_sentence(text)) == (3, True)
@@ -368,14 +368,17 @@ def is_open_by(pid: int, path: str) -> bool:
     ids=["monitor", "record"],
 )
 def test_a_camera_that_stands_still_ends_the_verb_with_a_sentence(
-    verb: list[str], sensor: Sensor, tmp_path: Path
+    verb: list[str], sensor: Sensor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # Longer than from one STATUS to the next, which comes each second whatever the camera does.
+    for module in (api_sensor, mcap_file):
+        monkeypatch.setattr(module, "SILENCE_S", PATIENCE_S)
     short = Sensor(sensor.board, sensor.folder, write_recording(sensor.board, tmp_path / "short", 3), b"")
     out = tmp_path / "run.mcap"
     with start(short, tmp_path / "store", "--wait-for-host", "--linger") as daemon:
         code, _, text = run_host(*[str(out) if a == "OUT" else a for a in verb], port=daemon.port)
     assert (code, "Traceback" in text) == (3, False)
-    assert "no frame for 5 s" in text.strip().splitlines()[-1]
+    assert f"no frame for {PATIENCE_S:.0f} s" in text.strip().splitlines()[-1]
 
 
 def test_record_does_not_overwrite(sensor: Sensor, tmp_path: Path) -> None:

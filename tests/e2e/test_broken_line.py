@@ -14,8 +14,8 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
-from broken_line import BrokenLine
-from hang import HANG_S
+from broken_line import BrokenLine, unplugged_host
+from hang import HANG_S, guard, until
 from mcap.reader import make_reader
 from tiny_sensor import Sensor, start
 
@@ -58,12 +58,10 @@ def test_a_line_that_loses_pieces_brings_the_whole_file(sensor: Sensor, tmp_path
         CountingConnection(line.port) as host,
     ):
         line.loss = loss
-        started = time.monotonic()
         with pytest.raises(RefusedError, match="header length"):
             host.flash(data)
-        took_s = time.monotonic() - started
         assert line.n_lost > loss * N_BYTES / 512 / 2
-        print(f"{N_BYTES >> 10} KiB at {100 * loss:.0f} % loss: {took_s:.1f} s, {line.n_lost} pieces lost, "
+        print(f"{N_BYTES >> 10} KiB at {100 * loss:.0f} % loss: {line.n_lost} pieces lost, "
               f"{host.n_chunks} chunks sent of {-(-N_BYTES // flashing.CHUNK_BYTES)}")  # fmt: skip
         host.flash(sensor.calibration)
         assert host.hello.sensors[0].calibration.present
@@ -114,17 +112,14 @@ def test_who_listens_goes_on_after_an_unplug_and_is_told_what_is_missing(sensor:
     with (
         start(sensor, tmp_path / "store", "--loop") as daemon,
         BrokenLine(daemon.port, tmp_path) as line,
-        Connection(line.port) as host,
+        unplugged_host(line, 20, 10)(line.port) as host,
     ):
-        pull = threading.Timer(0.3, lambda: (line.unplug(), time.sleep(0.2), line.plug_in()))
-        pull.start()
-        counts = record_stream(host, tmp_path / "run.mcap", n_frames=200, resume_s=20, on_gap=gaps.append)
-        pull.join()
-    assert counts["WRENCH"] >= 200
+        counts = record_stream(host, tmp_path / "run.mcap", n_frames=50, resume_s=HANG_S, on_gap=gaps.append)
+    assert counts["WRENCH"] >= 50
     (gap,) = gaps
-    assert gap.lost_s >= 0.2
+    assert gap.lost_s > 0
     assert gap.n_frames is not None
-    assert gap.n_frames > 5
+    assert gap.n_frames >= 10
     with (tmp_path / "run.mcap").open("rb") as file:
         reader = make_reader(file)
         stored = [m for m in reader.iter_metadata() if m.name == "gap"]
@@ -147,9 +142,9 @@ def test_a_line_that_spoils_frames_is_said_to_be_bad_once(sensor: Sensor, tmp_pa
             assert next(stream, None) is not None
         assert said == []
         line.loss = 0.2
-        deadline = time.monotonic() + 20
-        while host.decoder.counters.damaged < 20 and time.monotonic() < deadline:
-            next(stream, None)
+        with guard("20 damaged frames"):
+            while host.decoder.counters.damaged < 20:
+                next(stream, None)
     assert len(said) == 1
     assert "do not steer" in said[0]
 
@@ -169,7 +164,7 @@ def test_a_sensor_that_was_started_again_says_so_and_another_one_is_not_taken_fo
         stack.enter_context(start(sensor, tmp_path / "store", "--loop", link=f"pty:{port}"))
         while host.messages:
             host.messages.popleft()
-        stream = host.stream(timeout_s=HANG_S, resume_s=5, on_gap=gaps.append)
+        stream = host.stream(timeout_s=HANG_S, resume_s=HANG_S, on_gap=gaps.append)
         assert next((heard for heard in islice(stream, 1000) if gaps), None)  # what the first still sent comes before
         assert [gap.n_frames for gap in gaps] == [None]
         assert "started again" in str(gaps[0])
@@ -211,19 +206,13 @@ def test_hang_ups_cost_the_daemon_nothing_and_it_answers_at_once(sensor: Sensor,
             next(iter(host.stream(timeout_s=HANG_S)))
         files, before_kb = open_files(), resident_kb()
         hang_up(N_HANG_UPS)
-        waits_s = []
         for _ in range(20):
-            time.sleep(0.02)
-            started = time.monotonic()
             with Connection(daemon.port) as host:
                 host.subscribe(wrench=1)
                 assert next(iter(host.stream(timeout_s=HANG_S)), None) is not None
-                waits_s.append(time.monotonic() - started)
-        time.sleep(0.1)
-        assert open_files() == files
+        until(lambda: open_files() == files, "no more open files than before")
         assert resident_kb() - before_kb < 512
-        print(f"{N_HANG_UPS} hang-ups: {resident_kb() - before_kb} KiB more; HELLO, subscription and a wrench after "
-              f"{1e3 * sorted(waits_s)[10]:.0f} ms (median)")  # fmt: skip
+        print(f"{N_HANG_UPS} hang-ups: {resident_kb() - before_kb} KiB more")
         assert daemon.process.poll() is None
 
 

@@ -14,7 +14,6 @@ from tiny_twin import Twin
 from ruffini.boards import Board, find_board
 from ruffini.demo.daemon import running_daemon
 from ruffini.device import Connection
-from ruffini.errors import RuffiniError
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.serve import Scripted, TwinServer
 from ruffini.sim.unit import TwinUnit
@@ -60,6 +59,9 @@ def run(twin: Twin, folder: Path, scenario: Scenario) -> tuple[dict[int, tuple[f
     """Force along z in newtons and flags by frame, the last STATUS, and how many frames there were to see."""
     frames = Scripted(twin.unit, scenario)
     said = {}
+    is_whole = [scenario.is_sent(i) and (not twin.board.alternates or scenario.is_sent(i, is_unlit=True))
+                for i in range(len(frames))]  # fmt: skip
+    last = max(i for i, sent in enumerate(is_whole) if sent)
     assert twin.board.folder is not None
     with (
         TwinServer(twin.unit.renderer(), frames, scenario, folder / "twin"),
@@ -69,18 +71,17 @@ def run(twin: Twin, folder: Path, scenario: Scenario) -> tuple[dict[int, tuple[f
     ):  # fmt: skip
         sensor.flash(twin.calibration)
         sensor.subscribe(wrench=1)
-        try:
-            for frame, message in sensor.stream(timeout_s=HANG_S):
-                name = sensor.schema.type_name(frame.type)
-                if name == "WRENCH":
-                    flags = set(sensor.schema.enum_names("FlagBit", message.stamp.flags))
-                    said[message.stamp.frame] = message.force_z_un * 1e-6, flags
-                    n = message.stamp.frame
-                    period = 10**9 // twin.board.camera.rate_mhz
-                    half = period // 2 if twin.board.alternates else 0  # the lit one's time
-                    assert message.stamp.capture_us == n * period + half
-        except RuffiniError:
-            pass  # the twin has ended
+        for frame, message in sensor.stream(timeout_s=HANG_S):
+            if sensor.schema.type_name(frame.type) != "WRENCH":
+                continue
+            flags = set(sensor.schema.enum_names("FlagBit", message.stamp.flags))
+            said[message.stamp.frame] = message.force_z_un * 1e-6, flags
+            n = message.stamp.frame
+            period = 10**9 // twin.board.camera.rate_mhz
+            half = period // 2 if twin.board.alternates else 0  # the lit one's time
+            assert message.stamp.capture_us == n * period + half
+            if n == last:
+                break
         sensor._send("STATUS")
         status = next(m for f, m in sensor.stream(timeout_s=HANG_S) if sensor.schema.type_name(f.type) == "STATUS")
     return said, status, len(frames)

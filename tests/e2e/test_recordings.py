@@ -8,14 +8,12 @@ import json
 import random
 import re
 import subprocess
-import threading
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from broken_line import BrokenLine
+from broken_line import BrokenLine, unplugged_host
 from foreign_reader import compare, read
 from hang import HANG_S
 from mcap.reader import make_reader
@@ -284,12 +282,9 @@ def test_a_gap_of_the_line_is_before_the_frame_that_ended_it(sensor: Sensor, tmp
     with (
         start(sensor, tmp_path / "store", "--loop") as daemon,
         BrokenLine(daemon.port, tmp_path) as line,
-        Connection(line.port) as host,
+        unplugged_host(line, 20, 10)(line.port) as host,
     ):
-        pull = threading.Timer(0.3, lambda: (line.unplug(), time.sleep(0.2), line.plug_in()))
-        pull.start()
-        record_stream(host, tmp_path / "run.mcap", n_frames=200, resume_s=20, on_gap=gaps.append)
-        pull.join()
+        record_stream(host, tmp_path / "run.mcap", n_frames=50, resume_s=HANG_S, on_gap=gaps.append)
     (gap,) = gaps
     after = [f for f in Recording(tmp_path / "run.mcap").frames() if f.gap is not None]
     assert len(after) == 1

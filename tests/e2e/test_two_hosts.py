@@ -8,19 +8,21 @@ import select
 import subprocess
 import sys
 import threading
-import time
 import tty
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hang import HANG_S
+from daemon_time import DaemonTime
+from hang import HANG_S, guard, until
 from test_bad_input import run_host
 from tiny_sensor import Sensor, start
 
 from ruffini.device import Connection
 from ruffini.errors import NoDeviceError, RefusedError
 from ruffini.wire import Decoder, Schema, encode_message
+
+LEASE_S = 2.0
 
 
 class SharedLine:
@@ -81,8 +83,9 @@ class SharedLine:
 
 
 def test_the_second_of_two_hosts_is_told_who_changes_the_sensor(sensor: Sensor, tmp_path: Path) -> None:
+    sensor_time = DaemonTime(tmp_path)
     with (
-        start(sensor, tmp_path / "store", "--loop") as daemon,
+        start(sensor, tmp_path / "store", "--loop", *sensor_time.options) as daemon,
         SharedLine(daemon.port, tmp_path) as line,
         Connection(line.ports[0]) as first,
         Connection(line.ports[1]) as second,
@@ -91,16 +94,15 @@ def test_the_second_of_two_hosts_is_told_who_changes_the_sensor(sensor: Sensor, 
         with pytest.raises(RefusedError, match=rf"another host is changing this sensor.*process {os.getpid()}.*wait"):
             second.checked(zero={"n_frames": 5, "even_if_touched": True})
         second.subscribe(wrench=1)
+        sensor_time.advance(0.02)  # a frame
         assert next(iter(second.stream(timeout_s=HANG_S)), None) is not None, "reading needs no lease"
         assert f"process {os.getpid()}" in first.status().access.holder
         first._writer.has_lease = False  # killed: it says nothing any more
-        deadline = time.monotonic() + 20
-        while True:  # the lease ends by itself
-            with contextlib.suppress(RefusedError):
-                second.checked(zero={"n_frames": 5, "even_if_touched": True})
-                break
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
+        sensor_time.advance(LEASE_S - 0.02)  # from the first one's last command
+        with pytest.raises(RefusedError, match="another host"):
+            second.checked(zero={"n_frames": 5, "even_if_touched": True})
+        sensor_time.advance(1e-6)  # the lease ends by itself
+        second.checked(zero={"n_frames": 5, "even_if_touched": True})
         with pytest.raises(RefusedError, match="another host"):
             first.checked(zero={"n_frames": 5, "even_if_touched": True})
 
@@ -146,11 +148,8 @@ def test_a_sensor_with_owners_is_changed_by_them_only_and_not_by_what_they_sent_
             before = stranger.hello.sensors[0].calibration.sha256
             n_refused = stranger.status().access.n_refused
             line.send(recorded)  # all of it, the challenges, too
-            deadline = time.monotonic() + 20
-            while (status := stranger.status()).access.n_refused <= n_refused:
-                assert time.monotonic() < deadline
-            time.sleep(0.5)  # for the rest of it
-            stranger.refresh_hello()
+            until(lambda: stranger.status().access.n_refused > n_refused, "a refusal")
+            stranger.refresh_hello()  # an answer to what came after all of it
             status = stranger.status()
             assert stranger.hello.sensors[0].calibration.sha256 == before
             assert status.drops.rx_malformed == 0
@@ -168,7 +167,6 @@ def test_what_a_modem_manager_and_an_echoing_terminal_send_is_counted_and_harmle
         end = os.open(daemon.port, os.O_RDWR | os.O_NOCTTY)
         for probe in (b"AT\r", b"AT+GCAP\r", b"\xff" * 64, b"~\x00x\xf0~", b"+++", b"\x03\x04\x11\x13\r\n" * 10):
             os.write(end, probe)
-            time.sleep(0.01)
         with Connection(daemon.port) as host:
             assert host.serial_number == "0001"
             host.subscribe(wrench=1)
@@ -195,16 +193,17 @@ def test_on_a_line_with_a_hostile_terminal_every_byte_goes_through(sensor: Senso
         assert not termios.tcgetattr(slave)[0] & (termios.IXON | termios.IXOFF | termios.ICRNL | termios.ISTRIP)
         # The other end's own frames, and every byte, come back from an echoing host: only HELLO is answered.
         os.write(master, bytes(range(256)) + b"\0" + encode_message(1, b"", sensor=255, sequence=0))
-        decoder, frames, deadline = Decoder(), [], time.monotonic() + 10
-        while not frames and time.monotonic() < deadline:
-            data = os.read(master, 65536)
-            frames += list(decoder.feed(data))
+        decoder, frames = Decoder(), []
+        with guard("HELLO"):
+            while not frames:
+                frames += list(decoder.feed(os.read(master, 65536)))
         assert [frame.type for frame in frames] == [1]
         os.write(master, encode_message(1, b"", sensor=255, sequence=0, flags=2))  # an echo of the sensor's own
         os.write(master, encode_message(3, b"", sensor=255, sequence=0))
         frames.clear()
-        while not frames and time.monotonic() < deadline:
-            frames += list(decoder.feed(os.read(master, 65536)))
+        with guard("STATUS"):
+            while not frames:
+                frames += list(decoder.feed(os.read(master, 65536)))
         status: Any = Schema.own().decode(frames[0].type, frames[0].payload)
         assert status.drops.rx_echo == 1
     os.close(master)
