@@ -6,7 +6,6 @@ Exit codes: 0 ok, 1 failed check, 2 usage or bad input, 3 no device, 4 refused, 
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import os
 import resource
@@ -14,22 +13,20 @@ import select
 import shutil
 import subprocess
 import sys
-import traceback
 from collections.abc import Callable
 from pathlib import Path
-from unittest.mock import patch
 
 import cv2
 import numpy as np
 import pytest
 import serial
-from hang import HANG_S, guard, until
+from command_line import run_ruffini
+from hang import HANG_S, until
 from mcap.reader import make_reader
 from tiny_sensor import Sensor, start, write_board, write_recording
 
 from ruffini.api import sensor as api_sensor
 from ruffini.calibrate import container
-from ruffini.cli import main
 from ruffini.demo.daemon import find_daemon
 from ruffini.device import connection, ports
 from ruffini.record import mcap_file
@@ -50,26 +47,14 @@ def run_daemon(
     return done.returncode, done.stderr
 
 
-def run_host(*arguments: str, port: str | None = None, **environment: str) -> tuple[int, str, str]:
-    """Exit code, stdout and stderr of the host tool, run in this process: to start one takes longer than most verbs."""
-    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
-    clean = {k: v for k, v in os.environ.items() if k not in ("RUFFINI_PORT", "RUFFINI_SERIAL")}
-    words = ["ruffini", *(["--port", port] if port else []), *arguments]
-    with (
-        patch.dict(os.environ, {**clean, **environment}, clear=True), patch.object(sys, "argv", words),
-        contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), guard(" ".join(words)),
-    ):  # fmt: skip
-        try:
-            code = main()
-        except Exception:
-            traceback.print_exc()
-            code = 1
-    return code, *(pipe.buffer.getvalue().decode() for pipe in (out, err))  # type: ignore[attr-defined, return-value]
+run_host = run_ruffini
 
 
 def is_one_sentence(text: str) -> bool:
-    """One line for a person, no traceback."""
-    return len(text.strip().splitlines()) == 1 and "Traceback" not in text
+    """One line for a person, after lines of progress; no traceback."""
+    *progress, last = text.strip().splitlines() or [""]
+    faults = ("ruffini: ", "ruffinid: ", "Traceback")
+    return last.startswith(faults[:2]) and not any(line.startswith(faults) for line in progress)
 
 
 # ---- the daemon -----------------------------------------------------------------------------------

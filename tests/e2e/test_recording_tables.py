@@ -114,7 +114,7 @@ def test_without_pyarrow_it_says_what_to_install(run: Path, tmp_path: Path, monk
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(InputError, match=r"pip install 'pyarrow>=15'") as said:
         write_table(Recording(run), tmp_path / "a.parquet", "parquet")
-    assert is_one_sentence(str(said.value))
+    assert "\n" not in str(said.value)
     assert list(tmp_path.iterdir()) == []
 
 

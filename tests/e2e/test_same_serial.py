@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import pytest
 from broken_line import BrokenLine
-from hang import HANG_S
+from hang import HANG_S, until
 from test_bad_input import run_host
-from test_ros2 import Listener, listener, start_bridge, wait_until
+from test_ros2 import Listener, listener, start_bridge
 from tiny_sensor import Daemon, Sensor, start
 
 import ruffini
@@ -224,7 +224,7 @@ def test_two_bridges_of_one_name_say_so(pair: tuple[Daemon, Daemon], listener: L
             said = [s.message for m in listener.messages("diagnostics") for s in m.status]
             return {w for w in said if f"another node is named ruffini_{SERIAL}" in w}
 
-        wait_until(words)
+        until(words, "the diagnostics of two nodes with one name")
         assert all(REMEDY in text for text in words())
     finally:
         for bridge in (one, other):

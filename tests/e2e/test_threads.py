@@ -6,11 +6,10 @@ import ctypes
 import os
 import resource
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
-from hang import HANG_S
+from hang import HANG_S, until
 from tiny_sensor import Sensor, start, write_board
 
 from ruffini.boards import find_board
@@ -28,13 +27,13 @@ def asking(tmp_path: Path, sensor: Sensor, threads: str) -> Sensor:
 
 def threads_of(pid: int) -> dict[str, int]:
     """Thread ids by name; waits until all are named."""
-    for _ in range(500):
+
+    def named() -> dict[str, int]:
         tasks = Path(f"/proc/{pid}/task").iterdir()
         found = {(task / "comm").read_text().strip(): int(task.name) for task in tasks}
-        if {"capture", "frame", "link"} <= found.keys():
-            return found
-        time.sleep(0.01)
-    raise AssertionError(found)
+        return found if {"capture", "frame", "link"} <= found.keys() else {}
+
+    return until(named, "the threads' names")
 
 
 def may_be_real_time() -> bool:
@@ -50,24 +49,15 @@ def test_each_thread_is_where_its_board_wants_it(sensor: Sensor, tmp_path: Path)
         wanted += "capture_priority = 12\nframe_priority = 11\n"
     with start(asking(tmp_path, sensor, wanted), tmp_path / "store", "--loop") as daemon:
         found = threads_of(daemon.process.pid)
-        for _ in range(500):  # named first, placed then
-            if os.sched_getaffinity(found["capture"]) == {cpus[-1]} and os.sched_getaffinity(found["frame"]) == {
-                cpus[0]
-            }:
-                break
-            time.sleep(0.01)
-        assert os.sched_getaffinity(found["capture"]) == {cpus[-1]}
-        assert os.sched_getaffinity(found["frame"]) == {cpus[0]}
+        # Named first, placed then.
+        until(lambda: os.sched_getaffinity(found["capture"]) == {cpus[-1]}, "the capture thread's place")
+        until(lambda: os.sched_getaffinity(found["frame"]) == {cpus[0]}, "the frame thread's place")
         assert os.sched_getaffinity(found["link"]) == set(cpus)
         assert os.sched_getscheduler(found["link"]) == os.SCHED_OTHER
         if not is_allowed:
             pytest.skip("the kernel grants no real-time priority here: places alone were looked at")
-        for _ in range(500):
-            if os.sched_getscheduler(found["frame"]) == os.SCHED_FIFO == os.sched_getscheduler(found["capture"]):
-                break
-            time.sleep(0.01)
         for role, priority in (("capture", 12), ("frame", 11)):
-            assert os.sched_getscheduler(found[role]) == os.SCHED_FIFO
+            until(lambda r=role: os.sched_getscheduler(found[r]) == os.SCHED_FIFO, f"the {role} thread's priority")
             assert os.sched_getparam(found[role]).sched_priority == priority
 
 

@@ -10,13 +10,14 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from hang import HANG_S
 
 from ruffini.api import SensorFrame
 from ruffini.api.frames import Frames
 from ruffini.bell import Bell
 from ruffini.rig.frame_clock import FrameClock
 
-LIMIT_S = 5.0
+LIMIT_S = HANG_S
 LOOKS = ("CALL", "JUMP_BACKWARD", "RESUME")
 
 

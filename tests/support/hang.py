@@ -11,7 +11,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-HANG_S = 25.0
+HANG_S = 120.0
 LOOK_S = 0.002  # between two looks at what is awaited
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 from ruffini.bell import Bell
 
@@ -19,17 +20,21 @@ GRACE_S = 5.0  # real: longer without a frame, and time goes on without; a busy 
 
 
 class FrameClock:
-    """A `host_clock.Clock` that a `TwinServer` drives. Of the camera's frames only each `step`-th is made."""
+    """A `host_clock.Clock` that a `TwinServer` drives. Of the camera's frames only each `step`-th is made.
+
+    `real` is what patience and grace are counted by, seconds; `bell` wakes who waits.
+    """
 
     def __init__(
-        self, period_s: float, *, step: int = 1, patience_s: float = PATIENCE_S, grace_s: float = GRACE_S
-    ) -> None:
+        self, period_s: float, *, step: int = 1, patience_s: float = PATIENCE_S, grace_s: float = GRACE_S,
+        real: Callable[[], float] = time.monotonic, bell: Bell | None = None,
+    ) -> None:  # fmt: skip
         self._period_s, self._step, self._patience_s, self._grace_s = period_s, step, patience_s, grace_s
-        self._is_over = False
-        self._lock, self._changed = threading.Lock(), Bell()
+        self._is_over, self._real = False, real
+        self._lock, self._changed = threading.Lock(), bell or Bell()
         self._frame, self._seen = 0, 0
         self._spoken_s, self._heard_s = -1.0, -1.0
-        self._made_s = time.monotonic()
+        self._made_s = self._real()
 
     def now(self) -> float:
         with self._lock:
@@ -37,7 +42,7 @@ class FrameClock:
         return now_s
 
     def _now(self) -> float:
-        return self._frame * self._period_s + max(0.0, time.monotonic() - self._made_s - self._grace_s)
+        return self._frame * self._period_s + max(0.0, self._real() - self._made_s - self._grace_s)
 
     def sleep(self, duration_s: float) -> None:
         end_s = self.now() + duration_s
@@ -63,7 +68,7 @@ class FrameClock:
         self._changed.wait_for(self._is_read, self._patience_s if self._seen else FIRST_S)
         with self._lock:
             self._frame = made = int(self._now() / self._period_s + 1e-6) + self._step
-            self._made_s = time.monotonic()
+            self._made_s = self._real()
         self._changed.ring()
         return made
 

@@ -29,7 +29,7 @@ std::atomic<bool> g_has_given_up{false};
 extern "C" int close(int fd) {
   if (fd >= 0 && fd == g_slow_fd) {
     g_is_closing = true;
-    for (int i = 0; i < 5'000 && !g_is_let_go; ++i) ::usleep(1'000);
+    for (int i = 0; i < 120'000 && !g_is_let_go; ++i) ::usleep(1'000);
     g_has_given_up = !g_is_let_go;
     g_is_closing = false;
   }
@@ -54,10 +54,10 @@ Bytes read_now(int fd) {
   return bytes;
 }
 
-// The kernel hands bytes from one end to the other in its own time.
+// The kernel hands bytes from one end to the other in its own time. Two minutes guard against a hang.
 template <typename Condition>
 bool becomes_true(Condition condition) {
-  for (int i = 0; i < 2'000; ++i) {
+  for (int i = 0; i < 120'000; ++i) {
     if (condition()) return true;
     ::usleep(1'000);
   }

@@ -111,10 +111,3 @@ class RdtServer:
             record = struct.pack(">3I6i", sequence, 7 * sequence, self.status, *self.counts)
             for _ in range(0 if sequence in self.skip else 2 if sequence in self.repeat else 1):
                 self._socket.sendto(record, peer)
-
-
-def until(holds: Callable[[], bool], timeout_s: float = 20.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not holds():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.01)

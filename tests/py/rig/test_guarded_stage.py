@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fakes import until
+from hang import until
 
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.rig.emulated_dialects import EmulatedMarlin
@@ -201,7 +201,7 @@ def test_a_key_stops_and_the_terminal_is_as_before():
         guard()
         os.write(master, b" ")
         with pytest.raises(RefusedError, match="stopped by a key"):
-            until(lambda: guard() is not None)
+            until(lambda: guard() is not None, "the guard")
         guard()
     assert termios.tcgetattr(slave) == before
     os.close(master)

@@ -6,6 +6,7 @@ import threading
 import time
 
 import pytest
+from hang import until
 
 from ruffini import host_clock
 from ruffini.errors import NoDeviceError, RefusedError
@@ -16,6 +17,7 @@ from ruffini.rig.marlin import Marlin
 from ruffini.rig.stage import Place
 
 A, B = Place(0.01, 0.02, 0.04), Place(0.011, 0.02, 0.0395)
+FAR = Place(6.0, 0.02, 0.04)  # two minutes away at 0.05 m/s: it is never reached
 KINDS = {"marlin": (EmulatedMarlin, Marlin), "grbl": (EmulatedGrbl, Grbl)}
 
 
@@ -30,8 +32,14 @@ def pair(request):
         stage.close()
 
 
-def later(delay_s: float, act) -> None:
-    threading.Timer(delay_s, act).start()
+def once_it_moves(machine: EmulatedMachine, act) -> None:
+    """Act in a thread of its own, as soon as the machine moves."""
+
+    def wait() -> None:
+        until(machine.is_moving, "the move")
+        act()
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def test_it_stands_where_it_was_sent_when_the_move_returns(pair):
@@ -64,10 +72,10 @@ def test_guard_halts_within_the_move_and_the_next_move_works(pair):
             raise RefusedError("too much force")
 
     with pytest.raises(RefusedError, match="too much force"):
-        stage.move(Place(0.06, 0.02, 0.04), 0.05, guard)
+        stage.move(FAR, 0.05, guard)
     stopped = machine.place()
-    assert 0.013 < stopped.x_m < 0.04
-    time.sleep(0.05)
+    assert 0.013 < stopped.x_m < FAR.x_m
+    time.sleep(0.05)  # in which it would go on
     assert machine.place() == stopped
     stage.move(A, 0.5)
     assert machine.place().distance(A) < 1e-6
@@ -76,9 +84,9 @@ def test_guard_halts_within_the_move_and_the_next_move_works(pair):
 def test_reset_on_the_way_is_told_and_nothing_moves_until_it_is_homed(pair):
     machine, stage = pair
     stage.move(A, 0.5)
-    later(0.05, machine.power_glitch)
+    once_it_moves(machine, machine.power_glitch)
     with pytest.raises(NoDeviceError, match="was reset: it does not know where it is"):
-        stage.move(Place(0.06, 0.02, 0.04), 0.05)
+        stage.move(FAR, 0.05)
     with pytest.raises(RefusedError, match="not homed"):
         stage.move(A, 0.5)
     stage.home() if isinstance(stage, Grbl) else None
@@ -96,9 +104,9 @@ def test_limit_switch_stops_it(pair):
 
 def test_unplugged_is_told(pair):
     machine, stage = pair
-    later(0.05, machine.unplug)
+    once_it_moves(machine, machine.unplug)
     with pytest.raises(NoDeviceError, match=r"unplugged|does not answer"):
-        stage.move(Place(0.06, 0.02, 0.04), 0.05)
+        stage.move(FAR, 0.05)
 
 
 def test_after_a_limit_switch_it_can_still_be_raised(pair):
@@ -141,9 +149,13 @@ class SlowTime(host_clock.RealTime):
         time.sleep(10 * duration_s)
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("busy_s", [0.1, 99.0])
 def test_a_marlin_that_says_that_it_is_busy_is_waited_for(monkeypatch, busy_s):
-    """In real time, as the driver's patience is: simulated time may go on so slowly that no note of it came."""
+    """In real time, as the driver's patience is: simulated time may go on so slowly that no note of it came.
+
+    The machine says it five times as often as the driver wants to hear it.
+    """
     with EmulatedMarlin() as machine:
         stage = Marlin(machine.port)
         stage.home()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import http.server
 import threading
-import time
 
 import numpy as np
 import pytest
-from fakes import FakeFx29, RdtServer, printing_board, until
+from fakes import FakeFx29, RdtServer, printing_board
+from hang import until
 
 from ruffini.errors import InputError, NoDeviceError
 from ruffini.rig.csv_log import read_csv_log
@@ -109,7 +109,7 @@ def test_text_cell_reads_grams_after_the_boards_greeting():
     lines = iter([b"\xff\xfe", b"ts\r\nready\r\n", b"10"])
     with printing_board(lambda: next(lines, b"100.0 g\r\n")) as (port, _):
         cell = TextCell(port, "g", full_scale_n=10, sigma_n=0.01)
-        until(lambda: cell.read(1)[-1].wrench[2] == pytest.approx(-0.980665))
+        until(lambda: cell.read(1)[-1].wrench[2] == pytest.approx(-0.980665), "100 g")
         cell.close()
 
 
@@ -124,7 +124,7 @@ def test_text_cell_saturation_by_word_and_by_range():
         cell = TextCell(port, "N", 10, 0.01)
         assert cell.read(1)[0].is_saturated
         text[0] = "10.5"
-        until(lambda: cell.read(1)[-1].is_saturated)
+        until(lambda: cell.read(1)[-1].is_saturated, "saturation")
         cell.close()
 
 
@@ -162,10 +162,7 @@ def test_network_cell_reads_six_axes():
         assert wrench == pytest.approx([1, 0, -2.5, 0.01, 0, -1], abs=1e-12)
         assert cell.facts.axes == ("fx", "fy", "fz", "tx", "ty", "tz")
         cell.close()
-        deadline = time.monotonic() + 1
-        while box.is_streaming and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert not box.is_streaming
+        until(lambda: not box.is_streaming, "the end of the stream")
 
 
 def test_network_cell_counts_lost_and_drops_repeated_records():
@@ -184,7 +181,7 @@ def test_network_cell_saturates_fails_and_falls_silent():
         cell = NetworkCell("127.0.0.1", SCALE, SIGMA, settings=settings(), port=box.port)
         assert not cell.read(1)[-1].is_saturated
         box.status = 0x80020000
-        until(lambda: cell.read(1)[-1].is_saturated)
+        until(lambda: cell.read(1)[-1].is_saturated, "saturation")
         box.status, box.counts = 0, [0, 0, 100_000_000, 0, 0, 0]
         assert [r for _ in range(20) for r in cell.read(1)][-1].is_saturated  # at its range
         box.status = 0x80800000

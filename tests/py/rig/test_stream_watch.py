@@ -6,6 +6,7 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from hang import until
 
 from ruffini.rig import stream_watch
 from ruffini.rig.stream_watch import StreamWatch
@@ -32,10 +33,7 @@ class Scripted:
 
 
 def wait_for(condition) -> None:
-    deadline = time.monotonic() + 5
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+    until(condition, "what the sensor sends")
 
 
 WARM = {"temperatures": [{"place": "gel", "milli_celsius": 23_450}, {"place": "lamp", "milli_celsius": -1_500}]}

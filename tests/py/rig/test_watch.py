@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from fakes import until
+from hang import until
 
 from ruffini.errors import InputError, NoDeviceError, RefusedError
 from ruffini.rig.checks import check_axes, check_unit
@@ -52,7 +52,7 @@ def test_tare_makes_rest_zero_and_is_kept():
     with Watch(cell) as watch:
         assert watch.tare(0.2)[2] == pytest.approx(0.3, abs=0.005)
         cell.force_n = -0.7
-        until(lambda: watch.latest().wrench[2] == pytest.approx(-1, abs=0.02))
+        until(lambda: watch.latest().wrench[2] == pytest.approx(-1, abs=0.02), "1 N")
         assert np.isnan(watch.latest().wrench[0])
     assert cell.is_closed
 
@@ -68,10 +68,10 @@ def test_saturated_and_silent_references_are_not_believed():
         watch.latest()
         cell.is_saturated = True
         with pytest.raises(RefusedError, match=r"saturated \(range fz 10\)"):
-            until(lambda: not watch.latest())
+            until(lambda: not watch.latest(), "the refusal")
         cell.force_n = None
         with pytest.raises(NoDeviceError, match=r"silent|sends nothing"):
-            until(lambda: is_silent(watch))
+            until(lambda: is_silent(watch), "the silence")
 
 
 def test_slow_reference_is_named():

@@ -5,10 +5,10 @@ import json
 import os
 import subprocess
 import sys
-import time
 
 import pytest
 from command_line import run_ruffini
+from hang import HANG_S, until
 
 from ruffini.boards import find_board
 from ruffini.demo.daemon import running_daemon
@@ -53,16 +53,14 @@ def serve_once(environment, tmp_path):
         scenario.write_text('schema = 1\nprogram = "rest"\nn = 12\n')
         words = ("sim", "serve", "--board", board, "--socket", socket, "--scenario", scenario, "--once", "--json")
         with subprocess.Popen(command(*words), stdout=subprocess.PIPE, text=True, env=environment) as twin:
-            deadline = time.monotonic() + 60
-            while not socket.exists() and time.monotonic() < deadline:
-                time.sleep(0.05)
+            until(socket.exists, "the twin's socket")
             with (
                 running_daemon(board, f"twin:{socket}", tmp_path / "store", "--lockstep", "--wait-for-host") as port,
                 Connection(port) as sensor,
             ):
                 sensor.subscribe(wrench=1)
-                assert next(sensor.stream(timeout_s=10.0)) is not None
-                output, _ = twin.communicate(timeout=60)
+                assert next(sensor.stream(timeout_s=HANG_S)) is not None
+                output, _ = twin.communicate(timeout=HANG_S)
         assert json.loads(output) == {"frames": 12, "simulated": True}
         assert twin.returncode == 0
         assert not socket.exists()

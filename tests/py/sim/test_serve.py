@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from hang import HANG_S
 
 from ruffini.errors import InputError
 from ruffini.sim.contact import Indenter, Pose
@@ -22,7 +23,7 @@ class Camera:
 
     def __init__(self, path, mode=b"L"):
         self.socket = socket.socket(socket.AF_UNIX)
-        self.socket.settimeout(5)
+        self.socket.settimeout(HANG_S)
         self.socket.connect(str(path))
         magic, version, *self.sizes, n_name = struct.unpack("<4s5I", self.read(24))
         assert (magic, version) == (b"RFTC", 1)
@@ -130,9 +131,9 @@ def test_paced_frames_keep_the_rate_and_skip_what_is_late(coarse_unit, tmp_path)
         for number, _ in camera.frames():
             numbers.append(number)
             if number == 10:
-                time.sleep(0.25)  # fills the socket: 15 periods
+                time.sleep(0.25)  # fills the socket: 15 periods, or more on a busy computer
     took_s = time.monotonic() - start
-    assert took_s + 0.02 >= 39 / 60
+    assert took_s + 0.02 >= 39 / 60  # only from below: a busy computer may be late
     assert numbers == sorted(set(numbers))
     assert len(numbers) < 38
 
