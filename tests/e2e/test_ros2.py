@@ -68,6 +68,11 @@ class Listener:
         is_there = sample.kind == zenoh.SampleKind.PUT
         (self.tokens.add if is_there else self.tokens.discard)(str(sample.key_expr))
 
+    def number(self, topic: str) -> int:
+        """Of the last message, as its publisher counts them from 1; 0: none came."""
+        came = self.samples[topic]
+        return int(struct.unpack_from("<q", came[-1][2])[0]) if came else 0
+
     def messages(self, topic: str) -> list[Any]:
         """As rosbags' own deserialiser has them, by the type that the key names."""
         out = []
@@ -98,7 +103,6 @@ def test_a_press_arrives_as_ros_messages(sensor: Sensor, listener: Listener, tmp
     with start(sensor, tmp_path, "--loop", "--wait-for-host", *sensor_time.options) as daemon:
         began_ns = time.time_ns()
         bridge = start_bridge(daemon.port, listener.endpoint, "--n-frames", str(N_SENT), "--json")
-        wrenches_heard = listener.samples[f"{base}/wrench"]
         # No frame is captured before the one before was heard at the end of the chain: none is replaced on its way. The
         # bridge holds the first ones until it knows what belongs to a frame; those are given ten times their time.
         until(lambda: listener.tokens, "the bridge")
@@ -106,9 +110,11 @@ def test_a_press_arrives_as_ros_messages(sensor: Sensor, listener: Listener, tmp
             if n <= SETTLED + 2:
                 time.sleep(0.1)
             else:
-                until(lambda n=n: len(wrenches_heard) >= n, f"frame {n}")
+                until(lambda n=n: listener.number(f"{base}/wrench") >= n, f"frame {n}")
+            if n == N_SENT - 1:
+                until(lambda: len(listener.samples["diagnostics"]) >= 2, "its health")
             sensor_time.advance(0.01)
-        until(lambda: len(listener.samples[f"{base}/contacts"]) == N_SENT, "the last frame")
+        until(lambda: listener.number(f"{base}/contacts") == N_SENT, "the last frame")
         tokens = set(listener.tokens)
         out, err = bridge.communicate(timeout=HANG_S)
     assert bridge.returncode == 0, err
@@ -128,14 +134,15 @@ def test_a_press_arrives_as_ros_messages(sensor: Sensor, listener: Listener, tmp
     clouds, sent = listener.messages(f"{base}/field"), listener.messages(f"{base}/wrench")
     stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in sent]
     assert all(m.header.frame_id == "simulated_ruffini_0001_pad" for m in (*sent, *clouds))
-    assert len(sent) == len(clouds) == N_SENT
+    cloud_of = {(c.header.stamp.sec, c.header.stamp.nanosec): c for c in clouds}
+    # A publisher knows its listeners a moment after they know it: the first ones may have gone to nobody.
+    assert len(sent) >= N_SENT - SETTLED
     # Of this day: the sensor's time stands still between its frames, so that no stamp can be right to the millisecond.
     assert began_ns - CLOCKS_NS < stamps[0] < stamps[-1] < ended_ns + CLOCKS_NS
     assert (np.diff(stamps) >= 0).all()
     n_valid = n_pressed = 0
-    for m, cloud in zip(sent, clouds, strict=True):
-        force = m.wrench.force
-        assert cloud.header.stamp == m.header.stamp
+    for m in sent[SETTLED:]:
+        force, cloud = m.wrench.force, cloud_of[m.header.stamp.sec, m.header.stamp.nanosec]
         if math.isnan(force.z):  # rest is being learned
             continue
         n_valid += 1
@@ -143,13 +150,13 @@ def test_a_press_arrives_as_ros_messages(sensor: Sensor, listener: Listener, tmp
         total = points[:, 3:6].astype(float).sum(axis=0)
         np.testing.assert_allclose(total, [force.x, force.y, force.z], atol=1e-5)
         n_pressed += force.z < -0.1
-    assert n_valid == N_SENT - sensor.board.pipeline.n_rest_frames
+    assert n_valid >= N_SENT - sensor.board.pipeline.n_rest_frames - SETTLED
     assert n_pressed > N_SENT / 2
 
     for samples in listener.samples.values():
         numbers = [struct.unpack_from("<q", attached)[0] for _, _, attached in samples]
         assert all(len(attached) == 33 for _, _, attached in samples)
-        assert numbers == list(range(1, len(numbers) + 1))
+        assert numbers == list(range(numbers[0], numbers[-1] + 1)), "none was lost on the way"
     health = [s for m in listener.messages("diagnostics") for s in m.status]
     assert health
     assert all("SIMULATED" in s.message and s.hardware_id == "0001" for s in health[1:])
