@@ -134,7 +134,7 @@ bench: setup  ## time of every stage with peers beside them; accuracy on simulat
 	@$(PYTHON) tests/bench/twin.py $(if $(QUICK),--quick)
 	@$(if $(QUICK),true,$(PYTHON) tests/bench/residual.py)
 
-# Of the Pi Zero 2 and 3, of the 4, of the 5.
+# Of the Pi Zero 2 and 3, of the 4, of the 5; CI runs one of them a day.
 PI_CORES := cortex-a53 cortex-a72 cortex-a76
 aarch64: build  ## the core and its tests cross-compiled for 64-bit ARM, run under qemu as a Pi 3, 4 and 5's core; instructions of each stage
 	@.ci/setup aarch64
