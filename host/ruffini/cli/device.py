@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ruffini.cli.common import RESUME_S, JsonFlag, ResumeOption, Settings, emit, note
-from ruffini.errors import InputError
+from ruffini.errors import InputError, NoDeviceError
 
 if TYPE_CHECKING:
     from ruffini.device import Connection
@@ -38,7 +38,7 @@ def devices(json_: JsonFlag = False) -> None:
     from ruffini.device import Connection
     from ruffini.device.namesakes import namesakes
     from ruffini.device.ports import candidate_ports
-    from ruffini.errors import NoDeviceError, RuffiniError
+    from ruffini.errors import RuffiniError
 
     ports = Settings.port.split(",") if Settings.port else candidate_ports()
     rows: list[dict[str, Any]] = []
@@ -147,10 +147,13 @@ def record(
     with open_sensor() as sensor:
         note(f"recording {sensor.port} to {out}, stop with Ctrl-C")
         sensor.on_damage = note
+        ended: list[str] = []
         counts = record_stream(
             sensor, out, n_frames=n, image_every=image_every, residual_every=residual_every, has_ros=ros,
-            resume_s=resume, on_gap=lambda gap: note(f"{sensor.port}: {gap}"),
+            resume_s=resume, on_gap=lambda gap: note(f"{sensor.port}: {gap}"), on_end=ended.append,
         )  # fmt: skip
+    if ended:
+        raise NoDeviceError(ended[0])
     repeated = f", {counts['REPEATED']} repeated results" if "REPEATED" in counts else ""
     emit(
         {"file": str(out), "messages": counts},

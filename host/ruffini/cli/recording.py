@@ -73,8 +73,7 @@ def export(
     from ruffini.record.export import export as write
 
     out = out or file.with_suffix("." + format_.value)
-    if out.exists() and not force:
-        raise InputError(f"{out} exists: choose another name with --out, or give --force")
+    _check_out(file, out, force=force)
     recording = Recording(file)
     counts = write(recording, out, format_.value, sensor)
     for problem in recording.problems:
@@ -97,8 +96,7 @@ def plot(
     from ruffini.record.plot import plot as write
 
     out = out or file.with_suffix(".html")
-    if out.exists() and not force:
-        raise InputError(f"{out} exists: choose another name with --out, or give --force")
+    _check_out(file, out, force=force)
     recording = Recording(file)
     said = write(recording, out, sensor)
     for problem in recording.problems:
@@ -106,3 +104,33 @@ def plot(
     rate = "" if said["frames_per_s"] is None else f", {said['frames_per_s']} a second"
     emit(said, json_, f"{out}: {said['frames']} frames{rate}, {said['missing_frames']} missing, "
                       f"largest force {said['largest_force_n']} N")  # fmt: skip
+
+
+def recover(
+    file: FileArgument,
+    out: Annotated[Path, typer.Argument(help="File to write.")],
+    force: ForceOption = False,
+    json_: JsonFlag = False,
+) -> None:
+    """Write what can be read of a spoilt or cut-off recording as a whole file, and report what is lost."""
+    from ruffini.record import Recording
+    from ruffini.record.recover import recover as write
+
+    _check_out(file, out, force=force)
+    recording = Recording(file)
+    counts = write(recording, out)
+    for problem in recording.problems:
+        note(problem)
+    emit(
+        {"file": str(out), **counts, "problems": recording.problems},
+        json_,
+        f"{out}: {counts['messages']} messages, {counts['frames']} frames, problems: {len(recording.problems)}",
+    )
+
+
+def _check_out(file: Path, out: Path, *, force: bool) -> None:
+    """Raises InputError if `out` must not be written: it is the input, or exists and `force` is not given."""
+    if out.exists() and out.samefile(file):
+        raise InputError(f"{out} is the recording itself: choose another name")
+    if out.exists() and not force:
+        raise InputError(f"{out} exists: choose another name, or give --force")

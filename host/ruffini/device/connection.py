@@ -27,6 +27,7 @@ RETRIES = 3
 REOPEN_PAUSE_S = 0.02
 REOPEN_HELLO_S = 0.6  # a sensor that was just plugged in answers, or the next try will
 SILENCE_S = 5.0  # without a frame: the camera stands still
+MAX_TURN_S = 0.5  # a turn of a stream waits 20 ms for bytes; a longer one was spent suspended or on other work
 MAX_ASKED = 4096  # time exchanges that wait for their answers
 DEVICE = 255
 YOUNG_TYPES = ("learned", "residual")  # that a device in use may not know yet
@@ -220,7 +221,7 @@ class Connection:
         NoDeviceError
             The line was lost and did not come back.
         """
-        last = time.monotonic()
+        turn_s, silent_s = time.monotonic(), 0.0
         frame_before, lost = 0, None
         while True:
             while self.messages:
@@ -242,8 +243,12 @@ class Connection:
                     raise
                 lost = lost or (time.monotonic(), self.hello.session_id)
                 self.resume(resume_s)
-                last = time.monotonic()
-            if timeout_s is not None and not self.messages and time.monotonic() - last > timeout_s:
+                silent_s = 0.0
+            # A longer turn is time in which this process was suspended: what came meanwhile is not read yet.
+            now_s = time.monotonic()
+            silent_s = 0.0 if self.messages else silent_s + min(now_s - turn_s, MAX_TURN_S)
+            turn_s = now_s
+            if timeout_s is not None and silent_s > timeout_s:
                 return
 
     def _wait_for(self, type_name: str, timeout_s: float, accept: Callable[[Any], bool]) -> Any | None:

@@ -15,3 +15,8 @@ class LineGap:
     def __str__(self) -> str:
         missing = "it was started again" if self.n_frames is None else f"{self.n_frames} frames missing"
         return f"the line was lost for {self.lost_s:.2f} s: {missing}"
+
+    def words(self) -> dict[str, str]:
+        """The metadata record "gap" of a recording."""
+        missing = "not known" if self.n_frames is None else str(self.n_frames)
+        return {"lost_s": f"{self.lost_s:.3f}", "missing_frames": missing, "text": str(self)}

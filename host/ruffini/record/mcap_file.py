@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from ruffini.device import Connection
 from ruffini.device.connection import DEVICE, SILENCE_S
@@ -16,6 +18,7 @@ from ruffini.record.ros_types import RosChannels
 from ruffini.wire import Frame
 
 RAW_TOPIC = "/ruffini/raw"
+HELLO_ATTACHMENT = "hello"
 CLOCK_EVERY_US = 10_000_000
 CHUNK_BYTES = 256 << 10  # what a power cut may cost
 
@@ -30,14 +33,16 @@ def record_stream(
     has_ros: bool = True,
     resume_s: float = 0.0,
     on_gap: Callable[[LineGap], None] = lambda _: None,
+    on_end: Callable[[str], None] = lambda _: None,
 ) -> dict[str, int]:
-    """Record until `n_frames` frames came (0: until interrupted or the line is lost for `resume_s`).
+    """Record until `n_frames` frames came (0: until interrupted, or the line is lost or silent for `resume_s`).
 
     Every message goes to topic /ruffini/<type>, the sensor's HELLO first; all received bytes to /ruffini/raw, for
     bit-exact replay, with the host's monotonic time of their arrival as `publish_time`; with `has_ros` wrench and field
     also as ROS 2 messages; each time without line is a metadata record "gap". Times are the sensor's; a metadata record
-    "clock" every ten seconds says what they are on the host's clocks, and how sure. The file is finished and valid
-    whatever ends it.
+    "clock" every ten seconds gives them on the host's clocks, with a bound of the error. HELLO is also an attachment
+    "hello", outside the compressed chunks. The file is finished and valid whatever ends it, and locked until then.
+    `on_end` gets the reason if the sensor ended the recording.
 
     Returns
     -------
@@ -47,7 +52,7 @@ def record_stream(
     Raises
     ------
     InputError
-        The file cannot be written.
+        The file cannot be written, is being recorded already, or the disk is full; what came before is kept.
     NoDeviceError
         `n_frames` will not be reached: the line was lost, or no frame came for a while.
     """
@@ -55,11 +60,7 @@ def record_stream(
 
     counts: dict[str, int] = {}
     channels: dict[str, int] = {}
-    try:
-        stream = path.open("wb")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
-    with stream:
+    with _full_disk_named(path), _opened(path) as stream:
         writer = Writer(stream, chunk_size=CHUNK_BYTES)
         writer.start(profile="ruffini", library="ruffini")
         clock_us, said_us = 0, -CLOCK_EVERY_US
@@ -69,28 +70,31 @@ def record_stream(
             writer.add_message(raw_channel, log_time=clock_us * 1000, data=data, publish_time=time.monotonic_ns())
 
         def keep_gap(gap: LineGap) -> None:
-            frames = "not known" if gap.n_frames is None else str(gap.n_frames)
-            writer.add_metadata("gap", {"lost_s": f"{gap.lost_s:.3f}", "missing_frames": frames, "text": str(gap)})
+            writer.add_metadata("gap", gap.words())
             on_gap(gap)
 
         # First of all what sensor this is: a file must be readable without it.
         hello = sensor.hello.SerializeToString()
-        writer.add_message(_channel(writer, "HELLO", sensor.schema.bytes), log_time=0, data=hello, publish_time=0)
+        writer.add_attachment(
+            create_time=0, log_time=0, name=HELLO_ATTACHMENT, media_type="application/x-protobuf", data=hello
+        )
+        writer.add_message(
+            register_messages(writer, "HELLO", sensor.schema.bytes), log_time=0, data=hello, publish_time=0
+        )
         ros = RosChannels(writer, sensor.hello)
         sensor.raw_sink = keep_raw
         sensor.subscribe(
             wrench=1, field=1, depth=1, contacts=1, markers=1, learned=1, status=1, image=image_every,
             residual=residual_every,
         )  # fmt: skip
-        frame_s = time.monotonic()
+        silence_s, n_silent = max(SILENCE_S, resume_s), 0  # a sensor that is suspended is waited for as a lost one
         try:
-            # STATUS comes each second, whatever the camera does.
-            for frame, message in sensor.stream(timeout_s=SILENCE_S, resume_s=resume_s, on_gap=keep_gap):
+            for frame, message in sensor.stream(timeout_s=silence_s, resume_s=resume_s, on_gap=keep_gap):
                 name = sensor.schema.type_name(frame.type)
                 if name is None or name in ("HELLO", "SCHEMA", "REPLY"):
                     continue
                 if name not in channels:
-                    channels[name] = _channel(writer, name, sensor.schema.bytes)
+                    channels[name] = register_messages(writer, name, sensor.schema.bytes)
                 stamp: Any = getattr(message, "stamp", None)
                 clock_us = stamp.capture_us if stamp is not None else clock_us
                 writer.add_message(
@@ -105,26 +109,60 @@ def record_stream(
                     said_us = clock_us
                     writer.add_metadata("clock", clock_words(clock_us, frame))
                 if name == "MARKERS":  # a frame's last message, but for its image
-                    frame_s = time.monotonic()
+                    n_silent = 0
                     if n_frames and counts.get("WRENCH", 0) >= n_frames:
                         break
-                elif n_frames and time.monotonic() - frame_s > SILENCE_S:
-                    raise NoDeviceError(f"{sensor.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
+                elif name == "STATUS":  # comes each second, whatever the camera does
+                    n_silent += 1
+                    if n_frames and n_silent > SILENCE_S:
+                        raise NoDeviceError(f"{sensor.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
             else:
-                raise NoDeviceError(f"{sensor.port}: nothing came for {SILENCE_S:.0f} s: is ruffinid running?")
+                raise NoDeviceError(f"{sensor.port}: nothing came for {silence_s:.0f} s: is ruffinid running?")
         except KeyboardInterrupt:
             pass
         except NoDeviceError as error:
-            # Without a number of frames the end of the line is the end of the recording.
+            reason = f"{error} (after {counts.get('WRENCH', 0)} frames; {path} holds them)"
             if n_frames or not counts:
-                frames = counts.get("WRENCH", 0)
-                raise NoDeviceError(f"{error} (after {frames} frames; {path} holds them)") from error
+                raise NoDeviceError(reason) from error
+            on_end(reason)  # without a number of frames the end of the line is the end of the recording
         finally:
             sensor.raw_sink = None
             writer.finish()  # type: ignore[no-untyped-call]
             stream.flush()
             os.fsync(stream.fileno())
     return counts
+
+
+@contextlib.contextmanager
+def _full_disk_named(path: Path) -> Iterator[None]:
+    """A medium that fails becomes an InputError with the number of frames that are on it."""
+    from ruffini.record.recording import Recording
+
+    try:
+        yield
+    except OSError as error:
+        try:
+            n_saved = sum(1 for _ in Recording(path).frames())
+        except InputError:
+            n_saved = 0
+        raise InputError(f"{path}: {error.strerror or error}: {n_saved} frames are saved in it; make room") from error
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    """The file, emptied, and locked against a second recording. Raises InputError."""
+    try:
+        number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    with contextlib.ExitStack() as stack:
+        stream = stack.enter_context(os.fdopen(number, "wb"))
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise InputError(f"{path}: another program records to it now: choose another name") from error
+        stream.truncate(0)
+        yield stream
 
 
 def utc_ns(sensor_us: int, frame: Frame) -> int:
@@ -141,7 +179,8 @@ def clock_words(sensor_us: int, frame: Frame) -> dict[str, str]:
             "error_ns": str(frame.host_time_error_ns)}  # fmt: skip
 
 
-def _channel(writer: Any, name: str, schema: bytes) -> int:
+def register_messages(writer: Any, name: str, schema: bytes) -> int:
+    """The channel /ruffini/<name> for the protobuf messages of a type."""
     schema_id = writer.register_schema(name=f"ruffini.{name.title()}", encoding="protobuf", data=schema)
     return int(
         writer.register_channel(topic=f"/ruffini/{name.lower()}", message_encoding="protobuf", schema_id=schema_id)

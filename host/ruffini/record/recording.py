@@ -5,6 +5,8 @@ A file that was cut off or spoilt is read as far as it goes, and says what is mi
 
 from __future__ import annotations
 
+import mmap
+import re
 import struct
 import zlib
 from bisect import bisect_left
@@ -20,11 +22,13 @@ from ruffini.device.connection import DEVICE
 from ruffini.device.device_clock import MAX_DRIFT, WANDER
 from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError
-from ruffini.record.mcap_file import RAW_TOPIC
+from ruffini.record.mcap_file import HELLO_ATTACHMENT, RAW_TOPIC
 from ruffini.wire import Decoder, Frame, Schema
 
 MAGIC = b"\x89MCAP0\r\n"
-SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA, FOOTER, DATA_END = 3, 4, 5, 6, 12, 2, 15
+SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA, FOOTER, LAST_KIND = 3, 4, 5, 6, 9, 12, 2, 15
+# Of a chunk record: opcode, length; begin, end, size, CRC; compression; length of what is compressed.
+CHUNK_HEAD = re.compile(rb"\x06(.{8}).{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0)(.{8})", re.DOTALL)
 HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 MAX_RECORD_BYTES = 1 << 28
 
@@ -38,6 +42,11 @@ class ClockPoint:
     utc_ns: int
     error_ns: int
 
+    def words(self) -> dict[str, str]:
+        """The metadata record "clock"."""
+        return {"sensor_us": str(self.sensor_us), "host_monotonic_ns": str(self.monotonic_ns),
+                "host_utc_ns": str(self.utc_ns), "error_ns": str(self.error_ns)}  # fmt: skip
+
 
 class Recording:
     """An MCAP file that `ruffini record` or the page wrote.
@@ -47,6 +56,8 @@ class Recording:
     hello : the sensor's HELLO; schema : its messages.
     problems : sentences about what could not be read, known once it was read to its end.
     gaps : times without line, as they were noted.
+    clock : the sensor's clock on the host's, as it was noted.
+    read_ns : when the bytes came that `packets` read last, on the host's monotonic clock; None: not known.
     arrival_ns : when the last message came of the frame that `frames` gave last, on the host's monotonic clock; None:
         not known, as of the page's recordings.
 
@@ -60,18 +71,23 @@ class Recording:
         self.path = Path(path)
         self.problems: list[str] = []
         self.arrival_ns: int | None = None
-        self._read_ns: int | None = None  # when the bytes came that were read last
-        self._clock: list[ClockPoint] = []
+        self.read_ns: int | None = None
+        self.clock: list[ClockPoint] = []
         self._gaps: list[LineGap] = []
-        schema = hello = None
+        schema = hello = hello_bytes = None
         self._has_raw = False
+        self._topics: dict[int, str] = {}  # by channel; the summary repeats those of a first chunk that is spoilt
         for kind, record in self._records(all_chunks=False):
             if kind == SCHEMA and record.name == "ruffini.Hello":
                 schema = Schema(record.data)
             elif kind == MESSAGE and self._topics.get(record.channel_id) == "/ruffini/hello" and schema is not None:
                 hello = schema.decode(schema.type_numbers["HELLO"], record.data)
+            elif kind == ATTACHMENT and record.name == HELLO_ATTACHMENT and hello_bytes is None:
+                hello_bytes = record.data
             elif kind == METADATA:
                 self._note(record.name, record.metadata)
+        if schema is not None and hello is None:
+            hello = schema.decode(schema.type_numbers["HELLO"], hello_bytes) if hello_bytes else self._hello_of(schema)
         if schema is None or hello is None or not self._has_raw:
             raise InputError(f"{self.path}: is no recording of a sensor: make one with `ruffini record`")
         self.schema: Schema = schema
@@ -84,13 +100,23 @@ class Recording:
     def __exit__(self, *_: object) -> None:
         pass
 
+    def _hello_of(self, schema: Schema) -> Any:
+        """HELLO as it came over the line, e.g. after a lost line; None if it did not."""
+        decoder = Decoder()
+        for kind, record in self._records(all_chunks=True):
+            if kind == MESSAGE and self._topics.get(record.channel_id) == RAW_TOPIC:
+                for frame in decoder.feed(record.data):
+                    if frame.type == schema.type_numbers["HELLO"]:
+                        return schema.decode(frame.type, frame.payload)
+        return None
+
     def packets(self) -> Iterator[tuple[Frame, Any]]:
         """Messages as they came over the line, with host times where the recording has them."""
         decoder = Decoder()
         for kind, record in self._records(all_chunks=True):
             if kind != MESSAGE or self._topics.get(record.channel_id) != RAW_TOPIC:
                 continue
-            self._read_ns = record.publish_time if record.publish_time != record.log_time else None
+            self.read_ns = record.publish_time if record.publish_time != record.log_time else None
             for frame in decoder.feed(record.data):
                 message: Any = self.schema.decode(frame.type, frame.payload)
                 if message is None:
@@ -131,7 +157,7 @@ class Recording:
         arrived: dict[tuple[int, int], int | None] = {}
         for packet, message in self.packets():
             if (stamp := getattr(message, "stamp", None)) is not None:
-                arrived[packet.sensor, stamp.frame] = self._read_ns
+                arrived[packet.sensor, stamp.frame] = self.read_ns
             for frame in assembler.put(packet, message):
                 self.arrival_ns = arrived.get((frame.sensor, frame.number))
                 arrived = {key: ns for key, ns in arrived.items() if key[1] >= frame.number}
@@ -142,9 +168,9 @@ class Recording:
 
     def utc_ns(self, capture_us: int) -> int | None:
         """The sensor's time as the host's clock on the wall said it; None: not known."""
-        if not self._clock or (host := self._host_time(capture_us)) is None:
+        if not self.clock or (host := self._host_time(capture_us)) is None:
             return None
-        point = self._clock[-1]
+        point = self.clock[-1]
         return host[0] + point.utc_ns - point.monotonic_ns
 
     # ---- times --------------------------------------------------------------------------------
@@ -152,7 +178,7 @@ class Recording:
     def _note(self, name: str, said: Mapping[str, str]) -> None:
         try:
             if name == "clock":
-                self._clock.append(ClockPoint(int(said["sensor_us"]), int(said["host_monotonic_ns"]),
+                self.clock.append(ClockPoint(int(said["sensor_us"]), int(said["host_monotonic_ns"]),
                                               int(said["host_utc_ns"]), int(said["error_ns"])))  # fmt: skip
             elif name == "gap":
                 n = said["missing_frames"]
@@ -162,7 +188,7 @@ class Recording:
 
     def _host_time(self, capture_us: int) -> tuple[int, int] | None:
         """Monotonic time and its bound: on the line between two notes of the clock, or beside the nearest one."""
-        clock = self._clock
+        clock = self.clock
         if not clock:
             return None
         i = bisect_left([p.sensor_us for p in clock], capture_us)
@@ -185,7 +211,6 @@ class Recording:
 
     def _records(self, *, all_chunks: bool) -> Iterator[tuple[int, Any]]:
         """Schemas, channels, messages, metadata; of the chunks only the first ones, until HELLO was in one."""
-        self._topics: dict[int, str] = {}
         try:
             with self.path.open("rb") as stream:
                 if stream.read(len(MAGIC)) != MAGIC:
@@ -200,6 +225,7 @@ class Recording:
             raise InputError(f"{self.path}: cannot be read: {error.strerror}") from error
 
     def _top(self, stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
+        """The records of the file, summary included; after bytes that make no sense it goes on at the next chunk."""
         size = self.path.stat().st_size
         while True:
             at = stream.tell()
@@ -208,18 +234,31 @@ class Recording:
                 self._problem(f"it ends after {size} bytes without an end: it was cut off, the rest is not there")
                 return
             kind, length = HEAD.unpack(head)
-            if length > MAX_RECORD_BYTES and at + HEAD.size + length <= size:
-                self._problem(f"a record of {length} bytes at byte {at} makes no sense: the rest was not read")
+            if kind == FOOTER:
                 return
-            data = stream.read(min(length, MAX_RECORD_BYTES))
-            if len(data) < length:
-                self._problem(f"it is cut off in a record at byte {at} of {size}: what is missing is not known")
-                if kind == CHUNK:
-                    yield kind, data
-                return
-            if kind in (FOOTER, DATA_END):
-                return
-            yield kind, data
+            if at + HEAD.size + length <= size and 0 < kind <= LAST_KIND and length <= MAX_RECORD_BYTES:
+                yield kind, stream.read(length)
+                continue
+            there = self._next_chunk(at + 1, size)
+            if there is not None:
+                self._problem(f"bytes {at} to {there} make no sense: what they held is lost")
+                stream.seek(there)
+                continue
+            self._problem(f"it is cut off or spoilt in a record at byte {at} of {size}: what is missing is not known")
+            if kind == CHUNK:
+                yield kind, stream.read(min(length, MAX_RECORD_BYTES))
+            return
+
+    def _next_chunk(self, start: int, size: int) -> int | None:
+        """Where the next whole chunk begins: the two lengths in its header agree, and it ends within the file."""
+        with self.path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            while (found := CHUNK_HEAD.search(data, start)) is not None:
+                length = int.from_bytes(found[1], "little")
+                end = found.start() + HEAD.size + length
+                if found.end() + int.from_bytes(found[2], "little") == end <= size:
+                    return found.start()
+                start = found.start() + 1
+        return None
 
     def _inside(self, data: bytes) -> Iterator[tuple[int, Any]]:
         """The records of a chunk; of one that is cut off or spoilt those that are whole."""
@@ -231,9 +270,9 @@ class Recording:
         except (struct.error, UnicodeDecodeError, ValueError) as error:
             self._problem(f"a chunk of {len(data)} bytes cannot be read and was passed over: {error}")
             return
-        if len(inside) == size and crc and zlib.crc32(inside) != crc:
-            self._problem(f"a chunk of {len(data)} bytes is spoilt and was passed over")
-            return
+        is_spoilt = len(inside) == size and crc != 0 and zlib.crc32(inside) != crc
+        if is_spoilt:
+            self._problem(f"a chunk of {len(data)} bytes is spoilt: only messages whose own checksum fits are used")
         if len(inside) < size:
             self._problem(f"a chunk holds {len(inside)} of {size} bytes: the rest of it is lost")
         at = 0
@@ -242,8 +281,15 @@ class Recording:
             at += HEAD.size
             if at + length > len(inside):
                 return
-            yield from self._read(kind, inside[at : at + length])
+            # The line's own bytes carry their checksums; nothing else of a spoilt chunk can be believed.
+            if not is_spoilt or kind == MESSAGE:
+                for record in self._read(kind, inside[at : at + length]):
+                    if not is_spoilt or self._is_raw(*record):
+                        yield record
             at += length
+
+    def _is_raw(self, kind: int, record: Any) -> bool:
+        return kind == MESSAGE and self._topics.get(record.channel_id) == RAW_TOPIC
 
     def _read(self, kind: int, data: bytes) -> Iterator[tuple[int, Any]]:
         from mcap import records
@@ -260,6 +306,10 @@ class Recording:
                 self._has_raw |= channel.topic == RAW_TOPIC
             elif kind == MESSAGE:
                 yield kind, records.Message.read(stream, len(data))
+            elif kind == ATTACHMENT:
+                if zlib.crc32(data[:-4]) != int.from_bytes(data[-4:], "little"):
+                    raise ValueError("its checksum does not fit")
+                yield kind, records.Attachment.read(stream)
             elif kind == METADATA:
                 yield kind, records.Metadata.read(stream)
         except (McapError, struct.error, UnicodeDecodeError, ValueError, EOFError) as error:
