@@ -43,16 +43,24 @@ def free_port() -> int:
         return int(found.getsockname()[1])
 
 
+def listening() -> tuple[str, Any] | None:
+    """An endpoint of this test's own and the session that listens there; None where another run was faster."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("listen/endpoints", f'["{endpoint}"]')
+    try:
+        return endpoint, zenoh.open(config)
+    except zenoh.ZError:
+        return None
+
+
 class Listener:
     """Hears all samples and tokens of the domain; where the bridge connects to."""
 
     def __init__(self) -> None:
-        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
-        config = zenoh.Config()
-        config.insert_json5("mode", '"peer"')
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("listen/endpoints", f'["{self.endpoint}"]')
-        self.session = zenoh.open(config)
+        self.endpoint, self.session = until(listening, "a free port")
         self.samples: dict[str, list[tuple[str, bytes, bytes]]] = defaultdict(list)  # by topic: key, bytes, attachment
         self.tokens: set[str] = set()
         self._kept = [
