@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 import shlex
@@ -45,9 +46,15 @@ def words_of(line: str) -> list[str]:
     return [w.strip("[]") for w in shlex.split(line, comments=True) if w.strip("[].")]
 
 
+@functools.cache
+def parser() -> Any:
+    """The whole tree of commands, built once."""
+    return typer.main.get_command(app)
+
+
 def fault_of(words: list[str], *, is_whole: bool) -> str | None:
     """What the parser refuses; a file or folder of the reader's is not there. Typer brings its own click, or not."""
-    command: Any = typer.main.get_command(app)
+    command = parser()
     context, rest = None, words
     while True:
         try:
