@@ -9,14 +9,17 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
+from hang import HANG_S
 from playwright.sync_api import Browser, Page, sync_playwright
+from told_sensor import ToldSensor
 
 from ruffini.view.guided import serving
 from ruffini.view.line import SharedLine
 
 CHROMIUM = "/usr/bin/chromium"
 SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-PATIENCE_S = 20.0
+LOOK_MS = 20  # between two looks at the page's state
+KINDS = ("wrench", "field")
 
 
 class Evaluates(Protocol):
@@ -49,9 +52,7 @@ def state_of(page: Evaluates) -> dict[str, Any]:
     return page.evaluate("JSON.parse(JSON.stringify(window.__state ?? {lines: []}))")  # type: ignore[no-any-return]
 
 
-def wait_for(
-    page: Evaluates, what: str, accept: Callable[[dict[str, Any]], bool], timeout_s: float = PATIENCE_S
-) -> Any:
+def wait_for(page: Evaluates, what: str, accept: Callable[[dict[str, Any]], bool], timeout_s: float = HANG_S) -> Any:
     """The page's state, once it is accepted."""
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
@@ -59,8 +60,25 @@ def wait_for(
         with contextlib.suppress(KeyError, IndexError, TypeError, ValueError):
             if accept(state):
                 return state
-        page.wait_for_timeout(50)
+        page.wait_for_timeout(LOOK_MS)
     raise AssertionError(f"the page never showed {what}: {state}")
+
+
+def step(page: Evaluates, *sensors: ToldSensor, n: int = 1) -> dict[str, Any]:
+    """Let each sensor, one a line of the page, send a frame and the page draw it, `n` times; the page's state then."""
+    for _ in range(n):
+        frames = [sensor.send() for sensor in sensors]
+        state = wait_for(page, f"frames {frames}", lambda s, f=frames: newest_of(s) == f)  # type: ignore[misc]
+    return state  # type: ignore[no-any-return]
+
+
+def newest_of(state: dict[str, Any]) -> list[int]:
+    """Of each line the frame that all its sensors' wrenches are of, and their fields where they have some; else -1."""
+    newest = []
+    for line in state["lines"]:
+        shown = [sensor[kind]["frame"] for sensor in line["sensors"].values() for kind in KINDS if sensor.get(kind)]
+        newest.append(shown[0] if len(set(shown)) == 1 else -1)
+    return newest
 
 
 def drop_file(page: Page, path: Path) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
+from hang import HANG_S
 from tiny_sensor import Sensor, make_sensor
 from tiny_twin import Twin, make_twin
 
@@ -30,6 +31,7 @@ def chrome() -> Iterator[Browser]:
 def page(chrome: Browser) -> Iterator[Page]:
     """A page in which no script fails, and which asks nobody but this computer."""
     page = chrome.new_page(viewport={"width": 1200, "height": 900})
+    page.set_default_timeout(1e3 * HANG_S)
     faults: list[str] = []
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.on("request", lambda request: LOCAL.match(request.url) or faults.append(request.url))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import re
 import subprocess
 import tempfile
@@ -13,10 +14,10 @@ from itertools import count
 from typing import Any
 
 import aiohttp
+from hang import HANG_S
 
 FIREFOX = "/usr/bin/firefox-esr"
 LISTENS = re.compile(r"WebDriver BiDi listening on (ws://\S+)")
-ANSWER_S = 60.0
 
 
 class FirefoxPage:
@@ -50,7 +51,7 @@ class FirefoxPage:
         self._loop.run_until_complete(asyncio.sleep(timeout * 1e-3))  # milliseconds, as Playwright's
 
     def _command(self, method: str, **params: Any) -> Any:
-        return self._loop.run_until_complete(asyncio.wait_for(self._ask(method, params), ANSWER_S))
+        return self._loop.run_until_complete(asyncio.wait_for(self._ask(method, params), HANG_S))
 
     async def _ask(self, method: str, params: dict[str, Any]) -> Any:
         number = next(self._numbers)
@@ -70,7 +71,8 @@ def firefox() -> Iterator[FirefoxPage]:
     """One page of a fresh profile; `make test` installs the browser."""
     with tempfile.TemporaryDirectory() as profile, asyncio.Runner() as runner:
         command = [FIREFOX, "--headless", "--no-remote", "--profile", profile, "--remote-debugging-port", "0"]
-        with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
+        pipes: dict[str, Any] = {"stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL, "text": True}
+        with subprocess.Popen(command, env={**os.environ, "HOME": profile}, **pipes) as process:
             assert process.stderr is not None
             try:
                 found = next(filter(None, map(LISTENS.search, process.stderr)), None)

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import PATIENCE_S, colours_in, sensor_of, state_of, viewer, wait_for
+from browser import colours_in, sensor_of, state_of, step, viewer, wait_for
 from google.protobuf import descriptor_pb2
+from hang import until
 from playwright.sync_api import Page
 from test_bad_input import HOST
 from told_sensor import (
@@ -67,8 +68,9 @@ def test_every_kind_of_board_is_shown_from_what_it_says_about_itself(
     page: Page, name: str, teller: Teller, grid: tuple[int, int] | None, maps: list[str]
 ) -> None:
     board = find_board(name)
-    with ToldSensor([info_of(board, grid=grid)], teller) as sensor, viewer(sensor.port) as address:
+    with ToldSensor([info_of(board, grid=grid)], teller, rate_hz=None) as sensor, viewer(sensor.port) as address:
         page.goto(address)
+        step(page, sensor, n=4)
         state = wait_for(page, "frames", lambda s: is_shown(s, maps))
         wait_for(page, "a picture", lambda _: colours_in(page, ".stage canvas") > 50)
         absent = [validity == 0 for validity in sensor_of(state)["wrench"]["validity"]]
@@ -87,8 +89,10 @@ def test_every_kind_of_board_is_shown_from_what_it_says_about_itself(
 
 def test_what_is_invalid_or_uncalibrated_is_marked_and_in_no_chart(page: Page) -> None:
     board = find_board("gelsight-mini")
-    with ToldSensor([info_of(board, grid=(20, 16))], told_uncertain) as sensor, viewer(sensor.port) as address:
+    infos = [info_of(board, grid=(20, 16))]
+    with ToldSensor(infos, told_uncertain, rate_hz=None) as sensor, viewer(sensor.port) as address:
         page.goto(address)
+        step(page, sensor, n=4)
         marks = ["invalid", "invalid", "uncalibrated", "not measured", "not measured", "invalid"]
         wait_for(
             page, "marks", lambda s: [page.inner_text(f".cell:nth-child({i}) .note") for i in range(1, 7)] == marks
@@ -101,11 +105,12 @@ def test_two_pads_of_one_line_and_two_lines_stand_side_by_side(page: Page) -> No
     board = find_board("gelslim")
     pads = [info_of(board, i, (31, 25)) for i in range(2)]
     with (
-        ToldSensor(pads, told_field(31, 25), serial="left") as left,
-        ToldSensor([info_of(find_board("ftouch"))], told_tray, serial="right") as right,
+        ToldSensor(pads, told_field(31, 25), serial="left", rate_hz=None) as left,
+        ToldSensor([info_of(find_board("ftouch"))], told_tray, serial="right", rate_hz=None) as right,
         viewer(left.port, right.port) as address,
     ):
         page.goto(address)
+        step(page, left, right, n=3)
         state = wait_for(page, "both", lambda s: min(line["nDrawn"] for line in s["lines"]) > 2)
         wait_for(page, "both pads", lambda s: sensor_of(s, 0, 1)["wrench"] and sensor_of(s, 1, 0)["wrench"])
         assert page.locator("section.sensor").count() == 3
@@ -119,14 +124,16 @@ def test_two_sensors_stand_beside_each_other_where_there_is_room_and_no_number_l
     pad = info_of(find_board("gelslim"), 0, (31, 25))
     page.set_viewport_size({"width": width_px, "height": 900})
     with (
-        ToldSensor([pad], told_field(31, 25), serial="left") as left,
-        ToldSensor([pad], told_field(31, 25), serial="right") as right,
+        ToldSensor([pad], told_field(31, 25), serial="left", rate_hz=None) as left,
+        ToldSensor([pad], told_field(31, 25), serial="right", rate_hz=None) as right,
         viewer(left.port, right.port) as address,
     ):
         page.goto(address)
+        step(page, left, right, n=3)
         wait_for(page, "both", lambda s: min(line["nDrawn"] for line in s["lines"]) > 2 and len(s["lines"]) == 2)
         for unit in ("N", "mN", "gf"):
             wait_for(page, unit, lambda _, u=unit: page.locator(".cell .unit").first.inner_text() == u)  # type: ignore[misc]
+            step(page, left, right)
             assert page.evaluate(TOO_WIDE) == []
             page.keyboard.press("u")
         boxes = [page.locator("section.sensor").nth(i).bounding_box() for i in range(2)]
@@ -159,8 +166,9 @@ CORNER = """() => {
 def test_shear_is_told_without_colour_the_keys_turn_the_pad_and_the_theme_follows_the_system(page: Page) -> None:
     pad = info_of(find_board("gelslim"), 0, (31, 25))
     page.emulate_media(color_scheme="dark", reduced_motion="reduce")
-    with ToldSensor([pad], told_field(31, 25)) as sensor, viewer(sensor.port) as address:
+    with ToldSensor([pad], told_field(31, 25), rate_hz=None) as sensor, viewer(sensor.port) as address:
         page.goto(address)
+        step(page, sensor, n=4)
         state = wait_for(page, "frames", lambda s: sensor_of(s)["field"] and s["lines"][0]["nDrawn"] > 3)
         assert page.evaluate(WHITE) > 50  # no hue of the wheel is white: these are the arrows
         wait_for(page, "a dark picture", lambda _: max(page.evaluate(CORNER)) < 60)
@@ -183,12 +191,18 @@ def test_an_older_schema_is_fetched_and_decoded(page: Page) -> None:
     for part in [f for f in field.field if f.name in ("sigma", "sigma_validity", "slip")]:
         field.field.remove(part)
     schema = files.SerializeToString()
-    sensor = ToldSensor([info_of(find_board("gelslim"), grid=(31, 25))], told_field(31, 25), schema=schema)
+    infos = [info_of(find_board("gelslim"), grid=(31, 25))]
+    sensor = ToldSensor(infos, told_field(31, 25), schema=schema, rate_hz=None)
     with sensor, viewer(sensor.port) as address:
         page.goto(address)
+        step(page, sensor)
         state = wait_for(page, "a field", lambda s: sensor_of(s)["field"])
     assert sensor_of(state)["maps"]["normal"] == "values"
     assert sensor_of(state)["maps"]["sigma"] == "not measured"
+
+
+READ_MS = 4000  # of the page: how long a notice stands at least
+SET_CLOCK = "window.__nowMs = 1000; performance.now = () => window.__nowMs;"
 
 
 def test_an_answer_can_be_read_before_the_newest_news_takes_its_place_and_what_is_over_goes(page: Page) -> None:
@@ -205,29 +219,40 @@ def test_an_answer_can_be_read_before_the_newest_news_takes_its_place_and_what_i
                 told["EVENT"] = SCHEMA.new("Event", severity=severity, what=what, text=text)
         return told
 
-    with ToldSensor([info_of(find_board("ftouch"))], tell) as sensor, viewer(sensor.port) as address:
+    page.add_init_script(SET_CLOCK)
+    with ToldSensor([info_of(find_board("ftouch"))], tell, rate_hz=None) as sensor, viewer(sensor.port) as address:
         page.goto(address)
-        wait_for(page, "frames", lambda s: s["lines"][0]["nDrawn"] > 2)
-        pressed_s = time.monotonic()
+        step(page, sensor, n=3)
         page.keyboard.press("z")
         wait_for(page, "the answer", lambda s: s["notice"] == "done")
-        is_stalled.set()
-        wait_for(page, "nothing: it is sent", lambda _: not is_stalled.is_set())
-        is_back.set()
-        wait_for(page, "the newest", lambda s: s["notice"] == "frames come again")
-        assert time.monotonic() - pressed_s > 4
+        assert later(page, sensor, 0, is_stalled) == "done"
+        assert later(page, sensor, READ_MS - 1, is_back) == "done"
+        assert later(page, sensor, 2) == "frames come again"
         assert page.get_attribute("#notice", "class") == "warn"
-        wait_for(page, "nothing is left to do", lambda s: s["notice"] == "")
+        assert later(page, sensor, READ_MS - 1) == "frames come again"
+        assert later(page, sensor, 2) == "", "nothing is left to do"
         assert not page.is_visible("#notice")
-        is_stalled.set()
-        wait_for(page, "the stall", lambda s: s["notice"] == "the camera stalled")
+        assert later(page, sensor, 0, is_stalled) == "the camera stalled"
         assert page.get_attribute("#notice", "class") == "bad"
-        page.wait_for_timeout(4500)
-        assert state_of(page)["notice"] == "the camera stalled", "until it is over"
+        assert later(page, sensor, 100 * READ_MS) == "the camera stalled", "until it is over"
+
+
+def later(page: Page, sensor: ToldSensor, ms: int, happens: threading.Event | None = None) -> str:
+    """The page's notice so much later by its own clock, after a frame beside which this happens."""
+    page.evaluate("ms => { window.__nowMs += ms; }", ms)
+    if happens:
+        happens.set()
+    return str(step(page, sensor)["notice"])
 
 
 def maps_of(state: dict[str, Any], *names: str) -> list[str]:
     return [sensor_of(state)["maps"][name] for name in names]
+
+
+TEN_FRAMES = """new Promise(done => {
+  const wait = n => n ? requestAnimationFrame(() => wait(n - 1)) : done();
+  wait(10);
+})"""
 
 
 def picture_of(page: Page) -> list[int]:
@@ -247,11 +272,11 @@ def picture_of(page: Page) -> list[int]:
 
 
 def still_picture(page: Page) -> list[int]:
-    """Of what no longer changes: the same for a second."""
+    """Of what no longer changes: the same for forty of the browser's frames."""
     shown = [picture_of(page)]
     while len(shown) < 5 or any(picture != shown[-1] for picture in shown[-5:]):
         assert len(shown) < 100, "it is still changing"
-        page.wait_for_timeout(250)
+        page.evaluate(TEN_FRAMES)
         shown.append(picture_of(page))
     return shown[-1]
 
@@ -264,9 +289,9 @@ def test_without_a_graphics_card_the_same_is_drawn_and_the_last_is_never_left_ou
     teller = told_field(39, 31) if grid else told_skin(tube.radius_um) if tube else told_tip
     pictures = []
     for draw in ("webgl", "software"):
-        with ToldSensor([info_of(board, grid=grid)], teller, rate_hz=60) as sensor, viewer(sensor.port) as address:
-            sensor.stop_after = LAST + 1
+        with ToldSensor([info_of(board, grid=grid)], teller, rate_hz=None) as sensor, viewer(sensor.port) as address:
             page.goto(f"{address}?draw={draw}")
+            sensor.send(LAST + 1)
             state = wait_for(page, "the last frame", lambda s: sensor_of(s)["wrench"]["frame"] == LAST)
             number = f"{sensor_of(state)['wrench']['values'][2]:.3f}".replace("-", "\u2212")
             wait_for(page, "its number", lambda s: page.inner_text(".cell:nth-child(3) output") == number)  # noqa: B023
@@ -279,6 +304,18 @@ def test_without_a_graphics_card_the_same_is_drawn_and_the_last_is_never_left_ou
     assert apart.mean() < 4
 
 
+def test_of_many_fields_of_1200_nodes_the_newest_is_shown(page: Page) -> None:
+    """They are written as fast as the line takes them, which is faster than any page draws."""
+    sensor = ToldSensor([info_of(find_board("gelslim"), grid=(40, 30))], told_field(40, 30), rate_hz=None)
+    with sensor, viewer(sensor.port) as address:
+        page.goto(address)
+        before = step(page, sensor, n=3)["lines"][0]["nDrawn"]
+        newest = sensor.send(180)
+        state = wait_for(page, "the newest", lambda s: sensor_of(s)["field"]["frame"] == newest)
+    assert state["lines"][0]["nDrawn"] - before <= 2 * 180  # of a frame wrench and field may be drawn one by one
+
+
+@pytest.mark.realtime
 def test_1200_nodes_come_as_fast_as_they_are_sent_and_the_newest_is_shown(page: Page) -> None:
     """Fields of 1,200 nodes, 60 a second; how many are drawn on this computer's software renderer is printed."""
     sensor = ToldSensor([info_of(find_board("gelslim"), grid=(40, 30))], told_field(40, 30), rate_hz=60)
@@ -306,9 +343,7 @@ def test_view_opens_the_persons_browser_on_the_page(tmp_path: Path) -> None:
         with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True) as process:
             assert process.stdout is not None
             address = process.stdout.readline().strip()
-            deadline = time.monotonic() + PATIENCE_S
-            while not (note.exists() and note.read_text()) and time.monotonic() < deadline:
-                time.sleep(0.05)
+            until(lambda: note.exists() and note.read_text(), "the browser's start")
             process.send_signal(signal.SIGINT)
     assert note.read_text().strip() == address
     assert address.startswith("http://127.0.0.1:")
@@ -322,10 +357,11 @@ def test_the_sensor_is_asked_for_what_the_person_chose(page: Page) -> None:
         return {s.type: s.every for s in newest.subscriptions if s.every}
 
     with (
-        ToldSensor([info_of(find_board("gelslim"), 0, (31, 25))], told_field(31, 25)) as sensor,
+        ToldSensor([info_of(find_board("gelslim"), 0, (31, 25))], told_field(31, 25), rate_hz=None) as sensor,
         viewer(sensor.port) as address,
     ):
         page.goto(address)
+        step(page, sensor, n=4)
         wait_for(page, "frames", lambda s: s["lines"][0]["nDrawn"] > 3)
         assert asked()[number["FIELD"]] == 1
         assert number["IMAGE"] not in asked()

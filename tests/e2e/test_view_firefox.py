@@ -8,14 +8,13 @@ import threading
 from collections.abc import Iterator
 
 import pytest
-from browser import sensor_of, viewer, wait_for
+from browser import sensor_of, step, viewer, wait_for
 from firefox import FirefoxPage, firefox
 from told_sensor import SCHEMA, ToldSensor, info_of, told_field
 
 from ruffini.boards import find_board
 from ruffini.view.server import page_folder
 
-START_S = 60.0
 COLOURS = """(() => {
   const canvas = document.querySelector(".maps canvas");
   const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
@@ -33,11 +32,12 @@ def page() -> Iterator[FirefoxPage]:
 def test_it_shows_what_is_sent(page: FirefoxPage) -> None:
     teller = told_field(31, 25)
     with (
-        ToldSensor([info_of(find_board("gelslim"), grid=(31, 25))], teller) as sensor,
+        ToldSensor([info_of(find_board("gelslim"), grid=(31, 25))], teller, rate_hz=None) as sensor,
         viewer(sensor.port) as address,
     ):
         page.goto(address)
-        state = wait_for(page, "a field", lambda s: sensor_of(s)["field"] and sensor_of(s)["wrench"], START_S)
+        step(page, sensor)
+        state = wait_for(page, "a field", lambda s: sensor_of(s)["field"] and sensor_of(s)["wrench"])
         n_colours = page.evaluate(COLOURS)
     shown = sensor_of(state)
     wrench = teller(shown["wrench"]["frame"], SCHEMA.new("Stamp"))["WRENCH"]
@@ -53,7 +53,5 @@ def test_without_webserial_and_the_server_it_says_what_works(page: FirefoxPage) 
         threading.Thread(target=server.serve_forever, daemon=True).start()
         page.goto(f"http://localhost:{server.server_port}/")
         notice = "document.querySelector('#notice').textContent"
-        wait_for(
-            page, "a sentence", lambda _: "start `ruffini view` on this computer" in page.evaluate(notice), START_S
-        )
+        wait_for(page, "a sentence", lambda _: "start `ruffini view` on this computer" in page.evaluate(notice))
         server.shutdown()

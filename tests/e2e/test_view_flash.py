@@ -34,7 +34,7 @@ def test_a_calibration_is_flashed_or_refused_and_nothing_happens_before_it_is_as
             page.set_input_files("#calibration", spoilt)
             assert "has no calibration yet" in page.inner_text("#flash-what")
             page.click("#flash-go")
-            page.wait_for_selector("#flash-said.bad", timeout=60_000)
+            page.wait_for_selector("#flash-said.bad")
             assert "signature" in page.inner_text("#flash-said")
             page.click("#flash-close")
             page.set_input_files("#calibration", good)
@@ -42,7 +42,7 @@ def test_a_calibration_is_flashed_or_refused_and_nothing_happens_before_it_is_as
             assert not sensor_of(wait_for(page, "a state", lambda s: True))["calibration"]["isPresent"]
             page.set_input_files("#calibration", good)
             page.click("#flash-go")
-            wait_for(page, "the end", lambda s: page.inner_text("#flash-said").startswith("It is in force"), 60)
+            wait_for(page, "the end", lambda s: page.inner_text("#flash-said").startswith("It is in force"))
             wait_for(page, "what is in force", lambda s: sensor_of(s)["calibration"]["isPresent"])
             wait_for(page, "forces", lambda s: sensor_of(s)["wrench"]["validity"] == [1] * 6)
         with Connection(port) as sensor:

@@ -116,10 +116,9 @@ def test_the_force_is_the_twins(bridge: SerialBridge, page: Page, steered: Steer
     wait_for(
         page, "a press", lambda s: sensor_of(s)["wrench"]["values"][2] < -0.3 and sensor_of(s)["field"]["sum"][2] < 0
     )
-    page.wait_for_timeout(1500)
-    shown, truth = sensor_of(state_of(page)), steered.wrench
-    assert shown["wrench"]["values"][2] == pytest.approx(truth[2], rel=0.25)
-    assert shown["field"]["sum"][2] == pytest.approx(truth[2], rel=0.25)
+    near = pytest.approx(steered.wrench[2], rel=0.25)
+    wait_for(page, "its force", lambda s: sensor_of(s)["wrench"]["values"][2] == near)
+    wait_for(page, "its field", lambda s: sensor_of(s)["field"]["sum"][2] == near)
 
 
 def test_a_browser_without_webserial_is_told_what_to_do(bridge: SerialBridge, page: Page) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from hang import HANG_S
 
 from ruffini.boards import Board
 from ruffini.wire import Decoder, Schema, encode_message
@@ -20,6 +21,7 @@ from ruffini.wire.dense import encode_dense
 from ruffini.wire.framing import SIMULATED
 
 SCHEMA = Schema.own()
+ANSWER_S = 0.02  # between two looks whether the test is over
 Messages = dict[str, Any]
 Teller = Callable[[int, Any], Messages]  # frame number and its stamp -> messages by type
 
@@ -45,16 +47,21 @@ def info_of(board: Board, sensor: int = 0, grid: tuple[int, int] | None = None) 
 
 
 class ToldSensor:
-    """The device's end of a pty; `with` makes it talk. It sends all, whatever is subscribed to."""
+    """The device's end of a pty; `with` makes it answer. It sends all, whatever is subscribed to.
 
-    def __init__(self, infos: list[Any], tell: Teller, *, rate_hz: float = 30.0, schema: bytes | None = None,
+    Parameters
+    ----------
+    rate_hz : frames a second, once something is subscribed to; None: only those of `send`.
+    """
+
+    def __init__(self, infos: list[Any], tell: Teller, *, rate_hz: float | None = 30.0, schema: bytes | None = None,
                  serial: str = "told") -> None:  # fmt: skip
         self._hello = SCHEMA.new("Hello", protocol_version=1, firmware_version="0.1.0", device_serial=serial,
                                  session_id=1, sensors=infos)  # fmt: skip
         self._schema = Schema(schema) if schema is not None else SCHEMA
         self._hello.schema_sha256 = self._schema.sha256
         self._sensors = [info.sensor for info in infos]
-        self._tell, self._period_s = tell, 1 / rate_hz
+        self._tell, self._period_s = tell, 1 / rate_hz if rate_hz is not None else None
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self.master, False)
@@ -62,7 +69,8 @@ class ToldSensor:
         self.n_frames, self.stop_after = 0, 0  # frames until it falls silent; 0: never
         self.commands: list[Any] = []
         self._sequence = dict.fromkeys([*self._sensors, 255], 0)
-        self._stop = threading.Event()
+        self.subscribed = threading.Event()
+        self._stop, self._one_writes = threading.Event(), threading.Lock()
         self._thread = threading.Thread(target=self._talk, daemon=True)
 
     def __enter__(self) -> ToldSensor:
@@ -75,22 +83,29 @@ class ToldSensor:
         os.close(self.master)
         os.close(self._slave)
 
+    def send(self, n: int = 1) -> int:
+        """Send the next frames as soon as something is subscribed to; returns the number of the last."""
+        assert self.subscribed.wait(HANG_S), "hangs: nothing is subscribed to"
+        for _ in range(n):
+            self._send_frame()
+        return self.n_frames - 1
+
     def _talk(self) -> None:
-        decoder, next_s, is_subscribed = Decoder(from_host=True), time.monotonic(), False
+        decoder, next_s = Decoder(from_host=True), time.monotonic()
         while not self._stop.is_set():
-            wait_s = max(next_s - time.monotonic(), 0)
+            wait_s = ANSWER_S if self._period_s is None else max(next_s - time.monotonic(), 0)
             if select.select([self.master], [], [], wait_s)[0]:
                 with contextlib.suppress(OSError):
                     for frame in decoder.feed(os.read(self.master, 65_536)):
-                        is_subscribed |= self._answer(frame)
-            if time.monotonic() >= next_s:
+                        self._answer(frame)
+            if self._period_s is not None and time.monotonic() >= next_s:
                 next_s = max(next_s + self._period_s, time.monotonic() - 1)
-                if is_subscribed:
+                if self.subscribed.is_set():
                     self._send_frame()
                 if self.stop_after and self.n_frames == self.stop_after:
                     return
 
-    def _answer(self, frame: Any) -> bool:
+    def _answer(self, frame: Any) -> None:
         name = SCHEMA.type_name(frame.type)
         if name == "HELLO":
             self._send("HELLO", self._hello, 255)
@@ -101,8 +116,9 @@ class ToldSensor:
             command: Any = SCHEMA.decode(frame.type, frame.payload)
             self.commands.append(command)
             self._send("REPLY", SCHEMA.new("Reply", request_id=command.request_id, text="done"), 255)
-            return bool(command.WhichOneof("action") == "subscribe")
-        return False
+            if command.WhichOneof("action") == "subscribe":
+                is_any = any(s.every for s in command.subscribe.subscriptions)
+                (self.subscribed.set if is_any else self.subscribed.clear)()
 
     def _send_frame(self) -> None:
         for sensor in self._sensors:
@@ -113,14 +129,15 @@ class ToldSensor:
 
     def _send(self, name: str, message: Any, sensor: int) -> None:
         number = SCHEMA.type_numbers[name]
-        data = memoryview(encode_message(number, message.SerializeToString(), sensor=sensor,
-                                         sequence=self._sequence[sensor], flags=SIMULATED))  # fmt: skip
-        self._sequence[sensor] += 1
-        while data and not self._stop.is_set():
-            try:
-                data = data[os.write(self.master, data) :]
-            except BlockingIOError:
-                self._stop.wait(0.001)
+        with self._one_writes:
+            data = memoryview(encode_message(number, message.SerializeToString(), sensor=sensor,
+                                             sequence=self._sequence[sensor], flags=SIMULATED))  # fmt: skip
+            self._sequence[sensor] += 1
+            while data and not self._stop.is_set():
+                try:
+                    data = data[os.write(self.master, data) :]
+                except BlockingIOError:
+                    self._stop.wait(0.001)
 
 
 def wrench(stamp: Any, force_n: tuple[float, float, float], torque_nm: tuple[float, float, float],
