@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import gzip
 import os
-import socket
 import threading
 import tty
 from collections.abc import Iterator
@@ -18,7 +17,6 @@ from broken_line import BrokenLine
 from browser import colours_in, sensor_of, state_of, step, viewer, wait_for
 from hang import until
 from playwright.sync_api import Page
-from test_bad_input import run_host
 from tiny_twin import Twin
 from told_sensor import ToldSensor, info_of, told_tray
 
@@ -281,18 +279,6 @@ def test_a_port_that_is_missing_or_taken_is_named(pressed: tuple[str, Steered]) 
         pass
     with viewer(port), pytest.raises(NoDeviceError, match="busy"), viewer(port):
         pass
-
-
-def test_a_taken_http_port_is_said_and_nothing_starts(pressed: tuple[str, Steered]) -> None:
-    port, _ = pressed
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        number = taken.getsockname()[1]
-        code, _, said = run_host("view", "--no-browser", "--http-port", str(number), port=port)
-    assert code == 2
-    assert f"port {number} of 127.0.0.1 is taken" in said
-    assert "--http-port" in said
 
 
 def test_the_page_is_light() -> None:

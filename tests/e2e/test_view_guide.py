@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from browser import colours_in, sensor_of, wait_for
+from hang import HANG_S
 from playwright.sync_api import Page
 from test_bench_file import GRAMS_A_NEWTON, LIMITS, TEXT, Desk
 from tiny_twin import Twin
@@ -25,7 +26,7 @@ from ruffini.rig.manual import HandPress
 
 MINUS = "\u2212"  # as wide as a plus
 
-PATIENCE_S = 60.0  # with the page; a person who waits for it has more
+PATIENCE_S = HANG_S  # with the page; a person who waits for it has more
 LONG_S = 600.0
 WEIGHT = '[reference]\nkind = "weight"\nsigma_g = 0.1\n'
 

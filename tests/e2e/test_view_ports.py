@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import urllib.request
 from collections.abc import Iterator
@@ -83,3 +84,14 @@ def test_where_all_are_busy_it_is_an_error_that_names_them(ports: tuple[str, str
     assert (code, out) == (3, "")
     assert f"{ports[0]} is busy" in said
     assert f"{missing} cannot be opened" in said
+
+
+def test_a_taken_http_port_is_said_and_nothing_starts(ports: tuple[str, str]) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        number = taken.getsockname()[1]
+        code, _, said = run_host("view", "--no-browser", "--http-port", str(number), port=ports[0])
+    assert code == 2
+    assert f"port {number} of 127.0.0.1 is taken" in said
+    assert "--http-port" in said
