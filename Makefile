@@ -42,11 +42,26 @@ build: setup  ## compile firmware, library and tests into build/
 run: build  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the digital twin without INPUT
 	@.venv/bin/ruffini demo --board '$(BOARD)' --out '$(OUT)' $(if $(INPUT),--input '$(INPUT)') $(if $(PRESSES),--presses '$(PRESSES)')
 
-test: build  ## all tests that need no hardware
+# Test modules run longest first, by what each took last time; each stays with one worker, whose fixtures it shares.
+PYTEST = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) \
+  --dist loadfile --no-loadscope-reorder --durations 10 --durations-min 1
+ONLY ?=
+ifdef ONLY
+# support_solver -> SupportSolver, as its C++ tests are called.
+PASCAL = $(shell sed -E 's/(^|_)([a-z])/\U\2/g' <<< '$(ONLY)')
+TESTED := ruffini ruffini_schema ruffini_stages ruffini_tests ruffini_device_tests
+test: setup  ## all tests that need no hardware; ONLY=NAME: those of one part, e.g. ONLY=support_solver
+	@$(call compile,$(BUILD),$(if $(WERROR),$(STRICT),-DRUFFINI_WERROR=OFF),$(TESTED))
+	@$(BUILD)/ruffini_tests --gtest_brief=1 --gtest_filter='*$(PASCAL)*'
+	@$(BUILD)/ruffini_device_tests --gtest_brief=1 --gtest_filter='*$(PASCAL)*'
+	@$(PYTEST) -k '$(ONLY)' tests/bitexact tests/py || [ $$? -eq 5 ]  # 5: no test in Python
+else
+test: build
 	@.ci/setup browser
 	@npm --prefix host/page --silent test
-	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) --dist loadfile tests
+	@ctest --test-dir $(BUILD) --output-on-failure -j $(JOBS) | .ci/slowest
+	@$(PYTEST) tests
+endif
 
 test-realtime: build  ## the few tests that are about real time, one after the other on a quiet computer; each states its margin, none is retried
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -c host/pyproject.toml -m realtime -v -rs tests

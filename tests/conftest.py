@@ -1,0 +1,67 @@
+"""The order of the test modules: the longest first, by what each took last time, so that no worker ends with it alone.
+
+RUFFINI_TEST_ORDER=SEED shuffles the modules and the tests within each instead: no test may depend on another.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+from kept import cache_folder
+
+COSTS = "module_seconds.json"
+_seconds: dict[str, float] = defaultdict(float)
+
+
+def _known() -> dict[str, float]:
+    try:
+        return dict(json.loads((cache_folder() / COSTS).read_text()))
+    except (OSError, ValueError):
+        return {}
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """All workers of pytest-xdist must have one order: they get it from the controller."""
+    node.workerinput["module_seconds"] = _known()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    modules: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        modules.setdefault(item.path.name, []).append(item)
+    names = list(modules)
+    seed = os.environ.get("RUFFINI_TEST_ORDER")
+    if seed:
+        chances = random.Random(seed)
+        chances.shuffle(names)
+        for tests in modules.values():
+            chances.shuffle(tests)
+    else:
+        known = getattr(config, "workerinput", {}).get("module_seconds", _known())
+        names.sort(key=lambda name: (-known.get(name, len(modules[name])), name))
+    items[:] = [item for name in names for item in modules[name]]
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    _seconds[Path(report.location[0]).name] += report.duration
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if hasattr(session.config, "workerinput") or not _seconds:
+        return
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        temporary = folder / f"{COSTS}.{os.getpid()}"
+        temporary.write_text(json.dumps({**_known(), **_seconds}, indent=0, sort_keys=True))
+        temporary.replace(folder / COSTS)
+    except OSError:
+        pass  # the next run has a worse order
