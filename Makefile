@@ -136,8 +136,8 @@ soak: build  ## the long runs of what `make test` does in short: every crash sta
 	@RUFFINI_SOAK=1 $(PYTHON) -m pytest -c host/pyproject.toml -q -s tests/e2e/test_broken_line.py
 	@$(PYTHON) tests/ledger.py simulation $(BUILD)/ruffini_simulation $(SIM_HOURS)
 
-mutants: build  ## seeded bugs in store, link and host: each must be seen by its layer of tests
-	@$(PYTHON) tests/mutants/run.py --build $(BUILD)
+mutants: build  ## seeded bugs in firmware, host and page: each must be seen by its layer of tests; TURN=I/N plays each N-th
+	@$(PYTHON) tests/mutants/run.py --build $(BUILD) --jobs $(JOBS) $(if $(TURN),--turn $(TURN)) --tests-that-never-caught $(BUILD)/idle_tests.txt
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)

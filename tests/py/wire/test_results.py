@@ -183,3 +183,26 @@ def test_parts_that_do_not_fit_each_other_are_an_error_with_a_remedy() -> None:
         with pytest.raises(InputError, match="does not fit: update the host tools"):
             result.from_message(message)
     assert Field.from_message(schema.new("Field", force=nodes)).force.shape == (2, 2, 3)
+
+
+def test_units_and_validity_of_every_part_of_a_wrench() -> None:
+    """Expected values are the units of proto/README.md, by hand: uN, and uN um for torque."""
+    validity = [VALID, VALID, NOT_MEASURED, VALID, INVALID, VALID]
+    wrench = Wrench.from_message(
+        Schema.own().new("Wrench", force_x_un=2_000_000, force_z_un=7, torque_x_un_um=3_000_000_000, validity=validity)
+    )
+    np.testing.assert_allclose(wrench.force, [2.0, 0.0, np.nan])
+    np.testing.assert_allclose(wrench.torque, [3e-3, np.nan, 0.0])
+    assert np.isnan(wrench.values[2])
+
+
+def test_a_contact_lies_where_its_x_and_y_say() -> None:
+    message = Schema.own().new("Contacts", contacts=[{"center_x_um": 1_500, "center_y_um": -250}])
+    assert Contacts.from_message(message).contacts[0].center == pytest.approx((1.5e-3, -0.25e-3))
+
+
+def test_an_image_has_its_rows_first() -> None:
+    message = Schema.own().new("Image", width_px=3, height_px=2, data=bytes(range(18)))
+    pixels = Image.from_message(message).pixels
+    assert pixels.shape == (2, 3, 3)
+    assert pixels[1, 0].tolist() == [9, 10, 11]
