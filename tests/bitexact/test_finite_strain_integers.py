@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 from mirror.board import read_board
 from mirror.finite_strain import FiniteStrain as Mirror
 from mirror.fixed import Saturations
@@ -48,7 +49,7 @@ def test_hostile_tables_never_overflow(seed: int) -> None:
     text = board_with_all_stages(2)
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(seed)
-    kind = make_operator(typed, method="support", noise=NOISE, is_finite=True)
+    kind = kept(make_operator, typed, method="support", noise=NOISE, is_finite=True)
     tensors = dict(kind.tensors)
     limits = {"extension": 32767, "pressure": 32767, "slope": 1 << 20, "area": 1023, "volume": 1023}
     for name, table in kind.tensors.items():
@@ -81,7 +82,7 @@ def test_hostile_tables_never_overflow(seed: int) -> None:
 )
 def test_tables_that_no_sum_holds_are_refused(change: dict[str, object], message: str) -> None:
     typed = parse_board(board_with_all_stages(2).encode(), "small")
-    kind = make_operator(typed, method="support", noise=NOISE, is_finite=True)
+    kind = kept(make_operator, typed, method="support", noise=NOISE, is_finite=True)
     tensors = dict(kind.tensors)
     for name, wrong in change.items():
         tensors[name] = np.ascontiguousarray(wrong(tensors[name]))  # type: ignore[operator]

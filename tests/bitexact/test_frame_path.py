@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 from mirror.board import Board, read_board
 from mirror.estimators import reaches_border
 from mirror.path import FramePath
@@ -81,7 +82,7 @@ def test_every_stage_over_a_recording(step: int, has_camera_map: bool, gauge: st
     text = board_with_all_stages(step, gauge)
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(step)
-    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)), is_finite=step == 2)
+    kind = kept(make_operator, typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)), is_finite=step == 2)
     memory = RelaxationFit(1.0, ((0.1, 0.05), (0.15, 1.5)), 0.0, 0.0)
     relaxation, relaxation_metadata = memory.tensors() if step == 2 else ({}, {})
     camera, camera_metadata = camera_tables(board, rng) if has_camera_map else ({}, {})
@@ -128,7 +129,7 @@ def test_every_stage_over_a_recording(step: int, has_camera_map: bool, gauge: st
 def test_a_gauge_without_its_table_measures_no_depth() -> None:
     text = board_with_all_stages(2, "both")
     typed, board = parse_board(text.encode(), "small"), read_board(text)
-    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    kind = kept(make_operator, typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
     tables = {k: v for k, v in kind.tensors.items() if k != "gauge.weight"}
     file = pack({**tables, **photometric_tables(np.random.default_rng(1))}, {**base_metadata(typed), **kind.metadata})
     with Pipeline(typed, file.data) as core:
@@ -144,7 +145,7 @@ def test_drifting_light_is_followed_while_nothing_touches() -> None:
     text = board_with_all_stages(2)
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(3)
-    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    kind = kept(make_operator, typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
     noise = {"contact.noise_un": np.array(NOISE_UN, np.int32)}
     noise["dark.image"] = np.full((board["camera"]["height_px"], board["camera"]["width_px"], 3), 300, np.uint16)
     file = pack({**kind.tensors, **photometric_tables(rng), **noise}, {**base_metadata(typed), **kind.metadata})
@@ -181,7 +182,7 @@ def test_a_balanced_table_takes_the_light_of_every_frame_off() -> None:
     text = board_with_all_stages(2)
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(8)
-    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    kind = kept(make_operator, typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
     bend = rng.integers(-2000, 2000, (9, 9, 9, 2)).astype(np.int16)
     bend[4, 4, 4] = 0
     tables = {
@@ -215,7 +216,7 @@ def test_solve_on_random_displacements(is_finite: bool) -> None:
     text = board_with_all_stages(2)
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(11)
-    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)), is_finite=is_finite)
+    kind = kept(make_operator, typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)), is_finite=is_finite)
     tables = {**kind.tensors, **photometric_tables(rng)}
     file = pack(tables, {**base_metadata(typed), **kind.metadata})
     mirror = FramePath(board, file.tensors, file.metadata)
@@ -233,9 +234,9 @@ def test_a_calibration_beyond_the_boards_memory_is_neither_made_nor_taken() -> N
     text = board_with_all_stages(2)
     typed, small = (parse_board(t.encode(), "small") for t in (text, text + "[memory]\ncalibration_kb = 64\n"))
     noise = Noise((5e-6, 5e-6, 2e-5))
-    kind = make_operator(typed, method="support", noise=noise)
+    kind = kept(make_operator, typed, method="support", noise=noise)
     with pytest.raises(InputError, match="the board has for it"):
-        make_operator(small, method="support", noise=noise)
+        kept(make_operator, small, method="support", noise=noise)
     file = pack(kind.tensors, {**base_metadata(typed), **kind.metadata})
     assert len(file.data) > 64 * 1024
     with pytest.raises(InputError, match="64 kB"), Pipeline(small, file.data):
@@ -248,7 +249,7 @@ def test_second_pass_with_hostile_tables_never_overflows(seed: int) -> None:
     text = board_with_all_stages(2)
     typed, board = parse_board(text.encode(), "small"), read_board(text)
     rng = np.random.default_rng(seed)
-    kind = make_operator(typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
+    kind = kept(make_operator, typed, method="support", noise=Noise((5e-6, 5e-6, 2e-5)))
     tables, metadata = dict(kind.tensors), dict(kind.metadata)
     for name in ("support.normal", "support.project"):
         entry, shift = tables[f"{name}.entry"], tables[f"{name}.shift"]

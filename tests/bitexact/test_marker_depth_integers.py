@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kept import kept
 from mirror.board import Board, read_board
 from mirror.displacement import displacement
 from mirror.dot_templates import DotTemplates
@@ -39,7 +40,7 @@ def board_text() -> str:
 
 @pytest.fixture(scope="module")
 def kind() -> OperatorKind:
-    return make_operator(parse_board(board_text(), "small"), method="optimal", noise=Noise((5e-6, 5e-6, 2e-5)))
+    return kept(make_operator, parse_board(board_text(), "small"), method="optimal", noise=Noise((5e-6, 5e-6, 2e-5)))
 
 
 def frame_of(board: Board, seed: int, motion: float) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 from mirror.board import Board, read_board
 from mirror.displacement import filled
 from mirror.estimators import wrench
@@ -42,7 +43,7 @@ NAMES = ("reported", "quiet", "local", "wrench")
 @pytest.fixture(scope="module")
 def base() -> tuple[Tensors, dict[str, str]]:
     typed = parse_board(TEXT.encode(), "small")
-    kind = make_operator(typed, method="support", noise=Noise((5e-5, 5e-5, 2e-4)))
+    kind = kept(make_operator, typed, method="support", noise=Noise((5e-5, 5e-5, 2e-4)))
     tables = photometric_tables(np.random.default_rng(3))
     return {**kind.tensors, **tables}, {**base_metadata(typed), **kind.metadata}
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import typer
+from kept import cache_folder
 
 from ruffini.cli.app import app
 
@@ -80,7 +81,12 @@ def run_commands(text: str, folder: Path, *, limit_s: float) -> subprocess.Compl
     for name in FOLDERS:
         (folder / name).symlink_to(ROOT / name)
     environment = {k: v for k, v in os.environ.items() if k not in ("RUFFINI_PORT", "RUFFINI_SERIAL")}
-    environment |= {"HOME": str(folder), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment |= {
+        "HOME": str(folder),
+        "XDG_CACHE_HOME": str(cache_folder() / "product"),
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
     environment["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     return subprocess.run(
         ["bash", "-euo", "pipefail", "-c", text], cwd=folder, env=environment,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.bench.objects import has_paper, paper_states, textured_states, valley
 from ruffini.boards import find_board
@@ -23,7 +24,7 @@ def test_the_papers_states_carry_loads_and_their_displacement() -> None:
     board = find_board("gelslim")
     assert has_paper(board)
     assert not has_paper(find_board("ftouch"))
-    states = {s.recipe.name: s for s in paper_states(board, quick=True)}
+    states = {s.recipe.name: s for s in kept(paper_states, board, quick=True)}
     assert {"S1", "S5", "S6", "S9", "S10"} <= set(states)
     for state in states.values():
         assert 0.3 < state.resultant_n < 6
@@ -35,7 +36,7 @@ def test_the_papers_states_carry_loads_and_their_displacement() -> None:
 
 
 def test_a_texture_touches_on_its_tops() -> None:
-    ridges = textured_states(find_board("gelslim"))[0]
+    ridges = kept(textured_states, find_board("gelslim"))[0]
     row = -ridges.force[12, :, 2]
     pressed = row[row > 0.1 * row.max()]
     assert len(pressed) >= 8

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.bench.states import FRESH, TUNED, make_states
 from ruffini.boards import Board, find_board, parse_board
@@ -30,7 +31,7 @@ def with_gauge(text: str, gauge: str) -> Board:
 
 def test_the_twins_rim_sinks_as_much_as_stated(board) -> None:
     rim = gauge_nodes(board)
-    sunk = [float(s.displacement[rim, 2].mean()) for s in make_states(board, TUNED, (0.6, 1.0))]
+    sunk = [float(s.displacement[rim, 2].mean()) for s in kept(make_states, board, TUNED, (0.6, 1.0))]
     stated = gauge_uncertainty_m(board)
     assert 0.4 < np.sqrt(np.mean(np.square(sunk))) / stated < 2.0
 
@@ -95,7 +96,7 @@ def test_a_volume_is_as_unsure_as_light_is_of_a_dents_size() -> None:
 def test_spacing_knows_the_twins_mean_depth_better_than_its_rim_does(board: Board) -> None:
     other = with_gauge(board.text, "spacing")
     table, lit = fit_depth_gauge(other, board_slab(other), USUAL), LitNodes(other, board_slab(other), USUAL)
-    u = np.array([s.displacement for s in make_states(board, FRESH, (0.4, 0.8))])
+    u = np.array([s.displacement for s in kept(make_states, board, FRESH, (0.4, 0.8))])
     off = table.constant(lit.seen(u, np.random.default_rng(1))) - lit.mean(u)
     assert 0.3 < np.sqrt(np.mean(off**2)) / table.gauge_m < 1.15
     assert np.sqrt(np.mean(off**2)) < 0.4 * np.sqrt(np.mean(u[:, gauge_nodes(board), 2].mean(axis=1) ** 2))
@@ -106,9 +107,9 @@ def test_what_a_gauge_is_off_by_reaches_the_operator(gauge: str) -> None:
     board, margin = coarse(gauge), coarse("margin")
     stated = replace(USUAL, gauge_m=gauge_uncertainty_m(board))
     given = stated if gauge == "margin" else USUAL  # a table says it itself
-    matrix = make_operator(board, method="optimal", noise=given).matrix
+    matrix = kept(make_operator, board, method="optimal", noise=given).matrix
     assert np.allclose(matrix, make_operator(margin, method="optimal", noise=stated).matrix, rtol=1e-9, atol=0)
-    vaguer = make_operator(margin, method="optimal", noise=replace(stated, gauge_m=10 * stated.gauge_m)).matrix
+    vaguer = kept(make_operator, margin, method="optimal", noise=replace(stated, gauge_m=10 * stated.gauge_m)).matrix
     n = len(matrix) // 3
     lifted = np.tile([0.0, 0.0, 1.0], n)
     force_z = [abs((m @ lifted)[2::3].sum()) for m in (matrix, vaguer)]

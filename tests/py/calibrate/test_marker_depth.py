@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.bench.states import FRESH, State, make_states
 from ruffini.boards import Board, find_board, parse_board
@@ -26,7 +27,7 @@ def board() -> Board:
 
 @pytest.fixture(scope="module")
 def kind(board: Board) -> OperatorKind:
-    return make_operator(board, method="support", noise=NOISE, n_touches=N_ERROR_TOUCHES)
+    return kept(make_operator, board, method="support", noise=NOISE, n_touches=N_ERROR_TOUCHES)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def depth(kind: OperatorKind) -> MarkerDepth:
 
 @pytest.fixture(scope="module")
 def states(board: Board) -> list[State]:
-    return make_states(find_board("gelslim"), FRESH, (0.4, 0.8))
+    return kept(make_states, find_board("gelslim"), FRESH, (0.4, 0.8))
 
 
 def test_it_is_off_by_what_it_says(board: Board, depth: MarkerDepth, states: list[State]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from command_line import run_ruffini
+from kept import kept
 from small_board import BASE, COARSE, Files, Run
 
 from ruffini.boards import find_board
@@ -23,7 +24,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
         text = text.replace(old, new)
     (folder / "board.toml").write_text(text)
     board = find_board(folder)
-    kind = make_operator(board, method="ridge", noise=Noise((5e-6, 5e-6, 20e-6)))
+    kind = kept(make_operator, board, method="ridge", noise=Noise((5e-6, 5e-6, 20e-6)))
     metadata = {**container.base_metadata(board), **kind.metadata}
     colours = {
         "photometric.unmix": np.zeros((13, 17, 2, 3), np.int16),
