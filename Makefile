@@ -139,6 +139,10 @@ soak: build  ## the long runs of what `make test` does in short: every crash sta
 mutants: build  ## seeded bugs in firmware, host and page: each must be seen by its layer of tests; TURN=I/N plays each N-th
 	@$(PYTHON) tests/mutants/run.py --build $(BUILD) --jobs $(JOBS) $(if $(TURN),--turn $(TURN)) --tests-that-never-caught $(BUILD)/idle_tests.txt
 
+DATA ?= $(RUFFINI_RECORDED_DATA)
+real: build  ## one table and a page of what was measured on recordings of real sensors in DATA=FOLDER, with peers on the same rows
+	@.venv/bin/ruffini eval real $(DATA) --out out/real.html
+
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)
 	@$(PYTHON) tests/bench/run.py --build $(BUILD)

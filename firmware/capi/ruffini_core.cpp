@@ -5,6 +5,7 @@
 #include <string>
 
 #include "board/parse.h"
+#include "estimators/feature_wrench.h"
 #include "estimators/skin_shape.h"
 #include "frame_path.h"
 
@@ -16,6 +17,11 @@ using ruffini::FramePath;
 
 struct ruffini_pipeline {
   std::unique_ptr<FramePath> path;
+};
+
+struct ruffini_wrench {
+  ruffini::FeatureWrench map;
+  size_t n;
 };
 
 namespace {
@@ -181,6 +187,33 @@ int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_
     std::transform(values, values + 4, out, [&](int64_t v) {
       return met.is_found ? static_cast<int32_t>(std::clamp<int64_t>(v, -INT32_MAX, INT32_MAX)) : INT32_MIN;
     });
+  }
+  return 0;
+}
+
+ruffini_wrench* ruffini_wrench_open(const uint8_t* calibration, size_t calibration_bytes, const char* features,
+                                    int32_t n) {
+  auto file = ruffini::CalibrationFile::load({calibration, calibration_bytes});
+  if (!file) return fail(file.error().message), nullptr;
+  if (!file.value()->get().has_kind("wrench")) return fail("this calibration has no wrench: fit one"), nullptr;
+  auto map = ruffini::FeatureWrench::load(file.value()->get(), features, n);
+  if (!map) return fail(map.error().message), nullptr;
+  return new ruffini_wrench{std::move(map.value()), static_cast<size_t>(n)};
+}
+
+void ruffini_wrench_close(ruffini_wrench* wrench) { delete wrench; }
+
+int ruffini_wrench_run(ruffini_wrench* wrench, const int32_t* features, const uint64_t* capture_us, int32_t n_frames,
+                       int64_t* out, int64_t* covariance, uint8_t* state) {
+  ruffini::SaturationCounter saturations;
+  for (int32_t t = 0; t < n_frames; ++t, features += wrench->n, out += 6, covariance += 21) {
+    const auto said = wrench->map.run({features, wrench->n}, {}, capture_us[t], saturations);
+    const ruffini::Wrench& w = said.wrench;
+    const std::array<int64_t, 6> values{w.force_x_un,     w.force_y_un,     w.force_z_un,
+                                        w.torque_x_un_um, w.torque_y_un_um, w.torque_z_un_um};
+    std::copy(values.begin(), values.end(), out);
+    std::copy(said.covariance.upper.begin(), said.covariance.upper.end(), covariance);
+    state[t] = static_cast<uint8_t>((said.is_in_agreement ? 0 : 1) | (said.is_in_range ? 0 : 2));
   }
   return 0;
 }

@@ -57,6 +57,16 @@ RUFFINI_API int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, 
  * second, to [n][4] um Q8: x, y, z, and the gap between the two rays; INT32_MIN four times where they do not meet. */
 RUFFINI_API int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_q16, int32_t n,
                                     int32_t* out);
+/* The wrench of features alone, as the frame path has it (estimators/feature_wrench.h): kind `wrench` of a calibration
+ * for `n` features of this sort, without a board. NULL on failure. */
+typedef struct ruffini_wrench ruffini_wrench;
+RUFFINI_API ruffini_wrench* ruffini_wrench_open(const uint8_t* calibration, size_t calibration_bytes,
+                                                const char* features, int32_t n);
+RUFFINI_API void ruffini_wrench_close(ruffini_wrench* wrench);
+/* Frames one after the other: features [frames][n], capture_us [frames] to wrench [frames][6] (uN, uN um), covariance
+ * [frames][21] ((uN, uN mm)^2) and state [frames]: bit 0 features contradict each other, bit 1 out of range. */
+RUFFINI_API int ruffini_wrench_run(ruffini_wrench* wrench, const int32_t* features, const uint64_t* capture_us,
+                                   int32_t n_frames, int64_t* out, int64_t* covariance, uint8_t* state);
 RUFFINI_API int ruffini_zero(ruffini_pipeline* pipeline, int32_t n_frames);
 /* Rest image [height][width][3] in 1/16 grey levels, in force at once. */
 RUFFINI_API int ruffini_set_rest(ruffini_pipeline* pipeline, const uint16_t* image);

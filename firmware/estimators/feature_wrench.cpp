@@ -15,7 +15,10 @@ constexpr int kFine = 4;  // fraction bits of forces inside
 constexpr int kScaledFraction = 14;
 constexpr int64_t kMaxScaled = int64_t{2} << kScaledFraction;
 constexpr int64_t kInRange = int64_t{5} << (kScaledFraction - 2);
-constexpr int64_t kMaxForce = int64_t{1} << 36;  // 4,295 N in 1/16 uN
+constexpr int64_t kFitted =
+    int64_t{1} << kScaledFraction;                // a kernel says nothing beyond the loads that it was fitted on
+constexpr int64_t kMaxOutside = int64_t{4} << 8;  // |u| of the error stays below 5 + 4
+constexpr int64_t kMaxForce = int64_t{1} << 36;   // 4,295 N in 1/16 uN
 constexpr int32_t kMaxEntry = 1 << 26;
 constexpr int kMaxShift = 40;
 constexpr int32_t kMaxTolerance = 1 << 26;
@@ -100,6 +103,10 @@ Result<FeatureWrench> FeatureWrench::load(const Calibration& c, std::string_view
   }
   const Status agreement = out.load_agreement(c);
   if (!agreement) return agreement.error();
+  auto kernel = KernelMap::load(c, n_features);
+  if (!kernel) return kernel.error();
+  out.kernel_ = std::move(kernel.value());
+  out.held_.resize(out.n_);
   auto warmth = WrenchWarmth::load(c);
   if (!warmth) return warmth.error();
   out.warmth_ = warmth.value();
@@ -163,7 +170,7 @@ FeatureWrench::Axes FeatureWrench::linear(std::span<const int32_t> features, Sat
   for (size_t i = 0; i < kAxes; ++i) {
     int64_t sum = 0;
     for (size_t m = 0; m < n_; ++m) {
-      sum += int64_t{gain_[i * n_ + m]} * std::clamp(features[m], -kMaxFeature, kMaxFeature);
+      sum += int64_t{gain_[i * n_ + m]} * features[m];
     }
     const int64_t exact = round_shift(sum, shift_[i]);
     y[i] = std::clamp(exact, -kMaxForce, kMaxForce);
@@ -218,10 +225,10 @@ void FeatureWrench::relax(Axes& e, uint64_t capture_us) {
   before_ = elastic;
 }
 
-WrenchCovariance FeatureWrench::covariance_of(const Axes& u) const {
+WrenchCovariance FeatureWrench::covariance_of(const Axes& u, int64_t outside_q8) const {
   int64_t square_q16 = 0;
   for (const int64_t each : u) square_q16 += each * each >> (2 * kScaledFraction - 16);
-  const int64_t size_q8 = floor_sqrt(square_q16);
+  const int64_t size_q8 = floor_sqrt(square_q16) + std::min(outside_q8, kMaxOutside);
   WrenchCovariance out;
   for (const Axes& v : error_[0]) add_outer(out, v);
   for (Axes v : error_[1]) {
@@ -233,7 +240,9 @@ WrenchCovariance FeatureWrench::covariance_of(const Axes& u) const {
 
 FeatureWrench::Outcome FeatureWrench::run(std::span<const int32_t> features, const Warmth& warmth, uint64_t capture_us,
                                           SaturationCounter& saturations) {
-  Axes e = linear(features, saturations);
+  std::transform(features.begin(), features.end(), held_.begin(),
+                 [](int32_t f) { return std::clamp(f, -kMaxFeature, kMaxFeature); });
+  Axes e = linear(held_, saturations);
   const Axes u = scaled_q14(e);
   const auto pairs = products(u);
   for (size_t i = 0; i < kAxes; ++i) {
@@ -241,14 +250,17 @@ FeatureWrench::Outcome FeatureWrench::run(std::span<const int32_t> features, con
     for (size_t k = 0; k < kPairs; ++k) sum += square_[i * kPairs + k] * pairs[k];
     e[i] += round_shift(sum, kScaledFraction - square_shift_[i]);
   }
+  const int64_t outside_q8 = kernel_.add(held_, e);
+  for (int64_t& each : e) each = std::clamp(each, -kMaxForce, kMaxForce);
   Outcome out;
   const Axes strained = scaled_q14(e);
   out.is_in_agreement = agrees(features, strained);
   out.is_warmth_known = warmth_.correct(e, warmth);
   if (out.is_in_agreement) relax(e, capture_us);
-  out.is_in_range =
-      std::all_of(strained.begin(), strained.end(), [](int64_t each) { return std::abs(each) <= kInRange; });
-  out.covariance = covariance_of(scaled_q14(e));
+  const int64_t limit = kernel_.is_loaded() ? kFitted : kInRange;
+  out.is_in_range = outside_q8 == 0 && std::all_of(strained.begin(), strained.end(),
+                                                   [&](int64_t each) { return std::abs(each) <= limit; });
+  out.covariance = covariance_of(scaled_q14(e), outside_q8);
   const auto force = [&](size_t i) { return measures(i) ? round_shift(e[i], kFine) : 0; };
   const auto torque = [&](size_t i) { return measures(i) ? round_shift(1'000 * e[i], kFine) : 0; };
   out.wrench = {force(0), force(1), force(2), torque(3), torque(4), torque(5)};

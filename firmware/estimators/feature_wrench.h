@@ -2,11 +2,13 @@
 //
 //   linear       y = K f                                      6 x n, per axis a shift; the paper's K
 //   quadratic    e_i = y_i + sum_{j <= k} q_ijk u_j u_k       u = y / full scale, Q14, within +-2
+//   kernel       e_i += o_i + sum_j w_ij k(|P f - c_j|)    what is not linear about the features: estimators/kernel_map.h
 //   temperature  e_i as of the calibration's temperature       estimators/wrench_warmth.h
 //   relaxation   w_i = e_i - sum_t g_ti h_ti,  tau_t dh_ti/dt = e_i - h_ti     what a held load loses (solve/relaxation.h)
 //   agreement    |f_m - (G s + H s s)_m| <= tolerance_m       s: as u, of e; G, H: features that a wrench makes. Else the
 //                                                             features contradict each other: some are not what they seem
-//   covariance   sum v v^T of 6 constant vectors, and of 6 vectors that grow with |s|: positive semi-definite in integers
+//   covariance   sum v v^T of 6 constant vectors, and of 6 vectors that grow with |s| and with the distance from what was
+//                fitted: positive semi-definite in integers
 //
 // y and e in 1/16 uN and uN mm. Any features: targets (image/targets.h) or markers; the table says how many, and which axes
 // it was fitted on. Only K is from the paper. Frame thread; no allocation after load.
@@ -20,6 +22,7 @@
 
 #include "base/fixed.h"
 #include "base/result.h"
+#include "estimators/kernel_map.h"
 #include "estimators/wrench.h"
 #include "estimators/wrench_covariance.h"
 #include "estimators/wrench_warmth.h"
@@ -39,7 +42,7 @@ class FeatureWrench {
     Wrench wrench;
     WrenchCovariance covariance;
     bool is_in_agreement = false;
-    bool is_in_range = false;     // |s| <= 5/4 on every measured axis
+    bool is_in_range = false;     // |s| <= 5/4 on every measured axis; with a kernel <= 1, and near a landmark
     bool is_warmth_known = true;  // or the calibration does not correct for it
   };
 
@@ -70,7 +73,7 @@ class FeatureWrench {
   [[nodiscard]] Axes scaled_q14(const Axes& y) const;
   [[nodiscard]] bool agrees(std::span<const int32_t> features, const Axes& s) const;
   void relax(Axes& e, uint64_t capture_us);
-  [[nodiscard]] WrenchCovariance covariance_of(const Axes& u) const;
+  [[nodiscard]] WrenchCovariance covariance_of(const Axes& u, int64_t outside_q8) const;
 
   size_t n_ = 0;
   std::vector<int32_t> gain_;       // K, [6][n]
@@ -81,6 +84,8 @@ class FeatureWrench {
   std::vector<int32_t> forward_;                    // G and H, [n][6 + 21]; empty: agreement is not looked at
   std::vector<int32_t> tolerance_;                  // [n]
   std::array<std::array<Axes, kAxes>, 2> error_{};  // constant, at |u| = 1; uN, uN mm
+  KernelMap kernel_;
+  std::vector<int32_t> held_;  // features within kMaxFeature
   WrenchWarmth warmth_;
   std::vector<Term> terms_;
   Axes before_{};

@@ -13,13 +13,14 @@ from mirror.targets import Targets, nominal
 from odd_boards import small_board
 
 from ruffini.boards import parse_board
-from ruffini.calibrate.container import base_metadata, pack
+from ruffini.calibrate.container import base_metadata, metadata_without_board, pack
 from ruffini.calibrate.feature_log import Features
 from ruffini.calibrate.wrench_map import Fit
 from ruffini.calibrate.wrench_model import TIMES_S, Frames, WrenchMap
 from ruffini.calibrate.wrench_tables import tables as tables_of
 from ruffini.calibrate.wrench_warmth import Degrees, WrenchWarmth
 from ruffini.core import Pipeline
+from ruffini.core.feature_wrench import wrench_on_board
 from ruffini.errors import InputError
 
 Picture = npt.NDArray[np.uint8]
@@ -78,9 +79,67 @@ def tables(rng: np.random.Generator, n: int = 9) -> dict[str, npt.NDArray[np.gen
     }
 
 
+def kernel(rng: np.random.Generator, n: int = 9, n_landmarks: int = 37) -> dict[str, npt.NDArray[np.generic]]:
+    """A kernel whose landmarks lie about where the features of the recording do."""
+    curve = np.round((1 << 24) * np.exp(-((np.arange(1025) / 64) ** 2) / 2)).astype(np.int32)
+    return {
+        "wrench.kernel_project": rng.integers(-(1 << 20), 1 << 20, (5, n)).astype(np.int32),
+        "wrench.kernel_landmark": rng.integers(-(1 << 19), 1 << 21, (n_landmarks, 5)).astype(np.int32),
+        "wrench.kernel_curve": curve,
+        "wrench.kernel_weight": rng.integers(-(1 << 24), 1 << 24, (6, n_landmarks)).astype(np.int32),
+        "wrench.kernel_offset": rng.integers(-(1 << 12), 1 << 12, 6).astype(np.int32),
+        "wrench.kernel_reach": np.array([3 << 20, 300], np.int32),
+        "wrench.kernel_shift": np.array([18, 20, 21, 22, 23, 24, 25], np.uint8),
+    }
+
+
 def opened(text: str, kind: dict[str, npt.NDArray[np.generic]], features: str = "targets") -> Pipeline:
     typed = parse_board(text, "targets")
     return Pipeline(typed, pack(kind, {**base_metadata(typed), "wrench.features": features}).data)
+
+
+def test_a_kernel_in_integers() -> None:
+    """The board's map alone against the mirror: near the landmarks, far beyond the table, and at the limits."""
+    rng = np.random.default_rng(17)
+    kind = {**tables(rng), **kernel(rng)}
+    del kind["wrench.warm_mc"], kind["wrench.warm_gain"], kind["wrench.warm_offset"]
+    kind["wrench.full_scale"] = np.array([1 << 30, 1 << 29, 1 << 30, 1 << 30, 0, 1 << 28], np.int32)
+    metadata = {**metadata_without_board(), "wrench.features": "columns"}
+    mirror, saturations = FeatureWrench(kind), Saturations()
+    raw = np.concatenate([rng.normal(size=(20, 9)) * s for s in (1e4, 1e5, 3e6)]).round()
+    raw = np.concatenate([raw, np.full((1, 9), -(2.0**31)), np.full((1, 9), 2.0**31 - 1)])
+    time_s = 0.03 * np.arange(len(raw))
+    said = wrench_on_board(pack(kind, metadata).data, "columns", raw, time_s)
+    inside = 0
+    for t, row in enumerate(raw):
+        expected = mirror.run([int(v) for v in row], 1 + round(1e6 * time_s[t]), saturations)
+        assert said.wrench[t].tolist() == [v * s for v, s in zip(expected.wrench, [1e-6] * 3 + [1e-9] * 3, strict=True)]
+        variances = [expected.covariance[i] for i in (0, 6, 11, 15, 18, 20)]
+        assert said.sigma[t].tolist() == (1e-6 * np.sqrt(np.array(variances))).tolist()
+        assert bool(said.agrees[t]) == expected.agrees
+        assert bool(said.is_in_range[t]) == expected.is_in_range
+        inside += expected.is_in_range
+    assert 0 < inside < len(raw)
+    # The covariance grows outside: the same frame, a reach of nothing.
+    kind["wrench.kernel_reach"] = np.array([0, 300], np.int32)
+    outside = wrench_on_board(pack(kind, metadata).data, "columns", raw, time_s)
+    assert (outside.sigma[:20, :4] > said.sigma[:20, :4]).any()
+    assert not outside.is_in_range.any()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("wrench.kernel_project", 1 << 27), ("wrench.kernel_landmark", 1 << 27), ("wrench.kernel_curve", 1 << 25),
+        ("wrench.kernel_weight", 1 << 29), ("wrench.kernel_reach", -1), ("wrench.kernel_shift", 0),
+    ],
+)  # fmt: skip
+def test_a_kernel_out_of_range_is_refused(name: str, value: int) -> None:
+    rng = np.random.default_rng(1)
+    kind = {**tables(rng), **kernel(rng)}
+    kind[name].flat[0] = value  # type: ignore[index]
+    with pytest.raises(InputError, match=r"wrench.kernel.* out of range"):
+        opened(board_text(), kind)
 
 
 def mirror_rows(targets: Targets) -> list[list[int]]:

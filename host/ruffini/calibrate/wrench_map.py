@@ -14,9 +14,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.calibrate import wrench_kernel
 from ruffini.calibrate.feature_log import FeatureRun
 from ruffini.calibrate.wrench_model import (
     AXES,
+    PAIRS,
+    TIMES_S,
     Frames,
     WrenchMap,
     frames_of,
@@ -43,6 +46,9 @@ Array = npt.NDArray[np.float64]
 Folds = list[npt.NDArray[np.bool_]]
 
 N_FOLDS = 5
+LEFT_OUT = {"recording": "recordings", "touch": "touches", "block": "blocks of time"}
+LEAST_FRAMES = 200  # for a kernel
+SMOOTHER = 1.2  # errors of the wide kernel over those of the narrow one up to which the wide one is used
 LAGS_S = np.arange(-0.1, 0.1001, 0.0125)
 FEW = 30  # features: thousands of frames determine these without a ridge, and their memories besides
 SAME_ROW_S = 0.02  # a log with one row a frame has paired them already: a smaller lag is left as it is
@@ -89,6 +95,7 @@ class Fit:
     checks: list[str] = field(default_factory=list)
     no_warmth: str | None = None  # why temperature was not tried
     leaning: list[str] = field(default_factory=list)  # axes whose K leans on the pad's mechanics
+    kernel: str | None = None  # shape of the nonlinear part
     not_stated: list[str] = field(default_factory=list)  # what needs untouched frames, where there are none
 
     @property
@@ -109,7 +116,7 @@ class Fit:
             "ridge": self.ridge, "terms": self.terms, "condition": self.condition, "n_frames": self.n_frames,
             "prior": self.leaning, "n_recordings": self.n_runs, "checks": self.checks, "temperature": self._warmth(),
             "recordings": {n: {"rmse": v[0].tolist(), "mae": v[1].tolist()} for n, v in self.by_recording.items()},
-            "not_stated": self.not_stated,
+            "kernel": self.kernel, "not_stated": self.not_stated,
             "not_measured": [a for a, f in zip(AXES, self.map.full, strict=True) if f == 0],
         }  # fmt: skip
 
@@ -125,23 +132,25 @@ class Fit:
 
 
 def fit_wrench_map(
-    runs: list[FeatureRun], *, holdout: str = "recording", bend: Bend | None = None, prior: Array | None = None
-) -> Fit:
+    runs: list[FeatureRun], *, holdout: str = "recording", bend: Bend | None = None, prior: Array | None = None,
+    nonlinear: bool = False,
+) -> Fit:  # fmt: skip
     """Fit K and what goes beyond it where that pays on held-out data.
 
     bend : what products of axes add to the features (n, 21), for features that are linear in them by (n, 6), where the
         board's geometry says it (`target_geometry`); else quadratic terms are free.
     prior : K (6, n) by the pad's mechanics (`marker_prior`), for many features: each axis leans on it where that pays.
     holdout : `recording` leaves whole recordings out, `touch` single touches (as the log numbers them, else from one
-        touch-free moment to the next).
+        touch-free moment to the next), `block` fifths of the time of each recording.
+    nonlinear : of many features, try landmark kernels (`wrench_kernel`) too; kept where they err less.
 
     Raises
     ------
     InputError
         Too few recordings or frames, or units that cannot be right.
     """
-    if holdout not in ("recording", "touch"):
-        raise InputError(f"--holdout {holdout!r}: recording or touch")
+    if holdout not in LEFT_OUT:
+        raise InputError(f"--holdout {holdout!r}: {', '.join(LEFT_OUT)}")
     seen = frames_of(runs, 0.0)
     _checks(seen)
     ways = (False, True) if seen.features.shape[1] <= FEW else (False,)
@@ -150,16 +159,22 @@ def fit_wrench_map(
         lags = [0.0 if abs(lag) < SAME_ROW_S else lag for lag in lags]
     if abs(lags[-1] - lags[0]) < SAME_LAG_S:
         lags = lags[:1]
-    fits = [_fit_at(runs, lag_s, holdout, bend, prior) for lag_s in lags]
+    nonlinear = nonlinear and seen.features.shape[1] > FEW and len(seen.features) >= LEAST_FRAMES
+    fits = [_fit_at(runs, lag_s, holdout, bend, prior, nonlinear) for lag_s in lags]
     return min(fits, key=lambda fit: float((1 - fit.r2).sum()))
 
 
-def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | None, prior: Array | None) -> Fit:
+def _fit_at(
+    runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | None, prior: Array | None, nonlinear: bool
+) -> Fit:
     frames = frames_of(runs, lag_s)
     folds = folds_of(frames, holdout)
     checks = _checks(frames)
     route = _route(frames, folds, bend, prior)
     chosen, linear, errors = route.terms, route.linear, route.errors
+    kernel = _with_kernel(frames, folds, errors, 1.0 if holdout == "touch" else SMOOTHER) if nonlinear else None
+    if kernel is not None:
+        chosen, errors = _plain(None), kernel.errors
     spread = frames.wrench.std(axis=0)
     r2 = 1 - (rms(errors) / np.where(spread > 0, spread, 1)) ** 2
     is_told = r2 >= LEAST_R2
@@ -172,14 +187,17 @@ def _fit_at(runs: list[FeatureRun], lag_s: float, holdout: str, bend: Bend | Non
             "sensor's, in the pad's axes, one row a frame?"
         )
     full = np.where(is_told, np.abs(frames.wrench).max(axis=0), 0.0)
-    found = _with_forward(fitted(frames, chosen, full), frames, errors, bend)
+    if kernel is None:
+        found = _with_forward(fitted(frames, chosen, full), frames, errors, bend, folds)
+    else:
+        found = _with_forward(_kernel_fitted(frames, full, kernel), frames, errors, None, folds)
     terms = {"temperature": chosen.warm, "quadratic": chosen.square, "relaxation": chosen.relax}
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)
     return Fit(
         found, lag_s, dict(zip(AXES, chosen.ridge.tolist(), strict=True)), {n: _names(m) for n, m in terms.items()},
         rms(errors), r2, rms(linear), _condition(scaled), len(frames.features), len(np.unique(frames.recording)),
         holdout, mean_abs(errors), _by_recording(frames, runs, errors), checks, frames.degrees.why_not,
-        _names(chosen.leans), [] if has_rest(frames) else list(NEED_REST),
+        _names(chosen.leans), kernel.name if kernel else None, [] if has_rest(frames) else list(NEED_REST),
     )  # fmt: skip
 
 
@@ -207,7 +225,7 @@ def has_rest(frames: Frames) -> bool:
 
 
 def _left_out(holdout: str) -> str:
-    return "touches" if holdout == "touch" else "recordings"
+    return LEFT_OUT[holdout]
 
 
 def linear_map(runs: list[FeatureRun], lag_s: float) -> WrenchMap:
@@ -243,6 +261,8 @@ def folds_of(frames: Frames, holdout: str) -> Folds:
     InputError
         Less than two recordings, or five touches.
     """
+    if holdout == "block":
+        return _blocks(frames)
     by_touch = holdout == "touch"
     names = np.unique(groups := _touches(frames) if by_touch else frames.recording)
     if len(names) < (least := N_FOLDS if by_touch else 2):
@@ -250,6 +270,20 @@ def folds_of(frames: Frames, holdout: str) -> Folds:
         raise InputError(f"only {len(names)} {_left_out(holdout)}: {least} are needed to judge a fit; {remedy}")
     n = min(N_FOLDS, len(names))
     return [np.isin(groups, names[i::n]) for i in range(n)]
+
+
+def _blocks(frames: Frames) -> Folds:
+    """Fifths of the time of each recording, cut between touches: a drift or another program of presses is left out."""
+    touch, block = _touches(frames), np.zeros(len(frames.touch), int)
+    for recording in np.unique(frames.recording):
+        rows = np.flatnonzero(frames.recording == recording)
+        names, first = np.unique(touch[rows], return_index=True)
+        order = np.empty(len(names), int)
+        order[np.argsort(first)] = np.arange(len(names))
+        block[rows] = (N_FOLDS * order // len(names))[np.searchsorted(names, touch[rows])]
+    if len(np.unique(touch)) < N_FOLDS:
+        raise InputError(f"only {len(np.unique(touch))} touches: {N_FOLDS} are needed to judge a fit; press more often")
+    return [block == k for k in range(N_FOLDS)]
 
 
 def _touches(frames: Frames) -> npt.NDArray[np.intp]:
@@ -268,6 +302,51 @@ class _Route(NamedTuple):
     terms: Terms
     linear: Array
     errors: Array
+
+
+class _Kernel(NamedTuple):
+    """The shape that errs least on what was not fitted: those errors (t, 6), and the distances (t,) there, lengths."""
+
+    name: str
+    errors: Array
+    nearest: Array
+
+
+def _with_kernel(frames: Frames, folds: Folds, errors: Array, margin: float) -> _Kernel | None:
+    """The kernel that errs less than `errors` on what was not fitted, if any; each fold learns its own directions.
+
+    The narrow one has to err less than the wide one by `margin`: it is the worse one on what no fold resembles.
+    """
+    found = [np.full_like(errors, np.nan) for _ in wrench_kernel.CURVES]
+    nearest = [np.full(len(errors), np.nan) for _ in found]
+    touch = _touches(frames)
+    for left in folds:
+        inside, outside = frames.take(~left), frames.take(left)
+        for i, shape in enumerate(wrench_kernel.candidates(inside.features, inside.wrench, touch[~left])):
+            gain, kernel = wrench_kernel.solve(inside.features, inside.wrench, shape)
+            found[i][left] = outside.features @ gain.T + kernel.added(outside.features) - outside.wrench
+            nearest[i][left] = kernel.nearest(outside.features)
+    is_loaded = np.abs(frames.wrench).max(axis=0) > 1e-9
+    parts = [(mean_abs(each) / np.maximum(mean_abs(errors), 1e-12))[is_loaded].mean() for each in found]
+    best = int(np.argmin(parts))
+    if parts[0] < margin * parts[best]:
+        best = 0
+    if parts[best] > 1 - LEAST_GAIN:
+        return None
+    return _Kernel(list(wrench_kernel.CURVES)[best], found[best], nearest[best])
+
+
+def _kernel_fitted(frames: Frames, full: Array, chosen: _Kernel) -> WrenchMap:
+    """K and kernel of all frames; what is further from a landmark than frames left out were is outside."""
+    shapes = wrench_kernel.candidates(frames.features, frames.wrench, _touches(frames))
+    gain, kernel = wrench_kernel.solve(frames.features, frames.wrench, next(s for s in shapes if s.name == chosen.name))
+    reach = float(np.quantile(chosen.nearest, wrench_kernel.REACH_SHARE))
+    kernel = replace(kernel, weight=kernel.weight * (full > 0)[:, None], offset=kernel.offset * (full > 0), reach=reach,
+                     spread=1 / max(reach, 1e-6))  # fmt: skip
+    n = frames.features.shape[1]
+    none = np.zeros((6, len(PAIRS[0])))
+    return WrenchMap(gain, full, none, np.zeros((len(TIMES_S), 6)), np.zeros((n, 27)), np.ones(n), np.zeros((2, 6, 6)),
+                     None, kernel)  # fmt: skip
 
 
 def _plain(bend: Bend | None) -> Terms:
@@ -355,7 +434,7 @@ def _checks(frames: Frames) -> list[str]:
     return said
 
 
-def _with_forward(found: WrenchMap, frames: Frames, errors: Array, bend: Bend | None) -> WrenchMap:
+def _with_forward(found: WrenchMap, frames: Frames, errors: Array, bend: Bend | None, folds: Folds) -> WrenchMap:
     """Adds what features a wrench makes, how far they may be off, and the covariance."""
     u = found.scaled(found.elastic(frames))
     pairs = products(u)
@@ -368,20 +447,22 @@ def _with_forward(found: WrenchMap, frames: Frames, errors: Array, bend: Bend | 
         first, beyond = both[:, :6], both[:, 6:] * is_excited
     off = np.abs(frames.features - u @ first.T - pairs @ beyond.T)
     forward = np.concatenate([first, beyond], axis=1)
-    return replace(found, forward=forward, tolerance=TOLERANCE * off.max(axis=0), error=_error(found, frames, errors))
+    error = _error(found, frames, errors, folds)
+    return replace(found, forward=forward, tolerance=TOLERANCE * off.max(axis=0), error=error)
 
 
-def _error(found: WrenchMap, frames: Frames, errors: Array) -> Array:
+def _error(found: WrenchMap, frames: Frames, errors: Array, folds: Folds) -> Array:
     """Vectors of the covariance: at rest the features' noise through K; of a load what is left of the held-out errors.
 
     The reference's own noise is in both and goes: it is what the reference says of rest frames, where nothing presses.
     """
-    at_once = found.corrected(frames.features @ found.gain.T, frames.degrees)
+    linear = found.elastic(frames) if found.kernel else frames.features @ found.gain.T
+    at_once = found.corrected(linear, frames.degrees)
     u = found.scaled(at_once)
     size2 = (u**2).sum(axis=1)
     at_rest = size2 < REST_PART**2
     if at_rest.sum() < LEAST_AT_REST:
-        return _error_of_loads(errors, size2, found.full)
+        return _error_of_loads(errors, size2, found.full, folds)
     quiet = np.cov(at_once[at_rest].T)
     loaded = size2 > 0.1**2
     left = np.cov(errors[loaded].T) - np.cov(errors[at_rest].T)
@@ -390,10 +471,11 @@ def _error(found: WrenchMap, frames: Frames, errors: Array) -> Array:
     return np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured, least=LEAST_ERROR * found.full)])
 
 
-def _error_of_loads(errors: Array, size2: Array, full: Array) -> Array:
+def _error_of_loads(errors: Array, size2: Array, full: Array, folds: Folds) -> Array:
     """As `_error` for a log without rest frames: by held-out errors of the lightest quarter of the frames and of all.
 
-    Errors have longer tails than a normal distribution: each axis is scaled so that one sigma covers 68 % of them.
+    Errors have longer tails than a normal distribution: each axis is scaled so that one sigma covers 68 % of them,
+    in the worst fold: what a new recording brings is no less than that.
     """
     light = size2 <= np.quantile(size2, 0.25)
     quiet = np.cov(errors[light].T)
@@ -401,7 +483,8 @@ def _error_of_loads(errors: Array, size2: Array, full: Array) -> Array:
     is_measured = np.outer(full > 0, full > 0)
     out = np.stack([_vectors(quiet * is_measured), _vectors(growing * is_measured)])
     sigma = np.sqrt((out[0] ** 2).sum(axis=0) + size2[:, None] * (out[1] ** 2).sum(axis=0))
-    return np.asarray(out * np.quantile(np.abs(errors) / np.maximum(sigma, 1e-12), ONE_SIGMA, axis=0))
+    parts = np.abs(errors) / np.maximum(sigma, 1e-12)
+    return np.asarray(out * np.max([np.quantile(parts[left], ONE_SIGMA, axis=0) for left in folds], axis=0))
 
 
 def _vectors(covariance: Array, least: Array | None = None) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.calibrate.feature_log import FeatureRun
+from ruffini.calibrate.wrench_kernel import KernelMap
 from ruffini.calibrate.wrench_warmth import Degrees, WrenchWarmth
 
 Array = npt.NDArray[np.float64]
@@ -92,7 +93,7 @@ class WrenchMap:
 
     gain (6, n) N and N mm a raw unit; full (6,) what makes u = 1, 0 of an axis that is not measured; square (6, 21);
     relax (terms, 6) parts; forward (n, 27); tolerance (n,); error (2, 6, 6) vectors of the covariance; warmth: None
-    where temperature is not corrected for.
+    where temperature is not corrected for; kernel: None where the map is linear and quadratic.
     """
 
     gain: Array
@@ -103,6 +104,7 @@ class WrenchMap:
     tolerance: Array
     error: Array
     warmth: WrenchWarmth | None = None
+    kernel: KernelMap | None = None
 
     def scaled(self, y: Array) -> Array:
         """u (t, 6) of the linear estimate."""
@@ -120,7 +122,8 @@ class WrenchMap:
     def elastic(self, frames: Frames) -> Array:
         """As the features have it: without temperature and relaxation."""
         y = frames.features @ self.gain.T
-        return np.asarray(y + products(self.scaled(y)) @ self.square.T)
+        out = y + products(self.scaled(y)) @ self.square.T
+        return np.asarray(out if self.kernel is None else out + self.kernel.added(frames.features))
 
 
 def products(u: Array) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.calibrate import wrench_kernel
 from ruffini.calibrate.container import CalibrationFile, Tensors
 from ruffini.calibrate.feature_log import Features
 from ruffini.calibrate.wrench_map import Fit
@@ -62,6 +63,8 @@ def tables(fit: Fit, features: Features) -> tuple[Tensors, dict[str, str]]:
         tensors["wrench.warm_mc"] = np.array([round(1e3 * c) for c in celsius], np.int32)
         tensors["wrench.warm_gain"] = _rounded(found.warmth.gain * MILLI * GAIN)
         tensors["wrench.warm_offset"] = _rounded(found.warmth.offset * MILLI * FINE * OFFSET)
+    if found.kernel is not None:
+        tensors |= wrench_kernel.tables(found.kernel)
     residuals = {**fit.report(), "left_out": left_out}
     return tensors, {"wrench.features": features.sort, "residuals": json.dumps(residuals)}
 
@@ -134,7 +137,7 @@ def map_in(file: CalibrationFile) -> WrenchMap:
     n = gain.shape[1]
     forward, tolerance = t.get("forward", np.zeros((n, 27))), t.get("tolerance", np.ones(n))
     return WrenchMap(gain, t["full_scale"] / MICRO, _square_in(t) / FINE, relax, forward, tolerance,
-                     t["error"] / MICRO, warmth)  # fmt: skip
+                     t["error"] / MICRO, warmth, wrench_kernel.map_in(t))  # fmt: skip
 
 
 def _square_in(t: dict[str, npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:

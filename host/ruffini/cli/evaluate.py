@@ -8,6 +8,17 @@ from typing import Annotated
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.wrench import (
+    ColumnsOption,
+    FeaturesOption,
+    RecordingOption,
+    TimeOption,
+    TouchOption,
+    UnitOption,
+    WrenchOption,
+    WrenchUnitOption,
+    columns_of,
+)
 from ruffini.errors import InputError
 
 app = typer.Typer(no_args_is_help=True, help="Judge markers, depth and flow on your own recordings.")
@@ -44,6 +55,57 @@ def markers(
         result["picture"] = str(marker_tracks(out, frames, tracks, result))
         text += f"\n{out}"
     emit(result, json_, text)
+
+
+@app.command("wrench")
+def wrench(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="HDF5 or CSV with a force sensor's columns.")],
+    columns: ColumnsOption = None,
+    time: TimeOption = None,
+    features: FeaturesOption = None,
+    unit: UnitOption = None,
+    wrench_columns: WrenchOption = None,
+    wrench_unit: WrenchUnitOption = None,
+    touch: TouchOption = None,
+    recording: RecordingOption = None,
+    peers: Annotated[bool, typer.Option("--peers/--no-peers", help="Fit scikit-learn's on the same rows.")] = True,
+    json_: JsonFlag = False,
+) -> None:
+    """The wrench of named columns, in the board's integers: touches and recordings left out, beside scikit-learn."""
+    note("eval wrench: fits for each part that is left out, minutes")
+    from ruffini.calibrate.column_log import read_column_logs
+    from ruffini.evaluate import wrench as judge
+
+    named = columns_of(columns, time, features, unit, wrench_columns, wrench_unit, touch, recording)
+    if named is None:
+        raise InputError(f"{logs[0]}: name its columns: --columns FILE, or --time, --features, --wrench")
+    read = read_column_logs(logs, named)
+    if peers and not judge.has_peers():
+        note("scikit-learn is not installed: no peers")
+    with progress_bar("fits") as progress:
+        found = judge.evaluate(read, peers=peers and judge.has_peers(), progress=progress)
+    flagged = judge.beyond(read)
+    emit(judge.as_json(found, flagged), json_, judge.table(found, flagged))
+
+
+@app.command("real")
+def real(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="DIR", help="Recordings of real sensors (default: $RUFFINI_RECORDED_DATA).")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="Page of the same with pictures (HTML).")] = Path("out/real.html"),
+    json_: JsonFlag = False,
+) -> None:
+    """One table of what was measured on recordings of real sensors, with peers on the same rows; one page."""
+    note("eval real: fits for each part that is left out, minutes")
+    import os
+
+    from ruffini.evaluate import real as judge
+
+    named = folder or Path(os.environ.get("RUFFINI_RECORDED_DATA", ""))
+    with progress_bar("real data") as progress:
+        rows = judge.evaluate(named, out, progress=progress)
+    emit({"rows": [row._asdict() for row in rows], "page": str(out)}, json_, f"{judge.table(rows)}\n{out}")
 
 
 @app.command("photometric")

@@ -73,7 +73,9 @@ def wrench(
     ] = Path("wrench.safetensors"),
     holdout: Annotated[
         str | None,
-        typer.Option(help="Judge on `recording`s or on `touch`es left out (default: recordings if there are two)."),
+        typer.Option(
+            help="Judge on each recording, touch or block of time left out (default: recording; of a single one block)."
+        ),
     ] = None,
     columns: ColumnsOption = None,
     time: TimeOption = None,
@@ -85,6 +87,9 @@ def wrench(
     recording: RecordingOption = None,
     prior: Annotated[
         bool, typer.Option("--prior/--no-prior", help="Of markers: lean on the pad's mechanics where that helps.")
+    ] = True,
+    nonlinear: Annotated[
+        bool, typer.Option("--nonlinear/--linear", help="Of many features: try kernels, kept where they err less.")
     ] = True,
     report: Annotated[Path | None, typer.Option(help="JSON of the report.")] = None,
     json_: JsonFlag = False,
@@ -126,9 +131,10 @@ def wrench(
             runs, sort = read_feature_runs(paths, found, progress=progress), features_of(found)
     fit = fit_wrench_map(
         runs,
-        holdout=holdout or ("recording" if len(set(recordings_of(runs))) > 1 else "touch"),
+        holdout=holdout or ("recording" if len(set(recordings_of(runs))) > 1 else "block"),
         bend=second_order_of(found) if found else None,
         prior=marker_prior(found) if found and prior else None,
+        nonlinear=nonlinear,
     )
     for line in fit.checks:
         note(line)
@@ -164,6 +170,8 @@ def _text(out: Path, fit: Fit) -> str:
         )
     for name, (rmse, mae) in fit.by_recording.items() if len(fit.by_recording) < MOST_LISTED else ():
         lines.append(f"  {name}: RMSE {_listed(rmse)}; MAE {_listed(mae)}")
+    if fit.kernel:
+        lines.append(f"  nonlinear: a {fit.kernel} kernel of landmarks beside K")
     lines += [f"  not stated: {what} (no untouched frames)" for what in fit.not_stated]
     if fit.leaning:
         lines.append(f"  {', '.join(fit.leaning)} lean on the pad's mechanics (the board's inverse FEM, shifts alone)")

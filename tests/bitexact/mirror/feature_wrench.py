@@ -54,6 +54,32 @@ class FeatureWrench:
     def _products(u: list[int]) -> list[int]:
         return [_round_shift(u[j] * u[k], 14) for j in range(6) for k in range(j, 6)]
 
+    def _kernel(self, features: list[int], e: list[int]) -> tuple[list[int], int]:
+        """`e` with what estimators/kernel_map.h adds, and how far outside of what was fitted, Q8."""
+        table = {name.removeprefix("wrench.kernel_"): v for name, v in self._table.items() if "kernel" in name}
+        if not table:
+            return e, 0
+        limit = 1 << 26
+        z = [
+            min(max(_round_shift(sum(int(p) * f for p, f in zip(row, features, strict=True)), int(table["shift"][0])),
+                    -limit), limit)
+            for row in table["project"]
+        ]  # fmt: skip
+        distances = [isqrt(sum((a - int(c)) ** 2 for a, c in zip(z, row, strict=True))) for row in table["landmark"]]
+        curve = [int(v) for v in table["curve"]]
+        values = []
+        for distance in distances:
+            held = min(distance, 1024 << 14)
+            i = min(held >> 14, 1023)
+            part = held - (i << 14)
+            values.append(_round_shift(curve[i] * ((1 << 14) - part) + curve[i + 1] * part, 14))
+        out = [
+            v + (int(offset) << 4) + _round_shift(sum(int(w) * k for w, k in zip(row, values, strict=True)), int(shift))
+            for v, offset, row, shift in zip(e, table["offset"], table["weight"], table["shift"][1:], strict=True)
+        ]
+        excess = max(min(distances) - int(table["reach"][0]), 0)
+        return out, 1 + (excess * int(table["reach"][1]) >> 20) if excess else 0
+
     def run(
         self,
         features: list[int],
@@ -64,8 +90,8 @@ class FeatureWrench:
         """`warm`: thousandths of a degree now, and when rest was learned."""
         table = self._table
         y = []
+        held = [min(max(f, -(1 << 26)), 1 << 26) for f in features]
         for row, shift in zip(table["wrench.gain"], table["wrench.shift"], strict=True):
-            held = [min(max(f, -(1 << 26)), 1 << 26) for f in features]
             exact = _round_shift(sum(int(k) * f for k, f in zip(row, held, strict=True)), int(shift))
             y.append(min(max(exact, -MAX_FORCE), MAX_FORCE))
             saturations.count += y[-1] != exact
@@ -75,17 +101,21 @@ class FeatureWrench:
             v + _round_shift(sum(int(q) * p for q, p in zip(row, pairs, strict=True)), 14 - int(coarse))
             for v, row, coarse in zip(y, table["wrench.square"], self._square_shift, strict=True)
         ]
+        e, outside = self._kernel(held, e)
+        e = [min(max(v, -MAX_FORCE), MAX_FORCE) for v in e]
         strained = self._scaled(e)
         agrees = self._agrees(features, [*strained, *self._products(strained)])
         is_warmth_known, e = self._corrected(e, *warm)
         if agrees and capture_us:
             e = self._relaxed(e, capture_us)
-        covariance = self._covariance(self._scaled(e))
+        covariance = self._covariance(self._scaled(e), outside)
         wrench = [
             0 if not full else _round_shift(v if i < 3 else 1000 * v, 4)
             for i, (v, full) in enumerate(zip(e, self._full, strict=True))
         ]
-        return Said(wrench, covariance, agrees, all(abs(v) <= 5 << 12 for v in strained), is_warmth_known)
+        limit = 1 << 14 if "wrench.kernel_curve" in table else 5 << 12
+        is_in_range = outside == 0 and all(abs(v) <= limit for v in strained)
+        return Said(wrench, covariance, agrees, is_in_range, is_warmth_known)
 
     def _corrected(self, e: list[int], now: int | None, at_rest: int | None) -> tuple[bool, list[int]]:
         if "wrench.warm_mc" not in self._table:
@@ -127,8 +157,8 @@ class FeatureWrench:
         self._before = list(e)
         return out
 
-    def _covariance(self, u: list[int]) -> list[int]:
-        size = isqrt(sum(v * v >> 12 for v in u))
+    def _covariance(self, u: list[int], outside: int) -> list[int]:
+        size = isqrt(sum(v * v >> 12 for v in u)) + min(outside, 4 << 8)
         constant, growing = self._table["wrench.error"]
         vectors = [[int(v) for v in row] for row in constant]
         vectors += [[_round_shift(int(v) * size, 8) for v in row] for row in growing]

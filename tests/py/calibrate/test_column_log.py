@@ -167,7 +167,7 @@ def test_one_frame_a_touch_and_one_recording(tmp_path: Path) -> None:
     log["touch"] = np.arange(len(log["t"])) + 1.0
     result = CliRunner().invoke(app, _command([hdf5(tmp_path / "a.h5", log)], tmp_path / "w"), catch_exceptions=False)
     said = json.loads(result.stdout)
-    assert said["held_out_by"] == "touch"
+    assert said["held_out_by"] == "block"
     assert said["lag_ms"] == 0
 
 

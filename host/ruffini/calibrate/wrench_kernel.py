@@ -1,0 +1,240 @@
+"""What of a wrench is not linear in its features: landmarks of the log and a kernel of the distance to them.
+
+Fitted together with K by robust least squares; firmware/estimators/kernel_map.h has the equations. Two shapes are tried
+(`candidates`): a wide one that bends K a little, and a narrow one whose directions are weighted by how fast the wrench
+changes along them (automatic relevance: largest marginal likelihood of a Gaussian process on a sample of touches). The
+narrow one is the better where all kinds of touches were fitted, the wide one on a recording of another day: which is
+used is decided by errors on what was left out (`wrench_map`). Units here: N and N mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg
+from scipy.optimize import minimize
+
+from ruffini.calibrate.container import Tensors
+from ruffini.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+STEPS, LAST = 64, 16  # of the curve: entries a length, lengths
+N_LANDMARKS = 1000
+N_DIRECTIONS = {"wide": 256, "narrow": 30}
+WIDE_LENGTH, START_LENGTH = 3.0, 1.4  # of the spread of all features together
+# Sums of Gaussians: length and part.
+CURVES = {"wide": ((1.0, 1.0),), "narrow": ((2.0, 4.0), (1.0, 1.0), (0.5, 0.05))}
+NOISE = {"wide": 2e-3, "narrow": 4e-3}  # variance over that of the kernel, where likelihood does not say
+LINEAR = 0.64  # variance of K's part over that of the kernel, at one spread
+# Errors of neighbouring frames of a touch correlate by a half: there are a third as many independent ones.
+INDEPENDENT = 1 / 3
+TAIL = 4.0  # degrees of freedom of the errors: reference and tracker have outliers
+N_PASSES = 4
+N_SAMPLE = 800  # frames that the weights of directions are learned on
+MAX_STEPS = 40
+REACH_SHARE = 0.99  # of the frames left out that count as inside
+PLACE, WEIGHT, CURVE = float(1 << 20), float(1 << 28), float(1 << 24)  # steps of the tables
+MAX_ENTRY, MAX_SUM, MAX_SHIFT = 1 << 26, 1 << 36, 40
+FINE, MICRO = 16e6, 1e6
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Where distances are measured: project (d, n) lengths a raw unit; curve (k,); noise and linear as above."""
+
+    name: str
+    project: Array
+    curve: Array
+    noise: float
+    linear: float
+    spread: float  # of the features together, raw units
+
+    def kernel(self, a: Array, b: Array) -> Array:
+        """Of every row of `a` (t, d) with every one of `b`."""
+        return np.asarray(np.interp(STEPS * distances(a, b), np.arange(len(self.curve)), self.curve))
+
+
+@dataclass(frozen=True)
+class KernelMap:
+    """landmark (m, d) lengths, weight (6, m) and offset (6,) N and N mm; reach in lengths, spread in |u| a length."""
+
+    shape: Shape
+    landmark: Array
+    weight: Array
+    offset: Array
+    reach: float = float(LAST)
+    spread: float = 0.0
+
+    def added(self, features: Array) -> Array:
+        """What it adds to K f, (t, 6)."""
+        k = self.shape.kernel(features @ self.shape.project.T, self.landmark)
+        return np.asarray(k @ self.weight.T + self.offset)
+
+    def nearest(self, features: Array) -> Array:
+        """Distance to the nearest landmark (t,), lengths."""
+        return np.asarray(distances(features @ self.shape.project.T, self.landmark).min(axis=1))
+
+
+def distances(a: Array, b: Array) -> Array:
+    """(t, m)."""
+    square = (a * a).sum(axis=1)[:, None] + (b * b).sum(axis=1) - 2 * a @ b.T
+    return np.asarray(np.sqrt(np.maximum(square, 0)))
+
+
+def candidates(features: Array, wrench: Array, touch: npt.NDArray[np.intp]) -> list[Shape]:
+    """The shapes to choose from."""
+    spread = float(np.sqrt(features.var(axis=0).sum()))
+    _, sizes, directions = np.linalg.svd((features - features.mean(axis=0)) / spread, full_matrices=False)
+    curves = {name: _curve(parts) for name, parts in CURVES.items()}
+    wide = directions[: N_DIRECTIONS["wide"]] / (WIDE_LENGTH * spread)
+    narrow = directions[: min(N_DIRECTIONS["narrow"], int((sizes > 1e-9).sum()))]
+    first = Shape("narrow", narrow / (START_LENGTH * spread), curves["wide"], NOISE["narrow"], LINEAR, spread)
+    weight = _solved(features, wrench, first)[2]
+    lengths, noise, linear = _relevance(features @ narrow.T / spread, wrench, touch, weight)
+    return [
+        Shape("wide", wide, curves["wide"], NOISE["wide"], LINEAR, spread),
+        Shape("narrow", narrow / (lengths[:, None] * spread), curves["narrow"], noise, linear, spread),
+    ]
+
+
+def _curve(parts: tuple[tuple[float, float], ...]) -> Array:
+    """As the table has it: what is fitted is what the board interpolates."""
+    distance = np.arange(STEPS * LAST + 1) / STEPS
+    value = sum(part * np.exp(-((distance / length) ** 2) / 2) for length, part in parts)
+    return np.asarray(np.round(value / value[0] * CURVE) / CURVE)
+
+
+def _relevance(z: Array, wrench: Array, touch: npt.NDArray[np.intp], weight: Array) -> tuple[Array, float, float]:
+    """Length of each direction, noise and linear part: the largest likelihood of a sample of whole touches.
+
+    weight : of each frame; an outlier counts as so much noisier.
+    """
+    rng = np.random.default_rng(0)
+    names = rng.permutation(np.unique(touch))
+    n_touches = max(int(N_SAMPLE * len(names) / len(touch)), 1)
+    rows = np.flatnonzero(np.isin(touch, names[:n_touches]))[: 2 * N_SAMPLE]
+    x, y = z[rows], ((wrench - np.median(wrench, axis=0)) / np.maximum(wrench.std(axis=0), 1e-12))[rows]
+    n, d = x.shape
+    square = [(column[:, None] - column) ** 2 for column in x.T]
+    linear, noisy = x @ x.T, 1 / weight[rows]
+    start = np.r_[np.full(d, np.log(START_LENGTH)), np.log([1.0, LINEAR, 1e-3])]
+
+    def unlikely(p: Array) -> tuple[float, Array]:
+        inverse = np.exp(-2 * p[:d])
+        size, slope, noise = np.exp(p[d:])
+        k = size * np.exp(-0.5 * sum(i * s for i, s in zip(inverse, square, strict=True)))
+        factor = linalg.cho_factor(k + slope * linear + noise * np.diag(noisy), lower=True, check_finite=False)
+        alpha = linalg.cho_solve(factor, y)
+        m = 6 * linalg.cho_solve(factor, np.eye(n)) - alpha @ alpha.T
+        off = p[:d] - np.log(START_LENGTH)
+        value = 0.5 * (y * alpha).sum() + 6 * np.log(np.diag(factor[0])).sum() + 0.5 * (off**2).sum()
+        mk = m * k
+        slopes = [0.5 * (mk * s).sum() * i for i, s in zip(inverse, square, strict=True)]
+        rest = [0.5 * mk.sum(), 0.5 * slope * (m * linear).sum(), 0.5 * noise * (np.diag(m) * noisy).sum()]
+        return float(value), np.r_[slopes + off, rest]
+
+    try:
+        p = minimize(unlikely, start, jac=True, method="L-BFGS-B", options={"maxiter": MAX_STEPS}).x
+    except linalg.LinAlgError:  # features that repeat each other: as without relevance
+        p = start
+    size, slope, noise = np.exp(p[d:])
+    # The narrow curve has more variance at long distances than the Gaussian that these were found with.
+    extra = sum(part for _, part in CURVES["narrow"])
+    return np.exp(p[:d]), float(noise / INDEPENDENT / size / extra), float(slope / size / extra)
+
+
+def solve(features: Array, wrench: Array, shape: Shape) -> tuple[Array, KernelMap]:
+    """K (6, n) and the kernel beside it."""
+    k, kernel, _ = _solved(features, wrench, shape)
+    return k, kernel
+
+
+def _solved(features: Array, wrench: Array, shape: Shape) -> tuple[Array, KernelMap, Array]:
+    """As `solve`, and the weight of each frame (t,)."""
+    z, x = features @ shape.project.T, features / shape.spread
+    landmark = _landmarks(z, shape)
+    middle, scale = np.median(wrench, axis=0), np.maximum(wrench.std(axis=0), 1e-12)
+    factor = linalg.cholesky(shape.kernel(landmark, landmark) + 1e-7 * np.eye(len(landmark)), lower=True)
+    basis = linalg.solve_triangular(factor, shape.kernel(landmark, z), lower=True).T
+    columns = np.concatenate([basis, np.sqrt(shape.linear) * (x - x.mean(axis=0)), np.ones((len(x), 1))], axis=1)
+    ridge = np.r_[np.full(columns.shape[1] - 1, shape.noise), 1e-9]
+    target, weight = (wrench - middle) / scale, np.ones(len(x))
+    for _ in range(N_PASSES):
+        weighted = columns * weight[:, None]
+        found = linalg.solve(weighted.T @ columns + np.diag(ridge), weighted.T @ target, assume_a="pos")
+        left = columns @ found - target
+        size = 1.4826 * np.median(np.abs(left), axis=0)
+        weight = (TAIL + 1) / (TAIL + ((left / np.maximum(size, 1e-12)) ** 2).mean(axis=1))
+    m = len(landmark)
+    k = (np.sqrt(shape.linear) * found[m:-1] / shape.spread * scale).T
+    weights = (linalg.solve_triangular(factor.T, found[:m], lower=False) * scale).T
+    offset = middle + found[-1] * scale - k @ (x.mean(axis=0) * shape.spread)
+    return np.asarray(k), KernelMap(shape, landmark, np.asarray(weights), np.asarray(offset)), weight
+
+
+def _landmarks(z: Array, shape: Shape) -> Array:
+    """Rows of z that the kernel knows least of from those before: pivoted Cholesky."""
+    left, used = np.ones(len(z)), list[int]()
+    rows = np.zeros((min(N_LANDMARKS, len(z)), len(z)))
+    for j in range(len(rows)):
+        i = int(np.argmax(left))
+        if left[i] < 1e-6:
+            break
+        row = shape.kernel(z[i : i + 1], z)[0]
+        rows[j] = (row - rows[:j, i] @ rows[:j]) / np.sqrt(left[i])
+        left = np.maximum(left - rows[j] ** 2, 0)
+        left[i] = 0
+        used.append(i)
+    return np.asarray(z[used])
+
+
+def tables(found: KernelMap) -> Tensors:
+    """Tensors wrench.kernel_*.
+
+    Raises
+    ------
+    InputError
+        A number does not fit them.
+    """
+    shape, shift = found.shape, np.zeros(7, np.uint8)
+    largest = max(np.abs(shape.project).max(), np.abs(shape.project).sum(axis=1).max() * MAX_ENTRY / MAX_SUM) * PLACE
+    shift[0] = _shift(MAX_ENTRY, largest)
+    weight = np.zeros(found.weight.shape, np.int32)
+    for i, row in enumerate(found.weight * FINE / CURVE):
+        shift[1 + i] = _shift(WEIGHT, float(np.abs(row).max()))
+        weight[i] = np.round(row * 2.0 ** shift[1 + i])
+    if np.abs(found.offset * MICRO).max() >= 2**31 or np.abs(found.landmark).max() > 64:
+        raise InputError("the kernel is beyond its table")
+    return {
+        "wrench.kernel_project": np.round(shape.project * PLACE * 2.0 ** shift[0]).astype(np.int32),
+        "wrench.kernel_landmark": np.round(found.landmark * PLACE).astype(np.int32),
+        "wrench.kernel_weight": weight,
+        "wrench.kernel_curve": np.round(shape.curve * CURVE).astype(np.int32),
+        "wrench.kernel_offset": np.round(found.offset * MICRO).astype(np.int32),
+        "wrench.kernel_reach": np.array([min(found.reach * PLACE, 2**31 - 1), min(found.spread * 256, 1 << 16)],
+                                        np.float64).round().astype(np.int32),
+        "wrench.kernel_shift": shift,
+    }  # fmt: skip
+
+
+def _shift(limit: float, largest: float) -> int:
+    shift = int(np.floor(np.log2(limit / max(largest, 1e-30)) - 1e-9))
+    if shift < 1:
+        raise InputError("the kernel is beyond its table")
+    return min(shift, MAX_SHIFT)
+
+
+def map_in(t: dict[str, Array]) -> KernelMap | None:
+    """The kernel of tables without the prefix `wrench.`, in float."""
+    if "kernel_curve" not in t:
+        return None
+    shift = t["kernel_shift"]
+    shape = Shape("", t["kernel_project"] / (PLACE * 2.0 ** shift[0]), t["kernel_curve"] / CURVE, 0.0, 0.0, 1.0)
+    weight = t["kernel_weight"] * CURVE / (FINE * 2.0 ** shift[1:, None])
+    reach, spread = t["kernel_reach"] / [PLACE, 256]
+    return KernelMap(
+        shape, t["kernel_landmark"] / PLACE, weight, t["kernel_offset"] / MICRO, float(reach), float(spread)
+    )
