@@ -173,7 +173,7 @@ def test_wrong_units_and_too_little_are_refused() -> None:
         fit_wrench_map(thousand)
     with pytest.raises(InputError, match="only 1 recordings"):
         fit_wrench_map(recordings(1))
-    with pytest.raises(InputError, match="recording or touch"):
+    with pytest.raises(InputError, match="recording, touch, block"):
         fit_wrench_map(runs, holdout="frame")
     late = [replace(r, reference_s=r.reference_s + 0.3) for r in runs]
     with pytest.raises(InputError, match="off the pictures"):
