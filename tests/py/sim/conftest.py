@@ -9,6 +9,7 @@ import sys
 import pytest
 from command_line import run_ruffini
 from hang import HANG_S, until
+from kept import kept
 
 from ruffini.boards import find_board
 from ruffini.demo.daemon import running_daemon
@@ -26,7 +27,7 @@ def coarse_unit() -> TwinUnit:
         pad.size_x_um * 1e-6, pad.size_y_um * 1e-6, pad.thickness_um * 1e-6, pad.modulus_pa,
         pad.poisson_1e4 * 1e-4, n_cells_x=12, n_cells_y=10, layers=(0.3, 0.7),
     )  # fmt: skip
-    return TwinUnit(board, load_twin(board), model, surface_compliance(model))
+    return TwinUnit(board, load_twin(board), model, kept(surface_compliance, model))
 
 
 @pytest.fixture(scope="module")

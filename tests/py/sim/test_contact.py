@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.errors import InputError
 from ruffini.sim.contact import FREE, SLIPS, STICKS, ContactSolver, Indenter, Pose
@@ -15,13 +16,13 @@ MM = 1e-3
 @pytest.fixture(scope="module")
 def pad():
     model = PadModel(14 * MM, 12 * MM, 4 * MM, 2e5, 0.48, 16, 14)
-    return model, surface_compliance(model)
+    return model, kept(surface_compliance, model)
 
 
 @pytest.fixture(scope="module")
 def deep_pad():
     model = PadModel(20 * MM, 20 * MM, 20 * MM, 2e5, 0.4, 20, 20, layers=(0.04, 0.09, 0.22, 0.65))
-    return model, surface_compliance(model)
+    return model, kept(surface_compliance, model)
 
 
 def pressed(pad, indenter, friction, *poses):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.errors import InputError
 from ruffini.sim.contact import ContactSolver, Indenter, Pose
@@ -17,13 +18,13 @@ MM = 1e-3
 @pytest.fixture(scope="module")
 def rock():
     model = PadModel(6 * MM, 6 * MM, 1 * MM, 1e10, 0.3, 16, 16, layers=(0.5, 0.5))
-    return model, surface_compliance(model)
+    return model, kept(surface_compliance, model)
 
 
 @pytest.fixture(scope="module")
 def pad():
     model = PadModel(14 * MM, 12 * MM, 4 * MM, 2e5, 0.48, 16, 14, layers=(0.2, 0.3, 0.5))
-    return model, surface_compliance(model)
+    return model, kept(surface_compliance, model)
 
 
 def load(pad, indenter, *poses, friction=0.0):

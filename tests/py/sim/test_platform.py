@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.boards import find_board
 from ruffini.errors import InputError
@@ -104,7 +105,7 @@ def unit():
         pad.poisson_1e4 * 1e-4, n_cells_x=12, n_cells_y=10, layers=(0.3, 0.7),
     )  # fmt: skip
     twin = load_twin(board)
-    return PlatformUnit(board, twin, model, surface_compliance(model), platform=Platform.of(twin.platform))
+    return PlatformUnit(board, twin, model, kept(surface_compliance, model), platform=Platform.of(twin.platform))
 
 
 def test_load_through_the_gel_is_the_load_of_the_tray(unit):
