@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import kept as module
 import pytest
 from kept import kept
+
+from ruffini.boards import find_board
 
 
 @pytest.fixture(autouse=True)
@@ -52,7 +58,38 @@ def test_other_code_makes_its_own(folder: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_the_oldest_go(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MAX_FILES", 2)
-    for x in (1.0, 2.0, 3.0):
-        kept(square, x)
+    kept(square, 1.0)
+    (first,) = files(folder)
+    os.utime(first, (0, 0))
+    monkeypatch.setattr(module, "MAX_BYTES", 2 * first.stat().st_size)
+    kept(square, 2.0)
+    kept(square, 3.0)
+    assert len(files(folder)) == 2
+    assert not first.exists()
+
+
+KEEP_A_BOARD = """
+from kept import kept
+from ruffini.boards import find_board
+kept(repr, find_board("gelslim"))
+kept(repr, find_board("gelsight-mini"))
+"""
+
+
+def test_another_process_finds_a_boards_result(folder: Path) -> None:
+    """Whatever the order of its sets, which the hash seed decides."""
+    for seed in ("1", "2", "3"):
+        path = os.pathsep.join(p for p in sys.path if p)
+        environment = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": path}
+        subprocess.run([sys.executable, "-c", KEEP_A_BOARD], check=True, env=environment)
+    assert len(files(folder)) == 2
+
+
+def test_another_twin_in_a_boards_folder_makes_its_own(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    parent = tmp_path_factory.mktemp("boards")
+    for place, more in (("a", ""), ("b", ""), ("c", "\n[mesh]\ncells_x = 10\ncells_y = 8\n")):
+        shutil.copytree(find_board("gelslim").folder, parent / place / "gelslim")
+        with (parent / place / "gelslim" / "twin.toml").open("a") as twin:
+            twin.write(more)
+        kept(repr, find_board(parent / place / "gelslim"))
     assert len(files(folder)) == 2

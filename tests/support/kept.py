@@ -7,9 +7,11 @@ whose checksum does not fit is made again. RUFFINI_TEST_CACHE names the folder; 
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import functools
 import hashlib
+import io
 import os
 import pickle
 import sys
@@ -17,10 +19,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pydantic import BaseModel
+
 T = TypeVar("T")
 
 SHA_BYTES = 32
-MAX_FILES = 400  # the least recently used go first
+MAX_BYTES = 2 << 30  # the least recently used go first; an operator with its tables takes up to 210 MB
 
 
 def cache_folder() -> Path:
@@ -47,13 +51,39 @@ def code_version() -> bytes:
     return found.digest()
 
 
+class _KeyPickler(pickle.Pickler):
+    """Equal arguments give equal bytes in every process."""
+
+    def reducer_override(self, value: object) -> Any:
+        """A pydantic model by its fields and private attributes; it also holds sets, ordered by the hash seed.
+
+        A board's folder counts by its content: the twin's settings are in it, and tests copy it to temporary folders.
+        """
+        if isinstance(value, BaseModel):
+            others = {name: said for name, said in vars(value).items() if name not in type(value).model_fields}
+            private = sorted({**(value.__pydantic_private__ or {}), **others}.items())
+            return tuple, ([type(value).__qualname__, value.model_dump_json(), private],)
+        if isinstance(value, Path) and value.is_dir():
+            files = [path for path in sorted(value.rglob("*")) if path.is_file()]
+            return tuple, ([(str(p.relative_to(value)), hashlib.sha256(p.read_bytes()).digest()) for p in files],)
+        return NotImplemented
+
+
+def _key_bytes(*parts: object) -> bytes:
+    out = io.BytesIO()
+    pickler = _KeyPickler(out, protocol=5)
+    pickler.fast = True  # without a memo: whether two equal strings are one object must not matter
+    pickler.dump(parts)
+    return out.getvalue()
+
+
 def kept(make: Callable[..., T], *arguments: Any, **options: Any) -> T:
     """`make(*arguments, **options)`, from the cache if it is there. Arguments and result must be picklable.
 
     For functions without side effects whose result does not depend on what a test has patched.
     """
     name = f"{make.__module__}.{make.__qualname__}"
-    said = pickle.dumps((name, arguments, sorted(options.items())), protocol=5)
+    said = _key_bytes(name, arguments, sorted(options.items()))
     folder = cache_folder()
     path = folder / f"{name.rpartition('.')[2]}-{hashlib.sha256(code_version() + said).hexdigest()[:32]}"
     folder.mkdir(parents=True, exist_ok=True)
@@ -64,7 +94,8 @@ def kept(make: Callable[..., T], *arguments: Any, **options: Any) -> T:
             _write(path, data)
             _forget_old(folder)
         else:
-            os.utime(path)
+            with contextlib.suppress(FileNotFoundError):
+                os.utime(path)
     return pickle.loads(data)  # type: ignore[no-any-return]  # our own file, checked above
 
 
@@ -85,6 +116,14 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def _forget_old(folder: Path) -> None:
-    files = sorted((p for p in folder.iterdir() if "-" in p.name and not p.suffix), key=lambda p: p.stat().st_mtime)
-    for path in files[:-MAX_FILES]:
-        path.unlink(missing_ok=True)
+    found = []
+    for path in folder.iterdir():
+        if "-" in path.name and not path.suffix:
+            with contextlib.suppress(FileNotFoundError):  # another run's turn
+                state = path.stat()
+                found.append((state.st_mtime, state.st_size, path))
+    total = 0
+    for _, size, path in sorted(found, reverse=True):
+        total += size
+        if total > MAX_BYTES:
+            path.unlink(missing_ok=True)
