@@ -13,6 +13,7 @@ from ruffini.boards import Board
 from ruffini.calibrate.intensity import IntensityFit, fit_intensity, is_monochrome
 from ruffini.calibrate.pad_view import PadView, pad_view
 from ruffini.calibrate.photometric import PhotometricFit, Samples, collect_samples, fit_photometric, tabulate
+from ruffini.calibrate.press_change import Rest
 from ruffini.calibrate.presses import PressSet
 from ruffini.errors import InputError
 from ruffini.frames import read_image
@@ -55,16 +56,15 @@ def fit_presses(
             f"{board.resolution}: give --foreign if they come from other optics"
         )
     metadata = {"optics": "foreign"} if is_foreign else {}
-    circles = "found" if presses.is_found else "marked"
     is_of_depth = source == "intensity" or (source == "auto" and _darkens(presses))
     if is_of_depth:
         dark = fit_intensity(presses)
-        report = {**dark.report(), "circles": circles}
+        report = {**dark.report(), **presses.circle_report()}
         held_out = report["held_out_cap_rms_mm"]
         left_out = "none was left out" if held_out is None else f"left out {held_out:.4f} mm"
         summary = (
             f"brightness to depth: cap {report['fitted_cap_rms_mm']:.4f} mm RMS as fitted, {left_out} "
-            f"({report['n_presses']} presses, circles {circles})"
+            f"({report['n_presses']} presses, {presses.circle_text()}){presses.skipped_text()}"
         )
         return PressFit(dark, dark.tabulate(), report, summary, metadata)
     if len(presses.presses) < LEAST_PRESSES:
@@ -73,15 +73,17 @@ def fit_presses(
         )
     samples = collect_samples(presses, None if is_foreign else view or pad_view(board, {}, {}))
     fit = fit_photometric(samples, progress=progress)
-    report = {"source": "colour", **fit.report(), "circles": circles}
+    report = {"source": "colour", **fit.report(), **presses.circle_report()}
     summary = (
         f"normals of presses left out of the fit: median {report['held_out_normal_median_deg']:.2f} deg, worst press "
-        f"{report['held_out_normal_worst_deg']:.2f} deg ({report['n_presses']} presses, circles {circles})"
+        f"{report['held_out_normal_worst_deg']:.2f} deg ({report['n_presses']} presses, {presses.circle_text()})"
+        f"{presses.skipped_text()}"
     )
     return PressFit(fit, tabulate(fit.model), report, summary, metadata, samples)
 
 
 def _darkens(presses: PressSet) -> bool:
     step = max(len(presses.presses) // LOOKED_AT, 1)
+    rest = Rest(presses.reference)
     images = [read_image(p.path).astype(np.float64) for p in presses.presses[::step]]
-    return all(i.shape == presses.reference.shape for i in images) and is_monochrome(images, presses.reference)
+    return all(i.shape == presses.reference.shape for i in images) and is_monochrome([rest.change(i) for i in images])

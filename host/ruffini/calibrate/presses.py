@@ -15,12 +15,14 @@ import csv
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.calibrate.find_balls import find_balls
+from ruffini.calibrate.find_balls import NotFound, find_balls
 from ruffini.calibrate.pad_view import PadView, mm_per_px
+from ruffini.calibrate.press_change import Change, Rest
 from ruffini.errors import InputError
 from ruffini.frames import image_files, read_image
 
@@ -30,6 +32,13 @@ COLUMNS = ("image", "center_x_px", "center_y_px", "contact_radius_px")
 # up to 12 %. Recorded presses left out of the fit, circles refitted, normals alike: cap 0.054 mm, peak to edge 0.97
 # (0.89 to 1.05) with 0.75; 0.064 mm, 0.99 (0.91 to 1.08) with 0.80. Depth under the twin's touches is off by 28, 40 um.
 FITTED_INSIDE = 0.75
+LEAST_PIXELS = 50  # of a press, inside the part of its circle that is fitted
+BLACK_LEVEL, BLACK_SHARE = 8.0, 0.1  # grey levels, and of the reference's mean
+FULL_LEVEL = 255.0
+FULL_SHARE = 0.4  # of pixels, in any channel, beyond the reference's; recorded presses reach 0.19, beside the lamps
+LEAST_BALL_PX, MOST_BALL = 10.0, 20.0  # diameter; the latter in sides of the picture
+WIDEST_CONTACT = 1.1  # of the ball's radius: marks by hand are not exact
+LISTED = 5  # reasons in a message
 DARKEST_REST = 32.0  # grey levels of the lamps' light below which a ratio says little (firmware/image/rest.h)
 
 
@@ -41,6 +50,16 @@ class Press:
     center_x_px: float
     center_y_px: float
     radius_px: float
+    center_sigma_px: float = 0.0  # one standard deviation, of circles that were found
+    radius_sigma_px: float = 0.0
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """An image that is not used, and why."""
+
+    path: Path
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -53,6 +72,30 @@ class PressSet:
     px_per_mm: float
     is_found: bool = False  # circles without marks by hand
     dark: Array | None = None  # (h, w, 3) grey levels with the lamps off, where they were measured
+    skipped: tuple[Skipped, ...] = ()
+
+    def circle_report(self) -> dict[str, Any]:
+        """How the circles were made, how well they are known, and the presses that were skipped."""
+        report: dict[str, Any] = {"circles": "found" if self.is_found else "marked"}
+        if self.is_found:
+            sigma = float(np.median([press.center_sigma_px for press in self.presses]))
+            report["center_sigma_px"] = round(sigma, 2)
+            report["radius_sigma_px"] = round(float(np.median([p.radius_sigma_px for p in self.presses])), 2)
+            report["center_sigma_deg"] = round(float(np.degrees(sigma / (self.ball_mm / 2 * self.px_per_mm))), 2)
+        report["skipped"] = [{"image": skipped.path.name, "reason": skipped.reason} for skipped in self.skipped]
+        return report
+
+    def circle_text(self) -> str:
+        """The circles in words: `circles found to 0.70 px, 0.90 deg of slope`."""
+        report = self.circle_report()
+        text = f"circles {report['circles']}"
+        if self.is_found:
+            text += f" to {report['center_sigma_px']:.2f} px, {report['center_sigma_deg']:.2f} deg of slope"
+        return text
+
+    def skipped_text(self) -> str:
+        """A line for each press that was skipped; empty if none was."""
+        return "".join(f"\nskipped {skipped.path.name}: {skipped.reason}" for skipped in self.skipped)
 
 
 def load_presses(
@@ -67,12 +110,15 @@ def load_presses(
     """Read a press folder; arguments win over `presses.toml`, `truth` over `presses.csv`.
 
     at_least : number of presses that a fit needs; judging does with one.
-    may_find : look for the contacts where there is no table; for a fit, never for judging.
+    may_find : find the contacts automatically if there is no table.
+
+    A picture that is unreadable, black, overexposed, of another size or without this ball's contact is skipped, with
+    its reason in `PressSet.skipped`.
 
     Raises
     ------
     InputError
-        Missing file or column, unreadable number, image of another size, unknown ball or scale, ball not found.
+        Missing file or column, unreadable number, unknown or implausible ball or scale, too few presses remain.
     """
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder of ball presses")
@@ -90,32 +136,103 @@ def load_presses(
         raise InputError(f"ball_mm and px_per_mm must be positive, got {ball} and {scale}")
     references = reference_images(folder)
     reference = np.mean([read_image(p).astype(float) for p in references], axis=0)
+    ball, scale = float(ball), float(scale)
+    _check_ball(ball, scale, reference)
     table = truth or folder / "presses.csv"
     is_found = may_find and truth is None and not table.is_file()
     if is_found:
-        presses = _found(folder, reference, ball / 2 * scale)
+        presses, skipped = _found(folder, reference, ball / 2 * scale)
     else:
-        presses = [_parse_row(folder, table, i, row) for i, row in enumerate(_rows(table))]
+        presses, skipped = _usable([_parse_row(folder, table, i, row) for i, row in enumerate(_rows(table))], reference)
     if len(presses) < at_least:
         where = f"{folder} holds" if is_found else f"{table} lists"
-        raise InputError(f"{where} {len(presses)} presses: at least {at_least} are needed")
-    return PressSet(presses, reference, float(ball), float(scale), is_found)
+        reasons = "".join(f"; {s.path.name}: {s.reason}" for s in skipped[:LISTED])
+        advice = " (take those pictures again, or mark their circles in presses.csv)" if is_found and skipped else ""
+        raise InputError(f"{where} {len(presses)} usable presses: at least {at_least} are needed{reasons}{advice}")
+    _check_radii(presses, ball, scale)
+    return PressSet(presses, reference, ball, scale, is_found, skipped=tuple(skipped))
 
 
-def _found(folder: Path, reference: Array, ball_radius_px: float) -> list[Press]:
-    """All images that are no reference, with the contact that each shows."""
+def _check_ball(ball_mm: float, px_per_mm: float, reference: Array) -> None:
+    """Refuse a ball that no camera could see on the pad: metres, micrometres, or a scale turned over."""
+    width_px, side_px = ball_mm * px_per_mm, max(reference.shape[:2])
+    if not LEAST_BALL_PX <= width_px <= MOST_BALL * side_px:
+        raise InputError(
+            f"a ball of {ball_mm:g} mm at {px_per_mm:g} px/mm would be {width_px:.3g} px wide in pictures of {side_px} "
+            "px: give --ball-mm as the diameter in millimetres and --px-per-mm as pixels a millimetre"
+        )
+
+
+def _check_radii(presses: list[Press], ball_mm: float, px_per_mm: float) -> None:
+    """Refuse contacts that are wider than the ball."""
+    contact_mm = float(np.median([press.radius_px for press in presses])) / px_per_mm
+    if contact_mm > WIDEST_CONTACT * ball_mm / 2:
+        raise InputError(
+            f"contacts have a radius of {contact_mm:.2f} mm, the ball of {ball_mm:g} mm only {ball_mm / 2:.2f} mm: "
+            "give --ball-mm as the diameter, not the radius, and check --px-per-mm"
+        )
+
+
+def _usable(presses: list[Press], reference: Array) -> tuple[list[Press], list[Skipped]]:
+    """Marked presses whose picture shows something, and the others."""
+    kept, skipped = [], []
+    rows, columns = np.indices(reference.shape[:2])
+    for press in presses:
+        try:
+            _checked_image(press.path, reference)
+            away = np.hypot(columns - press.center_x_px, rows - press.center_y_px)
+            n_inside = int((away < FITTED_INSIDE * press.radius_px).sum())
+            if n_inside < LEAST_PIXELS:
+                raise InputError(f"only {n_inside} pixels of the picture are inside its circle: is the circle right?")
+        except InputError as error:
+            skipped.append(Skipped(press.path, str(error)))
+        else:
+            kept.append(press)
+    return kept, skipped
+
+
+def _checked_image(path: Path, reference: Array) -> Array:
+    """A picture (h, w, 3) that may show a press; raises `InputError` with the reason if it does not."""
+    image = read_image(path).astype(float)
+    if image.shape != reference.shape:
+        height, width = image.shape[:2]
+        raise InputError(
+            f"the picture is {width}x{height}, the reference {reference.shape[1]}x{reference.shape[0]} pixels: "
+            "one size is needed"
+        )
+    if image.max() < BLACK_LEVEL or image.mean() < BLACK_SHARE * reference.mean():
+        raise InputError("the picture is black: was the light off, or the lens covered?")
+    if (image >= FULL_LEVEL).any(axis=2).mean() > FULL_SHARE + (reference >= FULL_LEVEL).any(axis=2).mean():
+        raise InputError("the picture is overexposed: take it again with less exposure or light")
+    return image
+
+
+def _found(folder: Path, reference: Array, ball_radius_px: float) -> tuple[list[Press], list[Skipped]]:
+    """All images that are no reference, with the contact that each shows, and those without one."""
     from ruffini.calibrate.intensity import find_discs, is_monochrome
 
     pressed = folder / "press" if (folder / "press").is_dir() else folder
     paths = sorted(folder.glob("press_sample*.png"))
     if not paths:
         paths = [p for p in image_files(pressed) if not p.name.startswith(("reference", "press_ref"))]
-    images = [read_image(p).astype(float) for p in paths]
-    if images and all(i.shape == reference.shape for i in images) and is_monochrome(images, reference):
-        circles = find_discs(images, reference, paths)
-    else:
-        circles = find_balls(images, reference, ball_radius_px, paths)
-    return [Press(path, c.center_x_px, c.center_y_px, c.radius_px) for path, c in zip(paths, circles, strict=True)]
+    rest = Rest(reference)
+    changes: dict[Path, Change] = {}
+    reasons: dict[Path, str] = {}
+    for path in paths:
+        try:
+            changes[path] = rest.change(_checked_image(path, reference))
+        except InputError as error:
+            reasons[path] = str(error)
+    seen = list(changes.values())
+    circles = find_discs(seen) if is_monochrome(seen) else find_balls(seen, ball_radius_px)
+    presses = []
+    for path, circle in zip(changes, circles, strict=True):
+        if isinstance(circle, NotFound):
+            reasons[path] = f"ball not found: {circle.reason}"
+        else:
+            presses.append(Press(path, circle.center_x_px, circle.center_y_px, circle.radius_px,
+                                 circle.center_sigma_px, circle.radius_sigma_px))  # fmt: skip
+    return presses, [Skipped(path, reasons[path]) for path in paths if path in reasons]
 
 
 def reference_images(folder: Path) -> list[Path]:

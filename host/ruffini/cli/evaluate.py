@@ -112,7 +112,9 @@ def real(
 def photometric(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Ball presses that were not fitted on, reference.png.")],
     calibration: Annotated[Path, typer.Option("--calibration", help="File with a photometric table.")],
-    truth: Annotated[Path | None, typer.Option(help="CSV of contact circles (default: DIR/presses.csv).")] = None,
+    truth: Annotated[
+        Path | None, typer.Option(help="CSV of contact circles (default: DIR/presses.csv; without it they are found).")
+    ] = None,
     ball_mm: Annotated[float | None, typer.Option(help="Diameter of the ball (default: presses.toml).")] = None,
     px_per_mm: Annotated[float | None, typer.Option(help="Scale of the images (default: presses.toml).")] = None,
     untouched: Annotated[Path | None, typer.Option(help="Folder of further untouched images.")] = None,
@@ -131,9 +133,7 @@ def photometric(
     found = container.board_of(file, board)
     if "photometric" not in file.kinds:
         raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal photometric`")
-    # The disc of a skin that darkens has an edge to be found by; that of colours would be found by what is judged.
-    may_find = "photometric.depth" in file.tensors
-    presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, at_least=1, may_find=may_find)
+    presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, at_least=1, may_find=True)
     still = image_files(untouched) if untouched is not None else []
     with progress_bar("presses") as progress:
         result, surfaces = judge.evaluate(presses, file, found, still, reference_images(folder), progress=progress)

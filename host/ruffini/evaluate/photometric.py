@@ -262,7 +262,8 @@ def evaluate(
             progress((done + 1) / len(presses.presses))
         still = _untouched(pipeline, view, presses, untouched, references)
     result = {
-        "source": "intensity" if is_of_depth else "colour", "circles": "found" if presses.is_found else "marked",
+        "source": "intensity" if is_of_depth else "colour", **presses.circle_report(),
+        "circles_text": presses.circle_text(),
         "board": board.name, "is_own_view": view.board is board, "has_measured_camera": view.ideal_px is not None,
         "inside": INSIDE, "n_presses": len(rows), "marked": summary(rows, "marked"),
         "refitted": summary(rows, "refitted"),
@@ -305,8 +306,8 @@ def summary(rows: list[dict[str, Any]], circle: str) -> dict[str, float]:
 def table(result: dict[str, Any]) -> str:
     """The result as text."""
     lines = [
-        f"{result['n_presses']} presses, inside {result['inside']} of the contact radius; circle as "
-        f"{result['circles']} | refitted within {REFIT_PX:.0f} px"
+        f"{result['n_presses']} presses, inside {result['inside']} of the contact radius; "
+        f"{result['circles_text']} | refitted within {REFIT_PX:.0f} px"
         + ("; camera as measured" if result["has_measured_camera"] else ""),
         f"{'image':16} normals, deg    cap RMS, mm        peak to edge      dx, dy, dr px",
     ]
@@ -334,4 +335,5 @@ def table(result: dict[str, Any]) -> str:
         if still["n"]
         else "untouched: not judged, there is no second untouched image (--untouched DIR)"
     )
+    lines += [f"skipped {skipped['image']}: {skipped['reason']}" for skipped in result["skipped"]]
     return "\n".join(lines)

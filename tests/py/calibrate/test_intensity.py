@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from ruffini.boards import find_board
 from ruffini.calibrate.fit_presses import fit_presses
 from ruffini.calibrate.intensity import IntensityFit, fit_intensity, is_monochrome
+from ruffini.calibrate.press_change import Rest
 from ruffini.calibrate.presses import load_presses
 from ruffini.cli.app import app
 from ruffini.errors import InputError
@@ -121,16 +122,18 @@ def test_depth_of_a_picture_that_is_not_of_the_boards_size(folder: Path, tmp_pat
 def test_colours_that_change_apart_are_not_one_colour() -> None:
     rng = np.random.default_rng(4)
     rest = draw(rng, None).astype(float)
-    assert is_monochrome([draw(rng, CIRCLES[0]).astype(float)], rest)
-    assert is_monochrome([draw(rng, CIRCLES[0], tint=0.1).astype(float)], rest)
-    assert not is_monochrome([draw(rng, CIRCLES[0], tint=0.8).astype(float)], rest)
+    for tint, is_one_colour in ((0.0, True), (0.1, True), (0.8, False)):
+        assert is_monochrome([Rest(rest).change(draw(rng, CIRCLES[0], tint=tint).astype(float))]) is is_one_colour
 
 
 def test_what_is_no_press_is_told(folder: Path) -> None:
     rng = np.random.default_rng(5)
     cv2.imwrite(str(folder / "press" / "1.png"), draw(rng, None))
-    with pytest.raises(InputError, match="ball not found"):
-        load_presses(folder, may_find=True, at_least=1)
+    found = load_presses(folder, may_find=True, at_least=1)
+    assert [(s.path.name, s.reason[:14]) for s in found.skipped] == [("1.png", "ball not found")]
+    assert [p.path.name for p in found.presses] == ["0.png", "2.png"]
+    with pytest.raises(InputError, match=r"2 usable presses: at least 3 are needed; 1.png: ball not found"):
+        load_presses(folder, may_find=True)
     with pytest.raises(InputError, match="--source 'grey'"):
         fit_presses(load_presses(folder, may_find=True, at_least=1, truth=_truth(folder)), BOARD, is_foreign=True,
                     source="grey")  # fmt: skip

@@ -107,10 +107,6 @@ BAD = {
         "at least 3",
     ),
     "table is binary": (lambda f: (f / "presses.csv").write_bytes(b"\xff\xfe\x00"), "presses.csv"),
-    "image of another size": (
-        lambda f: cv2.imwrite(str(f / "0.png"), np.zeros((50, 50, 3), np.uint8)), "50x50"
-    ),
-    "unreadable image": (lambda f: (f / "0.png").write_text("no picture"), "cannot read"),
 }  # fmt: skip
 
 
@@ -124,3 +120,19 @@ def test_what_is_wrong_is_named(case: str, folder: Path, tmp_path: Path) -> None
     change(copy)
     with pytest.raises(InputError, match=words.replace("(", r"\(")):
         collect_samples(load_presses(copy), None)
+
+
+def test_a_bad_marked_press_is_skipped_with_its_reason(folder: Path, tmp_path: Path) -> None:
+    import shutil
+
+    copy = tmp_path / "presses"
+    shutil.copytree(folder, copy)
+    cv2.imwrite(str(copy / "0.png"), np.full((50, 50, 3), 90, np.uint8))
+    (copy / "1.png").write_text("no picture")
+    presses = load_presses(copy)
+    assert [s.path.name for s in presses.skipped] == ["0.png", "1.png"]
+    assert "50x50" in presses.skipped[0].reason
+    assert "cannot read" in presses.skipped[1].reason
+    assert len(collect_samples(presses, None)) == len(load_presses(folder).presses) - 2
+    with pytest.raises(InputError, match=r"usable presses: at least 100 are needed; 0\.png: the picture is 50x50"):
+        load_presses(copy, at_least=100)
