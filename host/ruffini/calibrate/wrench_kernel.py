@@ -103,7 +103,8 @@ def candidates(features: Array, wrench: Array, touch: npt.NDArray[np.intp]) -> l
 def _curve(parts: tuple[tuple[float, float], ...]) -> Array:
     """As the table has it: what is fitted is what the board interpolates."""
     distance = np.arange(STEPS * LAST + 1) / STEPS
-    value = sum(part * np.exp(-((distance / length) ** 2) / 2) for length, part in parts)
+    bells = [part * np.exp(-((distance / length) ** 2) / 2) for length, part in parts]
+    value = np.sum(bells, axis=0)
     return np.asarray(np.round(value / value[0] * CURVE) / CURVE)
 
 
