@@ -63,6 +63,7 @@ TEST(Reflex, SlipSwitchesAtTheStateThatTheBoardNames) {
   EXPECT_TRUE(incipient.update(sliding(SlipState::kIncipient)));
   EXPECT_TRUE(incipient.update(sliding(SlipState::kSlides)));
   EXPECT_FALSE(incipient.update(sliding(SlipState::kUnknown)));
+  EXPECT_FALSE(incipient.update(pressed(0, 0, -5'000'000))) << "a board that names no force";
   Reflex slides({.chip = "c", .line = "l", .slip = ReflexSlip::kSlides});
   EXPECT_FALSE(slides.update(sliding(SlipState::kIncipient)));
   EXPECT_TRUE(slides.update(sliding(SlipState::kSlides)));

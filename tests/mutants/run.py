@@ -28,6 +28,7 @@ from pathlib import Path
 
 REPO = Path(__file__).parents[2]
 TIMEOUT_S = 300.0
+MEMORY_BYTES = 2 << 30  # of a C++ test program: a bug that never stops collecting would take the computer
 HOST_TARGETS = ("ruffini", "ruffini_schema", "ruffini_infer")  # what the host tool loads
 BUILD_TARGETS_OF = {"tests/bitexact": ("ruffini_stages", "ruffini"), "tests/py/client": ("ruffini_client_door",)}
 SUITE = re.compile(r"^(?:TYPED_)?TEST(?:_[FP])?\(\s*(\w+)", re.M)
@@ -157,6 +158,8 @@ class Tree:
             command += ["--reporter=junit", f"--outputFile={self.report}"]
         elif any("--gtest" in word for word in command):
             command += [f"--gtest_output=xml:{self.report}"]
+        if command[0].startswith(str(self.build)):
+            command = ["prlimit", f"--data={MEMORY_BYTES}", *command]
         self.report.unlink(missing_ok=True)
         quiet = subprocess.DEVNULL
         with subprocess.Popen(
@@ -242,18 +245,18 @@ def table(tally: Tally) -> str:
 
 
 def chosen_bugs(bugs: list[dict[str, str]], only: str, turn: str) -> list[dict[str, str]]:
-    """The bugs with these words; of turn I/N each N-th. Sorted by file: neighbours rebuild the same objects."""
+    """The bugs that `only` finds; of turn I/N each N-th. Sorted by file: neighbours rebuild the same objects."""
     index, n = (int(part) for part in turn.split("/"))
     if not 0 <= index < n:
         raise SystemExit(f"--turn {turn}: from 0/{n} to {n - 1}/{n}")
-    found = [bug for bug in bugs if only in f"{bug['name']} {bug['layer']} {bug['file']}"]
+    found = [bug for bug in bugs if re.search(only, f"{bug['name']} {bug['layer']} {bug['file']}")]
     return sorted(found[index::n], key=lambda bug: (bug["file"], bug["layer"]))
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--build", type=Path, default=REPO / "build")
-    parser.add_argument("--only", default="", help="bugs whose name, file or layer has these words")
+    parser.add_argument("--only", default="", help="bugs whose name, layer or file this regular expression finds")
     parser.add_argument("--turn", default="0/1", metavar="I/N", help="each N-th bug, from the I-th, 0 the first")
     parser.add_argument("--jobs", type=int, default=1, help="trees side by side")
     parser.add_argument("--tests-that-never-caught", type=Path, metavar="FILE", help="where to write that table")

@@ -1,6 +1,7 @@
 // Node values against the golden bytes of proto/vectors, and against hostile ones.
 
 import { BadData, decodeDense } from "../../host/page/src/wire/dense";
+import { packed } from "./device";
 import { bytesOf, randomNumbers, readVectors } from "./golden";
 
 const CASES = readVectors("dense.txt") as [string, string, string, string, string, string][];
@@ -38,5 +39,13 @@ test("sizes from the wire reserve nothing that the data does not fill", () => {
   for (const [nX, nY] of [[65_535, 64], [4_194_304, 1], [2 ** 32 - 1, 2 ** 32 - 1], [1e308, 1e308]] as const) {
     expect(() => decodeDense({ codec: 0, nX, nY, nComponents: 1, data })).toThrow(BadData);
     expect(() => decodeDense({ codec: 1, nX, nY, nComponents: 1, data })).toThrow(BadData);
+  }
+});
+
+test("values of any width are whole where they lie in five bytes", () => {
+  for (const width of [25, 26, 27, 28, 29, 30, 31]) {
+    const values = Array.from({ length: 32 }, (_, i) => (i % 2 ? -1 : 1) * (2 ** (width - 1) - 1 - i));
+    const message = { codec: 0, nX: 32, nY: 1, nComponents: 1, data: packed(values) };
+    expect([...decodeDense(message)]).toEqual(values);
   }
 });

@@ -2,6 +2,7 @@
 
 import { crc32c } from "../../host/page/src/wire/crc32c";
 import { cobsDecode, cobsEncode, Decoder, encodeCommandFrame, type Frame } from "../../host/page/src/wire/framing";
+import { said } from "./device";
 import { bytesOf, hexOf, randomNumbers, readVectors } from "./golden";
 
 const FRAMES = readVectors("frames.txt") as [string, string, string][];
@@ -97,4 +98,29 @@ test("an endless frame holds no more memory than one frame", () => {
   const decoder = new Decoder();
   for (let i = 0; i < 1000; i++) expect(decoder.feed(new Uint8Array(65_536).fill(2))).toEqual([]);
   expect(decoder.counters.oversize).toBe(1);
+});
+
+test("fragments of two messages, or in another order, are no message", () => {
+  const fragments = (sequence: number): Uint8Array[] => {
+    const data = said("IMAGE", new Uint8Array(9_000).fill(1), sequence);
+    return [...data.join(",").split(/(?<=,|^)0(?=,|$)/)].slice(0, 3).map((part) => {
+      return Uint8Array.from([...part.split(",").filter((byte) => byte !== "").map(Number), 0]);
+    });
+  };
+  const [first, second, third] = fragments(1) as [Uint8Array, Uint8Array, Uint8Array];
+  const fed = (...parts: Uint8Array[]): number => {
+    const decoder = new Decoder();
+    return parts.flatMap((part) => decoder.feed(part)).length;
+  };
+  expect(fed(first, second, third)).toBe(1);
+  expect(fed(first, third, second)).toBe(0);
+  expect(fed(first, second, fragments(2)[2]!)).toBe(0);
+});
+
+test("lost messages are counted, a restart is none, and an echo of a command is counted", () => {
+  const decoder = new Decoder();
+  for (const sequence of [70_000, 0, 1, 3]) decoder.feed(said("WRENCH", new Uint8Array(), sequence));
+  expect(decoder.counters.lost).toBe(1);
+  expect(decoder.feed(encodeCommandFrame(11, new Uint8Array(), 9))).toEqual([]);
+  expect(decoder.counters.echo).toBe(1);
 });

@@ -151,3 +151,13 @@ test("what a field costs is printed", () => {
   console.log(`decode of a field of 1,200 nodes, force and displacement, ${payload.length} bytes: ${us.toFixed(0)} us`);
   expect(total).toBe(n * 3600);
 });
+
+test("displacement is in metres, and a covariance that is not valid is not shown", () => {
+  const ones = dense(1, 1, 3, [1, 1, 1]);
+  const field = fieldOf(message("Field", { forceLsbUn: 10, force: ones, displacementLsbNm: 125, displacement: ones }));
+  field.displacement!.forEach((u) => expect(u * 1e9).toBeCloseTo(125, 3));
+  const covariance = Array(21).fill(4n);
+  const validity = Array(6).fill(1);
+  expect(wrenchOf(message("Wrench", { validity, covariance, covarianceValidity: 1 })).sigma![0]).toBeCloseTo(2e-6, 12);
+  expect(wrenchOf(message("Wrench", { validity, covariance, covarianceValidity: 3 })).sigma).toBeUndefined();
+});

@@ -86,5 +86,21 @@ TEST(ZeroFollower, WithoutTimesOrAfterAZeroNothingIsTaken) {
   EXPECT_EQ(node.z.raw(), 80);
 }
 
+TEST(ZeroFollower, ASecondWithAGapIsNotLearned) {
+  ZeroFollower follower(1);
+  NodeDisplacement node = node_of(8);
+  for (uint64_t i = 0; i < 10; ++i) follower.run({&node, 1}, false, 1 + i * kPeriodUs);
+  follower.run({&node, 1}, false, 10'000'000);
+  EXPECT_EQ(follower.moved_nm(), 0);
+}
+
+TEST(ZeroFollower, AfterAZeroItFollowsFromThere) {
+  Pad pad;
+  (void)pad.shown_nm(3'000, kFramesOfHour);
+  pad.follower.forget();
+  EXPECT_NEAR(pad.shown_nm(0, 60), 0, 125);
+  EXPECT_LT(pad.follower.moved_nm(), 10);
+}
+
 }  // namespace
 }  // namespace ruffini

@@ -118,6 +118,7 @@ TEST(Relaxation, RefusesWhatNoRubberDoes) {
   for (const auto& [parts, times, n] : std::vector<std::tuple<std::vector<int32_t>, std::vector<int32_t>, std::string>>{
            {{part(-0.1)}, {100}, "1"},
            {{part(0.6), part(0.5)}, {100, 200}, "2"},
+           {{part(0.5), part(0.5)}, {100, 200}, "2"},
            {{part(0.1)}, {0}, "1"},
            {{part(0.1)}, {1'000'001}, "1"},
            {{part(0.1)}, {100}, "2"},
@@ -127,6 +128,25 @@ TEST(Relaxation, RefusesWhatNoRubberDoes) {
     ASSERT_FALSE(refused.has_value());
     EXPECT_NE(refused.error().message.find("relax"), std::string::npos) << refused.error().message;
   }
+}
+
+// A dent without a load goes at (1 - g) / tau, more slowly than at 1 / tau: what is gone of it adds to what is still to go.
+TEST(Relaxation, ADentGoesAsSlowlyAsItsOwnPartLets) {
+  const Loaded loaded({part(0.3)}, {100}, "1");
+  Relaxation pad = loaded.relaxation(1).value();
+  SaturationCounter saturations;
+  std::vector<NodeForce> force(1);
+  uint64_t now = 1;
+  const auto frame = [&](uint8_t mask, int32_t f) {
+    force[0] = {0, 0, f};
+    pad.run(now += kFrameUs, std::vector<uint8_t>{mask}, force, saturations);
+    return force[0].z;
+  };
+  for (int i = 0; i < 200; ++i) frame(kTouched, -10'000);
+  for (int i = 0; i < 10; ++i) frame(0, 0);
+  const double dent = std::exp(-0.7 * (9.5 * 0.01) / 0.1);  // it was let go within the first step
+  const double pressed = dent + ((1 + 0.3 * dent) / 2 - dent) * -std::expm1(-0.1);
+  EXPECT_NEAR(frame(kTouched, -10'000), -10'000 * (1 - 0.3 * pressed), 60);
 }
 
 }  // namespace

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <string_view>
+
 #include "support/calibration_bytes.h"
 #include "support/test_board.h"
 #include "support/test_calibration.h"
@@ -40,6 +43,8 @@ TEST(Calibration, ReadsWhatWasWritten) {
   EXPECT_FALSE(c.tensor("operator.entry", Tensor::Type::kI16, {64, 2}));
   EXPECT_FALSE(c.tensor("operator.entry", Tensor::Type::kU16, {2, 64}));
   EXPECT_EQ(c.signature().size(), 64U);
+  EXPECT_EQ(c.signed_bytes().data() + c.signed_bytes().size(), c.signature().data())
+      << "the signature covers all before it";
 }
 
 TEST(Calibration, EveryTruncationIsRefused) {
@@ -47,6 +52,22 @@ TEST(Calibration, EveryTruncationIsRefused) {
   for (size_t n = 0; n < whole.size(); ++n) {
     EXPECT_FALSE(*Parsed({whole.begin(), whole.begin() + static_cast<ptrdiff_t>(n)}).result) << n;
   }
+}
+
+TEST(Calibration, BytesAfterTheLastTensorAreRefused) {
+  std::vector<uint8_t> bytes = operator_file(5, 3);
+  bytes.resize(bytes.size() + 8);
+  EXPECT_FALSE(*Parsed(bytes).result);
+}
+
+TEST(Calibration, TensorsThatOverlapAreRefused) {
+  std::vector<uint8_t> bytes = operator_file(5, 3);
+  const std::string_view theirs = "[256,260]";
+  const std::string_view overlapping = "[0,4]    ";
+  const auto found = std::search(bytes.begin(), bytes.end(), theirs.begin(), theirs.end());
+  ASSERT_NE(found, bytes.end());
+  std::copy(overlapping.begin(), overlapping.end(), found);
+  EXPECT_FALSE(*Parsed(bytes).result);
 }
 
 // The signature is checked elsewhere: here no spoilt byte may reach beyond the file, under the sanitizers.
@@ -125,6 +146,15 @@ TEST(Calibration, AnotherBoardResolutionOrSensorIsRefusedByName) {
   other = board;
   other.camera.width_px = 320;
   EXPECT_FALSE(c.check_target(other, "0001"));
+
+  auto of_one_sensor = test::CalibrationBytes();
+  of_one_sensor.meta("kinds", "operator").meta("board", board.name).meta("sensor_serial", "0001");
+  of_one_sensor.meta("resolution",
+                     std::to_string(board.camera.width_px) + "x" + std::to_string(board.camera.height_px));
+  const Parsed own(of_one_sensor.tensor("operator.shift", "U8", {8}, std::vector<uint8_t>(8)).bytes());
+  ASSERT_TRUE(*own.result) << own.result->error().message;
+  EXPECT_TRUE(own.result->value().check_target(board, "0001"));
+  EXPECT_FALSE(own.result->value().check_target(board, "0002"));
 }
 
 }  // namespace

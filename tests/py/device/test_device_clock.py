@@ -75,3 +75,19 @@ def test_a_stamp_of_the_same_frame_is_the_same_and_a_better_exchange_sets_no_clo
     late = clock.stamp(900)  # of an older frame that comes late: as it is
     assert late is not None
     assert late.ns == pytest.approx(0.9 * MS, abs=1_000)
+
+
+def test_an_exchange_of_two_minutes_ago_is_forgotten() -> None:
+    clock = DeviceClock()
+    for device_us, n in ((0, 1), (119_000_000, 2), (121_000_000, 2), (400_000_000, 1)):
+        at_ns = device_us * 1_000 + 10**12
+        clock.add(asked_ns=at_ns, received_us=device_us, sent_us=device_us, answered_ns=at_ns + MS)
+        assert clock.n_exchanges == n
+
+
+def test_the_error_of_the_drift_is_that_of_both_exchanges() -> None:
+    """3 ms and 1 ms there and back, 60 s apart: (1.5 ms + 0.5 ms) / 60 s, and what the drift may wander."""
+    clock = DeviceClock()
+    clock.add(asked_ns=0, received_us=1_500, sent_us=1_500, answered_ns=3 * MS)
+    clock.add(asked_ns=60_000 * MS, received_us=60_000_500, sent_us=60_000_500, answered_ns=60_001 * MS)
+    assert clock.drift_error == pytest.approx(2e-3 / 60 + 2e-6, rel=0.01)

@@ -12,7 +12,14 @@ from ruffini.rig.units import force_factor
 
 @pytest.mark.parametrize(
     ("unit", "newtons"),
-    [("gf", 9.80665e-3), ("g", 9.80665e-3), ("oz", 0.2780138509537812), ("ozf", 0.2780138509537812)],
+    [
+        ("N", 1.0),
+        (" kN ", 1e3),
+        ("gf", 9.80665e-3),
+        ("g", 9.80665e-3),
+        ("oz", 0.2780138509537812),
+        ("ozf", 0.2780138509537812),
+    ],
 )
 def test_a_unit_in_newtons(unit: str, newtons: float) -> None:
     assert force_factor(unit) == pytest.approx(newtons, rel=1e-12)

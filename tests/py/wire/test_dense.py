@@ -50,3 +50,10 @@ def test_spoilt_bytes_are_an_error_or_values_of_the_same_shape(nodes: np.ndarray
 def test_hostile_bytes_are_an_error_or_bounded(codec: int, n_x: int, n_y: int, components: int, data: bytes) -> None:
     with contextlib.suppress(InputError):
         assert decode_dense(codec, n_x, n_y, components, data).size <= MAX_VALUES
+
+
+def test_a_mark_of_a_node_that_does_not_exist_is_refused() -> None:
+    one_value = b"\x02" + b"\x02" + bytes(7)
+    assert decode_dense(1, 3, 1, 1, b"\x01" + one_value).ravel().tolist() == [1, 0, 0]
+    with pytest.raises(InputError, match="nodes that do not exist"):
+        decode_dense(1, 3, 1, 1, b"\x11" + one_value)

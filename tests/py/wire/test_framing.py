@@ -185,3 +185,22 @@ def test_the_examples_of_the_specification_are_right() -> None:
     np.testing.assert_array_equal(decode_dense(0, 5, 1, 1, bytes.fromhex(packed)).ravel(), [0, -1, 1, 2, -3])
     np.testing.assert_array_equal(decode_dense(1, 4, 1, 3, bytes.fromhex(sparse))[0, 2], [5, 0, -7])
     assert cobs_encode(b"\x11\x00\x22").hex(" ") in text
+
+
+def test_one_endless_frame_is_counted_once() -> None:
+    decoder = Decoder()
+    for _ in range(20):
+        assert list(decoder.feed(bytes([2]) * 1_000)) == []
+    assert list(decoder.feed(b"\0")) == []
+    assert decoder.counters.oversize == 1
+
+
+def test_a_message_that_another_one_cuts_off_is_counted() -> None:
+    first = encode_message(6, bytes(5_000), sensor=0, sequence=1, flags=0).split(b"\0")[0] + b"\0"
+    decoder = Decoder()
+    assert list(decoder.feed(first + first)) == []
+    assert decoder.counters.incomplete == 1
+
+
+def test_a_zero_within_cobs_is_refused() -> None:
+    assert cobs_decode(b"\x03\x11\x00") is None

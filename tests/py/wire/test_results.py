@@ -206,3 +206,21 @@ def test_an_image_has_its_rows_first() -> None:
     pixels = Image.from_message(message).pixels
     assert pixels.shape == (2, 3, 3)
     assert pixels[1, 0].tolist() == [9, 10, 11]
+
+
+def test_lengths_are_in_metres() -> None:
+    """A value of 1 (zigzag 2) in steps of 125 nm is 1.25e-7 m."""
+    ones = {"n_x": 1, "n_y": 1, "n_components": 3, "data": b"\x02\x2a" + bytes(7)}
+    one = {"n_x": 1, "n_y": 1, "n_components": 1, "data": b"\x02\x02" + bytes(7)}
+    field = Field.from_message(Schema.own().new("Field", force=ones, displacement=ones, displacement_lsb_nm=125))
+    assert field.displacement is not None
+    np.testing.assert_allclose(field.displacement, np.full((1, 1, 3), 1.25e-7))
+    depth = Depth.from_message(Schema.own().new("Depth", depth=one, depth_lsb_nm=125, validity=VALID))
+    np.testing.assert_allclose(depth.depth, [[1.25e-7]])
+
+
+def test_what_pulls_on_the_pad_has_no_slip_margin() -> None:
+    pulled = {"n_x": 1, "n_y": 1, "n_components": 3, "data": b"\x02\x20" + bytes(7)}  # 0, 0, +1
+    field = Field.from_message(Schema.own().new("Field", force_lsb_un=10, force=pulled, validity=[VALID] * 3))
+    assert field.force_steps.tolist() == [[[0, 0, 1]]]
+    assert field.slip_margin(0.5).tolist() == [[0.0]]
