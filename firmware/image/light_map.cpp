@@ -45,9 +45,8 @@ LightMap::LightMap(int width_px, int height_px)
     : width_px_(width_px),
       height_px_(height_px),
       nodes_(Rest::map_nodes(width_px, height_px)),
-      term_size_(kMaxSamples + static_cast<size_t>(nodes_.count())),
       sample_(kMaxSamples),
-      basis_(kTerms * term_size_),
+      basis_(kTerms * (kMaxSamples + static_cast<size_t>(nodes_.count()))),
       fitted_(kMaxSamples),
       sorted_(kMaxSamples),
       is_out_(kMaxSamples),
@@ -56,7 +55,10 @@ LightMap::LightMap(int width_px, int height_px)
   for (auto& channel : sum_) channel.resize(kMaxSamples);
 }
 
-std::span<int16_t> LightMap::basis(size_t term) { return {basis_.data() + term * term_size_, term_size_}; }
+std::span<int16_t> LightMap::basis(size_t term) {
+  const size_t n = kMaxSamples + static_cast<size_t>(nodes_.count());
+  return {basis_.data() + term * n, n};
+}
 
 void LightMap::learn(std::span<const int32_t> sample_at) {
   const size_t step = (sample_at.size() + kMaxSamples - 1) / kMaxSamples;
@@ -155,9 +157,8 @@ void LightMap::fit(size_t channel, Terms& a) {
       a[k] += floor_div(2 * product * (int64_t{1} << 20) + square_[k], 2 * square_[k]);
     }
     for (size_t i = 0; i < n_samples_; ++i) {
-      const int16_t* q = basis_.data() + i;
       int64_t sum = 0;
-      for (size_t k = 0; k < kTerms; ++k) sum += a[k] * q[k * term_size_];
+      for (size_t k = 0; k < kTerms; ++k) sum += a[k] * basis(k)[i];
       fitted_[i] = median + static_cast<int32_t>(round_shift(sum, 20));
     }
   }

@@ -63,7 +63,6 @@ class LightMap {
   int width_px_;
   int height_px_;
   GridSize nodes_;
-  size_t term_size_;            // values of a term: samples, then nodes
   std::vector<size_t> sample_;  // which of the samples are used
   std::vector<int16_t> basis_;
   Terms square_{};  // sum of q_k^2 over the samples, Q24; 0: the samples do not tell this term

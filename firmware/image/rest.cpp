@@ -11,10 +11,6 @@ constexpr uint32_t kMaxReciprocal = 32'767;
 constexpr int64_t kMax16 = 32'767;
 constexpr int kMapFrames = 16;  // a row's step is below 1/2048, which no slope of the surface can be told from
 
-int32_t between(int32_t a, int32_t b, int part) {
-  return ((Rest::kNodePx - part) * a + part * b + Rest::kNodePx / 2) >> 4;
-}
-
 }  // namespace
 
 Rest::Rest(int width_px, int height_px, int n_frames)
@@ -115,7 +111,11 @@ void Rest::find_node_gains() {
 }
 
 void Rest::take_rows(int from, int to) {
+  const size_t n_pixels = image_.size() / 3;
   const auto n_x = static_cast<size_t>(nodes_.n_x);
+  const auto between = [](int32_t a, int32_t b, int part) {
+    return ((kNodePx - part) * a + part * b + kNodePx / 2) >> 4;
+  };
   for (size_t c = 0; c < 3; ++c) {
     for (int y = from; y < to; ++y) {
       const size_t node = (c * static_cast<size_t>(nodes_.n_y) + static_cast<size_t>(y / kNodePx)) * n_x;
@@ -125,33 +125,19 @@ void Rest::take_rows(int from, int to) {
         row_gain_[i] = between(node_gain_[upper], node_gain_[lower], y % kNodePx);
         row_inverse_q14_[i] = between(node_inverse_q14_[upper], node_inverse_q14_[lower], y % kNodePx);
       }
-      for (int x = 0; x < width_px_; x += kNodePx) take_cells(c, y, x);
+      for (int x = 0; x < width_px_; ++x) {
+        const auto left = static_cast<size_t>(x / kNodePx);
+        const int64_t gain = between(row_gain_[left], row_gain_[left + 1], x % kNodePx);
+        const int64_t inverse_q14 = between(row_inverse_q14_[left], row_inverse_q14_[left + 1], x % kNodePx);
+        const auto i = static_cast<size_t>(y * width_px_ + x);
+        const int64_t unlit = std::min(dark(3 * i + c), kMaxRest);
+        const int64_t lit = std::min(image_[3 * i + c], kMaxRest) - unlit;
+        const int64_t rest8 = 8 * unlit + ((8 * lit * gain + kUnitGain / 2) >> 20);
+        const int64_t reciprocal = (unit_reciprocal_[c * n_pixels + i] * inverse_q14 + (1 << 13)) >> 14;
+        planes8_[c * n_pixels + i] = static_cast<int16_t>(std::min(rest8, kMax16));
+        reciprocal_[c * n_pixels + i] = static_cast<int16_t>(std::min(reciprocal, kMax16));
+      }
     }
-  }
-}
-
-// The pixels of a row from one node to the next.
-void Rest::take_cells(size_t channel, int y, int first_x) {
-  const auto left = static_cast<size_t>(first_x / kNodePx);
-  const auto n = static_cast<size_t>(std::min(kNodePx, width_px_ - first_x));
-  const auto at = static_cast<size_t>(y * width_px_ + first_x);
-  const size_t in_plane = channel * (image_.size() / 3) + at;
-  const uint16_t* image = &image_[3 * at + channel];
-  const uint16_t* dark = dark_.empty() ? nullptr : &dark_[3 * at + channel];
-  // 16 times the value at the pixel, and a half.
-  int32_t gain16 = kNodePx * row_gain_[left] + kNodePx / 2;
-  int32_t inverse16 = kNodePx * row_inverse_q14_[left] + kNodePx / 2;
-  const int32_t gain_step = row_gain_[left + 1] - row_gain_[left];
-  const int32_t inverse_step = row_inverse_q14_[left + 1] - row_inverse_q14_[left];
-  for (size_t i = 0; i < n; ++i) {
-    const int64_t unlit = dark == nullptr ? 0 : std::min({dark[3 * i], image[3 * i], kMaxRest});
-    const int64_t lit = std::min(image[3 * i], kMaxRest) - unlit;
-    const int64_t rest8 = 8 * unlit + ((8 * lit * (gain16 >> 4) + kUnitGain / 2) >> 20);
-    const int64_t reciprocal = (int64_t{unit_reciprocal_[in_plane + i]} * (inverse16 >> 4) + (1 << 13)) >> 14;
-    planes8_[in_plane + i] = static_cast<int16_t>(std::min(rest8, kMax16));
-    reciprocal_[in_plane + i] = static_cast<int16_t>(std::min(reciprocal, kMax16));
-    gain16 += gain_step;
-    inverse16 += inverse_step;
   }
 }
 

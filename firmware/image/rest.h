@@ -71,7 +71,6 @@ class Rest {
   void finish();
   void find_node_gains();
   void take_rows(int from, int to);
-  void take_cells(size_t channel, int y, int first_x);
   [[nodiscard]] uint16_t dark(size_t i) const { return dark_.empty() ? uint16_t{0} : std::min(dark_[i], image_[i]); }
 
   int width_px_;
