@@ -5,8 +5,6 @@
 //   still:   level, and no marker further than 1/4 px from its rest
 //   gain_c += gain of Q20: clamp(m_c, +-1/128) / 16 a frame, after 16 still frames in a row; 0.75 <= gain <= 1.25
 //
-//   then the map of each channel over the picture (image/light_map.h)
-//
 // Three numbers hold no contact's shape, and what moves a marker or shades an eighth of the picture stops them: a held
 // contact is never learned. At 60 Hz they follow 2.9 % a second. `is_off`: the light is not what the calibration saw and
 // not yet followed: untouched by more than 4 %, else (half of the samples level) by more than 6 % over all channels,
@@ -26,7 +24,6 @@
 #include <vector>
 
 #include "base/fixed.h"
-#include "image/light_map.h"
 #include "image/markers.h"
 #include "image/rest.h"
 
@@ -40,11 +37,10 @@ class LightTracker {
 
   // A new rest image is in force: which samples tell anything.
   void learn(std::span<const uint16_t> rest);
-  // `change`: planes of B, G and R against `rest`, whose gain this sets when it has moved by 1/4096, and its map.
+  // `change`: planes of B, G and R against `rest`, whose gain this sets when it has moved by 1/4096.
   void run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest);
 
-  [[nodiscard]] bool is_off() const { return is_off_ || map_.is_off(); }
-  [[nodiscard]] const LightMap& map() const { return map_; }
+  [[nodiscard]] bool is_off() const { return is_off_; }
   // An eighth of the samples are brighter by more than this in all three channels, beyond `level`. Where lamps of three colours stand
   // apart, no slope of the surface does that: it takes from one what it gives to another.
   // 2.5 %: a large object on a real pad does that to 1 sample in 17, presses on the twin to 1 in 100.
@@ -72,7 +68,7 @@ class LightTracker {
   void sample(std::span<const RelativeChange> change);
   [[nodiscard]] Level level_of(size_t channel);
   void measure(const std::array<Level, 3>& start);
-  void follow(const std::array<Level, 3>& level);
+  void follow(const std::array<Level, 3>& level, Rest& rest);
 
   int width_px_;
   int height_px_;
@@ -87,7 +83,6 @@ class LightTracker {
   bool is_off_ = false;
   Rest::Gain gain_;
   Rest::Gain in_force_;
-  LightMap map_;
 };
 
 }  // namespace ruffini

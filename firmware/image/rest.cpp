@@ -9,7 +9,6 @@ constexpr uint16_t kMinRest = 512;       // 32 grey levels
 constexpr uint16_t kMaxRest = 16 * 255;  // a stored image may claim more
 constexpr uint32_t kMaxReciprocal = 32'767;
 constexpr int64_t kMax16 = 32'767;
-constexpr int kMapFrames = 16;  // a row's step is below 1/2048, which no slope of the surface can be told from
 
 }  // namespace
 
@@ -22,14 +21,7 @@ Rest::Rest(int width_px, int height_px, int n_frames)
       image_(sum_.size()),
       planes8_(sum_.size()),
       reciprocal_(sum_.size()),
-      unit_reciprocal_(sum_.size()),
-      nodes_(map_nodes(width_px, height_px)),
-      factor_(3 * static_cast<size_t>(nodes_.count()), kUnitGain),
-      node_gain_(factor_.size()),
-      node_inverse_q14_(factor_.size()),
-      row_gain_(static_cast<size_t>(nodes_.n_x)),
-      row_inverse_q14_(row_gain_.size()),
-      next_row_(height_px) {}
+      unit_reciprocal_(sum_.size()) {}
 
 void Rest::restart(int n_frames) {
   n_wanted_ = n_frames > 0 ? n_frames : n_frames_;
@@ -75,68 +67,22 @@ void Rest::finish() {
     unit_reciprocal_[i % 3 * n_pixels + i / 3] =
         static_cast<int16_t>(std::min(((uint32_t{1} << 24) + divisor / 2) / divisor, kMaxReciprocal));
   }
-  std::fill(factor_.begin(), factor_.end(), kUnitGain);
   set_gain(unit_gain());
   is_ready_ = true;
   has_image_ = true;
 }
 
 void Rest::set_gain(const Gain& gain) {
-  gain_ = gain;
-  find_node_gains();
-  take_rows(0, height_px_);
-  next_row_ = height_px_;
-}
-
-void Rest::set_map(std::span<const int32_t> factor) {
-  std::copy(factor.begin(), factor.end(), factor_.begin());
-  find_node_gains();
-  next_row_ = 0;
-}
-
-void Rest::advance() {
-  if (next_row_ >= height_px_) return;
-  const int to = std::min(next_row_ + (height_px_ + kMapFrames - 1) / kMapFrames, height_px_);
-  take_rows(next_row_, to);
-  next_row_ = to;
-}
-
-void Rest::find_node_gains() {
-  const auto n = static_cast<size_t>(nodes_.count());
-  for (size_t i = 0; i < factor_.size(); ++i) {
-    const int64_t gain = (int64_t{gain_[i / n]} * factor_[i] + kUnitGain / 2) >> 20;
-    node_gain_[i] = limited(gain);
-    node_inverse_q14_[i] = static_cast<int32_t>(((int64_t{1} << 34) + node_gain_[i] / 2) / node_gain_[i]);
-  }
-}
-
-void Rest::take_rows(int from, int to) {
   const size_t n_pixels = image_.size() / 3;
-  const auto n_x = static_cast<size_t>(nodes_.n_x);
-  const auto between = [](int32_t a, int32_t b, int part) {
-    return ((kNodePx - part) * a + part * b + kNodePx / 2) >> 4;
-  };
   for (size_t c = 0; c < 3; ++c) {
-    for (int y = from; y < to; ++y) {
-      const size_t node = (c * static_cast<size_t>(nodes_.n_y) + static_cast<size_t>(y / kNodePx)) * n_x;
-      for (size_t i = 0; i < n_x; ++i) {
-        const size_t upper = node + i;
-        const size_t lower = upper + n_x;
-        row_gain_[i] = between(node_gain_[upper], node_gain_[lower], y % kNodePx);
-        row_inverse_q14_[i] = between(node_inverse_q14_[upper], node_inverse_q14_[lower], y % kNodePx);
-      }
-      for (int x = 0; x < width_px_; ++x) {
-        const auto left = static_cast<size_t>(x / kNodePx);
-        const int64_t gain = between(row_gain_[left], row_gain_[left + 1], x % kNodePx);
-        const int64_t inverse_q14 = between(row_inverse_q14_[left], row_inverse_q14_[left + 1], x % kNodePx);
-        const auto i = static_cast<size_t>(y * width_px_ + x);
-        const int64_t unlit = std::min(dark(3 * i + c), kMaxRest);
-        const int64_t lit = std::min(image_[3 * i + c], kMaxRest) - unlit;
-        const int64_t rest8 = 8 * unlit + ((8 * lit * gain + kUnitGain / 2) >> 20);
-        const int64_t reciprocal = (unit_reciprocal_[c * n_pixels + i] * inverse_q14 + (1 << 13)) >> 14;
-        planes8_[c * n_pixels + i] = static_cast<int16_t>(std::min(rest8, kMax16));
-        reciprocal_[c * n_pixels + i] = static_cast<int16_t>(std::min(reciprocal, kMax16));
-      }
+    const int64_t inverse_q14 = ((int64_t{1} << 34) + gain[c] / 2) / gain[c];
+    for (size_t i = 0; i < n_pixels; ++i) {
+      const int64_t unlit = std::min(dark(3 * i + c), kMaxRest);
+      const int64_t lit = std::min(image_[3 * i + c], kMaxRest) - unlit;
+      const int64_t rest8 = 8 * unlit + ((8 * lit * gain[c] + kUnitGain / 2) >> 20);
+      const int64_t reciprocal = (unit_reciprocal_[c * n_pixels + i] * inverse_q14 + (1 << 13)) >> 14;
+      planes8_[c * n_pixels + i] = static_cast<int16_t>(std::min(rest8, kMax16));
+      reciprocal_[c * n_pixels + i] = static_cast<int16_t>(std::min(reciprocal, kMax16));
     }
   }
 }

@@ -235,10 +235,7 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
         del told["warmth"]
     for hand in (one for one in told["hand"] if not one["warmer_mk"]):
         del hand["warmer_mk"]
-    twin = load_twin(board).model_dump(mode="json")
-    if twin["warming"] is None:  # younger too
-        del twin["warming"]
-    tree = [seen, twin, told]
+    tree = [seen, load_twin(board).model_dump(mode="json"), told]
     return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 
