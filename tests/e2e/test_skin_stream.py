@@ -19,7 +19,6 @@ from ruffini.calibrate.skin_places import PlaceFit
 from ruffini.calibrate.skin_reach import REACH_SIZE, REACH_STEP_MM
 from ruffini.calibrate.skin_response import ForceFit, layout_of
 from ruffini.device import Connection
-from ruffini.errors import NoDeviceError
 
 Array = npt.NDArray[np.float64]
 
@@ -93,19 +92,19 @@ def test_a_touch_arrives_with_place_force_and_age_and_a_covered_lens_is_flagged(
     glowing: Sensor, tmp_path: Path
 ) -> None:
     contacts, wrenches, status = [], [], None
-    with start(glowing, tmp_path, "--lockstep", "--wait-for-host") as daemon, Connection(daemon.port) as host:
+    options = ("--lockstep", "--wait-for-host", "--linger")  # the line stays until STATUS was answered
+    with start(glowing, tmp_path, *options) as daemon, Connection(daemon.port) as host:
         host.flash(glowing.calibration)
         host.subscribe(contacts=1, wrench=1)
-        try:
-            for frame, message in host.stream(timeout_s=HANG_S):
-                name = host.schema.type_name(frame.type)
-                contacts += [message] if name == "CONTACTS" else []
-                wrenches += [message] if name == "WRENCH" else []
-                if len(contacts) == N_REST + N_PRESSED and status is None:
-                    host._send("STATUS")
-                status = message if name == "STATUS" else status
-        except NoDeviceError:
-            pass  # the daemon went with its recording
+        for frame, message in host.stream(timeout_s=HANG_S):
+            name = host.schema.type_name(frame.type)
+            contacts += [message] if name == "CONTACTS" else []
+            wrenches += [message] if name == "WRENCH" else []
+            if len(contacts) == N_REST + N_PRESSED and status is None:
+                host._send("STATUS")
+            status = message if name == "STATUS" else status
+            if status is not None and len(contacts) == len(wrenches) == N_REST + N_PRESSED + 1:
+                break
     assert len(contacts) == N_REST + N_PRESSED + 1
     assert [len(m.contacts) for m in contacts[:N_REST]] == [0] * N_REST
     forces = []

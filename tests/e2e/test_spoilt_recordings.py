@@ -105,7 +105,7 @@ def test_recover_writes_a_whole_file(run: Path, good: dict[int, dict[str, bytes]
     path = spoilt(run, tmp_path, starts[2] - 5, bytes(starts[3] - starts[2]))
     out, n = tmp_path / "recovered.mcap", frames_of(path, good)[0]
     counts = recover(Recording(path), out)
-    assert counts["frames"] >= n > 0
+    assert counts["messages"] > n > 0
     assert frames_of(out, good) == (n, [])
     before, after = list(Recording(path).frames()), list(Recording(out).frames())
     for a, b in zip(before, after, strict=True):
