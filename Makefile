@@ -137,7 +137,7 @@ soak: build  ## the long runs of what `make test` does in short: every crash sta
 	@$(PYTHON) tests/ledger.py simulation $(BUILD)/ruffini_simulation $(SIM_HOURS)
 
 mutants: build  ## seeded bugs in firmware, host and page: each must be seen by its layer of tests; TURN=I/N plays each N-th
-	@$(PYTHON) tests/mutants/run.py --build $(BUILD) --jobs $(JOBS) $(if $(TURN),--turn $(TURN)) --tests-that-never-caught $(BUILD)/idle_tests.txt
+	@$(PYTHON) tests/mutants/run.py --build $(BUILD) $(if $(TURN),--turn $(TURN)) --tests-that-never-caught $(BUILD)/idle_tests.txt
 
 DATA ?= $(RUFFINI_RECORDED_DATA)
 real: build  ## one table and a page of what was measured on recordings of real sensors in DATA=FOLDER, with peers on the same rows

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import sys
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     _seconds[Path(report.location[0]).name] += report.duration
+    if report.failed and "PYTEST_XDIST_WORKER" not in os.environ:  # at once: the run goes on for minutes
+        print(f"\n{report.when} failed: {report.nodeid}", file=sys.stderr, flush=True)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
