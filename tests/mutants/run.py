@@ -106,7 +106,7 @@ def read_report(path: Path) -> tuple[frozenset[str], frozenset[str]]:
         cases = [case for case in ElementTree.parse(path).iter("testcase") if case.find("skipped") is None]
     except (OSError, ElementTree.ParseError):
         return frozenset(), frozenset()
-    names = [(f"{case.get('classname')}.{case.get('name')}", case) for case in cases if case.get("status") != "notrun"]
+    names = [(f"{case.get('classname')}::{case.get('name')}", case) for case in cases if case.get("status") != "notrun"]
     failed = {name for name, case in names if case.find("failure") is not None or case.find("error") is not None}
     return frozenset(name for name, _ in names), frozenset(failed)
 
@@ -171,7 +171,10 @@ class Tree:
                 os.killpg(process.pid, 9)  # its children as well: a daemon would go on
                 return Outcome("hangs")
         tests, failed = read_report(self.report)
-        return Outcome("passes" if code == 0 else "fails", tests or frozenset({layer.name}), failed)
+        if not tests:  # no test framework, or it did not come to its report
+            alone = frozenset({layer.name})
+            return Outcome("passes", alone) if code == 0 else Outcome("fails", alone, alone)
+        return Outcome("passes" if code == 0 else "fails", tests, failed)
 
     def plant(self, bug: dict[str, str], layer: Layer) -> Outcome:
         """Plant a bug, run its layer, and restore the file."""
@@ -225,7 +228,7 @@ def play(tree: Tree, work: queue.Queue[dict[str, str]], layers: dict[str, Layer]
             outcome = Outcome(f"NOT PLAYED: {error}")
         said = "SURVIVES" if outcome.said == "passes" else outcome.said
         tally.said[said] += 1
-        tally.failures.update({f"{bug['layer']}: {name}" for name in outcome.failed})
+        tally.failures.update(outcome.failed)
         if said in ("fails", "hangs"):
             tally.caught[bug["layer"]] += 1
         else:
@@ -233,15 +236,21 @@ def play(tree: Tree, work: queue.Queue[dict[str, str]], layers: dict[str, Layer]
         print(f"{said:9}  {time.monotonic() - start:5.0f} s  {bug['layer']:30}  {bug['name']}", flush=True)
 
 
+def idle_tests(tally: Tally) -> list[str]:
+    """Tests of all layers that failed for none of the bugs; a test of several layers counts once."""
+    return sorted(name for name in frozenset().union(*tally.tests.values()) if not tally.failures[name])
+
+
 def table(tally: Tally) -> str:
-    """Bugs caught by each layer, and its tests that caught none."""
+    """Bugs caught by each layer, then the tests that caught none, by file or suite."""
+    layers = [f"{tally.caught[layer]:4} bugs caught by {layer}" for layer in sorted(tally.tests)]
+    idle = idle_tests(tally)
+    by_file = Counter(name.rpartition("::")[0] for name in frozenset().union(*tally.tests.values()))
     out = []
-    for layer in sorted(tally.tests):
-        tests = tally.tests[layer]
-        idle = sorted(name for name in tests if not tally.failures[f"{layer}: {name}"])
-        out.append(f"{layer}: {tally.caught[layer]} bugs caught; {len(idle)} of {len(tests)} tests caught none")
-        out += [f"  {name}" for name in idle]
-    return "\n".join(out) + "\n"
+    for file, n in sorted(by_file.items()):
+        names = [name for name in idle if name.rpartition("::")[0] == file]
+        out += [f"{file or 'programs'}: {len(names)} of {n} tests caught none", *(f"  {name}" for name in names)]
+    return "\n".join([*layers, "", *out]) + "\n"
 
 
 def chosen_bugs(bugs: list[dict[str, str]], only: str, turn: str) -> list[dict[str, str]]:
@@ -285,10 +294,10 @@ def main() -> int:
     if given.tests_that_never_caught:
         given.tests_that_never_caught.write_text(table(tally))
     n_killed, n_hung = tally.said["fails"] + tally.said["hangs"], tally.said["hangs"]
-    n_idle = sum(not tally.failures[f"{layer}: {name}"] for layer, names in tally.tests.items() for name in names)
     print(*tally.wrong, sep="\n", end="\n" if tally.wrong else "")
     print(f"{len(bugs)} seeded bugs, {n_killed} killed, {n_hung} of them by {TIMEOUT_S:.0f} s without an end")
-    print(f"{n_idle} of {sum(map(len, tally.tests.values()))} tests of these layers caught none of them")
+    n_tests = len(frozenset().union(*tally.tests.values()))
+    print(f"{len(idle_tests(tally))} of {n_tests} tests of these layers caught none of them")
     return 1 if n_killed < len(bugs) else 0
 
 
