@@ -106,7 +106,11 @@ def read_report(path: Path) -> tuple[frozenset[str], frozenset[str]]:
         cases = [case for case in ElementTree.parse(path).iter("testcase") if case.find("skipped") is None]
     except (OSError, ElementTree.ParseError):
         return frozenset(), frozenset()
-    names = [(f"{case.get('classname')}::{case.get('name')}", case) for case in cases if case.get("status") != "notrun"]
+    names = [
+        (f"{case.get('file') or case.get('classname')}::{case.get('name')}", case)
+        for case in cases
+        if case.get("status") != "notrun"
+    ]
     failed = {name for name, case in names if case.find("failure") is not None or case.find("error") is not None}
     return frozenset(name for name, _ in names), frozenset(failed)
 
@@ -153,7 +157,13 @@ class Tree:
         """Run a layer; a hanging one is ended after TIMEOUT_S."""
         command = shlex.split(layer.command.format(build=self.build, python=sys.executable))
         if "pytest" in command:
-            command += [f"--junitxml={self.report}", "-p", "no:cacheprovider"]
+            command += [
+                f"--junitxml={self.report}",
+                "-o",
+                "junit_family=xunit1",
+                "-p",
+                "no:cacheprovider",
+            ]  # names files
         elif "vitest" in command:
             command += ["--reporter=junit", f"--outputFile={self.report}"]
         elif any("--gtest" in word for word in command):
