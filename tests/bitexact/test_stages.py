@@ -296,7 +296,6 @@ def test_displacement_with_wrong_and_lost_markers(open_stages: OpenStages, n_wro
     core, board = open_stages(board_text("gelslim"))
     rng = np.random.default_rng(100 * n_wrong + n_lost)
     markers = random_markers(board, rng, 0)
-    markers[:, [LOST, ABSENT]] = 0
     y, x = np.mgrid[-1:1:15j, -1:1:19j]
     smooth = 100_000 * np.stack([np.sin(3 * x + y), np.cos(2 * y - x)], axis=-1).reshape(-1, 2)
     markers[:, [DX, DY]] = np.round(smooth + rng.normal(size=smooth.shape) * 3_000)

@@ -1,6 +1,6 @@
 """Markers as the board uses them: lost ones are filled smoothly, nodes interpolate over the lattice.
 
-The float twin of the filling in firmware/image/field_repair.h; the bit-exact tests hold it to the core within rounding.
+The float twin of the filling in firmware/image/field_repair.h; the bit-exact tests hold it to the core within its rounding.
 The nodes: `ruffini.calibrate.marker_lattice`.
 """
 
