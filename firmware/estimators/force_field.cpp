@@ -11,9 +11,6 @@ namespace {
 constexpr std::array kErrorTensors = {"support.error_reported", "support.error_quiet", "support.error_local",
                                       "support.error_wrench"};
 
-// An outlier of u_z, whose noise is several times theirs, is off by three times as much as one of u_x and u_y.
-constexpr int32_t kDepthOverShear = 3;
-
 int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
 
 }  // namespace
@@ -24,12 +21,7 @@ ForceField::ForceField(const BoardSettings& board, const NodeGrid& nodes)
       places_(nodes.places()),
       force_lsb_un_(board.force_lsb_un),
       contact_threshold_lsb_(whole_steps(board.contact.threshold_un, board.force_lsb_un)),
-      mask_(nodes_, contact_threshold_lsb_, board.contact.min_nodes),
-      repair_(nodes_),
-      least_outlier_q3_(FieldRepair::least_q3(board.pad.size_x_um / (board.grid.n_x - 1),
-                                              board.pad.size_y_um / (board.grid.n_y - 1))),
-      part_(static_cast<size_t>(nodes_.count())),
-      is_missing_(part_.size()) {}
+      mask_(nodes_, contact_threshold_lsb_, board.contact.min_nodes) {}
 
 Status ForceField::load(const Calibration& calibration, bool has_operator, bool has_second_pass) {
   if (!has_operator || !calibration.has_kind("operator")) return Unit{};
@@ -77,26 +69,6 @@ void ForceField::prepare(SolvedForces& out) {
   out.wide.resize(3 * n_nodes);
   out.force.resize(n_nodes);
   out.mask = mask_.find(out.force);
-}
-
-void ForceField::repair(std::span<NodeDisplacement> displacement, std::span<uint8_t> is_filled) {
-  const auto run = [&](auto read, auto write, int32_t least) {
-    for (size_t i = 0; i < displacement.size(); ++i) {
-      part_[i] = read(displacement[i]);
-      is_missing_[i] = part_[i].x == kNotMeasured || part_[i].y == kNotMeasured ? 1 : 0;
-    }
-    repair_.run(part_, is_missing_, least);
-    for (size_t i = 0; i < displacement.size(); ++i) {
-      if (is_missing_[i] != 0) write(displacement[i], part_[i]);
-    }
-  };
-  const auto um = [](int32_t q3) { return DisplacementUm::from_raw(static_cast<int16_t>(q3)); };
-  run([](const NodeDisplacement& u) { return FieldValue{0, u.z.raw()}; },
-      [&](NodeDisplacement& u, const FieldValue& v) { u.z = um(v.y); }, kDepthOverShear * least_outlier_q3_);
-  run([](const NodeDisplacement& u) { return FieldValue{u.x.raw(), u.y.raw()}; },
-      [&](NodeDisplacement& u, const FieldValue& v) { u.x = um(v.x), u.y = um(v.y); }, least_outlier_q3_);
-  std::transform(is_missing_.begin(), is_missing_.end(), is_filled.begin(),
-                 [](uint8_t missing) { return static_cast<uint8_t>(missing != 0 ? 1 : 0); });
 }
 
 void ForceField::estimate(std::span<const NodeDisplacement> displacement, bool is_light_steady, SolvedForces& out,

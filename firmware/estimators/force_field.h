@@ -1,7 +1,5 @@
 // Displacement of the nodes -> their forces: the inverse FEM, in two passes, with what the calibration adds.
 //
-//   repair     nodes that were not measured, or contradict their neighbours (image/field_repair.h); only where nodes come
-//              from outside, and not from markers that were repaired
 //   estimate   f = operator u, and where the pad is touched (solve/contact_mask.h)
 //   refine     what finite strain adds, then least squares where touched (solve/support_solver.h)
 //   remember   what the pad lost to relaxation (solve/relaxation.h)
@@ -22,7 +20,6 @@
 #include "estimators/wrench.h"
 #include "estimators/wrench_covariance.h"
 #include "image/displacement.h"
-#include "image/field_repair.h"
 #include "solve/block_program.h"
 #include "solve/contact_mask.h"
 #include "solve/finite_strain.h"
@@ -58,9 +55,6 @@ class ForceField {
 
   // Buffers for `out`; untouched.
   void prepare(SolvedForces& out);
-  // A node whose u_x, u_y or u_z is kNotMeasured lacks that part. Sets is_filled to 1 where u_x and u_y are filled, else 0.
-  static constexpr int16_t kNotMeasured = INT16_MIN;
-  void repair(std::span<NodeDisplacement> displacement, std::span<uint8_t> is_filled);
   void estimate(std::span<const NodeDisplacement> displacement, bool is_light_steady, SolvedForces& out,
                 SaturationCounter& saturations);
   void refine(bool is_light_steady, SolvedForces& out, SaturationCounter& saturations);
@@ -85,10 +79,6 @@ class ForceField {
   int64_t force_lsb_un_;
   int64_t contact_threshold_lsb_;
   ContactMask mask_;
-  FieldRepair repair_;
-  int32_t least_outlier_q3_;
-  std::vector<FieldValue> part_;  // of the displacement, as repair_ takes it
-  std::vector<uint8_t> is_missing_;
   std::optional<BlockProgram> operator_;
   std::optional<SupportSolver> support_;
   std::optional<FiniteStrain> finite_strain_;
