@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import signal
 import sys
 from collections import defaultdict
 from pathlib import Path
@@ -25,6 +26,12 @@ def _known() -> dict[str, float]:
         return dict(json.loads((cache_folder() / COSTS).read_text()))
     except (OSError, ValueError):
         return {}
+
+
+def pytest_configure() -> None:
+    """Processes in the background of a shell may ignore Ctrl-C, and so does all that they start; tests send it."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(optionalhook=True)
