@@ -122,7 +122,7 @@ Status SerialPort::open_device() {
   return Unit{};
 }
 
-// The number of a pty is given out again as soon as the pty is closed: a name that was not made anew since then leads
+// The kernel reuses the number of a pty as soon as the pty is closed: a name that was not made anew since then leads
 // nowhere, or to a stranger's line. A link that was made again within a tick of the clock may look as it did, but not
 // older than what it leads to.
 bool SerialPort::is_stale() const {
