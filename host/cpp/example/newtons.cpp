@@ -9,9 +9,9 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <optional>
 #include <random>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -48,32 +48,41 @@ class Port {
     return true;
   }
 
-  // The packets that come within the time; nullopt where the line is lost.
-  std::optional<std::vector<client::Packet>> read_some(client::Decoder& decoder, int timeout_ms) const {
-    pollfd wait{fd_, POLLIN, 0};
-    if (poll(&wait, 1, timeout_ms) == 0) return std::vector<client::Packet>();
-    uint8_t bytes[4096];
-    const ssize_t n = read(fd_, bytes, sizeof bytes);
-    if (n <= 0) return std::nullopt;
-    return decoder.feed(bytes, static_cast<size_t>(n));
+  enum class Read { kPacket, kNothing, kLineLost };
+
+  // The next packet. One read may bring several packets: the rest stays for the next call.
+  Read next(client::Decoder& decoder, int timeout_ms, client::Packet& packet) {
+    while (n_taken_ == packets_.size()) {
+      pollfd wait{fd_, POLLIN, 0};
+      if (poll(&wait, 1, timeout_ms) == 0) return Read::kNothing;
+      uint8_t bytes[4096];
+      const ssize_t n = read(fd_, bytes, sizeof bytes);
+      if (n <= 0) return Read::kLineLost;
+      packets_ = decoder.feed(bytes, static_cast<size_t>(n));
+      n_taken_ = 0;
+    }
+    packet = std::move(packets_[n_taken_++]);
+    return Read::kPacket;
   }
 
  private:
   int fd_;
+  std::vector<client::Packet> packets_;
+  size_t n_taken_ = 0;
 };
 
-// Writes until a packet comes that `is_answer` takes; false where none does.
+// Sends the question until is_answer() accepts a packet; false if the line is lost or no answer comes. Other packets
+// that arrive before the answer are dropped.
 template <typename IsAnswer>
-bool ask(const Port& port, client::Decoder& decoder, const client::Bytes& question, IsAnswer is_answer) {
+bool ask(Port& port, client::Decoder& decoder, const client::Bytes& question, IsAnswer is_answer) {
+  client::Packet packet;
   for (int i = 0; i < kTries; ++i) {
     if (!port.write_all(question)) return false;
-    for (int reads = 0; reads < 64; ++reads) {  // telemetry may come in between
-      const auto packets = port.read_some(decoder, kReplyMs);
-      if (!packets) return false;
-      if (packets->empty()) break;
-      for (const auto& packet : *packets) {
-        if (is_answer(packet.message)) return true;
-      }
+    for (int packets = 0; packets < 256; ++packets) {  // telemetry may come in between
+      const auto read = port.next(decoder, kReplyMs, packet);
+      if (read == Port::Read::kLineLost) return false;
+      if (read == Port::Read::kNothing) break;
+      if (is_answer(packet.message)) return true;
     }
   }
   return false;
@@ -99,7 +108,7 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "usage: ruffini_newtons PORT [NUMBER OF FRAMES]\n");
     return 2;
   }
-  const Port port(argv[1]);
+  Port port(argv[1]);
   if (!port.is_open()) return fail(argv[1], std::strerror(errno));
   client::Decoder decoder;
   client::Encoder encoder(std::random_device{}() | 1U);
@@ -128,15 +137,14 @@ int main(int argc, char** argv) {
 
   long n_left = argc > 2 ? std::strtol(argv[2], nullptr, 10) : -1;
   while (n_left != 0) {
-    const auto packets = port.read_some(decoder, kSilenceMs);
-    if (!packets) return fail(argv[1], "the line was lost");
-    if (packets->empty()) return fail(argv[1], "no frame for five seconds: does the camera stand still?");
-    for (const auto& packet : *packets) {
-      const auto* wrench = std::get_if<client::Wrench>(&packet.message);
-      if (wrench == nullptr || n_left == 0) continue;
-      print(packet, *wrench);
-      --n_left;
-    }
+    client::Packet packet;
+    const auto read = port.next(decoder, kSilenceMs, packet);
+    if (read == Port::Read::kLineLost) return fail(argv[1], "the line was lost");
+    if (read == Port::Read::kNothing) return fail(argv[1], "no frame for five seconds: does the camera stand still?");
+    const auto* wrench = std::get_if<client::Wrench>(&packet.message);
+    if (wrench == nullptr) continue;
+    print(packet, *wrench);
+    --n_left;
   }
   const auto& n = decoder.counters();
   std::fprintf(stderr, "%llu damaged frames, %llu messages lost\n",
