@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
-from hang import HANG_S
+from hang import Patience
 from playwright.sync_api import Browser, Page, sync_playwright
 from told_sensor import ToldSensor
 
@@ -52,10 +51,10 @@ def state_of(page: Evaluates) -> dict[str, Any]:
     return page.evaluate("JSON.parse(JSON.stringify(window.__state ?? {lines: []}))")  # type: ignore[no-any-return]
 
 
-def wait_for(page: Evaluates, what: str, accept: Callable[[dict[str, Any]], bool], timeout_s: float = HANG_S) -> Any:
+def wait_for(page: Evaluates, what: str, accept: Callable[[dict[str, Any]], bool]) -> Any:
     """The page's state, once it is accepted."""
-    deadline = time.monotonic() + timeout_s
-    while time.monotonic() < deadline:
+    patience = Patience()
+    while not patience.is_over():
         state = state_of(page)
         with contextlib.suppress(KeyError, IndexError, TypeError, ValueError):
             if accept(state):

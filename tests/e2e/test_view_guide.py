@@ -109,7 +109,7 @@ class Collecting(threading.Thread):
 
 
 def shown(page: Page, selector: str, text: str) -> None:
-    wait_for(page, f"{text!r} in {selector}", lambda _: text_of(page, selector) == text, PATIENCE_S)
+    wait_for(page, f"{text!r} in {selector}", lambda _: text_of(page, selector) == text)
 
 
 def text_of(page: Page, selector: str) -> str:
@@ -155,7 +155,7 @@ def test_a_person_is_guided_through_presses_until_they_are_done(
             for word in collecting.words():
                 n_pressed, n_held = n_pressed + word.startswith("press"), n_held + (word == "hold still")
                 if word.startswith("press") and n_pressed == 1:
-                    wait_for(page, "frames", lambda s: sensor_of(s)["wrench"]["validity"][2] == 1, PATIENCE_S)
+                    wait_for(page, "frames", lambda s: sensor_of(s)["wrench"]["validity"][2] == 1)
                     place = word.removeprefix("press at ").split(" with")[0]
                     ring = f"Press in the ring: {place}".replace("-", MINUS).replace("+", "")
                     assert ring in text_of(page, ".guide .where")
@@ -165,7 +165,7 @@ def test_a_person_is_guided_through_presses_until_they_are_done(
                     assert "✓" in row(page, "frames")
                     assert force_now(page) == pytest.approx(0, abs=0.1)
                 elif word == "hold still" and n_held == 1:
-                    wait_for(page, "the right force", lambda _: load_state(page) == "right", PATIENCE_S)
+                    wait_for(page, "the right force", lambda _: load_state(page) == "right")
                     assert "% off the reference" in row(page, "the sensor's force")
             shown(page, ".guide .said", "Complete.")
             assert page.evaluate("document.querySelector('.guide .stop').hidden")
@@ -190,9 +190,9 @@ def test_questions_are_answered_on_the_page_and_stop_keeps_what_is_there(
         collecting = start(desk, monkeypatch, WEIGHT + LIMITS, person, page, *words)
         for word in collecting.words():
             if word.startswith("put 40 g") and not n_taken:
-                wait_for(page, "frames", lambda s: sensor_of(s)["wrench"]["validity"], PATIENCE_S)
+                wait_for(page, "frames", lambda s: sensor_of(s)["wrench"]["validity"])
                 page.keyboard.press("z")  # the page only looks on
-                wait_for(page, "the refusal", lambda s: "its page only looks on" in s["notice"], PATIENCE_S)
+                wait_for(page, "the refusal", lambda s: "its page only looks on" in s["notice"])
             if word.startswith("put"):
                 page.click(".guide .ask button", timeout=PATIENCE_S * 1e3)
             else:
