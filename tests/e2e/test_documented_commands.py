@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
+from hang import HANG_S
 from readme_texts import BLOCK, NOT_COMMANDS, PROGRAM, ROOT, TEXTS, fault_of, name_of, spans, words_of
 
 from ruffini.demo.daemon import find_daemon
@@ -109,7 +110,7 @@ def test_targets_and_variables_of_make_are_there() -> None:
 
 
 def test_options_of_the_daemon_are_there() -> None:
-    usage = subprocess.run([find_daemon(), "--help"], capture_output=True, text=True, timeout=20, check=True).stdout
+    usage = subprocess.run([find_daemon(), "--help"], capture_output=True, text=True, timeout=HANG_S, check=True).stdout
     shown = [s for path in TEXTS for s in (*lines(path.read_text()), *spans(path.read_text()))]
     options = {option for s in shown if s.startswith("ruffinid ") for option in re.findall(r"(?<= )--[a-z-]+", s)}
     assert len(options) > 5

@@ -90,7 +90,7 @@ def port(sensor: Sensor, tmp_path: Path) -> Iterator[str]:
 def test_pictures_are_the_field_that_comes_with_them(plugin: Any, port: str) -> None:
     with camera(plugin, port, width=90, height=70, force_max_n=0.2) as cam:
         cam.connect()
-        pressed = 0
+        began_s, pressed = time.perf_counter(), 0
         for _ in range(60):
             picture, touch = cam.async_read(10_000), cam.touch
             assert (picture.shape, picture.dtype) == ((70, 90, 3), np.uint8)
@@ -107,7 +107,7 @@ def test_pictures_are_the_field_that_comes_with_them(plugin: Any, port: str) -> 
             np.testing.assert_allclose(shown, want, atol=0.51)
             pressed += touch.wrench[2] < -0.1
         assert pressed > 5
-        assert 0 < time.perf_counter() - touch.captured_s < 30
+        assert began_s < touch.captured_s < time.perf_counter()
 
 
 def test_each_picture_is_given_out_once_and_the_latest_again(plugin: Any, port: str) -> None:

@@ -208,7 +208,7 @@ def test_noise_on_the_line_is_counted_and_hello_answers(sensor: Sensor, tmp_path
         os.close(line)
         with Connection(daemon.port) as host:
             host._send("STATUS")
-            status = host._wait_for("STATUS", 3.0, lambda m: True)
+            status = host._wait_for("STATUS", HANG_S, lambda m: True)
     assert status.drops.rx_malformed + status.drops.rx_bad_crc + status.drops.rx_oversize > 1000
 
 

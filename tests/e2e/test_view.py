@@ -15,7 +15,7 @@ import cv2
 import pytest
 from broken_line import BrokenLine
 from browser import colours_in, sensor_of, state_of, step, viewer, wait_for
-from hang import until
+from hang import HANG_S, until
 from playwright.sync_api import Page
 from tiny_twin import Twin
 from told_sensor import ToldSensor, info_of, told_tray
@@ -58,7 +58,7 @@ def pressed(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tu
         with Connection(port) as sensor:
             sensor.flash(twin.calibration)
             sensor.subscribe(wrench=1)
-            for frame, message in sensor.stream(timeout_s=10):
+            for frame, message in sensor.stream(timeout_s=HANG_S):
                 if frame.type == NUMBER["WRENCH"] and message.validity[2] == VALID:  # rest is learned
                     break
         steered.move_to(Pose(MM, 0.5 * MM, 0.6 * MM))

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hang import HANG_S
 from test_bad_input import HOST, run_host
 from tiny_sensor import Sensor, start
 
@@ -47,7 +48,7 @@ def viewing(*options: str, said: list[str], **environment: str) -> Iterator[list
             yield [line["port"] for line in json.load(answer)]
     finally:
         process.send_signal(signal.SIGINT)
-        said.append(process.communicate(timeout=60)[1])
+        said.append(process.communicate(timeout=HANG_S)[1])
 
 
 def test_without_a_choice_all_are_shown(ports: tuple[str, str]) -> None:

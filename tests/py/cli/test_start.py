@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from hang import HANG_S
 
 from ruffini.cli.common import PLAIN_PERIOD_S, PlainProgress
 
@@ -79,7 +80,7 @@ LONG_VERBS = [
 
 def run(code: str, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=HANG_S, check=False
     )
 
 
