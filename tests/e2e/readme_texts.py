@@ -80,15 +80,19 @@ def run_commands(text: str, folder: Path, *, limit_s: float) -> subprocess.Compl
     """As pasted into a shell that stands in the repository, with its programs on the path; results go to `folder`."""
     for name in FOLDERS:
         (folder / name).symlink_to(ROOT / name)
+    return subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", text], cwd=folder, env=environment_in(folder),
+        capture_output=True, text=True, timeout=limit_s, check=False,
+    )  # fmt: skip
+
+
+def environment_in(home: Path) -> dict[str, str]:
+    """Of a command: nothing of the user's, but one cache for all runs."""
     environment = {k: v for k, v in os.environ.items() if k not in ("RUFFINI_PORT", "RUFFINI_SERIAL")}
-    environment |= {
-        "HOME": str(folder),
+    return environment | {
+        "HOME": str(home),
         "XDG_CACHE_HOME": str(cache_folder() / "product"),
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
     }
-    environment["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    return subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", text], cwd=folder, env=environment,
-        capture_output=True, text=True, timeout=limit_s, check=False,
-    )  # fmt: skip

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 import serial
 from command_line import run_ruffini
-from hang import HANG_S, until
+from hang import HANG_S, finished, until
 from mcap.reader import make_reader
 from tiny_sensor import Sensor, start, write_board, write_recording
 
@@ -43,7 +43,7 @@ def run_daemon(
         str(find_daemon()), "--board", str(board), "--camera", camera, "--link", link, "--store", str(store),
         "--lockstep", *options,
     ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
+    done = finished(command)
     return done.returncode, done.stderr
 
 

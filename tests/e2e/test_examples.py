@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hang import HANG_S
+from hang import finished
 from test_bad_input import run_host
 from tiny_sensor import ROOT, Sensor, calibrated_pair, start
 
@@ -19,10 +18,7 @@ EXAMPLES = ROOT / "host" / "examples"
 
 
 def run(name: str, *arguments: str, port: str = "nowhere") -> str:
-    done = subprocess.run(
-        [sys.executable, str(EXAMPLES / name), *arguments], capture_output=True, text=True, timeout=HANG_S, check=False,
-        env={**os.environ, "RUFFINI_PORT": port},
-    )  # fmt: skip
+    done = finished([sys.executable, EXAMPLES / name, *arguments], env={**os.environ, "RUFFINI_PORT": port})
     assert done.returncode == 0, done.stderr
     return done.stdout
 

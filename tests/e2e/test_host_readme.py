@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import re
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from hang import HANG_S
+from hang import finished
 from test_bad_input import run_host
 from tiny_sensor import ROOT, Sensor, calibrated_pair, start
 
@@ -30,10 +29,8 @@ def test_python(sensor: Sensor, tmp_path: Path) -> None:
         with Connection(left.port) as host:
             record_stream(host, tmp_path / "run.mcap", n_frames=10)
         ports = f"LEFT, RIGHT = {left.port!r}, {right.port!r}\n"
-        done = subprocess.run(
-            [sys.executable, "-c", ports + "\n".join(blocks("python"))], capture_output=True, text=True, timeout=HANG_S,
-            check=False, cwd=tmp_path, env={**os.environ, "RUFFINI_PORT": left.port},
-        )  # fmt: skip
+        program = [sys.executable, "-c", ports + "\n".join(blocks("python"))]
+        done = finished(program, cwd=tmp_path, env={**os.environ, "RUFFINI_PORT": left.port})
     assert done.returncode == 0, done.stderr
     assert "left ('tiny',)" in done.stdout
     assert done.stdout.rstrip().splitlines()[-1].startswith("[")

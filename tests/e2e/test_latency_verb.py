@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
-from hang import HANG_S
+from hang import finished
 from test_sensor_clock import SlowLine
 from tiny_sensor import Sensor, start
 
@@ -23,7 +22,7 @@ def latency(port: str, *words: str, code: int = 0) -> str:
         port,
         "latency",
     ]
-    done = subprocess.run([*command, *words], capture_output=True, text=True, timeout=HANG_S, check=False)
+    done = finished([*command, *words])
     assert done.returncode == code, done.stderr
     return done.stdout if code == 0 else done.stderr
 

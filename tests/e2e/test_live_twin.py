@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from daemon_time import DaemonTime
 from hand_twin import HandTwin, listen, settle, stalling_host
-from hang import HANG_S, until
+from hang import HANG_S, finished, until
 from test_bad_input import run_host
 from tiny_twin import Twin
 
@@ -359,7 +359,7 @@ def test_frames_that_are_none_end_the_daemon_with_a_sentence(
         "--link", "pty", "--store", str(tmp_path / "store"),
     ]  # fmt: skip
     with Impostor(tmp_path / "twin", greeting() + frames):
-        done = subprocess.run(command, capture_output=True, timeout=HANG_S, text=True)
+        done = finished(command)
     assert done.returncode == code
     assert words in done.stderr
     assert done.stderr.count("\n") == (1 if code else 0)

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from hang import HANG_S
+from hang import finished
 from tiny_sensor import Sensor, start
 
 from ruffini.device import Connection
@@ -17,7 +17,7 @@ RUFFINI = str(Path(sys.executable).parent / "ruffini")
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([RUFFINI, *arguments], capture_output=True, text=True, timeout=HANG_S, check=False)
+    return finished([RUFFINI, *arguments])
 
 
 def test_a_press_becomes_a_file(sensor: Sensor, tmp_path: Path) -> None:

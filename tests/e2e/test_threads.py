@@ -9,7 +9,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from hang import HANG_S, until
+from hang import finished, until
 from tiny_sensor import Sensor, start, write_board
 
 from ruffini.boards import find_board
@@ -87,7 +87,7 @@ def test_the_doctor_tells_threads_with_the_remedy(sensor: Sensor, tmp_path: Path
         str(find_daemon()), "--doctor", "--board", str(board.folder), "--camera", f"replay:{board.recording}",
         "--link", "pty", "--store", str(tmp_path),
     ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False, preexec_fn=no_real_time)
+    done = finished(command, preexec_fn=no_real_time)
     lines = done.stdout.splitlines()
     at = lines.index(f"warning  threads: frame ordinary on CPU {cpu}")
     assert (

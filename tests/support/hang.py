@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -87,3 +88,9 @@ def guard(what: str) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
         # A guard round this one goes on.
         signal.setitimer(signal.ITIMER_REAL, max(outer_s - (time.monotonic() - was_s), 1.0) if outer_s else 0)
+
+
+def finished(command: Sequence[str | Path], **options: Any) -> subprocess.CompletedProcess[str]:
+    """A command that has ended, with its output; fails where it hangs."""
+    with guard(" ".join(map(str, command))):
+        return subprocess.run(command, capture_output=True, text=True, check=False, **options)

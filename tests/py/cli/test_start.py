@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from hang import HANG_S
+from hang import finished
 
 from ruffini.cli.common import PLAIN_PERIOD_S, PlainProgress
 
@@ -79,9 +79,7 @@ LONG_VERBS = [
 
 
 def run(code: str, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=HANG_S, check=False
-    )
+    return finished([sys.executable, "-c", code, *words])
 
 
 def test_help_imports_nothing_heavy() -> None:
