@@ -18,6 +18,7 @@ from ruffini.calibrate.presses import load_presses
 from ruffini.errors import InputError
 
 BALL_PX = 40.0
+N = 5  # presses of a folder
 SHAPE = (160, 200)
 LAMPS = np.array([[0.5, 0.1], [-0.2, 0.45], [-0.25, -0.5]])  # relative change of B, G, R per unit normal x, y
 Image = npt.NDArray[np.float64]
@@ -110,9 +111,9 @@ GELS = {
 @pytest.mark.parametrize("gel", GELS)
 def test_centres_and_radii_are_found(gel: str) -> None:
     spoil, centre_px, radius_px = GELS[gel]
-    images, reference, truth = presses(8, spoil)
+    images, reference, truth = presses(N, spoil)
     found = [c for c in found_in(images, reference) if isinstance(c, Circle)]
-    assert len(found) == 8
+    assert len(found) == N
     apart = np.array([[f.center_x_px, f.center_y_px, f.radius_px] for f in found]) - truth
     assert np.hypot(apart[:, 0], apart[:, 1]).max() < centre_px, apart
     assert np.abs(apart[:, 2]).max() < radius_px, apart
@@ -122,9 +123,9 @@ def test_centres_and_radii_are_found(gel: str) -> None:
 
 
 def test_radii_are_found_where_the_slope_has_a_kink_at_the_edge() -> None:
-    images, reference, truth = presses(8, power=1)
+    images, reference, truth = presses(N, power=1)
     found = [c for c in found_in(images, reference) if isinstance(c, Circle)]
-    assert len(found) == 8
+    assert len(found) == N
     assert np.abs([f.radius_px - t[2] for f, t in zip(found, truth, strict=True)]).max() < 1.0
 
 
@@ -156,7 +157,7 @@ def test_what_is_no_press_is_skipped_with_its_reason(what: str) -> None:
     import re
 
     spoil, message = BAD[what]
-    images, reference, _ = presses(7)
+    images, reference, _ = presses(N)
     *good, bad = found_in([*images, spoil(reference)], reference)
     assert isinstance(bad, NotFound)
     assert re.search(message, bad.reason), bad.reason
@@ -172,7 +173,7 @@ def test_a_circle_without_a_single_pixel_has_no_second_opinion() -> None:
 
 
 def test_a_press_at_the_border_is_found() -> None:
-    images, reference, _ = presses(7)
+    images, reference, _ = presses(N)
     circle = found_in([*images, picture(110 * light((20, 80, 26)), RANDOM)], reference)[-1]
     assert isinstance(circle, Circle)
     assert np.hypot(circle.center_x_px - 20, circle.center_y_px - 80) < 2.0

@@ -19,6 +19,7 @@ from ruffini.sim.optics.wall import TubeWall
 
 Array = npt.NDArray[np.float64]
 NEWTON_ROUNDS = 30
+SETTLED = 1e-13  # of the focal length: far below what any picture shows
 MAX_ANGLE = 1.7  # radians from the axis: what a fisheye can still see
 
 
@@ -63,6 +64,8 @@ def undistort(lens: LensSettings | None, place: Array) -> Array:
     along_x, along_y = np.array([step, 0.0]), np.array([0.0, step])
     for _ in range(NEWTON_ROUNDS):
         wrong = _radtan(lens, plane) - place
+        if np.abs(wrong).max(initial=0) < SETTLED:
+            break
         jx = (_radtan(lens, plane + along_x) - _radtan(lens, plane - along_x)) / (2 * step)
         jy = (_radtan(lens, plane + along_y) - _radtan(lens, plane - along_y)) / (2 * step)
         det = jx[:, 0] * jy[:, 1] - jx[:, 1] * jy[:, 0]
