@@ -1,6 +1,7 @@
 """The twin's verbs on every board that is no marked pad: whole recordings, and one sentence for what cannot be."""
 
 import json
+import re
 import shutil
 
 import h5py
@@ -16,6 +17,8 @@ COARSER = {  # twin.toml so that every verb takes seconds: replaced, or appended
     "ftouch": ("", "\n[mesh]\ncells_x = 10\ncells_y = 8\n"),
     "stereo-fingertip": ("cells = 18", "cells = 8"),
 }
+SMALLER = {"eltac": 4, "ftouch": 2}  # pictures that are large: their sides are divided by this
+CAMERA_SIZES = r"((?:width_px|height_px|focal_mpx|center_x_mpx|center_y_mpx) = )(\d+)"
 
 
 @pytest.fixture(scope="module", params=sorted(COARSER))
@@ -26,6 +29,10 @@ def board(request, tmp_path_factory):
     text = (folder / "twin.toml").read_text()
     assert old in text
     (folder / "twin.toml").write_text(text.replace(old, new) if old else text + new)
+    share, settings = SMALLER.get(request.param, 1), (folder / "board.toml").read_text()
+    smaller, n = re.subn(CAMERA_SIZES, lambda found: f"{found[1]}{int(found[2]) // share}", settings)
+    assert n == 5
+    (folder / "board.toml").write_text(smaller)
     return folder
 
 
