@@ -29,7 +29,12 @@ def _known() -> dict[str, float]:
 
 
 def pytest_configure() -> None:
-    """Processes in the background of a shell may ignore Ctrl-C, and so does all that they start; tests send it."""
+    """What the product keeps between runs is the tests' own, and not the person's.
+
+    Processes in the background of a shell may ignore Ctrl-C, and so does all that they start; tests send it.
+    """
+    os.environ["RUFFINI_TEST_CACHE"] = str(cache_folder())
+    os.environ["XDG_CACHE_HOME"] = str(cache_folder() / "product")
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

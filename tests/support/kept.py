@@ -1,8 +1,9 @@
 """Results that are expensive and always the same, kept between runs and shared between the workers of one run.
 
 A result is found again by the hash of the function's name, its arguments and the code version: every source of the
-host package, the native library, the interpreter, numpy and scipy. One worker makes it, the others wait for it. A file
-whose checksum does not fit is made again. RUFFINI_TEST_CACHE names the folder; an empty one costs time only.
+host package, the native library, the boards, the interpreter, numpy and scipy; of a function of the tests also all
+sources beside it. One worker makes it, the others wait for it. A file whose checksum does not fit is made again.
+RUFFINI_TEST_CACHE names the folder; an empty one costs time only.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from pydantic import BaseModel
 
 T = TypeVar("T")
 
+ROOT = Path(__file__).parents[2]
 SHA_BYTES = 32
 MAX_BYTES = 2 << 30  # the least recently used go first; an operator with its tables takes up to 210 MB
 
@@ -46,9 +48,18 @@ def code_version() -> bytes:
 
     package = Path(ruffini.__file__).parent
     found = hashlib.sha256(f"{sys.version} {numpy.__version__} {scipy.__version__}".encode())
-    for path in [*sorted(package.rglob("*.py")), native_folder() / "libruffini.so"]:
+    boards = sorted((ROOT / "boards").rglob("*.toml"))
+    for path in [*sorted(package.rglob("*.py")), *boards, native_folder() / "libruffini.so"]:
         found.update(str(path.name).encode() + b"\0" + path.read_bytes())
     return found.digest()
+
+
+@functools.cache
+def _version_of(module: str) -> bytes:
+    """Also of the tests' own sources, where the function is one of theirs."""
+    source = Path(getattr(sys.modules[module], "__file__", None) or sys.executable)
+    beside = sorted(source.parent.glob("*.py")) if ROOT / "tests" in source.parents else []
+    return hashlib.sha256(code_version() + b"".join(path.read_bytes() for path in beside)).digest()
 
 
 class _KeyPickler(pickle.Pickler):
@@ -85,7 +96,7 @@ def kept(make: Callable[..., T], *arguments: Any, **options: Any) -> T:
     name = f"{make.__module__}.{make.__qualname__}"
     said = _key_bytes(name, arguments, sorted(options.items()))
     folder = cache_folder()
-    path = folder / f"{name.rpartition('.')[2]}-{hashlib.sha256(code_version() + said).hexdigest()[:32]}"
+    path = folder / f"{name.rpartition('.')[2]}-{hashlib.sha256(_version_of(make.__module__) + said).hexdigest()[:32]}"
     folder.mkdir(parents=True, exist_ok=True)
     with path.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

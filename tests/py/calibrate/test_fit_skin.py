@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 from test_glowing_skin import BOARD, LENS, PARTS, SCALE, SHIFT_MM, A, B
 
 from ruffini.calibrate.container import CalibrationFile
@@ -71,13 +73,16 @@ def skin_log(path: Path, n: int, seed: int, *, gain: tuple[float, float] = (1.0,
     return path
 
 
-@pytest.fixture(scope="module")
-def points(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def write_points(path: Path) -> Path:
     place = np.column_stack([np.linspace(-120, 120, 30), np.tile(np.linspace(-55, 55, 10), 3)])
     rows = np.column_stack([LENS.project(place), place[:, 1]])
-    path = tmp_path_factory.mktemp("points") / "points.csv"
     path.write_text("x_px,y_px,z_mm\n" + "\n".join(",".join(f"{v:.3f}" for v in row) for row in rows))
     return path
+
+
+@pytest.fixture(scope="module")
+def points(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_points(tmp_path_factory.mktemp("points") / "points.csv")
 
 
 def fit(
@@ -88,9 +93,15 @@ def fit(
     return job, outcomes, *finished(job, outcomes)
 
 
+def fit_of_log(n: int, seed: int, **how) -> tuple[dict[str, Array], dict[str, Outcome], CalibrationFile, list[Gate]]:
+    with tempfile.TemporaryDirectory() as folder:
+        job, *found = fit(skin_log(Path(folder) / "log.h5", n, seed, **how), write_points(Path(folder) / "points.csv"))
+    return job.tensors, *found
+
+
 @pytest.fixture(scope="module")
-def fitted(points: Path, tmp_path_factory: pytest.TempPathFactory):
-    return fit(skin_log(tmp_path_factory.mktemp("log") / "log.h5", 40, seed=3), points)
+def fitted():
+    return kept(fit_of_log, 40, 3)
 
 
 def test_a_log_makes_a_skins_calibration_that_passes(fitted) -> None:
@@ -141,10 +152,8 @@ def test_report_says_how_well_and_shows_it(fitted, tmp_path: Path) -> None:
     assert "288 taxels" in text
 
 
-def test_a_reference_that_is_wrong_by_touch_and_one_that_failed_its_checks_are_refused(
-    points: Path, tmp_path: Path
-) -> None:
-    *_, gates = fit(skin_log(tmp_path / "log.h5", 14, seed=4, gain=(1.0, 1.6), is_unit_ok=False), points)
+def test_a_reference_that_is_wrong_by_touch_and_one_that_failed_its_checks_are_refused() -> None:
+    *_, gates = kept(fit_of_log, 14, 4, gain=(1.0, 1.6), is_unit_ok=False)
     assert {"skin force", "reference unit"} <= {g.name for g in failed(gates)}
 
 
@@ -168,17 +177,17 @@ def test_a_force_that_fails_for_presses_at_the_rim_says_what_to_do() -> None:
 
 
 def test_what_is_missing_is_said(fitted, points: Path, tmp_path: Path) -> None:
-    job, *_, before, _ = fitted
+    tensors, _, before, _ = fitted
     log = skin_log(tmp_path / "log.h5", 2, seed=5)
     with pytest.raises(InputError, match="give --points FILE"):
         fit(log, None)
     with pytest.raises(InputError, match="needs a calibration that has one"):
         fit(log, None, skip=frozenset({"skin"}))
-    kept, outcomes, file, _ = fit(log, None, previous=before, skip=frozenset({"skin"}))
+    job, outcomes, file, _ = fit(log, None, previous=before, skip=frozenset({"skin"}))
     assert outcomes["skin"].state == "kept"
     assert set(file.kinds) == {"skin", "relaxation"}
-    for name, tensor in job.tensors.items():
-        np.testing.assert_array_equal(kept.tensors[name], tensor)
+    for name, tensor in tensors.items():
+        np.testing.assert_array_equal(job.tensors[name], tensor)
     blind = read_log(log)
     for one in blind.touches:
         one.arrays.pop("image"), one.arrays.pop("image_s")

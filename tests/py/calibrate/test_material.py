@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from ruffini.calibrate.reference_log import read_wrench_csv, write_fit
 from ruffini.errors import InputError
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.operators import Noise
+from ruffini.fem.slab import Slab
 from ruffini.reflection import dense_from_blocks, spd_inverse
 
 NOISE = Noise((5e-6, 5e-6, 20e-6))
@@ -33,11 +35,16 @@ def board() -> Board:
     return parse_board(text, "test")
 
 
+@functools.cache
+def compliance_of(slab: Slab) -> np.ndarray:
+    condensed = condense(slab)
+    return dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
+
+
 def touches(board: Board, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Displacement and wrench of n touches of four frames each, with an untouched frame before each."""
     slab = board_slab(board, TRUE)
-    condensed = condense(slab)
-    compliance = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
+    compliance = compliance_of(slab)
     x = np.linspace(-0.5, 0.5, slab.n_x) * slab.size_x_m
     y = np.linspace(-0.5, 0.5, slab.n_y) * slab.size_y_m
     grid = np.stack(np.meshgrid(x, y), axis=-1)

@@ -81,9 +81,14 @@ def points_mm() -> Array:
     return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
 
 
+@pytest.fixture(scope="module")
+def stereo_paths(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return write_pictures(STEREO, tmp_path_factory.mktemp("stereo"))
+
+
 @pytest.mark.parametrize(("views", "kinds"), [(STEREO, "straight,straight"), (MIRRORED, "straight,mirrored")])
-def test_points_come_back(views: list[View], kinds: str, tmp_path: Path) -> None:
-    paths = write_pictures(views, tmp_path)
+def test_points_come_back(views: list[View], kinds: str, stereo_paths: list[Path], tmp_path: Path) -> None:
+    paths = stereo_paths if views is STEREO else write_pictures(views, tmp_path)
     fit = fit_views(paths[:-1], TARGET, BOARD, view_kinds(kinds), is_fisheye=False, on_pad=paths[-1], index=1.0)
     report = fit.report()
     assert [view["kind"] for view in report["views"]] == kinds.split(",")
@@ -166,8 +171,8 @@ def test_tables_that_do_not_fit_are_refused() -> None:
         pipeline.triangulate(np.zeros((1, 2)), np.zeros((1, 2)))
 
 
-def test_what_cannot_be_fitted(tmp_path: Path) -> None:
-    paths = write_pictures(STEREO, tmp_path)
+def test_what_cannot_be_fitted(stereo_paths: list[Path], tmp_path: Path) -> None:
+    paths = stereo_paths
     more = {"is_fisheye": False, "on_pad": paths[-1], "index": 1.0}
     with pytest.raises(InputError, match="straight first"):
         view_kinds("mirrored,straight")
@@ -184,8 +189,8 @@ def test_what_cannot_be_fitted(tmp_path: Path) -> None:
         fit_views(paths[:-1], TARGET, BOARD, ["straight"] * 2, **{**more, "on_pad": tmp_path / "half.png"})
 
 
-def test_the_verb(tmp_path: Path) -> None:
-    paths, out = write_pictures(STEREO, tmp_path), tmp_path / "views.safetensors"
+def test_the_verb(stereo_paths: list[Path], tmp_path: Path) -> None:
+    paths, out = stereo_paths, tmp_path / "views.safetensors"
     words = ["cal", "camera", *map(str, paths[:-1]), "--board", str(BOARD.folder), "--target", "chessboard"]
     words += ["--size", "9x6", "--pitch-mm", str(PITCH_MM), "--views", "straight,straight", "--out", str(out)]
     refused = CliRunner().invoke(app, words)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
@@ -67,6 +69,10 @@ def recordings(
     return out
 
 
+def fitted(runs: list[FeatureRun], **how: Any) -> Fit:
+    return kept(fit_wrench_map, runs, **how)
+
+
 def error_on_new(fit: Fit, **made: float) -> Array:
     """RMSE of each axis over its range, on recordings that nothing was fitted on."""
     frames = frames_of(recordings(40, **made)[30:], LAG_S)  # type: ignore[arg-type]
@@ -74,7 +80,7 @@ def error_on_new(fit: Fit, **made: float) -> Array:
 
 
 def test_k_and_the_lag_of_a_linear_sensor() -> None:
-    fit = fit_wrench_map(recordings(30))
+    fit = fitted(recordings(30))
     assert fit.lag_s == pytest.approx(LAG_S, abs=0.004)
     assert fit.terms == {"temperature": [], "quadratic": [], "relaxation": []}
     assert fit.report()["temperature"] == "not measured in every recording"
@@ -83,14 +89,14 @@ def test_k_and_the_lag_of_a_linear_sensor() -> None:
 
 
 def test_quadratic_terms_stay_where_they_pay() -> None:
-    fit = fit_wrench_map(recordings(30, bend=0.08))
+    fit = fitted(recordings(30, bend=0.08))
     assert fit.terms["quadratic"]
     assert (fit.rmse < 0.7 * fit.linear_rmse).any()
     assert (error_on_new(fit, bend=0.08) < 0.02).all()
 
 
 def test_what_the_structure_forgets_is_found() -> None:
-    fit = fit_wrench_map(recordings(30, forgets=0.2))
+    fit = fitted(recordings(30, forgets=0.2))
     assert set(fit.terms["relaxation"]) == set(AXES)
     assert fit.map.relax[0] == pytest.approx(np.full(6, 0.2), abs=0.05)
     assert (error_on_new(fit, forgets=0.2) < 0.01).all()
@@ -115,7 +121,7 @@ def warmed(n: int, *, sensitive: float, degrees_k: float = 12.0) -> list[Feature
 
 def test_what_temperature_does_is_found() -> None:
     """The linear map alone errs by what 12 K do; on new recordings the corrected one hardly does."""
-    fit = fit_wrench_map(warmed(40, sensitive=1.0)[:30])
+    fit = fitted(warmed(40, sensitive=1.0)[:30])
     assert {"Fx", "Fz", "Tz"} <= set(fit.terms["temperature"])
     assert fit.map.warmth is not None
     assert fit.map.warmth.gain[[0, 2]] == pytest.approx(GAIN_PER_K[[0, 2]], abs=5e-4)
@@ -133,11 +139,11 @@ def test_what_temperature_does_is_found() -> None:
 
 
 def test_temperature_that_does_nothing_is_left_out() -> None:
-    fit = fit_wrench_map(warmed(30, sensitive=0.0))
+    fit = fitted(warmed(30, sensitive=0.0))
     assert fit.terms["temperature"] == []
     assert fit.report()["temperature"] == "lessens no error on what was not fitted"
     assert "wrench.warm_mc" not in tables(fit, Features("targets", N_FEATURES))[0]
-    fit = fit_wrench_map(warmed(30, sensitive=1.0, degrees_k=1.0))
+    fit = fitted(warmed(30, sensitive=1.0, degrees_k=1.0))
     assert fit.map.warmth is None
     assert str(fit.report()["temperature"]).startswith("it varies by")
 
@@ -148,7 +154,7 @@ def test_an_axis_that_nobody_loads_is_not_measured() -> None:
     for k, run in enumerate(runs):
         other = np.random.default_rng(k).normal(scale=0.5, size=len(run.reference))
         runs[k] = replace(run, reference=run.reference + np.outer(other, np.eye(6)[5]))
-    fit = fit_wrench_map(runs)
+    fit = fitted(runs)
     assert fit.report()["not_measured"] == ["Tz"]
     kind, _ = tables(fit, Features("targets", N_FEATURES))
     assert kind["wrench.full_scale"][5] == 0
@@ -160,7 +166,7 @@ def test_an_axis_that_only_one_recording_loads_is_measured() -> None:
     runs = recordings(17)
     for k in range(16):
         runs[k] = recordings(17, silent=5)[k]
-    fit = fit_wrench_map(runs)
+    fit = fitted(runs)
     assert fit.r2[5] < 0.9
     assert not fit.report()["not_measured"]
     assert error_on_new(fit)[5] < 0.01
@@ -170,14 +176,14 @@ def test_wrong_units_and_too_little_are_refused() -> None:
     runs = recordings(10)
     thousand = [replace(r, reference=r.reference * np.array([1, 1, 1, 1e3, 1e3, 1e3])) for r in runs]
     with pytest.raises(InputError, match="give them in N mm"):
-        fit_wrench_map(thousand)
+        fitted(thousand)
     with pytest.raises(InputError, match="only 1 recordings"):
-        fit_wrench_map(recordings(1))
+        fitted(recordings(1))
     with pytest.raises(InputError, match="recording, touch, block"):
-        fit_wrench_map(runs, holdout="frame")
+        fitted(runs, holdout="frame")
     late = [replace(r, reference_s=r.reference_s + 0.3) for r in runs]
     with pytest.raises(InputError, match="off the pictures"):
-        fit_wrench_map(late)
+        fitted(late)
 
 
 def test_a_reference_of_something_else_is_refused() -> None:
@@ -187,7 +193,7 @@ def test_a_reference_of_something_else_is_refused() -> None:
         noise = np.random.default_rng(7 + k).normal(size=(len(run.time_s), 40))
         runs[k] = replace(run, features=noise + 0.2 * run.at(LAG_S)[:, :1])
     with pytest.raises(InputError, match="the features tell nothing of the reference"):
-        fit_wrench_map(runs)
+        fitted(runs)
 
 
 def test_touches_of_one_recording_can_be_held_out() -> None:
@@ -197,14 +203,14 @@ def test_touches_of_one_recording_can_be_held_out() -> None:
         np.concatenate([r.is_good for r in runs]), np.arange(sum(len(r.time_s) for r in runs)) / RATE_HZ,
         np.concatenate([r.reference for r in runs]),
     )  # fmt: skip
-    assert (fit_wrench_map([joined], holdout="touch").r2 > 0.99).all()
+    assert (fitted([joined], holdout="touch").r2 > 0.99).all()
     with pytest.raises(InputError, match="only 1 recordings"):
-        fit_wrench_map([joined])
+        fitted([joined])
 
 
 def test_the_covariance_covers_what_it_errs_by() -> None:
     """Within three stated sigmas, 99 % of the frames of every axis, and not many times too wide."""
-    fit = fit_wrench_map(recordings(30, bend=0.05))
+    fit = fitted(recordings(30, bend=0.05))
     frames = frames_of(recordings(40, bend=0.05)[30:], LAG_S)
     error = fit.map.predicted(frames) - frames.wrench
     size = np.sqrt((fit.map.scaled(frames.features @ fit.map.gain.T) ** 2).sum(axis=1))
@@ -234,7 +240,7 @@ def test_the_geometry_gives_pairs_that_no_load_of_the_log_has() -> None:
     together = frames_of([recording(100 + k, rng.uniform(-1, 1, 6) * FULL) for k in range(20)], 0.0)
     errors = {}
     for name, bend in (("free", None), ("geometry", geometry.second_order)):
-        found = fit_wrench_map(single, bend=bend).map
+        found = fitted(single, bend=bend).map
         errors[name] = np.sqrt(((found.predicted(together) - together.wrench) ** 2).mean(axis=0)) / FULL
     assert (errors["geometry"] < 0.03).all()
     assert errors["geometry"].sum() < 0.7 * errors["free"].sum(), errors
@@ -252,7 +258,7 @@ def test_many_markers_are_features_too() -> None:
         noisy = wrench + rng.normal(size=wrench.shape) * 0.05 * FULL
         return FeatureRun(f"pad/{k}", time_s, features, np.ones(len(wrench), bool), time_s, noisy * TO_N_M)
 
-    fit = fit_wrench_map([recording(k) for k in range(25)])
+    fit = fitted([recording(k) for k in range(25)])
     new = frames_of([replace(recording(k), reference=loads(k) * TO_N_M) for k in range(100, 110)], 0.0)
     assert (np.sqrt(((fit.map.predicted(new) - new.wrench) ** 2).mean(axis=0)) / FULL < 0.02).all()
     assert not fit.leaning
@@ -280,11 +286,11 @@ def few_loads_for_many_markers(truth: np.random.Generator) -> tuple[list[Feature
 def test_what_the_mechanics_says_is_leaned_on_where_it_helps() -> None:
     truth = np.random.default_rng(6)
     runs, known = few_loads_for_many_markers(truth)
-    plain, leaning = fit_wrench_map(runs), fit_wrench_map(runs, prior=known)
+    plain, leaning = fitted(runs), fitted(runs, prior=known)
     assert leaning.leaning == list(AXES)
     assert (leaning.rmse < 0.5 * plain.rmse).all()
     assert (leaning.rmse / FULL < 0.02).all()
-    nonsense = fit_wrench_map(runs, prior=truth.normal(size=known.shape) * 1e-9)
+    nonsense = fitted(runs, prior=truth.normal(size=known.shape) * 1e-9)
     assert (nonsense.rmse < 1.01 * plain.rmse).all()
 
 
@@ -293,7 +299,7 @@ def test_each_axis_leans_on_the_mechanics_by_itself() -> None:
     truth = np.random.default_rng(6)
     runs, known = few_loads_for_many_markers(truth)
     known[2] = truth.normal(size=120) * np.abs(known[2]).mean()
-    plain, leaning = fit_wrench_map(runs), fit_wrench_map(runs, prior=known)
+    plain, leaning = fitted(runs), fitted(runs, prior=known)
     assert leaning.leaning == ["Fx", "Fy", "Tx", "Ty", "Tz"]
     others = [0, 1, 3, 4, 5]
     assert (leaning.rmse[others] < 0.5 * plain.rmse[others]).all()

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import shutil
 import subprocess
+import tarfile
+import tempfile
 from pathlib import Path
 
 import pytest
+from kept import kept
 
 ROOT = Path(__file__).parents[3]
 # WRENCH of 1 mN that presses, from proto/vectors: "wrench and how sure it is".
@@ -46,15 +50,29 @@ def run(*command: str | Path, cwd: Path, **more: str) -> str:
     return done.stdout
 
 
+def installed(sources: Path, commands: str, tools: str) -> bytes:
+    """What `commands` install from a copy of the sources alone, as a tar; `tools`: versions of what they use."""
+    with tempfile.TemporaryDirectory() as folder, io.BytesIO() as out:
+        root = Path(folder)
+        shutil.copytree(sources, root / "host" / "cpp")
+        run("bash", "-euc", commands, cwd=root, CXXFLAGS="-Werror")
+        with tarfile.open(fileobj=out, mode="w") as archive:
+            archive.add(root / "out" / "prefix", ".")
+        return out.getvalue()
+
+
 @pytest.fixture(scope="module")
 def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of host/cpp alone, built and installed by the commands of its README, word for word."""
-    root = tmp_path_factory.mktemp("package")
-    shutil.copytree(ROOT / "host" / "cpp", root / "host" / "cpp")
+    """host/cpp, built and installed by the commands of its README, word for word, then moved as whoever packs it does.
+
+    Built anew whenever a source, a command or a tool is another one.
+    """
+    moved = tmp_path_factory.mktemp("package") / "moved"
     (commands,) = re.findall(r"```sh\n(.*?)```", (ROOT / "host" / "cpp" / "README.md").read_text(), re.S)
-    run("bash", "-euc", commands, cwd=root, CXXFLAGS="-Werror")
-    (root / "out" / "prefix").rename(root / "moved")  # whoever packs it for elsewhere moves it
-    return root / "moved"
+    tools = "".join(run(tool, "--version", cwd=ROOT) for tool in ("c++", "cmake"))
+    with tarfile.open(fileobj=io.BytesIO(kept(installed, ROOT / "host" / "cpp", commands, tools))) as archive:
+        archive.extractall(moved)
+    return moved
 
 
 def says(program: Path) -> str:
