@@ -19,6 +19,7 @@ from kept import cache_folder
 
 COSTS = "module_seconds.json"
 _seconds: dict[str, float] = defaultdict(float)
+_processor_s: list[float] = []  # of each worker with the processes that it started; a busy computer changes it little
 
 
 def _known() -> dict[str, float]:
@@ -69,8 +70,20 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
         print(f"\n{report.when} failed: {report.nodeid}", file=sys.stderr, flush=True)
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    _processor_s.append(getattr(node, "workeroutput", {}).get("processor_s", 0.0))
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    terminalreporter.write_line(f"{sum(os.times()[:4]) + sum(_processor_s):.0f} s of processor time")
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    if hasattr(session.config, "workerinput") or not _seconds:
+    if hasattr(session.config, "workerinput"):
+        session.config.workeroutput["processor_s"] = sum(os.times()[:4])
+        return
+    if not _seconds:
         return
     folder = cache_folder()
     try:
