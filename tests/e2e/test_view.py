@@ -218,7 +218,7 @@ def test_a_page_that_is_slow_gets_the_newest_and_no_backlog(page: Page) -> None:
         newest = sensor.send(100)
         page.evaluate("window.__release()")
         state = wait_for(page, "the newest", lambda s: sensor_of(s)["wrench"]["frame"] == newest)
-    assert state["lines"][0]["health"]["notShown"] > 0
+        wait_for(page, "their number", lambda s: s["lines"][0]["health"]["notShown"] > 0)  # told once a second
     assert state["lines"][0]["nDrawn"] - n_before < 50
 
 
