@@ -55,6 +55,14 @@ def test_other_code_makes_its_own(folder: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(module, "code_version", lambda: b"other")
     assert kept(square, 7.0) == 49
     assert calls == [7]
+    monkeypatch.setattr(module, "_sources_beside", lambda _: b"other")  # the function is one of a test's
+    assert kept(square, 7.0) == 49
+    assert calls == [7, 7]
+
+
+def test_sources_beside_a_function_of_a_test_count_and_no_library_s() -> None:
+    assert module._sources_beside(__name__) != module._sources_beside("ruffini.boards")
+    assert module._sources_beside("ruffini.boards") == module._sources_beside("builtins")
 
 
 def test_the_oldest_go(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

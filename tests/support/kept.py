@@ -55,11 +55,11 @@ def code_version() -> bytes:
 
 
 @functools.cache
-def _version_of(module: str) -> bytes:
-    """Also of the tests' own sources, where the function is one of theirs."""
+def _sources_beside(module: str) -> bytes:
+    """Hash of the sources in a module's folder, where it is one of the tests'."""
     source = Path(getattr(sys.modules[module], "__file__", None) or sys.executable)
     beside = sorted(source.parent.glob("*.py")) if ROOT / "tests" in source.parents else []
-    return hashlib.sha256(code_version() + b"".join(path.read_bytes() for path in beside)).digest()
+    return hashlib.sha256(b"".join(path.read_bytes() for path in beside)).digest()
 
 
 class _KeyPickler(pickle.Pickler):
@@ -96,7 +96,8 @@ def kept(make: Callable[..., T], *arguments: Any, **options: Any) -> T:
     name = f"{make.__module__}.{make.__qualname__}"
     said = _key_bytes(name, arguments, sorted(options.items()))
     folder = cache_folder()
-    path = folder / f"{name.rpartition('.')[2]}-{hashlib.sha256(_version_of(make.__module__) + said).hexdigest()[:32]}"
+    key = hashlib.sha256(code_version() + _sources_beside(make.__module__) + said).hexdigest()[:32]
+    path = folder / f"{name.rpartition('.')[2]}-{key}"
     folder.mkdir(parents=True, exist_ok=True)
     with path.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
