@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from kept import kept
 from test_material import TRUE, board, touches  # noqa: F401
 
 from ruffini.boards import Board, find_board
@@ -16,10 +19,11 @@ from ruffini.calibrate import contact_noise, container
 from ruffini.calibrate.fit import finished, run_stages
 from ruffini.calibrate.fleet import fit_fleet, outliers_of
 from ruffini.calibrate.gates import MAX_ERROR, Gate, failed, gates_in, gates_of_stages
-from ruffini.calibrate.operator import Material, board_slab
+from ruffini.calibrate.material import fit_material
+from ruffini.calibrate.operator import Material, board_slab, make_operator
 from ruffini.calibrate.report import report_of
 from ruffini.calibrate.report_page import write_page
-from ruffini.calibrate.stages import STAGES, relaxation, threshold
+from ruffini.calibrate.stages import STAGES, material, operator, relaxation, threshold
 from ruffini.calibrate.stages.job import HELD_S, Job, Outcome, left_after, material_of
 from ruffini.calibrate.touch_log import Series, TouchLog, read_touch_log
 from ruffini.errors import InputError
@@ -28,6 +32,19 @@ from ruffini.rig.log_file import Log, TouchRecord, write_log
 N_FRAMES = 12
 BOARD_FACTS = {"board": "sample", "rig": "sim"}
 NOISE = np.array([1e-3] * 3 + [5e-6] * 3)  # of a frame, N and N m
+
+
+@pytest.fixture(scope="module", autouse=True)
+def kept_steps() -> Iterator[None]:
+    """What takes long in the stages is kept between runs."""
+
+    def without_progress(make: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *arguments, progress, **how: kept(make, *arguments, **how)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(material, "fit_material", without_progress(fit_material))
+        patch.setattr(operator, "make_operator", without_progress(make_operator))
+        yield
 
 
 def rig_log(board: Board, path: Path, n: int, seed: int, *, gain: float = 1.0) -> Path:  # noqa: F811

@@ -8,13 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kept import kept
 
 from ruffini.boards import Board, find_board, parse_board
-from ruffini.calibrate.material import (
-    fit_material,
-    log_from_frames,
-    read_material,
-)
+from ruffini.calibrate.material import MaterialFit, fit_material, log_from_frames, read_material
+from ruffini.calibrate.material_model import MaterialLog
 from ruffini.calibrate.operator import Material, board_slab
 from ruffini.calibrate.prior import Prior, board_prior, fleet_prior, next_gel_prior, read_prior, write_prior
 from ruffini.calibrate.reference_log import read_wrench_csv, write_fit
@@ -64,9 +62,13 @@ def touches(board: Board, n: int, rng: np.random.Generator) -> tuple[np.ndarray,
     return np.array(displacement), np.array(wrench)
 
 
+def fitted(board: Board, log: MaterialLog, **how: Prior) -> MaterialFit:
+    return kept(fit_material, board, log, NOISE, **how)
+
+
 def test_finds_the_pad_and_its_uncertainty(board: Board) -> None:
     u, wrench = touches(board, 12, np.random.default_rng(4))
-    fit = fit_material(board, log_from_frames(u, wrench), NOISE)
+    fit = fitted(board, log_from_frames(u, wrench))
     assert fit.n_touches == 12
     assert (np.abs(fit.values / TRUE - 1) < [0.03, 0.02, 0.03]).all()
     assert (np.abs(fit.values - TRUE) < 3 * fit.interval + [3000, 0.005, 5e-5]).all()
@@ -77,7 +79,7 @@ def test_finds_the_pad_and_its_uncertainty(board: Board) -> None:
 def test_the_shape_of_the_displacement_tells_ratio_and_thickness_apart(board: Board) -> None:
     """Five touches, whose wrenches alone leave 1.2 % of nu and 3.2 % of the thickness open."""
     u, wrench = touches(board, 5, np.random.default_rng(10))
-    fit = fit_material(board, log_from_frames(u, wrench), NOISE)
+    fit = fitted(board, log_from_frames(u, wrench))
     assert (np.abs(fit.values / TRUE - 1) < [0.03, 0.01, 0.015]).all()
 
 
@@ -85,7 +87,7 @@ def test_a_reference_of_one_axis_is_enough(board: Board) -> None:
     """A kitchen scale under the pad: what it does not measure is NaN."""
     u, wrench = touches(board, 12, np.random.default_rng(4))
     wrench[:, [0, 1, 3, 4, 5]] = np.nan
-    fit = fit_material(board, log_from_frames(u, wrench), NOISE)
+    fit = fitted(board, log_from_frames(u, wrench))
     assert (np.abs(fit.values / TRUE - 1) < [0.05, 0.02, 0.04]).all()
     report = fit.report()
     assert report["rmse_after_n_nm"][0] is None
@@ -103,8 +105,8 @@ def test_two_presses_are_enough_where_the_pad_before_is_known(board: Board) -> N
     u, wrench = touches(board, 2, np.random.default_rng(12))
     log = log_from_frames(u, wrench, at_least=1)
     before = Material(TRUE.modulus_pa * 1.03, TRUE.poisson * 0.997, TRUE.thickness_m * 0.99)
-    informed = fit_material(board, log, NOISE, prior=next_gel_prior(before))
-    alone = fit_material(board, log, NOISE)
+    informed = fitted(board, log, prior=next_gel_prior(before))
+    alone = fitted(board, log)
     assert (np.abs(informed.values / TRUE - 1) < [0.03, 0.01, 0.02]).all()
     assert (informed.interval < alone.interval).all()
     assert np.abs(informed.values / TRUE - 1).max() < np.abs(np.array(before) / TRUE - 1).max()
@@ -152,19 +154,19 @@ def test_a_board_near_incompressibility_can_be_fitted(board: Board) -> None:
     """Three Poisson's ratios to interpolate between, also where the board's own is the highest there is."""
     u, wrench = touches(board, 6, np.random.default_rng(6))
     soft = parse_board(board.text.replace("poisson_1e4 = 4800", "poisson_1e4 = 4999"), "test")
-    fit = fit_material(soft, log_from_frames(u, wrench), NOISE)
+    fit = fitted(soft, log_from_frames(u, wrench))
     assert np.isfinite(fit.values).all()
     assert np.isfinite(fit.after).all()
     stiff = parse_board(board.text.replace("poisson_1e4 = 4800", "poisson_1e4 = 0"), "test")
     with pytest.raises(InputError, match="Poisson's ratio 0 of the board"):
-        fit_material(stiff, log_from_frames(u, wrench), NOISE)
+        fitted(stiff, log_from_frames(u, wrench))
 
 
 def test_a_log_that_contradicts_itself_is_refused(board: Board) -> None:
     rng = np.random.default_rng(2)
     u, wrench = touches(board, 6, rng)
     with pytest.raises(InputError, match="does not fit any pad"):
-        fit_material(board, log_from_frames(u, wrench * rng.uniform(0.01, 6, (len(wrench), 1))), NOISE)
+        fitted(board, log_from_frames(u, wrench * rng.uniform(0.01, 6, (len(wrench), 1))))
 
 
 def test_nan_and_other_lengths_are_refused(board: Board) -> None:
@@ -178,7 +180,7 @@ def test_nan_and_other_lengths_are_refused(board: Board) -> None:
 
 def test_file_round_trip_and_refusals(board: Board, tmp_path: Path) -> None:
     u, wrench = touches(board, 6, np.random.default_rng(8))
-    fit = fit_material(board, log_from_frames(u, wrench), NOISE)
+    fit = fitted(board, log_from_frames(u, wrench))
     path = tmp_path / "material.json"
     write_fit(path, board, fit.report())
     assert read_material(path, board) == fit.material

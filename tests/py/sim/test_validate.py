@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from kept import kept
 from typer.testing import CliRunner
 
 from ruffini.cli.sim import app
@@ -18,7 +19,7 @@ from ruffini.sim.validation.rows import Outcome, Row
 
 @pytest.fixture(scope="module")
 def outcome():
-    return table.validate(quick=True)
+    return kept(table.validate, quick=True)
 
 
 def test_every_number_is_within_its_tolerance(outcome):
