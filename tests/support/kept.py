@@ -24,7 +24,7 @@ from pydantic import BaseModel
 
 T = TypeVar("T")
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).resolve().parents[2]
 SHA_BYTES = 32
 MAX_BYTES = 2 << 30  # the least recently used go first; an operator with its tables takes up to 210 MB
 
@@ -57,7 +57,7 @@ def code_version() -> bytes:
 @functools.cache
 def _sources_beside(module: str) -> bytes:
     """Hash of the sources in a module's folder, where it is one of the tests'."""
-    source = Path(getattr(sys.modules[module], "__file__", None) or sys.executable)
+    source = Path(getattr(sys.modules[module], "__file__", None) or sys.executable).resolve()
     beside = sorted(source.parent.glob("*.py")) if ROOT / "tests" in source.parents else []
     return hashlib.sha256(b"".join(path.read_bytes() for path in beside)).digest()
 
