@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 
 from ruffini.boards import find_board
 from ruffini.calibrate.skin_gain import fit_gain, no_gain
@@ -75,14 +76,14 @@ def test_force_and_place_of_presses_that_were_not_fitted() -> None:
     place = np.column_stack([rng.uniform(-110, 110, 60), rng.uniform(-54, 54, 60)])
     presses = [press(p, rng.uniform(0.7, 1.3), rng, layout) for p in place]
     fitted, judged = presses[:48], presses[48:]
-    force, places = fit_force(fitted, layout), fit_places(fitted, layout)
+    force, places = kept(fit_force, fitted, layout), kept(fit_places, fitted, layout)
     load, off, away = errors(judged, layout, force, places)
     assert len(load) > 60
     assert np.mean(np.abs(off / load)[load > 1.5]) < 0.04
     assert np.mean(away) < 1.2
     moved = places.places_mm - layout.places_mm
     assert np.abs(moved.mean(axis=0) - SHIFT_MM).max() < 0.35
-    reach = fit_reach(fitted, layout, places)
+    reach = kept(fit_reach, fitted, layout, places)
     assert reach[0, 0] == 1.0
     assert (np.diff(reach, axis=0) <= 0).all()
     assert unexplained(judged, layout, places, reach) < 0.5
