@@ -151,8 +151,10 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
 
 Result<BoardSettings> load_board(const std::string& folder) {
   const std::filesystem::path path = std::filesystem::path(folder) / "board.toml";
-  std::ifstream stream(path, std::ios::binary);
-  if (!stream) {
+  std::error_code failed;  // a pipe would be waited for
+  std::ifstream stream;
+  if (std::filesystem::is_regular_file(path, failed)) stream.open(path, std::ios::binary);
+  if (!stream.is_open()) {
     return Error{ErrorKind::kUnavailable, path.string() + ": cannot be read: is this a board folder?"};
   }
   std::ostringstream text;

@@ -40,7 +40,14 @@ class FolderPictures : public Pictures {
   explicit FolderPictures(std::vector<fs::path> files) : files_(std::move(files)) {}
   cv::Mat next() override {
     if (at_ == files_.size()) return {};
-    cv::Mat picture = cv::imread(files_[at_++].string(), cv::IMREAD_COLOR);
+    const fs::path& file = files_[at_++];
+    std::error_code failed;
+    cv::Mat picture;
+    try {  // OpenCV throws on what it finds too large, on a lack of memory, and waits for a pipe
+      if (fs::is_regular_file(file, failed)) picture = cv::imread(file.string(), cv::IMREAD_COLOR);
+    } catch (const std::exception&) {
+      picture.release();
+    }
     return picture.empty() ? cv::Mat(kUnreadable, CV_8UC3) : picture;
   }
   void rewind() override { at_ = 0; }
@@ -52,12 +59,18 @@ class FolderPictures : public Pictures {
 
 class VideoPictures : public Pictures {
  public:
-  explicit VideoPictures(std::string path) : path_(std::move(path)), video_(path_) {}
+  explicit VideoPictures(std::string path) : path_(std::move(path)) {
+    if (std::error_code failed; fs::is_regular_file(path_, failed)) video_.open(path_);
+  }
   [[nodiscard]] bool is_open() const { return video_.isOpened(); }
   [[nodiscard]] double rate_hz() const { return video_.get(cv::CAP_PROP_FPS); }
   cv::Mat next() override {
     cv::Mat picture;
-    video_.read(picture);
+    try {
+      video_.read(picture);
+    } catch (const std::exception&) {
+      picture = cv::Mat(kUnreadable, CV_8UC3);
+    }
     return picture;
   }
   void rewind() override { video_.open(path_); }

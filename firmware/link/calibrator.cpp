@@ -6,6 +6,9 @@
 namespace ruffini {
 namespace {
 
+constexpr size_t kStored = 2;     // files of the store that a start tries
+constexpr size_t kMostTried = 8;  // by an undo
+
 uint32_t first_four_bytes(const std::string& hash) {
   uint32_t id = 0;
   for (size_t i = 0; i < 4; ++i) id = id << 8 | static_cast<uint8_t>(hash[i]);
@@ -99,14 +102,16 @@ Calibrator::Prepared Calibrator::prepare_stored() {
     const char* name;
     Result<std::vector<uint8_t>> bytes;
   };
-  const std::array<Source, 3> sources = {{{"stored calibration", store_.load()},
-                                          {"the one before it", store_.load_previous()},
-                                          {"the factory's", factory_}}};
-  for (const Source& source : sources) {
+  const std::array<Source, 3> sources = {
+      {{"stored calibration", store_.load(0)}, {"the one before it", store_.load(1)}, {"the factory's", factory_}}};
+  nth_in_force_ = 0;
+  for (size_t i = 0; i < sources.size(); ++i) {
+    const Source& source = sources[i];
     if (source.bytes && source.bytes.value().empty()) continue;
     auto prepared = source.bytes ? prepare(source.bytes.value()) : Result<Prepared>(source.bytes.error());
     if (prepared) {
       if (!problem_.empty()) problem_ += std::string("; ") + source.name + " is in force";
+      nth_in_force_ = i < kStored ? i : 0;
       return std::move(prepared).value();
     }
     problem_ += std::string(problem_.empty() ? "" : "; ") + source.name + " not used: " + prepared.error().message;
@@ -162,7 +167,10 @@ Status Calibrator::commit() {
     return follows;
   }
   Status stored = store_.stage(upload_);
-  if (stored && rule_.n_good == 0) stored = store_.confirm(manifest.epoch);
+  if (stored && rule_.n_good == 0) {
+    stored = store_.confirm(manifest.epoch, nth_in_force_);
+    if (stored) nth_in_force_ = 0;
+  }
   if (!stored) return stored;
   abort();
   problem_.clear();
@@ -192,9 +200,12 @@ std::optional<TrialEnd> Calibrator::poll() {
 }
 
 TrialEnd Calibrator::confirm() {
-  const Status confirmed = store_.confirm(active_.manifest.epoch);
+  const Status confirmed = store_.confirm(active_.manifest.epoch, nth_in_force_);
   is_on_trial_ = false;
-  if (confirmed) return {true, "the new calibration is in force"};
+  if (confirmed) {
+    nth_in_force_ = 0;
+    return {true, "the new calibration is in force"};
+  }
   problem_ = confirmed.error().message;
   if (store_.reject()) {  // the medium still has it on trial
     const std::string why = problem_;
@@ -217,16 +228,24 @@ Status Calibrator::undo() {
     revert();
     return Unit{};
   }
-  const auto before = store_.load_previous();
-  if (!before) return before.error();
-  if (before.value().empty()) {
-    return Error{ErrorKind::kBadInput, "no calibration was in force before this one: flash the file that is wanted"};
+  // The newest of those before it that can be used: a power cut may have left a spoilt one between them.
+  std::optional<Error> why;
+  for (size_t n = nth_in_force_ + 1;; ++n) {
+    const auto before = store_.load(n);
+    if (before && before.value().empty()) break;
+    auto prepared = before ? prepare(before.value()) : Result<Prepared>(before.error());
+    if (prepared) {
+      Status undone = store_.undo(n);
+      if (!undone) return undone;
+      nth_in_force_ = 0;
+      put_in_force(std::move(prepared).value());
+      return undone;
+    }
+    if (!why) why = prepared.error();
+    if (n > kMostTried) break;  // the medium cannot even be listed
   }
-  auto prepared = prepare(before.value());
-  if (!prepared) return prepared.error();
-  Status undone = store_.undo();
-  if (undone) put_in_force(std::move(prepared).value());
-  return undone;
+  if (why) return *why;
+  return Error{ErrorKind::kBadInput, "no calibration was in force before this one: flash the file that is wanted"};
 }
 
 void Calibrator::put_in_force(Prepared prepared) {

@@ -101,6 +101,7 @@ class Calibrator {
   KeyRing keys_;
   std::vector<uint8_t> factory_;
   bool is_on_trial_ = false;
+  size_t nth_in_force_ = 0;  // of the stored files, newest first: an undo goes back to it while another is on trial
   std::string problem_;
   ClockFunction clock_ = nullptr;
   ActiveCalibration active_;

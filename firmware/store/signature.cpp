@@ -5,12 +5,14 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <iomanip>
 #include <optional>
 
 namespace ruffini {
 namespace {
 
 using PublicKey = std::array<uint8_t, crypto_sign_PUBLICKEYBYTES>;
+constexpr int kMostDigits = 2 * crypto_sign_PUBLICKEYBYTES + 1;  // read of a file: one more than a key has
 
 // Key pair of the published seed SHA-256("ruffini development key").
 PublicKey development_key() {
@@ -61,9 +63,9 @@ Result<KeyRing> KeyRing::load(const std::string& folder, bool accepts_developmen
   std::error_code failed;
   for (const auto& entry : std::filesystem::directory_iterator(folder, failed)) {
     if (entry.path().extension() != ".pub") continue;
-    std::ifstream file(entry.path());
     std::string digits;
-    file >> digits;
+    std::error_code unknown;  // a pipe would be waited for
+    if (entry.is_regular_file(unknown)) std::ifstream(entry.path()) >> std::setw(kMostDigits) >> digits;
     const std::optional<PublicKey> key = parse_key(digits);
     if (!key) {
       return Error{ErrorKind::kBadInput, entry.path().string() + ": no public key of 64 hexadecimal digits: enrol it " +

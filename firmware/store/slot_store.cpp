@@ -16,7 +16,6 @@ constexpr std::string_view kEpoch = ".epoch-";
 constexpr std::string_view kSuffix = ".safetensors";
 constexpr char kIncoming[] = "incoming.tmp";
 constexpr char kTrial[] = "trial.safetensors";
-constexpr size_t kKept = 2;
 constexpr uint64_t kLast = UINT64_MAX - 1;  // so that one more can be counted
 
 using Slot = SlotStore::Slot;
@@ -93,11 +92,14 @@ Result<std::vector<Slot>> SlotStore::slots() const {
   return found;
 }
 
-Result<std::vector<uint8_t>> SlotStore::load_nth(size_t n) const {
+Result<std::vector<uint8_t>> SlotStore::load(size_t n) const {
   const auto found = slots();
   if (!found) return found.error();
   if (found.value().size() <= n) return std::vector<uint8_t>{};
-  return medium_->read(name_of(found.value()[n]), ReadFrom::kAnywhere);
+  const std::string name = name_of(found.value()[n]);
+  auto bytes = medium_->read(name, ReadFrom::kAnywhere);
+  if (!bytes || !bytes.value().empty()) return bytes;
+  return Error{ErrorKind::kStorage, medium_->path(name) + ": is empty: the medium has lost what was written to it"};
 }
 
 // What comes into force next, after those that there are.
@@ -123,7 +125,7 @@ Status SlotStore::stage(std::span<const uint8_t> bytes) {
   return done;
 }
 
-Status SlotStore::confirm(uint32_t epoch) {
+Status SlotStore::confirm(uint32_t epoch, size_t before) {
   const auto found = slots();
   if (!found) return found.error();
   const auto next = next_slot(found.value(), epoch);
@@ -131,8 +133,8 @@ Status SlotStore::confirm(uint32_t epoch) {
   Status done = medium_->rename(kTrial, name_of(next.value()));
   if (done) done = medium_->sync_folder();
   // Only now: until then a power cut may leave the file before this one in force.
-  for (size_t i = kKept - 1; done && i < found.value().size(); ++i) {
-    (void)medium_->remove(name_of(found.value()[i]));  // what stays takes room, and goes the next time
+  for (size_t i = 0; done && i < found.value().size(); ++i) {
+    if (i != before) (void)medium_->remove(name_of(found.value()[i]));  // what stays takes room, and goes the next time
   }
   return done;
 }
@@ -140,12 +142,12 @@ Status SlotStore::confirm(uint32_t epoch) {
 // Not synced: a trial that comes back after a power cut is removed at start.
 Status SlotStore::reject() { return medium_->remove(kTrial); }
 
-Status SlotStore::undo() {
+Status SlotStore::undo(size_t n) {
   const auto found = slots();
   if (!found) return found.error();
   const auto next = next_slot(found.value(), 0);
   if (!next) return next.error();
-  const std::string before = name_of(found.value()[1]);
+  const std::string before = name_of(found.value()[n]);
   const std::string undone = name_of(next.value());
   Status done = medium_->rename(before, undone);
   if (!done) return done;

@@ -39,20 +39,19 @@ class SlotStore {
   // A folder, created where it is missing. Errors: kStorage with path and remedy.
   [[nodiscard]] static Result<SlotStore> open(const std::string& folder);
 
-  // The file in force; an empty vector where there is none.
-  [[nodiscard]] Result<std::vector<uint8_t>> load() const { return load_nth(0); }
-  // What was in force before it; an empty vector where there was nothing.
-  [[nodiscard]] Result<std::vector<uint8_t>> load_previous() const { return load_nth(1); }
+  // The n-th newest file; an empty vector where there are not so many. Errors: kStorage, also of a file without content.
+  [[nodiscard]] Result<std::vector<uint8_t>> load(size_t n = 0) const;
   // Puts `bytes` on trial, durably; what is in force stays so. In the place of another one on trial.
   [[nodiscard]] Status stage(std::span<const uint8_t> bytes);
-  // What is on trial is in force from now on, durably, and with it its security epoch. Precondition: there is one.
-  [[nodiscard]] Status confirm(uint32_t epoch = 0);
+  // What is on trial is in force from now on, durably, and with it its security epoch. Of the other files only the
+  // `before`-th newest stays, what an undo goes back to. Precondition: there is one on trial.
+  [[nodiscard]] Status confirm(uint32_t epoch = 0, size_t before = 0);
   // Ends the trial; what is in force stays so. Precondition: there is one.
   [[nodiscard]] Status reject();
   // When the store was opened it found a trial that had not ended, and removed it.
   [[nodiscard]] bool has_lost_trial() const { return has_lost_trial_; }
-  // Puts in force what was so before, durably; once more takes that back. Precondition: there is one.
-  [[nodiscard]] Status undo();
+  // Puts the n-th newest file in force, durably; once more takes that back. Precondition: there is one.
+  [[nodiscard]] Status undo(size_t n = 1);
   // The security epoch that was reached; it never falls.
   [[nodiscard]] Result<uint32_t> epoch() const;
   // Whether a flash could be kept; else why not.
@@ -64,7 +63,6 @@ class SlotStore {
   explicit SlotStore(std::unique_ptr<Storage> medium) : medium_(std::move(medium)) {}
   [[nodiscard]] Result<std::vector<Slot>> slots() const;
   [[nodiscard]] Result<Slot> next_slot(const std::vector<Slot>& found, uint32_t epoch) const;
-  [[nodiscard]] Result<std::vector<uint8_t>> load_nth(size_t n) const;
   [[nodiscard]] Status write_checked(std::span<const uint8_t> bytes);
   // Whether it was there.
   [[nodiscard]] Result<bool> remove_if_there(const std::string& name);

@@ -1,12 +1,14 @@
 #include "capture/replay_camera.h"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
+#include <span>
 
 #include "support/test_board.h"
 
@@ -14,6 +16,16 @@ namespace ruffini {
 namespace {
 
 namespace fs = std::filesystem;
+
+// As PNG has it.
+uint32_t crc32_of(std::span<const uint8_t> bytes) {
+  uint32_t crc = 0xFFFF'FFFF;
+  for (const uint8_t byte : bytes) {
+    crc ^= byte;
+    for (int i = 0; i < 8; ++i) crc = (crc >> 1) ^ ((crc & 1) != 0 ? 0xEDB8'8320 : 0);
+  }
+  return ~crc;
+}
 
 class ReplayCameraTest : public testing::Test {
  protected:
@@ -69,6 +81,28 @@ class ReplayCameraTest : public testing::Test {
   fs::path folder_;
   FramePool pool_;
 };
+
+// A header that claims 100,000 x 100,000 pixels: OpenCV throws; a pipe would be waited for without end.
+TEST_F(ReplayCameraTest, WhatIsTooLargeOrAPipeIsAnInvalidFrame) {
+  picture("a.png", 10);
+  std::vector<uint8_t> png;
+  ASSERT_TRUE(cv::imencode(".png", cv::Mat(cv::Size(160, 120), CV_8UC3, cv::Scalar(1, 2, 3)), png));
+  constexpr size_t kWidthAt = 16, kCrcAt = 29;
+  for (const size_t at : {kWidthAt, kWidthAt + 4}) png[at + 1] = 1, png[at + 2] = 0x86, png[at + 3] = 0xA0;
+  const uint32_t crc = crc32_of({png.data() + 12, 17});
+  for (size_t i = 0; i < 4; ++i) png[kCrcAt + i] = static_cast<uint8_t>(crc >> (24 - 8 * i));
+  std::ofstream(folder_ / "b.png", std::ios::binary)
+      .write(reinterpret_cast<const char*>(png.data()), static_cast<std::streamsize>(png.size()));
+  ASSERT_EQ(::mkfifo((folder_ / "c.png").c_str(), 0600), 0);
+  picture("d.png", 40);
+  const auto replay = camera();
+  EXPECT_EQ(next(*replay), 10);
+  EXPECT_EQ(next(*replay), -2);
+  EXPECT_EQ(next(*replay), -2);
+  EXPECT_EQ(next(*replay), 40);
+  EXPECT_EQ(next(*replay), -1);
+  EXPECT_NE(refusal((folder_ / "c.png").string()).message.find("cannot be read as a video"), std::string::npos);
+}
 
 TEST_F(ReplayCameraTest, AFolderPlaysInTheOrderOfItsNames) {
   picture("b.png", 20);

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <fstream>
 
 #include "support/install.h"
 #include "support/signed_calibration.h"
@@ -36,12 +37,13 @@ class CalibratorTest : public testing::Test {
   Calibrator open(const std::string& serial = "0042") {
     return {board_, serial, SlotStore::open(folder_).value(), exchange_};
   }
-  Status upload(const Bytes& file) {
-    Status begun = calibrator_.begin(file.size(), sha256(file));
+  Status upload(const Bytes& file) { return upload(file, calibrator_); }
+  static Status upload(const Bytes& file, Calibrator& on) {
+    Status begun = on.begin(file.size(), sha256(file));
     if (!begun) return begun;
     const std::span<const uint8_t> all(file);
     for (size_t at = 0; at < file.size(); at += Calibrator::kMaxChunkBytes) {
-      Status taken = calibrator_.chunk(at, all.subspan(at, std::min(Calibrator::kMaxChunkBytes, file.size() - at)));
+      Status taken = on.chunk(at, all.subspan(at, std::min(Calibrator::kMaxChunkBytes, file.size() - at)));
       if (!taken) return taken;
     }
     return Unit{};
@@ -53,12 +55,13 @@ class CalibratorTest : public testing::Test {
     exchange_.wrong_flags = wrong_flags;
     exchange_.tally = PathTally{next->calibration_id(), n_frames, n_good};
   }
-  void flash(const Bytes& file) {
-    ASSERT_TRUE(upload(file));
-    const Status committed = calibrator_.commit();
+  void flash(const Bytes& file) { flash(file, calibrator_); }
+  void flash(const Bytes& file, Calibrator& on) {
+    ASSERT_TRUE(upload(file, on));
+    const Status committed = on.commit();
     ASSERT_TRUE(committed) << committed.error().message;
     show(32, 32);
-    const auto end = calibrator_.poll();
+    const auto end = on.poll();
     ASSERT_TRUE(end.has_value());
     ASSERT_TRUE(end->is_confirmed) << end->text;
   }
@@ -251,6 +254,53 @@ TEST_F(CalibratorTest, WhereTheFileInForceIsSpoiltTheOneBeforeItIs) {
   EXPECT_EQ(later.active().sha256, sha256(file_));
   EXPECT_NE(path.value()->calibration_id(), 0U);
   EXPECT_NE(problem.find("the one before it is in force"), std::string::npos) << problem;
+}
+
+// What measured while the newest file was spoilt is what an undo must find: the next flash deletes the spoilt one.
+TEST_F(CalibratorTest, AFlashKeepsTheFileInForceAndNotTheSpoiltOneBesideIt) {
+  SlotStore store = SlotStore::open(folder_).value();
+  ASSERT_TRUE(test::install(store, file_));
+  for (const Bytes& spoilt : {Bytes(), Bytes(100, 7)}) {
+    ASSERT_TRUE(test::install(store, newer()));
+    std::ofstream(folder_ + "/calibration-2.safetensors", std::ios::binary | std::ios::trunc)
+        .write(reinterpret_cast<const char*>(spoilt.data()), static_cast<std::streamsize>(spoilt.size()));
+    Calibrator later = open();
+    std::string problem;
+    ASSERT_TRUE(later.start(still_clock, problem));
+    EXPECT_NE(problem.find("the one before it is in force"), std::string::npos) << problem;
+    EXPECT_EQ(later.active().sha256, sha256(file_));
+    const Status nothing_before = later.undo();
+    ASSERT_FALSE(nothing_before);
+    EXPECT_NE(nothing_before.error().message.find("no calibration was in force before"), std::string::npos);
+    flash(newer(), later);
+    EXPECT_EQ(later.active().sha256, sha256(newer()));
+    EXPECT_FALSE(std::filesystem::exists(folder_ + "/calibration-2.safetensors"));
+    ASSERT_TRUE(later.undo());
+    EXPECT_EQ(later.active().sha256, sha256(file_));
+    EXPECT_EQ(in_force_after_a_restart(), sha256(file_));
+    std::filesystem::remove_all(folder_);
+    store = SlotStore::open(folder_).value();
+    ASSERT_TRUE(test::install(store, file_));
+  }
+}
+
+// Power went after the rename that put a file in force, before the spoilt one beside it was deleted.
+TEST_F(CalibratorTest, AnUndoPassesOverASpoiltFile) {
+  SlotStore store = SlotStore::open(folder_).value();
+  ASSERT_TRUE(test::install(store, file_));
+  std::filesystem::copy(folder_ + "/calibration-1.safetensors", folder_ + "/kept");
+  ASSERT_TRUE(test::install(store, newer()));
+  ASSERT_TRUE(test::install(store, newer()));
+  std::filesystem::rename(folder_ + "/kept", folder_ + "/calibration-1.safetensors");
+  std::ofstream(folder_ + "/calibration-2.safetensors", std::ios::trunc);
+  Calibrator later = open();
+  std::string problem;
+  ASSERT_TRUE(later.start(still_clock, problem));
+  EXPECT_EQ(later.active().sha256, sha256(newer()));
+  const Status undone = later.undo();
+  ASSERT_TRUE(undone) << undone.error().message;
+  EXPECT_EQ(later.active().sha256, sha256(file_));
+  EXPECT_EQ(in_force_after_a_restart(), sha256(file_));
 }
 
 TEST_F(CalibratorTest, WhereNothingStoredCanBeUsedTheFactorysIs) {

@@ -190,7 +190,7 @@ class Visitor {
     if (!is_new && (progress.must_be_new || now.value() != scenario_.old_one)) {
       return wrong("another file is in force");
     }
-    if (is_new && scenario_.old_one != scenario_.new_one && store.load_previous().value() != scenario_.old_one) {
+    if (is_new && scenario_.old_one != scenario_.new_one && store.load(1).value() != scenario_.old_one) {
       return wrong("the file before is lost");
     }
     if (store.epoch().value() != (is_new ? scenario_.new_epoch : scenario_.old_epoch)) {

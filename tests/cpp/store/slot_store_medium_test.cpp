@@ -49,7 +49,7 @@ TEST_F(SlotStoreMedium, WhereTheFolderCannotBeListedEverythingSaysSo) {
   EXPECT_EQ(store.problem(), "list failed");
   EXPECT_FALSE(store.has_lost_trial());
   EXPECT_EQ(store.load().error().message, "list failed");
-  EXPECT_EQ(store.load_previous().error().message, "list failed");
+  EXPECT_EQ(store.load(1).error().message, "list failed");
   EXPECT_EQ(store.epoch().error().message, "list failed");
   expect_error(store.stage(Bytes(30, 3)), "list failed");
   expect_error(store.confirm(), "list failed");
@@ -133,7 +133,7 @@ TEST_F(SlotStoreMedium, AnOldFileThatCannotBeRemovedTakesRoomAndNoMore) {
   EXPECT_TRUE(store.confirm());
   EXPECT_EQ(medium_->names().count(kFirst), 1U);
   EXPECT_EQ(store.load().value(), Bytes(30, 3));
-  EXPECT_EQ(store.load_previous().value(), Bytes(20, 2));
+  EXPECT_EQ(store.load(1).value(), Bytes(20, 2));
   mend();
   ASSERT_TRUE(test::install(store, Bytes(40, 4)));
   EXPECT_EQ(medium_->names().size(), 2U) << "it goes the next time";

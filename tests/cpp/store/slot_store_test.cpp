@@ -83,7 +83,7 @@ TEST_F(SlotStoreTest, TheNewestIsInForceAndTheOneBeforeIsKept) {
   ASSERT_TRUE(install(store, Bytes(50, 2)));
   EXPECT_EQ(store.load().value(), Bytes(50, 2));
   EXPECT_EQ(open().load().value(), Bytes(50, 2));
-  EXPECT_EQ(store.load_previous().value(), Bytes(100'000, 1));
+  EXPECT_EQ(store.load(1).value(), Bytes(100'000, 1));
   EXPECT_FALSE(has("incoming.tmp"));
 }
 
@@ -139,7 +139,7 @@ TEST_F(SlotStoreTest, WhatIsOnTrialIsNotInForceUntilItIsConfirmed) {
   ASSERT_TRUE(store.stage(Bytes(30, 3)));  // in the place of the first
   ASSERT_TRUE(store.confirm());
   EXPECT_EQ(store.load().value(), Bytes(30, 3));
-  EXPECT_EQ(store.load_previous().value(), Bytes(10, 1));
+  EXPECT_EQ(store.load(1).value(), Bytes(10, 1));
   ASSERT_TRUE(store.stage(Bytes(40, 4)));
   ASSERT_TRUE(store.reject());
   EXPECT_EQ(store.load().value(), Bytes(30, 3));
@@ -187,7 +187,7 @@ TEST_F(SlotStoreTest, WhereNoNumberIsLeftNothingIsTaken) {
     EXPECT_NE(done.error().message.find("18446744073709551614"), std::string::npos) << done.error().message;
   }
   EXPECT_FALSE(has("trial.safetensors"));
-  EXPECT_EQ(store.load_previous().value(), Bytes(10, 1));
+  EXPECT_EQ(store.load(1).value(), Bytes(10, 1));
 }
 
 // Tried again, an undo that failed must not take itself back and call that done.
@@ -202,7 +202,7 @@ TEST_F(SlotStoreTest, AnUndoWhoseFolderIsNotSyncedIsNoneAndCanBeTriedAgain) {
   EXPECT_EQ(store.load().value(), Bytes(20, 2));
   ASSERT_TRUE(store.undo());
   EXPECT_EQ(store.load().value(), Bytes(10, 1));
-  EXPECT_EQ(store.load_previous().value(), Bytes(20, 2));
+  EXPECT_EQ(store.load(1).value(), Bytes(20, 2));
 }
 
 // The name that carries the epoch is itself renamed by the second undo.
@@ -248,7 +248,7 @@ TEST_F(SlotStoreTest, AFolderThatIsNotSyncedIsSaid) {
   g_fault = Fault::kNone;
   ASSERT_FALSE(installed);
   EXPECT_EQ(store.load().value(), Bytes(20, 2));
-  EXPECT_EQ(store.load_previous().value(), Bytes(10, 1));
+  EXPECT_EQ(store.load(1).value(), Bytes(10, 1));
 }
 
 TEST_F(SlotStoreTest, WhatIsNoPlainFileIsNotRead) {

@@ -89,7 +89,7 @@ void read_both(const std::string& folder, Progress& progress) {
   const auto store = SlotStore::open(folder);
   if (!store) return;
   const auto now = store.value().load();
-  const auto before = store.value().load_previous();
+  const auto before = store.value().load(1);
   progress.has_read_wrong = (now && now.value() != table(4)) || (before && before.value() != table(3));
 }
 
@@ -98,7 +98,7 @@ void start(const std::string& folder, Progress& /*progress*/) {
   const auto store = SlotStore::open(folder);
   if (!store) return;
   (void)store.value().load();
-  (void)store.value().load_previous();
+  (void)store.value().load(1);
 }
 
 const std::vector<Scenario>& scenarios() {
@@ -222,7 +222,7 @@ TEST_F(StoreFaults, AReadOnlyMediumAtStartIsReadAndRefusesAFlash) {
   auto opened = SlotStore::open(folder_);
   const bool is_open = opened.has_value();
   const auto now = is_open ? opened.value().load() : Result<Bytes>(Bytes{});
-  const auto before = is_open ? opened.value().load_previous() : Result<Bytes>(Bytes{});
+  const auto before = is_open ? opened.value().load(1) : Result<Bytes>(Bytes{});
   const Status can_write = is_open ? opened.value().can_write() : Status(Unit{});
   const Status staged = is_open ? opened.value().stage(table(9)) : Status(Unit{});
   test::disarm();
@@ -263,7 +263,7 @@ TEST_F(StoreFaults, WhatIsPlantedUnderTheStoresNamesIsNeverFollowedNorWaitedFor)
       // What a hard link leads to is read as it is; its signature tells that it is no calibration.
       EXPECT_EQ(now && now.value() == table(4), !is_slot);
       EXPECT_EQ(now.has_value(), !is_slot || kind == "hardlink");
-      EXPECT_EQ(store.load_previous().value(), table(is_slot ? 4 : 3));
+      EXPECT_EQ(store.load(1).value(), table(is_slot ? 4 : 3));
       const Status installed = test::install(store, table(9));
       // A folder is not ours to remove; all else gives way.
       EXPECT_EQ(installed.has_value(), is_slot || kind != "folder");
