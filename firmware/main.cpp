@@ -2,6 +2,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 
 #include <CLI/CLI.hpp>
 #include <array>
@@ -27,6 +28,7 @@
 #include "link/serial_port.h"
 #include "store/folder_storage.h"
 #include "store/last_run.h"
+#include "store/own_serial.h"
 
 #ifndef RUFFINI_VERSION
 #define RUFFINI_VERSION "0"
@@ -67,6 +69,17 @@ uint64_t now_ns() {
   return static_cast<uint64_t>(
       std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
           .count());
+}
+
+// As much as a thread gets; OpenCV crashes with less, and a crash names nothing.
+ruffini::Status has_stack() {
+  constexpr rlim_t kLeastBytes = rlim_t{512} << 10;
+  rlimit stack{};
+  if (::getrlimit(RLIMIT_STACK, &stack) != 0 || stack.rlim_cur >= kLeastBytes) return ruffini::Unit{};
+  return ruffini::Error{ruffini::ErrorKind::kBadInput,
+                        fmt::format("the stack is limited to {} KiB: {} are needed, raise it (ulimit -s 8192, or "
+                                    "LimitSTACK=8M in the service)",
+                                    stack.rlim_cur >> 10, kLeastBytes >> 10)};
 }
 
 struct Arguments {
@@ -216,8 +229,9 @@ int run(const Arguments& arguments) {
   if (!clock) return fail(clock.error());
   auto camera = open_camera(arguments, board.value(), *clock.value(), pad.value().lamps());
   if (!camera) return fail(camera.error());
+  ruffini::SystemRandom random;
   const std::string serial = !arguments.serial.empty()            ? arguments.serial
-                             : pad.value().board_serial().empty() ? "0000"
+                             : pad.value().board_serial().empty() ? ruffini::own_serial(arguments.store, random)
                                                                   : pad.value().board_serial();
   auto store = ruffini::SlotStore::open(pad.value().store_folder(arguments.store));
   if (!store) return fail(store.error());
@@ -271,7 +285,6 @@ int run(const Arguments& arguments) {
 
   const int stream_flags =
       (camera.value()->is_simulated() ? ruffini::kSimulated : 0) | (camera.value()->is_replay() ? ruffini::kReplay : 0);
-  ruffini::SystemRandom random;
   std::array<uint8_t, sizeof(uint32_t)> session{};
   random.fill(session);
   const ruffini::DeviceIdentity identity{.serial = serial,
@@ -297,6 +310,7 @@ int run(const Arguments& arguments) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (const ruffini::Status stack = has_stack(); !stack) return fail(stack.error());
   Arguments arguments;
   CLI::App app{
       "ruffinid: frames in, forces out. Exit codes: 0 ok, 2 usage or bad input, 3 no device, 4 refused, 5 storage"};
@@ -312,7 +326,9 @@ int main(int argc, char** argv) {
       ->allow_extra_args(false);
   app.add_option("--link", arguments.link, "serial device, pty, or pty:SYMLINK")->required();
   app.add_option("--store", arguments.store, "folder that keeps the calibration")->required();
-  app.add_option("--serial", arguments.serial, "serial number of this unit; empty: what its EEPROM says");
+  app.add_option(
+      "--serial", arguments.serial,
+      "serial number of this unit; empty: what its EEPROM says, else one of its own that is kept in --store");
   app.add_option("--keys", arguments.keys, "folder of public keys (NAME.pub) whose calibrations are taken");
   app.add_option("--factory", arguments.factory, "calibration for where the store has none that can be used");
   app.add_flag("--development-key", arguments.accepts_development_key,

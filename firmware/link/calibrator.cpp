@@ -72,7 +72,7 @@ Result<Calibrator::Prepared> Calibrator::prepare(std::span<const uint8_t> bytes)
   path.value()->set_calibration_id(first_four_bytes(hash));
   return Prepared{std::move(path).value(),
                   {true, hash, std::string(calibration.text("created_utc")), std::string(calibration.text("kinds")),
-                   signer.value(), manifest.value(), file.value()}};
+                   std::string(calibration.text("gates")), signer.value(), manifest.value(), file.value()}};
 }
 
 Result<std::unique_ptr<FramePath>> Calibrator::start(ClockFunction clock, std::string& problem) {

@@ -18,10 +18,15 @@
 namespace ruffini {
 
 struct ActiveCalibration {
+  static constexpr char kPassed[] = "passed";
+
+  [[nodiscard]] bool is_unjudged() const { return is_present && gates != kPassed; }
+
   bool is_present = false;
   std::string sha256;
   std::string created_utc;
   std::string kinds;
+  std::string gates;  // of its report: kPassed, what failed, or empty where nobody has judged it
   Signer signer;
   Manifest manifest;
   std::shared_ptr<const CalibrationFile> file;

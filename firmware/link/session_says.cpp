@@ -72,6 +72,7 @@ void Session::send_hello() {
     copy_bytes(s.calibration.sha256, active.sha256);
     copy_text(s.calibration.created_utc, active.created_utc);
     copy_text(s.calibration.key_id, active.signer.key_id);
+    copy_text(s.calibration.summary, plain(active.gates));
     s.calibration.development_key = active.signer.is_development_key;
     s.calibration.on_trial = calibrator_.is_on_trial();
     std::stringstream kinds(active.kinds);
@@ -213,6 +214,7 @@ void Session::send_status(uint64_t now_us) {
   }
   const ActiveCalibration& active = calibrator_.active();
   if (!active.is_present) m.health |= ruffini_HealthBit_HEALTH_UNCALIBRATED;
+  if (active.is_unjudged()) m.health |= ruffini_HealthBit_HEALTH_UNJUDGED;
   if (calibrator_.keys().accepts_development_key()) m.health |= ruffini_HealthBit_HEALTH_DEVELOPMENT_KEY;
   if ((exchange_.flags.load() & kFlagNoReference) != 0) m.health |= ruffini_HealthBit_HEALTH_NO_REFERENCE;
   if (is_stalled_) m.health |= ruffini_HealthBit_HEALTH_CAMERA_STALLED;

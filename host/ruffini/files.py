@@ -5,13 +5,44 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import stat
 import tokenize
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
+
+MOST_BYTES = 1 << 30  # of a file that is read into memory as a whole
+MOST_ARRAY_BYTES = 4 << 30  # of a dataset of an HDF5 file
+
+
+def readable(path: Path, most_bytes: int | None = MOST_BYTES) -> Path:
+    """`path`, if reading it ends; a missing file is for the caller to name.
+
+    Parameters
+    ----------
+    most_bytes : int, optional
+        None: any size, for files that are read piece by piece.
+
+    Raises
+    ------
+    InputError
+        It is a pipe, a socket or a device, or larger than `most_bytes`.
+    """
+    try:
+        found = os.stat(path)
+    except (OSError, ValueError):
+        return path
+    if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+        raise InputError(f"{path} is a pipe, a socket or a device: give a file")
+    if most_bytes is not None and found.st_size > most_bytes:
+        raise InputError(
+            f"{path} has {found.st_size / 2**30:.1f} GiB, more than {most_bytes / 2**30:g} GiB: is it the right file?"
+        )
+    return path
 
 
 def write_whole(
@@ -65,6 +96,25 @@ def write_new(path: Path, data: bytes, *, mode: int = 0o644) -> None:
             temporary.unlink()
 
 
+def dataset_values(node: Any, where: str) -> npt.NDArray[Any]:
+    """The values of a dataset of an HDF5 file, whose size and kind are not believed.
+
+    Raises
+    ------
+    InputError
+        It is a group, has no values or no numbers, or takes more than `MOST_ARRAY_BYTES`.
+    """
+    if not hasattr(node, "dtype"):
+        raise InputError(f"{where} is no dataset but a group: the file was not written by `ruffini`")
+    if node.dtype.kind not in "biuf" or not node.shape:
+        raise InputError(f"{where} is no array of numbers")
+    if node.size * node.dtype.itemsize > MOST_ARRAY_BYTES:
+        raise InputError(
+            f"{where} has {node.size:.3g} values, more than {MOST_ARRAY_BYTES >> 30} GiB: is the file whole?"
+        )
+    return np.asarray(node[()])
+
+
 def write_array(path: Path, array: npt.NDArray[np.generic]) -> None:
     """Write one array as NPY, under exactly this name. Raises InputError as `write_whole`."""
     stream = io.BytesIO()
@@ -81,7 +131,7 @@ def read_array(path: Path) -> npt.NDArray[np.generic]:
         There is no such file, or it is no NPY file of numbers that is whole.
     """
     try:
-        return np.array(np.lib.format.open_memmap(path, mode="r"))
+        return np.array(np.lib.format.open_memmap(readable(path), mode="r"))
     except (OSError, ValueError, TypeError, EOFError, OverflowError, MemoryError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else str(error).splitlines()[0]
     except (SyntaxError, RecursionError, tokenize.TokenError):

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
+from ruffini.files import readable
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".ppm")
 
@@ -63,7 +64,7 @@ def read_image(path: Path) -> npt.NDArray[np.uint8]:
     """One image, (h, w, 3) uint8, B G R."""
     import cv2
 
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    image = cv2.imread(str(readable(path)), cv2.IMREAD_COLOR)
     if image is None:
         raise InputError(f"cannot read {path} as an image: is it there, and a PNG or JPEG?")
     return np.asarray(image, dtype=np.uint8)

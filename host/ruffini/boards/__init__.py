@@ -25,6 +25,7 @@ from ruffini.boards.hardware import (
 from ruffini.boards.section import PRINTABLE, Listed, Text
 from ruffini.boards.section import Section as Section
 from ruffini.errors import InputError
+from ruffini.files import readable
 
 STAGES = (
     "difference", "markers", "targets", "photometric", "poisson", "displacement", "operator", "support",
@@ -487,7 +488,7 @@ def find_board(name_or_folder: str | Path) -> Board:
         raise InputError(
             f"no board {str(name_or_folder)!r}: give a folder with a board.toml or one of {', '.join(board_names())}"
         )
-    board = parse_board(path.read_bytes(), str(path))
+    board = parse_board(readable(path).read_bytes(), str(path))
     if board.name != path.resolve().parent.name:
         raise InputError(
             f"{path}: board.name is {board.name!r} but the folder is called {path.resolve().parent.name!r}"

@@ -13,7 +13,6 @@ A small TOML file or the command line names the columns:
 
 from __future__ import annotations
 
-import csv
 import fnmatch
 import re
 import tomllib
@@ -27,6 +26,8 @@ import numpy.typing as npt
 
 from ruffini.calibrate.feature_log import FeatureRun
 from ruffini.errors import InputError
+from ruffini.files import dataset_values, readable
+from ruffini.rig.csv_log import read_rows
 from ruffini.rig.units import force_factor, torque_factor
 
 Array = npt.NDArray[np.float64]
@@ -58,7 +59,7 @@ class Columns:
     def read(cls, path: Path) -> Columns:
         """Read the mapping file; raises InputError where it is not one."""
         try:
-            file = tomllib.loads(path.read_text())
+            file = tomllib.loads(readable(path).read_text())
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise InputError(f"{path}: cannot be read: {error}") from error
         return cls.of(file, str(path))
@@ -174,25 +175,30 @@ def _files(paths: Sequence[Path]) -> list[Path]:
 
 def _opened(path: Path) -> Source:
     if path.suffix == ".csv":
-        try:
-            with path.open(newline="") as stream:
-                header, *rows = [row for row in csv.reader(stream) if row]
-        except (OSError, ValueError, csv.Error) as error:
-            raise InputError(f"{path}: cannot be read as CSV: {error}") from error
-        short = next((i for i, row in enumerate(rows, 1) if len(row) != len(header)), None)
-        if short:
-            raise InputError(f"{path}: row {short} has {len(rows[short - 1])} cells, the header {len(header)}: "
-                             "complete or delete it")  # fmt: skip
-        return Source(path, {name.strip(): [row[i] for row in rows] for i, name in enumerate(header)})
+        header, rows = read_rows(path)
+        return Source(path, {name: [row[i] for row in rows] for i, name in enumerate(header)})
     import h5py
 
     found: dict[str, Any] = {}
     try:
-        with h5py.File(path) as file:
-            file.visititems(lambda name, node: found.update({name: node[()]}) if hasattr(node, "dtype") else None)
-    except OSError as error:
+        with h5py.File(readable(path, None)) as file:
+            for name, node in _datasets(file):
+                found[name] = dataset_values(node, f"{path}: {name}")
+    except (OSError, RuntimeError, MemoryError) as error:
         raise InputError(f"{path}: cannot be read as HDF5: {error}") from error
-    return Source(path, {name: v for name, v in found.items() if np.ndim(v) and v.dtype.kind in "fiub"})
+    return Source(path, found)
+
+
+def _datasets(file: Any) -> list[tuple[str, Any]]:
+    """Arrays of numbers of an HDF5 file, by name."""
+    found: list[tuple[str, Any]] = []
+
+    def look(name: str, node: Any) -> None:
+        if hasattr(node, "dtype") and node.dtype.kind in "fiub" and node.shape:
+            found.append((name, node))
+
+    file.visititems(look)
+    return found
 
 
 def _features(source: Source, columns: Columns) -> tuple[list[str], Array]:

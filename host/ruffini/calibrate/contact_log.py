@@ -19,6 +19,7 @@ from ruffini.boards import Board
 from ruffini.calibrate.feature_log import zero_of
 from ruffini.core.pipeline import N_RINGS, Pipeline
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.frames import read_frames
 from ruffini.rubber import RUBBER_POISSON, shore_a_modulus
 
@@ -136,7 +137,7 @@ def read_presses(paths: list[Path], board: Board, *, progress: Progress = lambda
 def _card(folder: Path) -> dict[str, object]:
     path = folder / "run.json"
     try:
-        run = json.loads(path.read_text())
+        run = json.loads(readable(path).read_text())
     except (OSError, ValueError) as error:
         raise InputError(f"{path} is no JSON ({error}): record the run again with ruffini sim reproduce") from error
     if not isinstance(run, dict):
@@ -153,7 +154,7 @@ def read_press(folder: Path, run: dict[str, object], board: Board) -> Press:
         It lacks what the bench read, or nothing touches in it.
     """
     try:
-        with np.load(folder / "rig.npz", allow_pickle=False) as file:
+        with np.load(readable(folder / "rig.npz"), allow_pickle=False) as file:
             rig = {name: file[name] for name in file.files}
         force, travel, shore = rig["force"], rig["depth_m"], float(rig["shore_a"])
         chosen = run["chosen"]
@@ -187,7 +188,7 @@ def _surface(
     m = board.markers
     if m is None or not path.is_file():
         return None, None
-    with np.load(path, allow_pickle=False) as truth:
+    with np.load(readable(path), allow_pickle=False) as truth:
         z_mm, touches = truth["displacement"][frames][..., 2] * -1e3, truth["contact"][frames].astype(np.float64)
     n_y, n_x = z_mm.shape[1:]
     x = (m.first_x_um + m.pitch_x_um * np.arange(m.n_x)) / board.pad.size_x_um * (n_x - 1)

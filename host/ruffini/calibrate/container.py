@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import hashlib
 import json
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +17,7 @@ import numpy.typing as npt
 from ruffini import __version__
 from ruffini.boards import Board, find_board
 from ruffini.errors import InputError, RefusedError, VerifyError
-from ruffini.files import write_whole
+from ruffini.files import readable, write_whole
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 SIGNATURE = "zz_signature"
@@ -41,6 +43,7 @@ KINDS = {
     "views",
     "wrench",
 }
+PASSED, FAILED = "passed", "failed: "  # the manifest's gates: the report's verdict, or FAILED and names
 DTYPES = {"U8": np.uint8, "I16": np.int16, "U16": np.uint16, "I32": np.int32}
 # Anybody can derive this key: it proves integrity, not origin. STATUS says when it is in use.
 DEVELOPMENT_SEED = hashlib.sha256(b"ruffini development key").digest()
@@ -245,7 +248,7 @@ def board_of(file: CalibrationFile, choice: str | None = None) -> Board:
 def read(path: Path) -> CalibrationFile:
     """Read and check the layout of a file on disk."""
     try:
-        data = path.read_bytes()
+        data = readable(path).read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     return unpack(data, str(path))
@@ -256,10 +259,31 @@ def write(path: Path, file: CalibrationFile) -> None:
     write_whole(path, file.data)
 
 
+def _merged_gates(files: list[CalibrationFile]) -> dict[str, str]:
+    """`gates` and `residuals` of the whole: the last file's figures with the gates of all."""
+    trees = [_residuals(file) for file in files]
+    rows = [row for tree in trees for row in tree.get("gates", [])]
+    said = [file.metadata.get("gates", "") for file in files]
+    out = {"residuals": json.dumps({**trees[-1], **({"gates": rows} if rows else {})})} if rows else {}
+    bad = list(dict.fromkeys(text.removeprefix(FAILED) for text in said if text.startswith(FAILED)))
+    if bad:
+        return {**out, "gates": FAILED + ", ".join(bad)}
+    return {**out, "gates": PASSED} if all(text == PASSED for text in said) else out
+
+
+def _residuals(file: CalibrationFile) -> dict[str, Any]:
+    with contextlib.suppress(ValueError):
+        tree = json.loads(file.metadata.get("residuals", "{}"))
+        if isinstance(tree, dict) and isinstance(tree.get("gates", []), list):
+            return tree
+    return {}
+
+
 def merge(files: list[CalibrationFile], seed: bytes = DEVELOPMENT_SEED) -> CalibrationFile:
     """One file with the kinds of all; where two bring the same kind, the later one wins.
 
-    The optics are those of the file that brings the photometric table.
+    The optics are those of the file that brings the photometric table; gates are those of all files, and a file that
+    nobody has judged leaves the whole unjudged.
 
     Raises
     ------
@@ -283,4 +307,5 @@ def merge(files: list[CalibrationFile], seed: bytes = DEVELOPMENT_SEED) -> Calib
         if "photometric" in file.kinds:
             optics = file.metadata.get("optics", "")
     metadata["optics"] = optics
+    metadata = {**{k: v for k, v in metadata.items() if k != "gates"}, **_merged_gates(files)}
     return pack(tensors, metadata, seed)

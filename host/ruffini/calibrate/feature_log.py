@@ -21,6 +21,7 @@ from ruffini.calibrate.warmth import CELSIUS
 from ruffini.calibrate.wrench_warmth import Degrees
 from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.frames import read_frames
 from ruffini.rig.found import on_reference_clock, reference_in_pad
 from ruffini.rig.log_file import TouchRecord, read_log
@@ -112,7 +113,7 @@ def _runs_below(path: Path) -> list[Path]:
 
 def _of_frames(path: Path, board: Board) -> FeatureRun:
     rig = path / "rig.npz"
-    wrench = np.load(rig)["force"] if rig.is_file() else reference_wrench(path, None)
+    wrench = np.load(readable(rig))["force"] if rig.is_file() else reference_wrench(path, None)
     frames = read_frames(path)
     if len(frames) != len(wrench):
         raise InputError(f"{path} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")
@@ -145,7 +146,7 @@ def zero_of(at_rest: Array) -> Array:
 def _degrees_of_frames(path: Path, board: Board, kept: list[int]) -> Degrees | None:
     """Of the kept frames: of a bench's readings, or of the column `celsius` of wrench.csv."""
     rig = path / "rig.npz"
-    celsius = np.load(rig).get("celsius") if rig.is_file() else celsius_of_csv(path / "wrench.csv")
+    celsius = np.load(readable(rig)).get("celsius") if rig.is_file() else celsius_of_csv(path / "wrench.csv")
     if celsius is None or board.temperature is None:
         return None
     return Degrees(celsius[kept], np.full(len(kept), celsius[max(kept[0] - 1, 0)]))

@@ -7,7 +7,6 @@ what it says of presses left out of the fit gives the report and the trust in it
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -245,6 +244,7 @@ def fit_fingertip(board: Board, presses_at: Path, baseline_mm: float, progress: 
         progress(0.3 + 0.7 * len(modes) / len(MODES))
     report = {
         "n_presses": len(presses),
+        "largest_n": scale.full_n,
         "n_pins": len(pins.place),
         "mean_error_of_presses_left_out": {name: mode.left_out for name, mode in zip(MODES, modes, strict=True)},
         "face": None if modes[0].face is None else modes[0].face.report,
@@ -307,8 +307,13 @@ def _motion_at_rest(eyes: Eyes, pins: Pins, press: Press) -> float:
 
 def calibration(board: Board, fit: TipFit, more: dict[str, Any] | None = None) -> CalibrationFile:
     """The file of a fit; `more` goes beside its report."""
+    from ruffini.calibrate.gates import gates_of_tip, manifest_of
     from ruffini.calibrate.tip_tables import tables
 
-    meta = {**base_metadata(board), "kinds": "fingertip", "residuals": json.dumps({**fit.report, **(more or {})})}
+    meta = {
+        **base_metadata(board),
+        "kinds": "fingertip",
+        **manifest_of({**fit.report, **(more or {})}, gates_of_tip(fit.report)),
+    }
     meta["fingertip.most_un"] = str(round(MOST * fit.bench.scale.full_n * 1e6))
     return pack(tables(fit), meta)

@@ -11,7 +11,7 @@ from typing import Any
 
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.gates import Gate, gates_of, gates_of_reference, gates_of_skin, gates_of_stages, judged
+from ruffini.calibrate.gates import Gate, gates_of, gates_of_reference, gates_of_skin, gates_of_stages, judged, verdict
 from ruffini.calibrate.skin_judge import judged_presses
 from ruffini.calibrate.stages import STAGES
 from ruffini.calibrate.stages.job import Job, Outcome
@@ -79,7 +79,8 @@ def finished(
         "gates": [gate._asdict() for gate in gates], "logs": {path.name: file_sha256(path) for path in job.paths},
         "valid_for": {"temperature_c": celsius_ranges(touches)},
     }  # fmt: skip
-    return container.pack(job.tensors, {**metadata, "residuals": _ascii(residuals)}), gates
+    said = {"residuals": _ascii(residuals), "gates": verdict(gates)}
+    return container.pack(job.tensors, {**metadata, **said}), gates
 
 
 def _said(logs: list[Path]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

@@ -59,7 +59,7 @@ def fit_presses(
     is_of_depth = source == "intensity" or (source == "auto" and _darkens(presses))
     if is_of_depth:
         dark = fit_intensity(presses)
-        report = {**dark.report(), **presses.circle_report()}
+        report = {**dark.report(), **presses.circle_report(), **_plausible(presses, board, is_foreign)}
         held_out = report["held_out_cap_rms_mm"]
         left_out = "none was left out" if held_out is None else f"left out {held_out:.4f} mm"
         summary = (
@@ -73,13 +73,23 @@ def fit_presses(
         )
     samples = collect_samples(presses, None if is_foreign else view or pad_view(board, {}, {}))
     fit = fit_photometric(samples, progress=progress)
-    report = {"source": "colour", **fit.report(), **presses.circle_report()}
+    plausible = _plausible(presses, board, is_foreign)
+    report = {"source": "colour", **fit.report(), **presses.circle_report(), **plausible}
     summary = (
         f"normals of presses left out of the fit: median {report['held_out_normal_median_deg']:.2f} deg, worst press "
         f"{report['held_out_normal_worst_deg']:.2f} deg ({report['n_presses']} presses, {presses.circle_text()})"
         f"{presses.skipped_text()}"
     )
     return PressFit(fit, tabulate(fit.model), report, summary, metadata, samples)
+
+
+def _plausible(presses: PressSet, board: Board, is_foreign: bool) -> dict[str, Any]:
+    """What gates compare with the board, and the number of places that were pressed."""
+    scale = board.camera.focal_mpx / board.camera.standoff_um
+    return {
+        "n_places": presses.n_places(), "ball_mm": presses.ball_mm,
+        "scale_of_board": None if is_foreign else round(presses.px_per_mm / scale, 4),
+    }  # fmt: skip
 
 
 def _darkens(presses: PressSet) -> bool:

@@ -28,6 +28,7 @@ from ruffini.calibrate.stages.material import SIGMA_M, TILT_M, touch_figures
 from ruffini.calibrate.touch_log import TouchLog, read_touch_log
 from ruffini.errors import InputError, RuffiniError
 from ruffini.fem.operators import Noise
+from ruffini.files import readable
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -103,7 +104,7 @@ def fit_fleet(
         raise InputError(f"several logs are called {min(twice)}: units are told apart by their logs' names")
     n_groups = n_workers if dask is None else -(-len(paths) // DASK_GROUP)
     groups = _groups([str(p.resolve()) for p in paths], n_groups)
-    given = None if colours is None else colours.read_bytes()
+    given = None if colours is None else readable(colours).read_bytes()
     work = workers.Work(fit_group, (board.text, board.name, given, groups), f"ruffini-fleet-{time.time_ns()}", "group")
     found: dict[int, list[Unit]] = {}
     for number, units in _each(work, len(groups), n_workers, dask):

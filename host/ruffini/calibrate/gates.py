@@ -7,21 +7,24 @@ file's manifest, so that `ruffini cal flash` can refuse a file wherever it comes
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.container import CalibrationFile
+from ruffini.calibrate.container import FAILED, PASSED, CalibrationFile
 from ruffini.calibrate.error_model import node_places
 from ruffini.calibrate.material import MIN_TOUCHES, MaterialFit
-from ruffini.calibrate.operator import board_slab
+from ruffini.calibrate.operator import Material, board_slab
 from ruffini.calibrate.skin_judge import REFERENCE, SAID
 from ruffini.calibrate.stages.job import HELD_S, Outcome, left_after
 from ruffini.calibrate.stages.material import left_out_figures
 from ruffini.calibrate.touch_log import TouchLog
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.files import readable
 
 Array = npt.NDArray[np.float64]
 
@@ -41,6 +44,15 @@ MAX_GEL_MM = 0.2  # a contact model's gel depth: the paper's own uncertainty of 
 MAX_SHORE_A = 16.0  # its hardness: twice what the paper has, since few presses begin with more
 MIN_KIND = 0.8  # of presses whose kind, planar or Hertzian, is told right
 MAX_NORMAL_DEG = 7.0  # of ball presses left out, median: what recorded presses of a good unit reach
+
+MIN_PLACES = 3  # forty copies of one press are one press
+MAX_CAP = 0.05  # of the ball's diameter
+MAX_SCALE = 1.3  # times the board's pixels a millimetre: mounting and lens of a unit differ by less
+MAX_CAMERA_PX = 1.0
+MAX_DARK = 64.0  # grey levels
+MAX_MODULUS = 2.0  # times the board's: batches of a gel differ by less, units of force by more
+UNITS = {"lbf": 4.448, "kgf": 9.807, "mN": 1e-3, "ozf": 0.278}  # newtons
+SAME_UNIT = 0.25  # a modulus that a wrong unit explains so well
 
 
 class Gate(NamedTuple):
@@ -87,7 +99,7 @@ def gates_of(
     """All that can be judged of a fit."""
     gates = [*_of_log(board, log, fit), *gates_of_reference(log.found)]
     if fit is not None:
-        gates += _of_material(fit)
+        gates += _of_material(fit) + gates_of_modulus(fit.material, board)
     if now is not None:
         gates += _of_forces(log, now, previous)
     return gates + gates_of_stages(outcomes)
@@ -210,6 +222,11 @@ def gates_of_reference(of_logs: list[dict[str, Any]]) -> list[Gate]:
     return gates
 
 
+def gates_of_material(fit: MaterialFit, board: Board) -> list[Gate]:
+    """Of `cal material`, by itself."""
+    return _of_material(fit) + gates_of_modulus(fit.material, board)
+
+
 def _of_material(fit: MaterialFit) -> list[Gate]:
     gates = [_part("interval of E", float(fit.interval[0] / fit.values[0]), MAX_INTERVAL, "of E, 95 %")]
     if fit.n_touches < MIN_TOUCHES:
@@ -244,9 +261,95 @@ def force_rmse_n(log: TouchLog, wrench: Array) -> float:
     return float(np.sqrt(np.mean(np.square(by_touch))))
 
 
-def failed(gates: list[Gate]) -> list[Gate]:
+def failed(gates: Sequence[Gate]) -> list[Gate]:
     """Those that refuse."""
     return [gate for gate in gates if gate.ok is False]
+
+
+def manifest_of(report: dict[str, Any], gates: Sequence[Gate]) -> dict[str, str]:
+    """`residuals` and `gates` of a manifest: the report's figures, and PASSED or what failed (proto/CALIBRATION.md)."""
+    tree = {**report, "gates": [gate._asdict() for gate in gates]}
+    return {"residuals": json.dumps(tree), **({"gates": verdict(gates)} if gates else {})}
+
+
+def verdict(gates: Sequence[Gate]) -> str:
+    """PASSED, or the names of the gates that failed, as a manifest has it."""
+    bad = failed(gates)
+    return FAILED + ", ".join(gate.name for gate in bad) if bad else PASSED
+
+
+def gates_of_presses(report: dict[str, Any]) -> list[Gate]:
+    """Of ball presses (`cal photometric`): normals or depth of presses left out, and how many places were pressed."""
+    gates = [_at_least("places", report["n_places"], MIN_PLACES, "different places or depths")]
+    if "held_out_normal_median_deg" in report:
+        gates += gates_of_stages({"photometric": Outcome("fitted", "", report)})
+    elif (held_out := report.get("held_out_cap_rms_mm")) is not None:
+        part = held_out / report["ball_mm"]
+        gates.append(_part("depth", part, MAX_CAP, "of the ball's diameter: RMS of presses left out"))
+    else:
+        gates.append(Gate("depth", None, None, None, "one press: none can be left out"))
+    if report.get("scale_of_board") is not None:
+        gates.append(_near("scale", report["scale_of_board"], MAX_SCALE, "of the board's pixels a millimetre"))
+    return gates
+
+
+def gates_of_noise(report: dict[str, Any], board: Board) -> list[Gate]:
+    """Of `cal touch`: what it takes for a touch is no more than the board's own threshold."""
+    return [_at_most("touch noise", report["alone_mn"], board.contact.threshold_un * 1e-3, "mN on one node")]
+
+
+def gates_of_camera(report: dict[str, Any]) -> list[Gate]:
+    """Of `cal camera`, of one view or several."""
+    views = report["views"] if isinstance(report["views"], list) else [report]
+    worst = max(view["residual_px"] for view in views)
+    return [_at_most("camera", worst, MAX_CAMERA_PX, "px RMS of the target's points")]
+
+
+def gates_of_dark(report: dict[str, Any]) -> list[Gate]:
+    """Of `cal dark`."""
+    return [_at_most("dark level", max(report["level_bgr"]), MAX_DARK, "grey levels with the lamps off")]
+
+
+def gates_of_relaxation(report: dict[str, Any]) -> list[Gate]:
+    """Of `cal relaxation`."""
+    left = report["rmse_after_n"] / max(report["rmse_before_n"], 1e-9)
+    return [
+        _at_most("relaxation", left, 1.0, "times the force error without it"),
+        _near("relaxation gain", report["gain"], MAX_MODULUS, "of the calibration's force"),
+    ]
+
+
+def gates_of_fit_file(path: Path) -> list[Gate] | None:
+    """What a file of `cal material` or `cal relaxation` says of its gates; None where it says nothing."""
+    try:
+        return [Gate(**row) for row in json.loads(readable(path).read_text())["gates"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def gates_of_tip(report: dict[str, Any]) -> list[Gate]:
+    """Of `cal fingertip`."""
+    off = report["mean_error_of_presses_left_out"]["both"]["force_n"]
+    return [
+        _at_least("presses", report["n_presses"], MIN_PRESSES, "presses"),
+        _part("fingertip force", off / report["largest_n"], MAX_WRENCH_ERROR, "of the largest force: mean left out"),
+    ]
+
+
+def gates_of_modulus(material: Material, board: Board) -> list[Gate]:
+    """The pad's E against the board's: a reference in another unit, or another pad."""
+    modulus_pa = board_slab(board).modulus_pa
+    ratio = material.modulus_pa / modulus_pa
+    unit = next((name for name, n in UNITS.items() if abs(ratio * n / 1.0 - 1) < SAME_UNIT), "")
+    hint = f"; is the reference in {unit}?" if unit else "; is its unit N, and is it this board's pad?"
+    gate = _near("modulus", ratio, MAX_MODULUS, f"of the board's {modulus_pa / 1e3:.0f} kPa")
+    return [gate if gate.ok else gate._replace(text=gate.text + hint)]
+
+
+def _near(name: str, value: float, factor: float, what: str) -> Gate:
+    """Within a factor of 1, either way."""
+    return Gate(name, bool(1 / factor <= value <= factor), value, factor,
+                f"{value:.3g} times that {what}, from {1 / factor:.2g} to {factor:.3g} times")  # fmt: skip
 
 
 def gates_in(file: CalibrationFile) -> list[Gate] | None:

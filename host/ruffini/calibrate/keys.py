@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ruffini.calibrate import container
 from ruffini.errors import InputError, VerifyError
-from ruffini.files import write_new, write_whole
+from ruffini.files import readable, write_new, write_whole
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
 KEY_BYTES = 32
@@ -171,7 +171,7 @@ def read_verified(path: Path) -> container.CalibrationFile:
 
 def _read(path: Path) -> bytes:
     try:
-        data = bytes.fromhex(path.read_text().strip())
+        data = bytes.fromhex(readable(path).read_text().strip())
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: no key of 64 hexadecimal digits: remove it, or copy it again") from error
     if len(data) != KEY_BYTES:

@@ -24,6 +24,7 @@ from ruffini.calibrate.find_balls import NotFound, find_balls
 from ruffini.calibrate.pad_view import PadView, mm_per_px
 from ruffini.calibrate.press_change import Change, Rest
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.frames import image_files, read_image
 
 Array = npt.NDArray[np.float64]
@@ -38,6 +39,9 @@ FULL_LEVEL = 255.0
 FULL_SHARE = 0.4  # of pixels, in any channel, beyond the reference's; recorded presses reach 0.19, beside the lamps
 LEAST_BALL_PX, MOST_BALL = 10.0, 20.0  # diameter; the latter in sides of the picture
 WIDEST_CONTACT = 1.1  # of the ball's radius: marks by hand are not exact
+SAME_PX = 2.0  # between two circles: marks by hand of one contact agree so well
+LOOKED_AT_PX = 4  # every so many pixels of a picture
+SAME_LEVELS = 0.5  # mean difference of two pictures, grey levels: below, one is a copy of the other
 LISTED = 5  # reasons in a message
 DARKEST_REST = 32.0  # grey levels of the lamps' light below which a ratio says little (firmware/image/rest.h)
 
@@ -73,6 +77,15 @@ class PressSet:
     is_found: bool = False  # circles without marks by hand
     dark: Array | None = None  # (h, w, 3) grey levels with the lamps off, where they were measured
     skipped: tuple[Skipped, ...] = ()
+
+    def n_places(self) -> int:
+        """Number of presses that differ by more than `SAME_PX` in place or size."""
+        kept: list[tuple[float, float, float]] = []
+        for press in self.presses:
+            circle = (press.center_x_px, press.center_y_px, press.radius_px)
+            if all(max(abs(a - b) for a, b in zip(circle, other, strict=True)) > SAME_PX for other in kept):
+                kept.append(circle)
+        return len(kept)
 
     def circle_report(self) -> dict[str, Any]:
         """How the circles were made, how well they are known, and the presses that were skipped."""
@@ -125,7 +138,7 @@ def load_presses(
     settings = {}
     if (folder / "presses.toml").is_file():
         try:
-            settings = tomllib.loads((folder / "presses.toml").read_text(encoding="utf-8"))
+            settings = tomllib.loads(readable(folder / "presses.toml").read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise InputError(f"{folder / 'presses.toml'}: not TOML: {error}") from error
     ball = ball_mm if ball_mm is not None else settings.get("ball_mm")
@@ -143,7 +156,10 @@ def load_presses(
     if is_found:
         presses, skipped = _found(folder, reference, ball / 2 * scale)
     else:
-        presses, skipped = _usable([_parse_row(folder, table, i, row) for i, row in enumerate(_rows(table))], reference)
+        marked = [_parse_row(folder, table, i, row) for i, row in enumerate(_rows(table))]
+        if marked:
+            _check_radii(marked, ball, scale)
+        presses, skipped = _usable(marked, reference, ball / 2 * scale)
     if len(presses) < at_least:
         where = f"{folder} holds" if is_found else f"{table} lists"
         reasons = "".join(f"; {s.path.name}: {s.reason}" for s in skipped[:LISTED])
@@ -173,13 +189,16 @@ def _check_radii(presses: list[Press], ball_mm: float, px_per_mm: float) -> None
         )
 
 
-def _usable(presses: list[Press], reference: Array) -> tuple[list[Press], list[Skipped]]:
+def _usable(presses: list[Press], reference: Array, ball_px: float) -> tuple[list[Press], list[Skipped]]:
     """Marked presses whose picture shows something, and the others."""
     kept, skipped = [], []
     rows, columns = np.indices(reference.shape[:2])
+    copies = _Copies()
     for press in presses:
         try:
-            _checked_image(press.path, reference)
+            if press.radius_px > WIDEST_CONTACT * ball_px:
+                raise InputError(f"its circle has a radius of {press.radius_px:.3g} px, the ball only {ball_px:.3g} px")
+            copies.check(press.path, _checked_image(press.path, reference))
             away = np.hypot(columns - press.center_x_px, rows - press.center_y_px)
             n_inside = int((away < FITTED_INSIDE * press.radius_px).sum())
             if n_inside < LEAST_PIXELS:
@@ -189,6 +208,21 @@ def _usable(presses: list[Press], reference: Array) -> tuple[list[Press], list[S
         else:
             kept.append(press)
     return kept, skipped
+
+
+class _Copies:
+    """Pictures seen so far, small, to find those that are there twice."""
+
+    def __init__(self) -> None:
+        self._seen: list[tuple[Path, Array]] = []
+
+    def check(self, path: Path, image: Array) -> None:
+        """Remember a picture; raises InputError if it is a copy of one before."""
+        looked = image[::LOOKED_AT_PX, ::LOOKED_AT_PX]
+        for other, before in self._seen:
+            if np.abs(looked - before).mean() < SAME_LEVELS:
+                raise InputError(f"the same picture as {other.name}")
+        self._seen.append((path, looked))
 
 
 def _checked_image(path: Path, reference: Array) -> Array:
@@ -218,9 +252,12 @@ def _found(folder: Path, reference: Array, ball_radius_px: float) -> tuple[list[
     rest = Rest(reference)
     changes: dict[Path, Change] = {}
     reasons: dict[Path, str] = {}
+    copies = _Copies()
     for path in paths:
         try:
-            changes[path] = rest.change(_checked_image(path, reference))
+            image = _checked_image(path, reference)
+            copies.check(path, image)
+            changes[path] = rest.change(image)
         except InputError as error:
             reasons[path] = str(error)
     seen = list(changes.values())
@@ -247,7 +284,7 @@ def _rows(table: Path) -> list[dict[str, str]]:
     if not table.is_file():
         raise InputError(f"{table} is missing: it lists the contact circle of each press")
     try:
-        with table.open(newline="", encoding="utf-8") as stream:
+        with readable(table).open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream)
             missing = [c for c in COLUMNS if c not in (reader.fieldnames or [])]
             if missing:

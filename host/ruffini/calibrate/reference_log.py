@@ -14,8 +14,9 @@ from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.core.pipeline import Frame, Pipeline
 from ruffini.errors import InputError
-from ruffini.files import write_whole
+from ruffini.files import readable, write_whole
 from ruffini.frames import read_frames
+from ruffini.rig.csv_log import read_rows
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -23,6 +24,7 @@ Fit = TypeVar("Fit")
 
 VALID = 1  # Validity of ruffini.proto
 COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz")
+WANTED = (*COLUMNS, "celsius")
 
 
 class Played(NamedTuple):
@@ -84,7 +86,7 @@ def reference_wrench(recording: Path, reference: Path | None) -> Array:
     if reference is not None:
         return read_wrench_csv(reference)
     if (recording / "truth.npz").is_file():
-        return np.asarray(np.load(recording / "truth.npz")["wrench"], dtype=np.float64)
+        return np.asarray(np.load(readable(recording / "truth.npz"))["wrench"], dtype=np.float64)
     raise InputError(f"{recording} has no wrench.csv: give the load cell's wrenches with --reference")
 
 
@@ -97,10 +99,10 @@ def read_wrench_csv(path: Path) -> Array:
         The file cannot be read, lacks a column, or holds something that is no number.
     """
     table = _csv_table(path)
-    missing = [c for c in COLUMNS if c not in (table.dtype.names or ())]
+    missing = [c for c in COLUMNS if c not in table]
     if missing:
         raise InputError(f"{path} lacks the columns {', '.join(missing)}")
-    return np.stack([np.atleast_1d(table[c]) for c in COLUMNS], axis=1) * ([1.0] * 3 + [1e-3] * 3)
+    return np.stack([table[c] for c in COLUMNS], axis=1) * ([1.0] * 3 + [1e-3] * 3)
 
 
 def celsius_of_csv(path: Path) -> Array | None:
@@ -114,14 +116,24 @@ def celsius_of_csv(path: Path) -> Array | None:
     if not path.is_file():
         return None
     table = _csv_table(path)
-    return np.atleast_1d(table["celsius"]) if "celsius" in (table.dtype.names or ()) else None
+    return table.get("celsius")
 
 
-def _csv_table(path: Path) -> npt.NDArray[Any]:
+def _csv_table(path: Path) -> dict[str, Array]:
+    """Columns (t,) by name; NaN where a cell is empty."""
+    names, rows = read_rows(path)
+    if not rows:
+        raise InputError(f"{path}: has no row of numbers: the reference needs one a frame")
+    names[0] = names[0].lstrip("# ")
+    cells = [[cell.strip() for cell in column] for column in zip(*rows, strict=True)]
+    return {name: _column(path, name, column) for name, column in zip(names, cells, strict=True) if name in WANTED}
+
+
+def _column(path: Path, name: str, cells: list[str]) -> Array:
     try:
-        return np.asarray(np.genfromtxt(path, delimiter=",", names=True))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as CSV: {error}") from error
+        return np.array([float(cell or "nan") for cell in cells])
+    except ValueError as error:
+        raise InputError(f"{path}: {name}: a cell is no number: {error}") from error
 
 
 def write_fit(path: Path, board: Board, report: dict[str, Any]) -> None:
@@ -138,7 +150,7 @@ def read_fit(path: Path, board: Board, verb: str, parse: Callable[[dict[str, Any
         Unreadable, not of this kind, or of another board.
     """
     try:
-        tree = json.loads(path.read_text())
+        tree = json.loads(readable(path).read_text())
         fit = parse(tree)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is no file of `ruffini {verb}`: {error}") from error

@@ -44,6 +44,7 @@ from ruffini.calibrate.skin_response import (
     sinks,
 )
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.frames import Frames
 
 Array = npt.NDArray[np.float64]
@@ -87,7 +88,7 @@ def read_points(path: Path) -> Array:
         It cannot be read or has other columns.
     """
     try:
-        with path.open(newline="") as file:
+        with readable(path).open(newline="", encoding="utf-8-sig") as file:
             rows = [[float(row[c]) for c in ("x_px", "y_px", "z_mm")] for row in csv.DictReader(file)]
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path} is no list of points with columns x_px, y_px, z_mm ({error})") from error

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from ruffini.boards import Board, Skin
 from ruffini.calibrate.skin_openings import Openings
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.frames import Frames
 
 Array = npt.NDArray[np.float64]
@@ -76,7 +77,7 @@ def reference_of(folder: Path, board: Board) -> tuple[Array, Array, Array]:
         The file is not as it should be, or nothing touches.
     """
     if (folder / "press.csv").is_file():
-        with (folder / "press.csv").open(newline="") as file:
+        with readable(folder / "press.csv").open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
         try:
             time_s, force, x, y = (np.array([float(row[c] or "nan") for row in rows]) for c in COLUMNS)
@@ -87,9 +88,9 @@ def reference_of(folder: Path, board: Board) -> tuple[Array, Array, Array]:
         held = force > TOUCHED_N
         return time_s, force, np.array([np.nanmean(x[held]), np.nanmean(y[held])])
     skin = skin_of(board)
-    with np.load(folder / "rig.npz", allow_pickle=False) as file:
+    with np.load(readable(folder / "rig.npz"), allow_pickle=False) as file:
         wrench, place = np.asarray(file["force"], dtype=float), np.asarray(file["place_m"], dtype=float) * 1e3
-    settings = tomllib.loads((folder / "recording.toml").read_text("ascii"))
+    settings = tomllib.loads(readable(folder / "recording.toml").read_text("ascii"))
     time_s = np.arange(len(wrench), dtype=float) * 1e3 / float(settings["rate_mhz"])
     return time_s, inward(skin, wrench, place), place
 

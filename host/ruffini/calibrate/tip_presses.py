@@ -23,6 +23,7 @@ from ruffini.boards import Board
 from ruffini.calibrate.skin_presses import press_folders
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.frames import Frames
 
 Array = npt.NDArray[np.float64]
@@ -67,7 +68,7 @@ def told_of(folder: Path, n_frames: int) -> tuple[str, Array]:
         A file is not as it should be.
     """
     if (folder / "press.csv").is_file():
-        with (folder / "press.csv").open(newline="") as file:
+        with readable(folder / "press.csv").open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
         try:
             told = np.array([[float(row[c] or "nan") for c in COLUMNS] for row in rows])
@@ -76,8 +77,8 @@ def told_of(folder: Path, n_frames: int) -> tuple[str, Array]:
         if len(told) != n_frames:
             raise InputError(f"{folder / 'press.csv'} has {len(told)} rows for {n_frames} frames")
         return "", told
-    chosen = json.loads((folder / "run.json").read_text("utf-8"))["chosen"]
-    with np.load(folder / "rig.npz", allow_pickle=False) as file:
+    chosen = json.loads(readable(folder / "run.json").read_text("utf-8"))["chosen"]
+    with np.load(readable(folder / "rig.npz"), allow_pickle=False) as file:
         force, way = np.asarray(file["force"], dtype=float)[:, :3], np.asarray(file["depth_m"], dtype=float) * 1e3
         place = np.asarray(file["place_m"], dtype=float) * 1e3
     roll, pitch = (1e-3 * float(a) for a in chosen.get("tilt_mrad", (0, 0)))

@@ -23,6 +23,7 @@ from ruffini.calibrate.material import TOUCHED_N, force_size
 from ruffini.calibrate.reference_log import VALID, play, reference_wrench
 from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.rig.found import on_reference_clock, reference_in_pad
 from ruffini.rig.log_file import Log, TouchRecord, read_log
 
@@ -216,5 +217,5 @@ def file_sha256(path: Path) -> str:
     files = [path] if path.is_file() else [p for p in sorted(path.iterdir()) if p.is_file()]
     digest = hashlib.sha256()
     for file in files:
-        digest.update(file.read_bytes())
+        digest.update(readable(file).read_bytes())
     return digest.hexdigest()

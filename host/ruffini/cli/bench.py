@@ -123,12 +123,16 @@ def health(
     note(f"bench health: board {board}")
     from ruffini.bench import health as benchmark
     from ruffini.boards import find_board
+    from ruffini.calibrate import container
     from ruffini.sim.units import build_unit
 
     unit = build_unit(find_board(board))
     with progress_bar("health") as progress:
         result = benchmark.run(
-            unit, calibration.read_bytes() if calibration else None, full_scale_n=full_scale_n, progress=progress
+            unit,
+            container.read(calibration).data if calibration else None,
+            full_scale_n=full_scale_n,
+            progress=progress,
         )
     emit(result, json_, benchmark.table(result))
     if result["n_silent"]:
@@ -204,8 +208,9 @@ def rig(
     note(f"bench rig: board {board}")
     from ruffini.bench import rig as benchmark
     from ruffini.boards import find_board
+    from ruffini.calibrate import container
 
-    data = None if calibration is None else calibration.read_bytes()
+    data = None if calibration is None else container.read(calibration).data
     with progress_bar("rig") as progress:
         result = benchmark.run(
             find_board(board), n=n, quick=quick, machine=machine, calibration=data, progress=progress

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import resource
 import time
 from dataclasses import replace
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, emit_judged, note, progress_bar
 from ruffini.cli.device import open_sensor
 from ruffini.errors import InputError, RefusedError
 
@@ -85,6 +84,7 @@ def operator(
     note(f"cal operator: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
+    from ruffini.calibrate.gates import gates_of_fit_file, manifest_of
     from ruffini.calibrate.gauge import gauge_uncertainty_m
     from ruffini.calibrate.material import read_material
     from ruffini.calibrate.operator import Material, board_slab, make_operator
@@ -118,6 +118,11 @@ def operator(
             is_finite=strain == "finite", progress=progress,
         )  # fmt: skip
     tensors, metadata = ({}, {}) if memory is None else memory.tensors()
+    # The board's own numbers are nobody's measurement: only a fitted pad has gates.
+    fitted = [path for path in (material, relaxation) if path is not None]
+    said_of = [gates_of_fit_file(path) for path in fitted]
+    if material is not None and all(said_of):
+        metadata = {**metadata, **manifest_of({}, [gate for gates in said_of for gate in gates or []])}
     file = container.pack({**kind.tensors, **tensors}, {**container.base_metadata(found), **kind.metadata, **metadata})
     container.write(out, file)
     error = int(kind.metadata["operator.error_1e9"]) * 1e-9
@@ -203,6 +208,7 @@ def material(
     """Fit E, Poisson's ratio and thickness to a recording with a reference wrench; 95 % intervals."""
     note(f"cal material: board {board}")
     from ruffini.calibrate import container
+    from ruffini.calibrate.gates import gates_of_material
     from ruffini.calibrate.gauge import gauge_uncertainty_m
     from ruffini.calibrate.material import fit_material, log_from_recording
     from ruffini.calibrate.reference_log import write_fit
@@ -215,7 +221,8 @@ def material(
     with progress_bar("fit") as progress:
         noise = Noise((5e-6, 5e-6, 20e-6), gauge_m=gauge_uncertainty_m(found), tilt_m=30e-6)
         fit = fit_material(found, frames, noise, progress=progress)
-    report = fit.report()
+    gates = gates_of_material(fit, found)
+    report = {**fit.report(), "gates": [gate._asdict() for gate in gates]}
     write_fit(out, found, report)
     e, nu, h = fit.values
     e_i, nu_i, h_i = fit.interval
@@ -232,7 +239,7 @@ def material(
 
         residuals(plot, fit, title=f"{found.name}: material from {log.name}")
         text += f"\n{plot}"
-    emit({"file": str(out), **report}, json_, text)
+    emit_judged({"file": str(out), **report}, gates, json_, text)
 
 
 @app.command("relaxation")
@@ -249,6 +256,7 @@ def fit_relaxation_of_log(
     """Fit how much force the pad loses under a held strain, and how fast, to a recording with a reference wrench."""
     note(f"cal relaxation: board {board}")
     from ruffini.calibrate import container
+    from ruffini.calibrate.gates import gates_of_relaxation
     from ruffini.calibrate.reference_log import write_fit
     from ruffini.calibrate.relaxation import fit_relaxation, log_from_recording
 
@@ -257,9 +265,11 @@ def fit_relaxation_of_log(
     with progress_bar("frames") as progress:
         frames = log_from_recording(found, file, log, reference, progress=progress)
     fit = fit_relaxation(frames)
-    write_fit(out, found, fit.report())
+    gates = gates_of_relaxation(fit.report())
+    report = {**fit.report(), "gates": [gate._asdict() for gate in gates]}
+    write_fit(out, found, report)
     terms = ", ".join(f"{100 * g:.1f} % in {tau:g} s" for g, tau in fit.terms)
-    emit(fit.report(), json_,
+    emit_judged(report, gates, json_,
          f"{out}: of the force at once goes {terms}; at once it is {fit.gain:.3f} times the calibration's; "
          f"force RMSE {1e3 * fit.rmse_before_n:.1f} -> {1e3 * fit.rmse_after_n:.1f} mN")  # fmt: skip
 
@@ -301,6 +311,7 @@ def photometric(
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.fit_presses import fit_presses
+    from ruffini.calibrate.gates import gates_of_presses, manifest_of
     from ruffini.calibrate.pad_view import pad_view
     from ruffini.calibrate.presses import load_presses
 
@@ -311,16 +322,17 @@ def photometric(
     presses = presses if dark is None else _less_dark(presses, dark, found)
     with progress_bar("fit") as progress:
         fit = fit_presses(presses, found, is_foreign=foreign, source=source, view=view, progress=progress)
-        metadata = {**container.base_metadata(found), "residuals": json.dumps(fit.report), **fit.metadata}
+        gates = gates_of_presses(fit.report)
+        metadata = {**container.base_metadata(found), **manifest_of(fit.report, gates), **fit.metadata}
         container.write(out, container.pack(fit.tensors, metadata))
-        result = {"file": str(out), **fit.report}
+        result = {"file": str(out), **fit.report, "gates": [gate._asdict() for gate in gates]}
         text = f"{out}: {fit.summary}"
         if report is not None:
             from ruffini.evaluate.press_report import write_report
 
             result["report"] = [str(path) for path in write_report(report, presses, fit, found, progress)]
             text += "\n" + "\n".join(result["report"])
-    emit(result, json_, text)
+    emit_judged(result, gates, json_, text)
 
 
 def _less_dark(presses: PressSet, path: Path, board: Board) -> PressSet:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit
+from ruffini.cli.common import BoardOption, JsonFlag, emit_judged
 from ruffini.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,6 +38,7 @@ def camera(
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.camera import fit_camera, tables
+    from ruffini.calibrate.gates import gates_of_camera, manifest_of
     from ruffini.calibrate.targets import Target
     from ruffini.frames import image_files
 
@@ -54,10 +54,11 @@ def camera(
     fit = fit_camera(paths, shown, found, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit.model, found)
     report = fit.report()
-    base = {**container.base_metadata(found), "residuals": json.dumps(report)}
+    gates = gates_of_camera(report)
+    base = {**container.base_metadata(found), **manifest_of(report, gates)}
     container.write(out, container.pack({**tensors}, {**base, **metadata}))
     skipped = f", none in {', '.join(report['skipped'])}" if report["skipped"] else ""
-    emit({"file": str(out), **report}, json_,
+    emit_judged({"file": str(out), **report}, gates, json_,
          f"{out}: {report['model']} lens from {report['views']} views, {report['points']} points{skipped}; "
          f"residual {report['residual_px']:.3f} px = {report['residual_um']:.1f} um of pad, worst view "
          f"{report['worst_view_px']:.3f} px; mounting "
@@ -69,6 +70,7 @@ def _several(
     out: Path, json_: bool,
 ) -> None:  # fmt: skip
     from ruffini.calibrate import container
+    from ruffini.calibrate.gates import gates_of_camera, manifest_of
     from ruffini.calibrate.views import fit_views, tables, view_kinds
 
     kinds = view_kinds(views)
@@ -77,9 +79,10 @@ def _several(
     fit = fit_views(paths, shown, board, kinds, is_fisheye=fisheye, on_pad=on_pad, index=index)
     tensors, metadata = tables(fit, board)
     report = fit.report()
-    base = {**container.base_metadata(board), "residuals": json.dumps(report)}
+    gates = gates_of_camera(report)
+    base = {**container.base_metadata(board), **manifest_of(report, gates)}
     container.write(out, container.pack({**tensors}, {**base, **metadata}))
     each = "; ".join(f"{v['kind']}: {v['pictures']} pictures, {v['residual_px']:.3f} px" for v in report["views"])
-    emit({"file": str(out), **report}, json_,
+    emit_judged({"file": str(out), **report}, gates, json_,
          f"{out}: {each}; on the pad the rays of two views meet {report['height_um']:.1f} um off its height (RMS of "
          f"{report['points']} points), {report['gap_um']:.1f} um apart")  # fmt: skip

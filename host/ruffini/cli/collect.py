@@ -121,6 +121,7 @@ def _by_log(
     json_: bool, *, dry_run: bool,
 ) -> None:  # fmt: skip
     """Program log: stream first, then the CSV."""
+    from ruffini.calibrate import container
     from ruffini.demo.twin_session import open_logged
     from ruffini.rig.by_log import join, record
     from ruffini.rig.log_file import LogWriter
@@ -143,7 +144,7 @@ def _by_log(
             path = Path(settings.reference.path)
             parts = SensorParts(stack.enter_context(open_sensor()), TerminalPerson(note))
         if calibration is not None:
-            parts.sensor.flash(calibration.read_bytes())
+            parts.sensor.flash(container.read(calibration).data)
         watched = stack.enter_context(watched_stream(parts.sensor, board, parts.pace))
         record(watched.stream, parts.person, log, watched.session)
         joined = join(log, path, watched.bad_flags, longest_gap_s=parts.pace.longest_gap_s)
@@ -233,6 +234,7 @@ def _bench(
     """The bench, homed and at rest; the page beside it ends with it."""
     from dataclasses import replace
 
+    from ruffini.calibrate import container
     from ruffini.demo.twin_session import open_simulated
     from ruffini.rig.person import TerminalPerson
     from ruffini.rig.session import open_real, ready_bench
@@ -247,7 +249,7 @@ def _bench(
             person = TerminalPerson(note, page=page.keys if page else None)
             parts = open_real(stack, settings, stack.enter_context(open_sensor()), person)
         if calibration is not None:
-            parts.sensor.flash(calibration.read_bytes())
+            parts.sensor.flash(container.read(calibration).data)
         key = stack.enter_context(stop_key())
         if page is None:
             yield stack.enter_context(ready_bench(parts, board, limits, key))

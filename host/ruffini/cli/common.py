@@ -6,10 +6,13 @@ import contextlib
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator
-from typing import Annotated, Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from ruffini.calibrate.gates import Gate
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 RESUME_S = 10.0
@@ -37,6 +40,16 @@ def printable(text: str) -> str:
 def emit(result: dict[str, Any], as_json: bool, text: str) -> None:
     """Print a result: JSON or text. Control characters in a device's name do not reach the terminal."""
     print(json.dumps(result) if as_json else printable(text), flush=True)
+
+
+def emit_judged(result: dict[str, Any], gates: Sequence[Gate], as_json: bool, text: str) -> None:
+    """`emit` a fit with its gates; a failed one is named, and ends the verb with exit code 1."""
+    bad = [gate for gate in gates if gate.ok is False]
+    for gate in gates:
+        note(f"{'ok  ' if gate.ok else 'open' if gate.ok is None else 'FAIL'} {gate.name}: {gate.text}")
+    emit(result, as_json, text + (f"\nFAILS {', '.join(g.name for g in bad)}: it will not be flashed" if bad else ""))
+    if bad:
+        raise typer.Exit(1)
 
 
 def note(text: str) -> None:

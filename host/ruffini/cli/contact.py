@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note, progress_bar
 
 if TYPE_CHECKING:
     from ruffini.calibrate.contact_tables import ContactFit
@@ -34,6 +34,8 @@ def contact(
     from ruffini.calibrate.contact_log import read_presses
     from ruffini.calibrate.contact_tables import fit_contact, tables
     from ruffini.calibrate.feature_log import features_of
+    from ruffini.calibrate.gates import gates_of_stages, manifest_of
+    from ruffini.calibrate.stages.job import Outcome
     from ruffini.files import write_whole
 
     found = find_board(board)
@@ -44,11 +46,14 @@ def contact(
     with progress_bar("fits") as progress:
         fit = fit_contact(found, presses, progress)
     tensors, metadata = tables(found, fit, features_of(found))
-    container.write(out, container.pack(tensors, {**container.base_metadata(found), **metadata}))
-    said = {"file": str(out), **json.loads(metadata["residuals"])}
+    residuals = json.loads(metadata["residuals"])
+    gates = gates_of_stages({"contact": Outcome("fitted", "", residuals)})
+    base = container.base_metadata(found)
+    container.write(out, container.pack(tensors, {**base, **metadata, **manifest_of(residuals, gates)}))
+    said = {"file": str(out), **residuals, "gates": [gate._asdict() for gate in gates]}
     if report is not None:
         write_whole(report, json.dumps(said, indent=1).encode())
-    emit(said, json_, _text(out, fit, said["tables_err"]))
+    emit_judged(said, gates, json_, _text(out, fit, said["tables_err"]))
 
 
 def _text(out: Path, fit: ContactFit, tables_err: dict[str, float]) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note, progress_bar
 
 
 def dark(
@@ -22,15 +21,17 @@ def dark(
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.dark import dark_frame
+    from ruffini.calibrate.gates import gates_of_dark, manifest_of
     from ruffini.frames import read_frames
 
     found = find_board(board)
     with progress_bar("frames") as progress:
         made = dark_frame(found, read_frames(log), progress=progress)
     report = made.report()
-    metadata = {**container.base_metadata(found), "residuals": json.dumps(report)}
+    gates = gates_of_dark(report)
+    metadata = {**container.base_metadata(found), **manifest_of(report, gates)}
     container.write(out, container.pack(made.tensors(), metadata))
     level = ", ".join(f"{v:.2f}" for v in report["level_bgr"])
-    emit({"file": str(out), **report}, json_,
+    emit_judged({"file": str(out), **report}, gates, json_,
          f"{out}: dark frame of {report['frames']} frames, mean level {level} (B, G, R), brightest "
          f"{report['brightest']:.1f}; fit the colours with it too: `cal photometric --dark`")  # fmt: skip

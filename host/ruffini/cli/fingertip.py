@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note, progress_bar
 
 
 def fingertip(
@@ -26,13 +26,14 @@ def fingertip(
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.fingertip import calibration, fit_fingertip
+    from ruffini.calibrate.gates import gates_of_tip
 
     found = find_board(board)
     with progress_bar("presses and fits") as progress:
         fit = fit_fingertip(found, presses, baseline_mm, progress, only=only)
     container.write(out, calibration(found, fit))
     off = fit.report["mean_error_of_presses_left_out"]["both"]
-    emit({"file": str(out), **fit.report}, json_,
+    emit_judged({"file": str(out), **fit.report}, gates_of_tip(fit.report), json_,
          f"{out}: {fit.report['n_pins']} pins, {fit.report['n_presses']} presses; left out of the fit they err by "
          f"{off['force_n']:.3f} N, {off['way_mm']:.3f} mm deep, {off['x_mm']:.2f} and {off['y_mm']:.2f} mm aside, "
          f"{off['roll_deg']:.2f} and {off['pitch_deg']:.2f} degrees")  # fmt: skip

@@ -82,9 +82,13 @@ def _emit_difference(port: str, before: bytes, file: CalibrationFile, result: di
 
 def _check_gates(file: CalibrationFile, *, force: bool) -> str:
     """Refuse a file whose own report fails its gates; what there is to say of it otherwise, or nothing."""
+    from ruffini.calibrate.container import FAILED
     from ruffini.calibrate.gates import failed, gates_in
 
     gates = gates_in(file)
+    said = file.metadata.get("gates", "")
+    if gates is None and said.startswith(FAILED) and not force:
+        raise RefusedError(f"this calibration {said}: collect more and fit again, or give --force")
     if gates is None:
         return "this file has no report (`ruffini cal fit` writes one): nobody has judged how well it measures"
     bad = "; ".join(f"{gate.name}: {gate.text}" for gate in failed(gates))

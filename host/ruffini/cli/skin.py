@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, emit_judged, note, progress_bar
 from ruffini.errors import InputError
 
 
@@ -31,7 +30,9 @@ def skin(
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate import skin as fits
+    from ruffini.calibrate.gates import gates_of_stages, manifest_of
     from ruffini.calibrate.skin_openings import fit_view
+    from ruffini.calibrate.stages.job import Outcome
 
     found = find_board(board)
     if method not in ("taxels", "paper"):
@@ -49,10 +50,11 @@ def skin(
     with progress_bar("presses and fits") as progress:
         fit = fits.fit_skin(found, known, presses, progress)
     file = fits.taxel_file(found, fit)
-    named = {**file.metadata, "residuals": json.dumps(fit.report)}
+    gates = gates_of_stages({"skin": Outcome("fitted", "", fit.report)})
+    named = {**file.metadata, **manifest_of(fit.report, gates)}
     container.write(out, container.pack(file.tensors, named))
     r = fit.report
-    emit({"file": str(out), **r}, json_,
+    emit_judged({"file": str(out), **r}, gates, json_,
          f"{out}: {r['n_taxels']} taxels, {r['n_presses']} presses; left out of the fit they err by "
          f"{r['force_error_percent']:.1f} % in force above 2 N and {r['place_error_mm']:.2f} mm in place; "
          f"f {r['f_px']:.1f} px, d {r['d_mm']:.1f} mm, points {r['points_rmse_px']:.2f} px")  # fmt: skip

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
 
 
 def touch(
@@ -22,6 +21,7 @@ def touch(
     note(f"cal touch: board {board}")
     from ruffini.calibrate import container
     from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
+    from ruffini.calibrate.gates import gates_of_noise, manifest_of
     from ruffini.frames import read_frames
 
     file = container.read(calibration)
@@ -30,10 +30,11 @@ def touch(
         pressure = linear_pressure(found, file, read_frames(log))
         noise = fit_contact_noise(pressure, found.pipeline.n_rest_frames, progress=progress)
     report = noise.report()
-    metadata = {**container.base_metadata(found), "residuals": json.dumps(report)}
+    gates = gates_of_noise(report, found)
+    metadata = {**container.base_metadata(found), **manifest_of(report, gates)}
     container.write(out, container.pack(noise.tensors(), metadata))
     threshold_mn = found.contact.threshold_un * 1e-3
-    emit({"file": str(out), **report}, json_,
+    emit_judged({"file": str(out), **report}, gates, json_,
          f"{out}: noise of a node {report['node_sigma_mn']:.3f} mN in {report['frames']} untouched frames; touched "
          f"from {report['square_mn']:.3f} mN on 2 x 2 nodes or {report['alone_mn']:.3f} mN on one, set for a false "
          f"contact in {1 / report['set_false_rate']:,.0f} frames (board: {threshold_mn:g} mN)")  # fmt: skip

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
 
 MOST_LISTED = 12  # recordings
 
@@ -100,7 +100,9 @@ def wrench(
     from ruffini.calibrate import container
     from ruffini.calibrate.column_log import read_column_logs
     from ruffini.calibrate.feature_log import Features, features_of, read_feature_runs
+    from ruffini.calibrate.gates import gates_of_stages, manifest_of
     from ruffini.calibrate.marker_prior import marker_prior
+    from ruffini.calibrate.stages.job import Outcome
     from ruffini.calibrate.target_geometry import second_order_of
     from ruffini.calibrate.wrench_map import fit_wrench_map
     from ruffini.calibrate.wrench_model import recordings_of
@@ -142,12 +144,14 @@ def wrench(
         note(f"board {found.name!r} has no stage feature_wrench: it would not use this table")
     tensors, metadata = tables(fit, sort)
     base = container.base_metadata(found) if found else container.metadata_without_board()
-    container.write(out, container.pack(tensors, {**base, **metadata}))
-    left_out = json.loads(metadata["residuals"])["left_out"]
-    said = {"file": str(out), **fit.report(), "left_out": left_out}
+    gates = gates_of_stages({"wrench": Outcome("fitted", "", fit.report())})
+    residuals = json.loads(metadata["residuals"])
+    container.write(out, container.pack(tensors, {**base, **metadata, **manifest_of(residuals, gates)}))
+    left_out = residuals["left_out"]
+    said = {"file": str(out), **fit.report(), "left_out": left_out, "gates": [gate._asdict() for gate in gates]}
     if report is not None:
         write_whole(report, json.dumps(said, indent=1).encode())
-    emit(said, json_, "\n".join([_text(out, fit), *(f"  left out: {line}" for line in left_out)]))
+    emit_judged(said, gates, json_, "\n".join([_text(out, fit), *(f"  left out: {line}" for line in left_out)]))
 
 
 def _text(out: Path, fit: Fit) -> str:

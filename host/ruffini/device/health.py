@@ -22,6 +22,7 @@ HEALTH_WORDS = {
     "HEALTH_SAFE_MODE": "three crashes in a row: no calibration is used, flash it again or restart the device",
     "HEALTH_ZERO_LIMIT": "rest has crept as far as it is followed: `ruffini cal zero` with nothing on the pad",
     "HEALTH_LIGHT": "the lamps are not as the board asks (dark, open, too hot): the device's log says what it is",
+    "HEALTH_UNJUDGED": "the calibration in force failed its gates, or nobody has judged it: `ruffini cal fit`",
 }
 ENDS = {0: "stopped as it was asked to", 1: "crashed", 2: "was cut: power, or killed from outside"}
 

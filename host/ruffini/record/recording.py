@@ -22,6 +22,7 @@ from ruffini.device.connection import DEVICE
 from ruffini.device.device_clock import MAX_DRIFT, WANDER
 from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.record.mcap_file import HELLO_ATTACHMENT, RAW_TOPIC
 from ruffini.wire import Decoder, Frame, Schema
 
@@ -212,7 +213,7 @@ class Recording:
     def _records(self, *, all_chunks: bool) -> Iterator[tuple[int, Any]]:
         """Schemas, channels, messages, metadata; of the chunks only the first ones, until HELLO was in one."""
         try:
-            with self.path.open("rb") as stream:
+            with readable(self.path, None).open("rb") as stream:
                 if stream.read(len(MAGIC)) != MAGIC:
                     raise InputError(f"{self.path}: is no MCAP file: record with `ruffini record`")
                 for kind, record in self._top(stream):

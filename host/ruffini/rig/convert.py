@@ -7,6 +7,7 @@ nothing touches). Other names are renamed by a TOML file: our name = "theirs", w
 
 from __future__ import annotations
 
+import itertools
 import re
 import tomllib
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.rig.csv_log import Table, read_table, wrench_log
 from ruffini.rig.cutting import Cut, cut, tare_of
 from ruffini.rig.log_file import Log, TouchRecord
@@ -27,6 +29,7 @@ METRES = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 MARKER = re.compile(r"m(\d+)_(dx|dy|dz|da|x|y)(?:_(px|m|mm|um))?")
 TIP = re.compile(r"([xyz])_(m|mm|um)")
 TOUCH = "touch"
+MOST_MARKERS = 100_000
 
 
 class Markers(NamedTuple):
@@ -64,7 +67,7 @@ def convert(path: Path, columns: Path | None = None, board: Board | None = None)
 def _names(path: Path) -> dict[str, str]:
     """Our name of each of their columns, as a TOML file says it."""
     try:
-        file = tomllib.loads(path.read_text())
+        file = tomllib.loads(readable(path).read_text())
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
     ours, n_markers = file.get("columns", {}), file.get("n_markers", 0)
@@ -72,11 +75,13 @@ def _names(path: Path) -> dict[str, str]:
     if unknown or not isinstance(ours, dict) or not all(isinstance(v, str) for v in ours.values()):
         raise InputError(f"{path}: {unknown[0] if unknown else 'columns'}: unknown, or no table of names: "
                          'give [columns] with lines such as fz_N = "Load"')  # fmt: skip
-    first, out = int(file.get("first", 0)), {}
+    first, out = file.get("first", 0), {}
+    if type(n_markers) is not int or not 0 <= n_markers <= MOST_MARKERS or type(first) is not int:
+        raise InputError(f"{path}: n_markers and first are whole numbers, n_markers at most {MOST_MARKERS}")
     for name, theirs in ours.items():
         if "{i}" in name:
             out.update({
-                theirs.replace("{i}", str(first + i)): name.replace("{i}", str(i)) for i in range(int(n_markers))
+                theirs.replace("{i}", str(first + i)): name.replace("{i}", str(i)) for i in range(n_markers)
             })  # fmt: skip
         else:
             out[theirs] = name
@@ -94,10 +99,11 @@ def _markers(table: Table) -> Markers | None:
     if not columns:
         return None
     n = 1 + max(k for by_number in columns.values() for k in by_number)
-    for quantity in {"dx", "dy", *columns}:
-        missing = set(range(n)) - columns.get(quantity, {}).keys()
-        if missing:
-            raise InputError(f"{table.path}: marker {min(missing)} has no column m{min(missing)}_{quantity}: "
+    for quantity in sorted({"dx", "dy", *columns}):
+        there = columns.get(quantity, {}).keys()
+        if len(there) < n:
+            missing = next(k for k in itertools.count() if k not in there)
+            raise InputError(f"{table.path}: marker {missing} has no column m{missing}_{quantity}: "
                              "each marker needs the same columns, dx and dy at least")  # fmt: skip
     (unit, *others) = units["xy"]
     if others or unit is None:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.rig.reference import AXES
 from ruffini.rig.units import force_factor, torque_factor
 
@@ -46,6 +47,31 @@ class Table(NamedTuple):
         return np.array(rows).reshape(-1, len(wanted))
 
 
+def read_rows(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Names and rows of a CSV, as many cells in each row as there are names; blank rows are passed over.
+
+    Raises
+    ------
+    InputError
+        Unreadable, empty, or a row of another length.
+    """
+    try:
+        with readable(path).open(newline="", encoding="utf-8-sig") as stream:  # with or without a byte-order mark
+            numbered = [(i, row) for i, row in enumerate(csv.reader(stream), 1) if any(cell.strip() for cell in row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as CSV: {error}") from error
+    if not numbered:
+        raise InputError(f"{path}: is empty: its first row must name the columns")
+    names = [name.strip() for name in numbered[0][1]]
+    for i, row in numbered[1:]:
+        if len(row) != len(names):
+            why = (
+                "is a comma the decimal mark? Write 1.5, not 1,5" if len(row) > len(names) else "complete or delete it"
+            )
+            raise InputError(f"{path}: row {i} has {len(row)} cells, the header {len(names)}: {why}")
+    return names, [row for _, row in numbered[1:]]
+
+
 def read_table(path: Path, renamed: Mapping[str, str] | None = None) -> Table:
     """Read a CSV; `renamed` gives our names of its columns.
 
@@ -54,12 +80,7 @@ def read_table(path: Path, renamed: Mapping[str, str] | None = None) -> Table:
     InputError
         Unreadable, or a column that is to be renamed is not there.
     """
-    try:
-        with path.open(newline="") as stream:
-            header, *rows = [row for row in csv.reader(stream) if row]
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read as CSV: {error}") from error
-    names = [name.strip() for name in header]
+    names, rows = read_rows(path)
     missing = [theirs for theirs in renamed or {} if theirs not in names]
     if missing:
         raise InputError(f"{path}: has no column {missing[0]!r}, only {', '.join(names)}")

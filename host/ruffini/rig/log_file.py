@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
-from ruffini.files import write_whole
+from ruffini.files import dataset_values, readable, write_whole
 
 Array = npt.NDArray[np.float64]
 
@@ -75,7 +75,7 @@ class LogWriter:
         if path.exists():
             raise InputError(f"{path} exists and is complete: choose another name, or remove it")
         if begun.exists():
-            before = json.loads(begun.read_text())
+            before = json.loads(readable(begun).read_text())
             other = sorted(k for k in before.keys() | facts.keys() if before.get(k) != facts.get(k))
             if other:
                 raise InputError(
@@ -135,12 +135,23 @@ def _put(group: h5py.Group, record: TouchRecord, marker_unit: str = "px") -> Non
 
 
 def _get_file(path: Path) -> TouchRecord:
-    with h5py.File(path) as file:
+    with h5py.File(readable(path, None)) as file:
         return _get(file)
 
 
 def _get(group: h5py.Group) -> TouchRecord:
-    return TouchRecord(json.loads(group.attrs["facts"]), {name: group[name][()] for name in group})
+    if not hasattr(group, "keys"):
+        raise InputError(f"{group.name} is no group of arrays")
+    arrays = {name: dataset_values(group[name], f"{group.name}/{name}") for name in group if name in UNITS}
+    return TouchRecord(_tree(group, "facts"), arrays)
+
+
+def _tree(node: Any, name: str, default: str | None = None) -> dict[str, Any]:
+    """An attribute that holds a JSON object."""
+    tree = json.loads(node.attrs[name] if default is None else node.attrs.get(name, default))
+    if not isinstance(tree, dict):
+        raise InputError(f"{name} is no JSON object")
+    return tree
 
 
 class Log(NamedTuple):
@@ -160,15 +171,15 @@ def read_log(path: Path) -> Log:
         Not such a file; an array missing, of another length or shape, or not finite; times that do not rise.
     """
     try:
-        with h5py.File(path) as file:
+        with h5py.File(readable(path, None)) as file:
             if file.attrs.get("format") != FORMAT or file.attrs.get("format_version") != FORMAT_VERSION:
                 raise InputError(f"{path} is no {FORMAT} of version {FORMAT_VERSION}")
-            facts = json.loads(file.attrs["facts"])
-            found = json.loads(file.attrs.get("found", "{}"))
-            touches = [_get(file["touch"][name]) for name in sorted(file.get("touch", {}))]
-    except (OSError, KeyError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
+            facts, found = _tree(file, "facts"), _tree(file, "found", "{}")
+            group = file.get("touch", {})
+            if not hasattr(group, "keys"):
+                raise InputError("touch is no group")
+            touches = [_get(group[name]) for name in sorted(group)]
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError) as error:
         raise InputError(f"{path} cannot be read as a calibration log: {error}") from error
     if not touches:
         raise InputError(f"{path} has no touch")

@@ -35,6 +35,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.rig.grbl import Grbl
 from ruffini.rig.guarded_stage import Limits
 from ruffini.rig.i2c_cell import I2cCell
@@ -214,7 +215,7 @@ def load_rig(path: Path) -> RigSettings:
         Unreadable, or a line that is not understood; the text names it.
     """
     try:
-        return RigSettings.model_validate(tomllib.loads(path.read_text()))
+        return RigSettings.model_validate(tomllib.loads(readable(path).read_text()))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
     except ValidationError as error:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.files import readable
 from ruffini.rig.stream_watch import KINDS, Window
 
 NAMED: dict[str, Any] = dict(zip(Window._fields, KINDS, strict=True))
@@ -30,7 +31,7 @@ def packed(window: Window, session: str) -> bytes:
 
 def read_window(path: Path, window: Window) -> str:
     """Add what a file holds to a window; its session."""
-    with np.load(path) as file:
+    with np.load(readable(path)) as file:
         columns = {name: file[name] for name in file.files}
     for name, kind in NAMED.items():
         parts = [columns.get(f"{name}.{field}") for field in kind._fields]

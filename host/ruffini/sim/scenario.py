@@ -29,6 +29,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.sim.bodies import touches
 from ruffini.sim.bodies.connector import connector
 from ruffini.sim.optics.conditions import Conditions, TrayPose
@@ -262,7 +263,7 @@ def load_scenario(path: Path) -> Scenario:
         It cannot be read or is not as it should be.
     """
     try:
-        return scenario_of(tomllib.loads(path.read_bytes().decode("utf-8")), str(path))
+        return scenario_of(tomllib.loads(readable(path).read_bytes().decode("utf-8")), str(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check --scenario") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

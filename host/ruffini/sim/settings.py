@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.sim.bodies import settings as bodies
 from ruffini.sim.optics import settings as optics
 from ruffini.sim.prony import Prony
@@ -116,7 +117,7 @@ def load_twin(board: Board) -> TwinSettings:
     if not path.is_file():
         raise InputError(f"board {board.name!r} has no optics to simulate: {path} does not exist")
     try:
-        return parse_twin(path.read_text("utf-8"), str(path), board)
+        return parse_twin(readable(path).read_text("utf-8"), str(path), board)
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not TOML: {error}") from error
 

@@ -253,6 +253,35 @@ TEST_F(SessionHealth, StatusSaysWhatIsWrongWithCameraComputerCreepAndReflex) {
   EXPECT_TRUE(adds(ruffini_HealthBit_HEALTH_REFLEX));
 }
 
+// A calibration that failed its own gates, or that nobody judged, measures something, and nobody knows how well.
+TEST_F(SessionHealth, ACalibrationWithoutAReportThatPassedIsUnjudged) {
+  const BoardSettings board = test::round_board();
+  for (const std::string& gates : {std::string(), std::string("failed: normals"), std::string("passed")}) {
+    const Bytes file = test::sign(test::diagonal_calibration(board, false, gates));
+    Calibrator calibrator(board, "0042", SlotStore::open(folder_ + gates).value(), exchange_, TrialRule{0, 0});
+    std::string problem;
+    const auto path = calibrator.start([] { return uint64_t{0}; }, problem).value();
+    Session session(board, *path, {.serial = "0042", .version = "test"}, calibrator, exchange_, {clock_, random_});
+    const auto ask = [&](ruffini_MessageType type, const pb_msgdesc_t* fields, void* message) {
+      session.receive(host_frame(type, {}));
+      session.poll(5);
+      ASSERT_TRUE(take(session, fields, message));
+    };
+    ruffini_Status status = ruffini_Status_init_zero;
+    ask(ruffini_MessageType_MESSAGE_TYPE_STATUS, ruffini_Status_fields, &status);
+    EXPECT_EQ(status.health & ruffini_HealthBit_HEALTH_UNJUDGED, 0U) << "nothing is in force";
+    ASSERT_TRUE(calibrator.begin(file.size(), sha256(file)));
+    ASSERT_TRUE(calibrator.chunk(0, file));
+    ASSERT_TRUE(calibrator.commit());
+    ask(ruffini_MessageType_MESSAGE_TYPE_STATUS, ruffini_Status_fields, &status);
+    EXPECT_EQ((status.health & ruffini_HealthBit_HEALTH_UNJUDGED) == 0, gates == "passed") << gates;
+    ruffini_Hello hello = ruffini_Hello_init_zero;
+    ask(ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_Hello_fields, &hello);
+    EXPECT_EQ(std::string(hello.sensors[0].calibration.summary), gates);
+    std::filesystem::remove_all(folder_ + gates);
+  }
+}
+
 // Under-voltage now: a power cut is near. That it once was is no reason, nor is heat.
 TEST_F(SessionHealth, NoFlashIsBegunWhileThePowerIsShort) {
   ruffini_Command begin = request(1, ruffini_Command_flash_begin_tag);

@@ -11,8 +11,9 @@
 namespace ruffini::test {
 
 // Operator and support are diagonal and agree: F = 20 steps of force per 125 nm. Blue bends to slope x, green to slope y.
-// A relaxing pad loses 30 % of its force within a second.
-inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board, bool is_relaxing = false) {
+// A relaxing pad loses 30 % of its force within a second. `gates`: what its report says.
+inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board, bool is_relaxing = false,
+                                                 const std::string& gates = "") {
   const GridSize nodes = NodeGrid(board).size();
   const int n = 3 * nodes.count();
   const auto diagonal = [&](int16_t value) {
@@ -59,6 +60,7 @@ inline std::vector<uint8_t> diagonal_calibration(const BoardSettings& board, boo
                                    9'216, 9'216, 9'216, 9'216, 9'216, 9'216, 9'216})
       .tensor("support.error_reported", "I32", {2, 12}, std::vector<int32_t>(24, 25 << 8))
       .tensor("support.error_wrench", "I32", {4, 2}, std::vector<int32_t>{2'000, 7'000, 8'000, 3'000, 0, 0, 0, 0});
+  if (!gates.empty()) file.meta("gates", gates);
   if (is_relaxing) {
     file.meta("relaxation.terms", "1")
         .tensor("relaxation.part", "I32", {1}, std::vector<int32_t>{314'573})

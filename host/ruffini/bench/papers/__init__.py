@@ -18,7 +18,7 @@ from typing import Any, Protocol
 from ruffini.bench.papers.recorded import Recorded, recorded_runs
 from ruffini.boards import Board
 from ruffini.errors import InputError
-from ruffini.files import write_whole
+from ruffini.files import readable, write_whole
 from ruffini.sim.reproduce.make import digest, reproduce
 from ruffini.sim.reproduce.settings import load_reproduce
 
@@ -67,7 +67,7 @@ def load_frozen(board: Board) -> Frozen | None:
     if not path.is_file():
         return None
     try:
-        tree = tomllib.loads(path.read_text("utf-8"))
+        tree = tomllib.loads(readable(path).read_text("utf-8"))
         return Frozen(str(tree["digest"]), bool(tree["quick"]), dict(tree["figures"]), dict(tree.get("beyond", {})))
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise InputError(

@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError
 
 from ruffini.boards import Board, Section, parse_board
 from ruffini.errors import InputError
+from ruffini.files import readable
 from ruffini.sim.settings import TwinSettings, parse_twin
 from ruffini.sim.unit import PadError
 
@@ -87,6 +88,6 @@ def stored_plan(folder: Path) -> Plan | None:
     if not path.is_file():
         return None
     try:
-        return Plan.model_validate_json(path.read_bytes())
+        return Plan.model_validate_json(readable(path).read_bytes())
     except ValidationError as error:
         raise InputError(f"{path}: not a dataset's plan: choose another --out") from error

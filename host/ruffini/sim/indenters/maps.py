@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
+from ruffini.files import readable
 
 Array = npt.NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def read_stl(path: Path) -> Array:
         It cannot be read, or is no STL.
     """
     try:
-        data = path.read_bytes()
+        data = readable(path).read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1

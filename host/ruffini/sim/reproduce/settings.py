@@ -35,6 +35,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from ruffini.boards import Board, Section
 from ruffini.errors import InputError
+from ruffini.files import readable
 
 PAPER_BENCH = "reproduce.toml"
 Um = Annotated[int, Field(ge=-200_000, le=200_000)]
@@ -219,7 +220,7 @@ def load_reproduce(board: Board, bench: str = PAPER_BENCH) -> ReproduceSettings:
         what = "no paper to reproduce" if bench == PAPER_BENCH else f"no bench {bench!r}"
         raise InputError(f"board {board.name!r} has {what}: {path} does not exist")
     try:
-        return parse_reproduce(tomllib.loads(path.read_text("utf-8")), str(path))
+        return parse_reproduce(tomllib.loads(readable(path).read_text("utf-8")), str(path))
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{path}: not TOML: {error}") from error
 
