@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ruffini.errors import InputError
 from ruffini.files import readable
 
+LEAST_READ = 0.9  # of the frames that a video claims; some containers only estimate their number
 ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".ppm")
 
 
@@ -43,11 +44,15 @@ class Frames:
             yield from (read_image(p) for p in self._files)
             return
         video = cv2.VideoCapture(str(self.path))
+        n = 0
         while True:
             ok, frame = video.read()
             if not ok:
-                return
+                break
+            n += 1
             yield np.asarray(frame, dtype=np.uint8)
+        if n < LEAST_READ * self._count:
+            raise InputError(f"{self.path}: ends after {n} of {self._count} frames: is the file whole?")
 
 
 def image_files(folder: Path) -> list[Path]:

@@ -51,7 +51,7 @@ MAX_SCALE = 1.3  # times the board's pixels a millimetre: mounting and lens of a
 MAX_CAMERA_PX = 1.0
 MAX_DARK = 64.0  # grey levels
 MAX_MODULUS = 2.0  # times the board's: batches of a gel differ by less, units of force by more
-UNITS = {"lbf": 4.448, "kgf": 9.807, "mN": 1e-3, "ozf": 0.278}  # newtons
+UNITS = {"lbf": 4.448, "kgf": 9.807, "mN": 1e-3}  # newtons
 SAME_UNIT = 0.25  # a modulus that a wrong unit explains so well
 
 
@@ -340,7 +340,7 @@ def gates_of_modulus(material: Material, board: Board) -> list[Gate]:
     """The pad's E against the board's: a reference in another unit, or another pad."""
     modulus_pa = board_slab(board).modulus_pa
     ratio = material.modulus_pa / modulus_pa
-    unit = next((name for name, n in UNITS.items() if abs(ratio * n / 1.0 - 1) < SAME_UNIT), "")
+    unit = next((name for name, n in UNITS.items() if abs(ratio * n - 1) < SAME_UNIT), "")
     hint = f"; is the reference in {unit}?" if unit else "; is its unit N, and is it this board's pad?"
     gate = _near("modulus", ratio, MAX_MODULUS, f"of the board's {modulus_pa / 1e3:.0f} kPa")
     return [gate if gate.ok else gate._replace(text=gate.text + hint)]

@@ -45,6 +45,7 @@ SCALE = np.array([1.0, 1.0, 1.0, *3 * [1 / LEVER_M]])
 TOUCHED_N = 0.05  # reference force above which a frame is used
 MAX_FRAMES_A_TOUCH = 8
 MIN_TOUCHES = 5
+MOST_NAMED = 8  # touches in a message
 LEAST_VARIATION = 0.05  # standard deviation of the touches' forces, of their mean
 FARTHEST = 100.0  # factor from the board's E and thickness: beyond it a material file is not of this pad
 DEVIATION = 0.02  # of the estimator's wrench from the reference, part of the log's spread
@@ -122,8 +123,10 @@ def log_of_touches(
         NaN in some frames, too few touches, or always the same load.
     """
     measured = np.asarray(np.isfinite(wrench).any(axis=0))
-    if not np.isfinite(wrench[:, measured]).all() or not np.isfinite(displacement).all():
-        raise InputError("the log holds NaN or infinity: cut these frames out")
+    is_bad = ~np.isfinite(wrench[:, measured]).all(axis=1) | ~np.isfinite(displacement).all(axis=(1, 2))
+    if is_bad.any():
+        numbers = ", ".join(str(i) for i in np.unique(touch[is_bad])[:MOST_NAMED])
+        raise InputError(f"{is_bad.sum()} frames of touch {numbers} hold NaN or infinity: cut these frames out")
     if not measured[2]:
         raise InputError("the reference has no force along z: without it nothing tells how stiff the pad is")
     size = force_size(wrench)

@@ -60,14 +60,20 @@ def play(
     frames = read_frames(recording)
     if len(frames) != len(wrench):
         raise InputError(f"{recording} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")
-    kept, taken = [], []
+    kept, taken, has_rest = [], [], False
     with Pipeline(board, calibration.data) as pipeline:
         for i, image in enumerate(frames):
             frame = pipeline.process(image)
+            has_rest = has_rest or frame.has_reference
             if frame.has_reference and is_believed(frame):
                 kept.append(i)
                 taken.append(take(pipeline, frame))
             progress((i + 1) / len(frames))
+    if not has_rest:
+        raise InputError(
+            f"{recording} has {len(frames)} pictures, rest is learned from {board.pipeline.n_rest_frames} that are not "
+            "dark: record more before the first touch"
+        )
     if not kept:
         raise InputError(f"{recording}: no frame {what}: is it this board, with its colours calibrated?")
     return Played(np.array(kept), np.array(taken), wrench[kept])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -88,6 +89,7 @@ def info(json_: JsonFlag = False) -> None:
                     "key_id": c.key_id,
                     "development_key": c.development_key,
                     "on_trial": c.on_trial,
+                    "gates": c.summary,
                 },
             }
         )
@@ -97,7 +99,7 @@ def info(json_: JsonFlag = False) -> None:
         "needs_key": getattr(hello, "needs_key", False), "key_ids": list(getattr(hello, "key_ids", [])),
         "clock": None if now is None else {"host_minus_sensor_ns": now.ns - 1000 * clock.latest_us,
                                            "error_ns": now.error_ns},
-        "health": health, "last_run": last_run_words(status),
+        "health": health, "store_problem": getattr(status, "store_problem", ""), "last_run": last_run_words(status),
     }  # fmt: skip
     lines = [f"{sensor.port}  serial {hello.device_serial}  firmware {hello.firmware_version}"]
     if now is not None:
@@ -120,6 +122,8 @@ def info(json_: JsonFlag = False) -> None:
     if network is not None:
         lines.append(f"    network: {network.text()}")
     lines += [f"  health: {words}" for words in health_words(health)]
+    problem = getattr(status, "store_problem", "")
+    lines += [f"  store: {problem}"] if problem else []
     if result["last_run"]:
         lines.append(f"  the last run {result['last_run']}")
     emit(result, json_, "\n".join(lines))
@@ -184,8 +188,14 @@ def snapshot(
         sensor.subscribe(field=1, image=1)
         board = parse_board(sensor.hello.sensors[0].board_toml, sensor.port)
         got: dict[str, dict[int, Any]] = {"FIELD": {}, "IMAGE": {}}
+        end_s = time.monotonic() + 3 * SILENCE_S  # an image takes seconds on a slow line
         for frame, message in sensor.stream(timeout_s=SILENCE_S):
             name = sensor.schema.type_name(frame.type)
+            if time.monotonic() > end_s:
+                lacking = [kind.lower() for kind, there in got.items() if not there] or [
+                    "image of a frame with a field"
+                ]
+                raise NoDeviceError(f"{sensor.port}: no {' and no '.join(lacking)} came: does this sensor send it?")
             if name not in got:
                 continue
             got[name][message.stamp.frame] = RESULTS[name].from_message(message)

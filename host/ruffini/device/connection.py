@@ -296,6 +296,8 @@ class Connection:
             self._send("HELLO")
             hello = self._wait_for("HELLO", timeout_s / tries, lambda m: True)
             if hello is not None:
+                if not hello.sensors:
+                    raise NoDeviceError(f"{self.port}: the device names no sensor: update its firmware")
                 return hello
         raise NoDeviceError(f"{self.port}: nothing answers HELLO: is ruffinid running, and is it this port?")
 
@@ -347,8 +349,13 @@ class Connection:
         return reply
 
     def refresh_hello(self) -> None:
-        """Ask who the sensor is now."""
-        self.hello = self._say_hello(REPLY_TIMEOUT_S * TRIES, TRIES)
+        """Ask who the sensor is now; raises NoDeviceError where another one answers."""
+        hello = self._say_hello(REPLY_TIMEOUT_S * TRIES, TRIES)
+        if hello.device_serial != self.serial_number:
+            raise NoDeviceError(
+                f"{self.port}: sensor {hello.device_serial} answers in place of {self.serial_number}: connect again"
+            )
+        self.hello = hello
 
     def status(self) -> Any:
         """How it fares now; raises NoDeviceError where it does not say."""

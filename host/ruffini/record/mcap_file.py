@@ -87,7 +87,8 @@ def record_stream(
             wrench=1, field=1, depth=1, contacts=1, markers=1, learned=1, status=1, image=image_every,
             residual=residual_every,
         )  # fmt: skip
-        silence_s, n_silent = max(SILENCE_S, resume_s), 0  # a sensor that is suspended is waited for as a lost one
+        silence_s = max(SILENCE_S, resume_s)  # a sensor that is suspended is waited for as a lost one
+        n_silent, n_processed = 0, -1
         try:
             for frame, message in sensor.stream(timeout_s=silence_s, resume_s=resume_s, on_gap=keep_gap):
                 name = sensor.schema.type_name(frame.type)
@@ -113,7 +114,9 @@ def record_stream(
                     if n_frames and counts.get("WRENCH", 0) >= n_frames:
                         break
                 elif name == "STATUS":  # comes each second, whatever the camera does
-                    n_silent += 1
+                    # Those that waited while this process was suspended come at once: only the camera counts.
+                    n_silent = n_silent + 1 if message.frames_processed == n_processed else 0
+                    n_processed = message.frames_processed
                     if n_frames and n_silent > SILENCE_S:
                         raise NoDeviceError(f"{sensor.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
             else:

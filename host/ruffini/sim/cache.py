@@ -1,13 +1,14 @@
 """What takes long, kept between runs under `$XDG_CACHE_HOME/ruffini/twin/`: compliances of simulated pads
 (`<hash>.npy`) and contacts at finite strain (`states/<hash>.npz`).
 
-Only time depends on it: a file is taken when its name is the hash of everything that the result
-depends on and its shape is right, and left unwritten when the disk does not want it.
+Only time depends on it: a file is taken when its name is the hash of everything that the result depends on, its shape
+is right and the SHA-256 at its end fits, and left unwritten when the disk does not want it.
 """
 
 from __future__ import annotations
 
 import hashlib
+import mmap
 import os
 import tempfile
 import zipfile
@@ -19,6 +20,7 @@ from typing import IO
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.files import readable
 from ruffini.sim import pad
 from ruffini.sim.pad import PadModel, surface_compliance
 
@@ -27,6 +29,7 @@ Array = npt.NDArray[np.float64]
 KEPT_FILES = 4  # of about 260 MB each at the default mesh
 # What a contact at finite strain depends on, beside the indenters.
 MECHANICS = ("complementarity", "contact", "finite", "hex27", "pad", "pose", "response", "slices", "surface")
+SHA_BYTES = 32
 KEPT_STATES = 2000  # of about 50 kB each
 
 
@@ -47,11 +50,12 @@ def cached_compliance(model: PadModel, *, progress: Callable[[float], None] = la
     path = _path_for(model)
     size = 3 * model.shape[0] * model.shape[1]
     try:
+        _check(path)
         kept = np.load(path, mmap_mode="r", allow_pickle=False)
         if kept.shape == (size, size) and kept.dtype == np.float64:
             path.touch()
             return np.asarray(kept)
-    except (OSError, ValueError):
+    except (OSError, ValueError, EOFError):
         pass  # not there, or not whole
     compliance = surface_compliance(model, progress=progress)
     _keep(path, compliance)
@@ -66,15 +70,28 @@ def cached_state(key: str, make: Callable[[], dict[str, Array]]) -> dict[str, Ar
     name = hashlib.sha256(key.encode() + np.__version__.encode() + code).hexdigest()[:32]
     path = cache_folder() / "states" / f"{name}.npz"
     try:
+        _check(path)
         with np.load(path, allow_pickle=False) as kept:
             arrays = {name: np.asarray(kept[name]) for name in kept.files}
         path.touch()
         return arrays
-    except (OSError, ValueError, zipfile.BadZipFile, KeyError):
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError):
         pass  # not there, or not whole
     arrays = make()
     _write(path, lambda file: np.savez(file, **arrays), KEPT_STATES)  # type: ignore[arg-type]
     return arrays
+
+
+def _check(path: Path) -> None:
+    """Raises ValueError if a bit of what `_write` wrote has changed since."""
+    with (
+        readable(path, None).open("rb") as file,
+        mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as whole,
+        memoryview(whole) as data,
+        data[:-SHA_BYTES] as kept,
+    ):
+        if hashlib.sha256(kept).digest() != bytes(data[-SHA_BYTES:]):
+            raise ValueError(f"{path} is spoilt")
 
 
 def _keep(path: Path, compliance: Array) -> None:
@@ -88,6 +105,11 @@ def _write(path: Path, save: Callable[[IO[bytes]], None], n_kept: int) -> None:
         try:
             with os.fdopen(handle, "wb") as file:
                 save(file)
+            digest = hashlib.sha256()
+            with open(temporary, "r+b") as file:
+                while block := file.read(1 << 20):
+                    digest.update(block)
+                file.write(digest.digest())
             os.replace(temporary, path)
         except OSError:
             os.unlink(temporary)

@@ -159,6 +159,11 @@ def test_cache_is_only_faster(tmp_path, monkeypatch):
     np.testing.assert_array_equal(cache.cached_compliance(model), computed)
     file.write_bytes(file.read_bytes()[:1000])  # torn
     np.testing.assert_array_equal(cache.cached_compliance(model), computed)
+    for at in (200, file.stat().st_size // 2, file.stat().st_size - 40):  # a number that is another one looks as good
+        data = bytearray(file.read_bytes())
+        data[at] ^= 0x10
+        file.write_bytes(data)
+        np.testing.assert_array_equal(cache.cached_compliance(model), computed)
     for thickness in range(cache.KEPT_FILES + 2):
         cache.cached_compliance(PadModel(6 * MM, 4 * MM, (4 + thickness) * MM, 2e5, 0.4, 3, 2, (0.4, 0.6)))
     assert len(list(cache.cache_folder().iterdir())) == cache.KEPT_FILES
@@ -166,6 +171,27 @@ def test_cache_is_only_faster(tmp_path, monkeypatch):
     blocked.write_text("no folder")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     np.testing.assert_array_equal(cache.cached_compliance(model), computed)
+
+
+def test_a_spoilt_state_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    n_made = 0
+
+    def make():
+        nonlocal n_made
+        n_made += 1
+        return {"u": np.arange(300.0), "n": np.array(3)}
+
+    for spoil in (None, 0, 100, 900, -1):
+        file = next(cache.cache_folder().glob("states/*.npz"), None)
+        if spoil is not None and file is not None:
+            data = bytearray(file.read_bytes())
+            data[spoil] ^= 1
+            file.write_bytes(data)
+        for _ in range(2):
+            state = cache.cached_state("key", make)
+            np.testing.assert_array_equal(state["u"], np.arange(300.0))
+    assert n_made == 5
 
 
 def test_impossible_pads_are_refused():

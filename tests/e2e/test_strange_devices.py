@@ -1,0 +1,128 @@
+"""Devices that answer what no device should: each verb ends in one sentence, none waits without end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command_line import refusal_in, run_ruffini
+from told_sensor import SCHEMA, Messages, ToldSensor, info_of, told_field
+
+from ruffini.boards import find_board
+from ruffini.device import Connection, flashing
+from ruffini.errors import NoDeviceError, VerifyError
+from ruffini.record import Recording, record_stream
+
+FILE = b"a calibration"
+DURABLE, ACTIVE = flashing.FLASH_DURABLE, flashing.FLASH_ACTIVE
+
+
+def told(*infos: Any, **how: Any) -> ToldSensor:
+    board = find_board("gelslim")
+    return ToldSensor(list(infos) or [info_of(board)], told_field(board.grid.n_x, board.grid.n_y), **how)
+
+
+@pytest.mark.parametrize("words", [("info",), ("cal", "undo"), ("cal", "zero"), ("snapshot",), ("record", "{}/a.mcap")])
+def test_a_device_without_a_sensor(tmp_path: Path, words: tuple[str, ...]) -> None:
+    with ToldSensor([], lambda *_: {}) as device:
+        done = run_ruffini(*(word.format(tmp_path) for word in words), port=device.port)
+        assert (done.code, refusal_in(done.err)) == (
+            3, f"ruffini: {device.port}: the device names no sensor: update its firmware",
+        )  # fmt: skip
+
+
+def test_a_snapshot_without_a_picture_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ruffini.device.connection.SILENCE_S", 0.1)
+    with told() as device:  # fields come without end
+        done = run_ruffini("snapshot", "--out", tmp_path / "a.png", port=device.port)
+    assert (done.code, refusal_in(done.err)) == (
+        3, f"ruffini: {device.port}: no image came: does this sensor send it?",
+    )  # fmt: skip
+    assert not (tmp_path / "a.png").exists()
+
+
+class Flashed(ToldSensor):
+    """Takes an upload; `trial` says how many frames a query is told, by its number; None: it is in force."""
+
+    def __init__(self, trial: Callable[[int], int | None]) -> None:
+        board = find_board("gelslim")
+        super().__init__([info_of(board)], lambda *_: {}, rate_hz=None)
+        self._trial, self.n_queries, self.n_commands = trial, 0, 0
+
+    def _answer(self, frame: Any) -> None:
+        if SCHEMA.type_name(frame.type) != "COMMAND":
+            super()._answer(frame)
+            return
+        self.n_commands += 1
+        command: Any = SCHEMA.decode(frame.type, frame.payload)
+        action, fields = command.WhichOneof("action"), {}
+        if action == "flash_chunk":
+            fields = {"next_offset": command.flash_chunk.offset + len(command.flash_chunk.data)}
+        elif action == "flash_commit":
+            fields = {"flash_state": DURABLE}
+        elif action == "flash_query":
+            value = self._trial(self.n_queries)
+            self.n_queries += 1
+            fields = {"flash_state": ACTIVE} if value is None else {"flash_state": DURABLE, "value": value}
+        self._send("REPLY", SCHEMA.new("Reply", request_id=command.request_id, **fields), 255)
+
+
+@pytest.mark.parametrize(
+    ("trial", "error", "words"),
+    [
+        (lambda n: 100 * n, VerifyError, "the trial does not end after 1100 frames"),
+        (lambda n: n % 2, NoDeviceError, "the camera gives no frames to try it on"),
+        (lambda n: 0, NoDeviceError, "the camera gives no frames to try it on"),
+    ],
+)
+def test_a_trial_without_end(
+    monkeypatch: pytest.MonkeyPatch, trial: Callable[[int], int], error: type[Exception], words: str
+) -> None:
+    monkeypatch.setattr(flashing, "TRIAL_STALL_S", 0.05)
+    monkeypatch.setattr(flashing, "TRIAL_POLL_S", 0.0)
+    with Flashed(trial) as device, Connection(device.port) as host, pytest.raises(error, match=words):
+        host.flash(FILE)
+
+
+def test_another_sensor_on_the_line_gets_no_commit() -> None:
+    """A pseudo-terminal's name that another daemon got, or a cable that was put into another sensor."""
+    with Flashed(lambda _: None) as device, Connection(device.port) as host:
+        answer = device._answer
+
+        def swapped(frame: Any) -> None:
+            answer(frame)
+            if device.n_commands:
+                device._hello.device_serial = "another"
+
+        device._answer = swapped  # type: ignore[method-assign]
+        with pytest.raises(NoDeviceError, match="sensor another answers in place of told: connect again"):
+            host.flash(FILE)
+    assert device.n_queries == 0
+
+
+def test_statuses_that_waited_are_no_silence(tmp_path: Path) -> None:
+    """This process was suspended: what the line kept of the time is seven statuses, and no frame."""
+    board = find_board("gelslim")
+    field = told_field(board.grid.n_x, board.grid.n_y)
+
+    def tell(frame: int, stamp: Any) -> Messages:
+        if 3 <= frame < 10:
+            return {"STATUS": SCHEMA.new("Status", frames_processed=30 * frame)}
+        return {**field(frame, stamp), "MARKERS": SCHEMA.new("Markers", stamp=stamp)}
+
+    with ToldSensor([info_of(board)], tell) as device, Connection(device.port) as host:
+        record_stream(host, tmp_path / "a.mcap", n_frames=5)
+    assert sum(1 for _ in Recording(tmp_path / "a.mcap").frames(partial=True)) >= 5
+
+
+def test_a_camera_that_stands_still_is_named(tmp_path: Path) -> None:
+    board = find_board("gelslim")
+    status = SCHEMA.new("Status", frames_processed=7)
+    with (
+        ToldSensor([info_of(board)], lambda *_: {"STATUS": status}) as device,
+        Connection(device.port) as host,
+        pytest.raises(NoDeviceError, match="is the camera running"),
+    ):
+        record_stream(host, tmp_path / "a.mcap", n_frames=5)
