@@ -15,6 +15,7 @@ import pytest
 from command_line import refusal_in, run_ruffini
 
 from ruffini.calibrate.column_log import Columns, read_column_logs
+from ruffini.calibrate.material import log_of_touches
 from ruffini.calibrate.reference_log import read_wrench_csv
 from ruffini.errors import InputError
 from ruffini.files import readable
@@ -117,6 +118,10 @@ SPOILT: dict[str, Spoil] = {
     "one number": put("stream_s", data=1.0),
     "nothing": put("stream_s", data=h5py.Empty("f8")),
     "complex numbers": put("reference_s", data=np.zeros(N, complex)),
+    "an empty reference": lambda file, touch: [
+        put(name, shape=(0, 6)[: 1 + (name == "reference_wrench")], dtype="f8")(file, touch)
+        for name in ("reference_s", "reference_wrench")
+    ],
     "an array for the touches": touches(np.zeros(3)),
     "a touch that is the whole file": touches(h5py.SoftLink("/")),
     "facts that are a list": attribute("facts", "[1]"),
@@ -214,6 +219,22 @@ def test_half_a_video_is_not_a_shorter_one(tmp_path: Path) -> None:
     path.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"video\.avi: (ends after \d+ of 40 frames|cannot be read as a video)"):
         list(read_frames(path))
+
+
+def test_too_few_pictures_for_rest_are_counted(tmp_path: Path) -> None:
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / f"{i}.png"), np.full((240, 320, 3), 120, np.uint8))
+    done = run_ruffini("track", tmp_path, "--board", "gelslim")
+    assert done.code == 2
+    assert f"{tmp_path} has 3 pictures, rest is learned from" in refusal_in(done.err)
+
+
+def test_a_touch_with_nan_is_named() -> None:
+    wrench = np.tile([0.0, 0, -1, 0, 0, 0], (6, 1))
+    displacement = np.zeros((6, 4, 3))
+    displacement[3] = np.nan
+    with pytest.raises(InputError, match="1 frames of touch 1 hold NaN or infinity"):
+        log_of_touches(displacement, wrench, np.arange(6) // 2)
 
 
 def test_json_of_a_refusal_is_one_object(pipe: Path) -> None:

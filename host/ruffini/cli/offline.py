@@ -48,7 +48,7 @@ def track(
     from ruffini.frames import read_frames
 
     found = find_board(board)
-    moved, lost, flags = [], [], []
+    moved, lost, flags, has_rest = [], [], [], False
     with Pipeline(found) as pipeline, progress_bar("track") as progress:
         frames = read_frames(video)
         for i, frame in enumerate(frames):
@@ -59,6 +59,7 @@ def track(
                 )
             result = pipeline.process(frame)
             rest, displacement, state = pipeline.markers()
+            has_rest = has_rest or result.has_reference
             if not result.has_reference:
                 displacement, state = np.zeros_like(displacement), np.zeros_like(state)
             moved.append(displacement)
@@ -66,6 +67,11 @@ def track(
             flags.append(result.flags)
             progress((i + 1) / len(frames))
     displacement, state = np.array(moved), np.array(lost)
+    if not has_rest:
+        raise InputError(
+            f"{video} has {len(moved)} pictures, rest is learned from {found.pipeline.n_rest_frames} not dark ones: "
+            "record more before the first touch"
+        )
     if result.n_markers_at_rest == 0:
         raise InputError(f"{video}: no markers of board {found.name!r} found: is it the right board?")
     if out is not None:

@@ -351,7 +351,7 @@ class Connection:
     def refresh_hello(self) -> None:
         """Ask who the sensor is now; raises NoDeviceError where another one answers."""
         hello = self._say_hello(REPLY_TIMEOUT_S * TRIES, TRIES)
-        if hello.device_serial != self.serial_number:
+        if self.serial_number != hello.device_serial:
             raise NoDeviceError(
                 f"{self.port}: sensor {hello.device_serial} answers in place of {self.serial_number}: connect again"
             )

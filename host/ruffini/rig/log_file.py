@@ -193,6 +193,8 @@ def _check(where: str, arrays: dict[str, npt.NDArray[Any]]) -> None:
     missing = [name for name in table if name not in arrays]
     if missing:
         raise InputError(f"{where} lacks {', '.join(missing)}")
+    if not len(arrays["reference_s"]):
+        raise InputError(f"{where}: the reference is empty: collect it again, with the reference connected")
     for name, (columns, _) in table.items():
         clock = f"{name.split('_')[0]}_s"
         wanted = (len(arrays[clock]),) if columns is None else (len(arrays[clock]), columns)
