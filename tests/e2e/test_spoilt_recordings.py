@@ -100,6 +100,29 @@ def test_zeros_cost_what_they_cover(run: Path, good: dict[int, dict[str, bytes]]
     assert any("lost" in p or "spoilt" in p or "holds" in p or "make no sense" in p for p in problems), problems
 
 
+def test_zeros_from_the_first_byte_cost_what_they_cover(
+    run: Path, good: dict[int, dict[str, bytes]], tmp_path: Path
+) -> None:
+    """The magic, HELLO's attachment and the first chunk: who the sensor is stands at the end again."""
+    for begin in (0, 9):
+        path = spoilt(run, tmp_path, begin, bytes(chunks(run)[1] + 50 - begin))
+        n, problems = frames_of(path, good)
+        assert n >= N_FRAMES - 8
+        assert problems
+        assert Recording(path).hello.device_serial == "0001"
+        assert recover(Recording(path), tmp_path / "out.mcap")["frames"] >= n
+
+
+def test_a_schema_spoilt_in_the_summary_is_passed_over(
+    run: Path, good: dict[int, dict[str, bytes]], tmp_path: Path
+) -> None:
+    data = run.read_bytes()
+    at = data.rindex(b"uptime_us")
+    assert at > chunks(run)[-1], "it is in the summary"
+    path = spoilt(run, tmp_path, at, b"\xff")
+    assert frames_of(path, good)[0] == N_FRAMES
+
+
 def test_recover_writes_a_whole_file(run: Path, good: dict[int, dict[str, bytes]], tmp_path: Path) -> None:
     starts = chunks(run)
     path = spoilt(run, tmp_path, starts[2] - 5, bytes(starts[3] - starts[2]))
@@ -117,7 +140,7 @@ def test_recover_writes_a_whole_file(run: Path, good: dict[int, dict[str, bytes]
         summary = make_reader(stream).get_summary()
     assert summary is not None
     assert summary.statistics is not None
-    assert summary.statistics.attachment_count == 1
+    assert summary.statistics.attachment_count == 2  # HELLO, first and last
 
 
 def test_a_whole_file_recovered_is_as_it_was(run: Path, good: dict[int, dict[str, bytes]], tmp_path: Path) -> None:

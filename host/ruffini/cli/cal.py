@@ -97,6 +97,7 @@ def operator(
     found = find_board(board)
     x, y, z = _micrometres(noise_um)
     known = None if material is None else read_material(material, found)
+    memory = None if relaxation is None else read_relaxation(relaxation, found)
     is_judged = found.depth.source == "markers" or found.depth.has_gauge_table  # when the table is fitted
     if is_judged and gauge_um is not None:
         raise InputError(
@@ -105,7 +106,6 @@ def operator(
         )
     gauge_m = 0.0 if is_judged else gauge_uncertainty_m(found, known) if gauge_um is None else gauge_um * 1e-6
     noise = Noise((x * 1e-6, y * 1e-6, z * 1e-6), gauge_m=gauge_m, tilt_m=tilt_um * 1e-6)
-    memory = None if relaxation is None else read_relaxation(relaxation, found)
     if memory is not None and method != "support":
         raise InputError(f"--relaxation works on the second pass: --method support, not {method}")
     if memory is not None:

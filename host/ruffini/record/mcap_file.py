@@ -73,11 +73,9 @@ def record_stream(
             writer.add_metadata("gap", gap.words())
             on_gap(gap)
 
-        # First of all what sensor this is: a file must be readable without it.
+        # First of all what sensor this is, and last of all again: a file must be readable without either.
         hello = sensor.hello.SerializeToString()
-        writer.add_attachment(
-            create_time=0, log_time=0, name=HELLO_ATTACHMENT, media_type="application/x-protobuf", data=hello
-        )
+        attach_hello(writer, hello)
         writer.add_message(
             register_messages(writer, "HELLO", sensor.schema.bytes), log_time=0, data=hello, publish_time=0
         )
@@ -130,10 +128,18 @@ def record_stream(
             on_end(reason)  # without a number of frames the end of the line is the end of the recording
         finally:
             sensor.raw_sink = None
+            attach_hello(writer, hello)
             writer.finish()  # type: ignore[no-untyped-call]
             stream.flush()
             os.fsync(stream.fileno())
     return counts
+
+
+def attach_hello(writer: Any, hello: bytes) -> None:
+    """Keep a HELLO beside the chunks."""
+    writer.add_attachment(
+        create_time=0, log_time=0, name=HELLO_ATTACHMENT, media_type="application/x-protobuf", data=hello
+    )
 
 
 @contextlib.contextmanager

@@ -79,8 +79,10 @@ class Recording:
         self._has_raw = False
         self._topics: dict[int, str] = {}  # by channel; the summary repeats those of a first chunk that is spoilt
         for kind, record in self._records(all_chunks=False):
-            if kind == SCHEMA and record.name == "ruffini.Hello":
-                schema = Schema(record.data)
+            if kind == SCHEMA and record.name == "ruffini.Hello":  # the first that makes sense
+                schema = schema or self._schema_of(
+                    record.data
+                )
             elif kind == MESSAGE and self._topics.get(record.channel_id) == "/ruffini/hello" and schema is not None:
                 hello = schema.decode(schema.type_numbers["HELLO"], record.data)
             elif kind == ATTACHMENT and record.name == HELLO_ATTACHMENT and hello_bytes is None:
@@ -100,6 +102,13 @@ class Recording:
 
     def __exit__(self, *_: object) -> None:
         pass
+
+    def _schema_of(self, data: bytes) -> Schema | None:
+        try:
+            return Schema(data)
+        except InputError as error:
+            self._problem(f"a schema is spoilt and was passed over: {error}")
+            return None
 
     def _hello_of(self, schema: Schema) -> Any:
         """HELLO as it came over the line, e.g. after a lost line; None if it did not."""
@@ -215,7 +224,9 @@ class Recording:
         try:
             with readable(self.path, None).open("rb") as stream:
                 if stream.read(len(MAGIC)) != MAGIC:
-                    raise InputError(f"{self.path}: is no MCAP file: record with `ruffini record`")
+                    if not self._ends_as_mcap(stream):
+                        raise InputError(f"{self.path}: is no MCAP file: record with `ruffini record`")
+                    self._problem("its first bytes make no sense")
                 for kind, record in self._top(stream):
                     if kind == CHUNK:
                         if all_chunks or "/ruffini/hello" not in self._topics.values() or not self._has_raw:
@@ -224,6 +235,15 @@ class Recording:
                         yield from self._read(kind, record)
         except OSError as error:
             raise InputError(f"{self.path}: cannot be read: {error.strerror}") from error
+
+    def _ends_as_mcap(self, stream: BinaryIO) -> bool:
+        """True if the file ends as an MCAP file does; the stream is then behind its first bytes."""
+        if self.path.stat().st_size < 2 * len(MAGIC):
+            return False
+        stream.seek(-len(MAGIC), 2)
+        end = stream.read()
+        stream.seek(len(MAGIC))
+        return end == MAGIC
 
     def _top(self, stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
         """The records of the file, summary included; after bytes that make no sense it goes on at the next chunk."""

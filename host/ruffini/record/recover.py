@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ruffini.errors import InputError
-from ruffini.record.mcap_file import CHUNK_BYTES, HELLO_ATTACHMENT, RAW_TOPIC, register_messages
+from ruffini.record.mcap_file import CHUNK_BYTES, RAW_TOPIC, attach_hello, register_messages
 from ruffini.record.recording import Recording
 from ruffini.wire import encode_message
 
@@ -47,9 +47,7 @@ def _write(recording: Recording, writer: Any) -> dict[str, int]:
     schema, hello = recording.schema, recording.hello.SerializeToString()
     raw = writer.register_channel(topic=RAW_TOPIC, message_encoding="application/octet-stream", schema_id=0)
     channels = {"HELLO": register_messages(writer, "HELLO", schema.bytes)}
-    writer.add_attachment(
-        create_time=0, log_time=0, name=HELLO_ATTACHMENT, media_type="application/x-protobuf", data=hello
-    )
+    attach_hello(writer, hello)
     writer.add_message(channels["HELLO"], log_time=0, data=hello, publish_time=0)
     for point in recording.clock:
         writer.add_metadata("clock", point.words())
@@ -74,4 +72,5 @@ def _write(recording: Recording, writer: Any) -> dict[str, int]:
         )
         counts["messages"] += 1
         counts["frames"] += name == "WRENCH"
+    attach_hello(writer, hello)
     return counts

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from command_line import run_ruffini
 from small_board import Files, Run
 
 from ruffini.calibrate import container, keys
@@ -44,3 +45,11 @@ def test_a_calibration_for_one_sensor_is_verified_on_the_host(run: Run, files: F
     code, text, _ = run("cal", "verify", out, "--board", files.folder)
     assert code == 0
     assert "signed by development key" in text
+
+
+@pytest.mark.parametrize("words", [("cal", "show"), ("info", "--nonsense"), ("nonsense",), ("monitor", "--n", "-1")])
+def test_wrong_usage_is_an_object_too(words: tuple[str, ...]) -> None:
+    done = run_ruffini(*words, "--json")
+    assert done.code == 2
+    assert json.loads(done.out) == {"error": "wrong usage: stderr says what is wrong", "exit_code": 2}
+    assert run_ruffini(*words).out == ""
