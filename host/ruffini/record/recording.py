@@ -80,9 +80,7 @@ class Recording:
         self._topics: dict[int, str] = {}  # by channel; the summary repeats those of a first chunk that is spoilt
         for kind, record in self._records(all_chunks=False):
             if kind == SCHEMA and record.name == "ruffini.Hello":  # the first that makes sense
-                schema = schema or self._schema_of(
-                    record.data
-                )
+                schema = schema or self._schema_of(record.data)
             elif kind == MESSAGE and self._topics.get(record.channel_id) == "/ruffini/hello" and schema is not None:
                 hello = schema.decode(schema.type_numbers["HELLO"], record.data)
             elif kind == ATTACHMENT and record.name == HELLO_ATTACHMENT and hello_bytes is None:
