@@ -237,6 +237,15 @@ def test_a_touch_with_nan_is_named() -> None:
         log_of_touches(displacement, wrench, np.arange(6) // 2)
 
 
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000])
+def test_brackets_without_end(tmp_path: Path, text: str) -> None:
+    path = csv_of(tmp_path / "deep.json", text)
+    for option in ("--material", "--relaxation"):
+        done = run_ruffini("cal", "operator", "--board", "gelslim", option, path, "--out", tmp_path / "o")
+        assert done.code == 2, done.err
+        refusal_in(done.err)
+
+
 def test_json_of_a_refusal_is_one_object(pipe: Path) -> None:
     done = run_ruffini("cal", "show", pipe, "--json")
     assert json.loads(done.out)["exit_code"] == 2

@@ -30,6 +30,8 @@ def main() -> int:
     except OSError as error:  # a path of the command line that no verb could use
         what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
         return _fail(f"{what}: check the path and its permissions", 2)
+    except RecursionError:  # JSON and TOML parsers on a file of brackets
+        return _fail("what was given is nested too deep: is it the right file?", 2)
     except MemoryError:
         return _fail("there is not enough memory for this: is it the right file?", 2)
     except KeyboardInterrupt:
