@@ -40,6 +40,11 @@ LEAST = {"mm": 0.02, "px": 0.02}
 MOST = {"mm": 100.0, "px": 2000.0}
 MOST_ARM_MM, LEAST_ARM_MM = 1000.0, 0.05  # torque over force of a sensor that a hand can press
 TURNED = 3.0  # mean of a shear force over that of the normal force that means swapped columns
+MOST_FORCE_N = 1074.0  # of the board's table, root mean square
+SLOW_S = 10.0  # between frames of a touch
+# Of a recording's axes, by a linear map of the others' features: what is surely another axis, the same, another unit.
+SURE, UNSURE, OTHER_UNIT = 0.7, 0.5, 10.0
+LEAST_ROWS, LIKE_RIDGE = 50, 1e-3
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
@@ -154,12 +159,16 @@ def read_column_logs(paths: Sequence[Path], columns: Columns) -> ColumnLogs:
     for source, (_, values) in zip(sources, tables, strict=True):
         _check_size(source.path, names, values, columns.unit)
     step = _steps(np.concatenate([values for _, values in tables]), columns.unit)
-    runs, remarks = list[FeatureRun](), list[str]()
-    for source, (_, values) in zip(sources, tables, strict=True):
-        runs += _runs(source, columns, values, step)
+    by_file = [_runs(source, columns, values, step) for source, (_, values) in zip(sources, tables, strict=True)]
+    _check_alike(sources, columns, by_file)
+    runs, remarks = [run for each in by_file for run in each], list[str]()
     pressing = np.concatenate([run.reference for run in runs])
     if pressing[:, 2].mean() > 0:
         remarks.append("Fz is positive on average: pressing must be negative (forces act on the pad, +z out of it)")
+    for run in runs:
+        between = np.zeros(0) if run.touch is None else np.diff(run.time_s)[np.diff(run.touch) == 0]
+        if len(between) and (slow := float(np.median(between))) > SLOW_S:
+            remarks.append(f"{run.name}: {columns.time}: frames of a touch are {slow:.3g} s apart: is it in ms?")
     return ColumnLogs(runs, step, names, remarks)
 
 
@@ -214,8 +223,11 @@ def _runs(source: Source, columns: Columns, values: Array, step: Array) -> list[
     if len({len(time_s), len(wrench), len(values)}) > 1:
         raise InputError(f"{path}: {columns.time} has {len(time_s)} rows, the features {len(values)}, the wrench "
                          f"{len(wrench)}: one row a frame in each")  # fmt: skip
-    touch = source.one(columns.touch).astype(int) if columns.touch else None
-    session = source.one(columns.recording) if columns.recording else np.zeros(len(time_s))
+    touch = _whole(source, columns.touch) if columns.touch else None
+    session = _whole(source, columns.recording) if columns.recording else np.zeros(len(time_s), int)
+    if len({len(time_s), len(time_s if touch is None else touch), len(session)}) > 1:
+        raise InputError(f"{path}: {columns.touch or columns.recording} has other rows than {columns.time}: one row a "
+                         "frame in each")  # fmt: skip
     out = []
     for number in np.unique(session):
         rows = np.flatnonzero(session == number)
@@ -251,6 +263,54 @@ def _wrench(source: Source, columns: Columns) -> Array:
     return wrench
 
 
+def _whole(source: Source, name: str) -> npt.NDArray[np.intp]:
+    """A column of numbers of touches or recordings."""
+    values = source.one(name)
+    _check_finite(source.path, [name], values[:, None])
+    return np.asarray(values.astype(np.intp))
+
+
+def _check_alike(sources: list[Source], columns: Columns, by_file: list[list[FeatureRun]]) -> None:
+    """Refuse a recording whose axes are swapped, turned round or in another unit against those of the others.
+
+    The same sensor makes the same wrench of the same features: what a linear map of the others' features says of a
+    recording's axes must be like these. Axes that are hardly loaded, or not linear enough, are not judged.
+    """
+    for i in reversed(range(len(sources))):
+        own, others = by_file[i], [run for j, runs in enumerate(by_file) if j != i for run in runs]
+        if min(sum(len(run.time_s) for run in part) for part in (own, others)) < LEAST_ROWS:
+            continue
+        x, y = (np.concatenate([getattr(run, name) for run in others]) for name in ("features", "reference"))
+        truth = np.concatenate([run.reference for run in own])
+        scale = np.maximum(x.std(axis=0), 1e-9)
+        z = (x - x.mean(axis=0)) / scale
+        gain = np.linalg.solve(z.T @ z + LIKE_RIDGE * len(z) * np.eye(z.shape[1]), z.T @ (y - y.mean(axis=0)))
+        said = (np.concatenate([run.features for run in own]) - x.mean(axis=0)) / scale @ gain
+        _check_axes(sources[i], columns, said, truth, sources[0 if i else 1].path.name)
+
+
+def _check_axes(source: Source, columns: Columns, said: Array, truth: Array, other: str) -> None:
+    """`said` by the other recordings' map and `truth`, (t, 6)."""
+    spread, spread_said = truth.std(axis=0), said.std(axis=0)
+    ok = np.outer(spread_said > 0, spread > 0)
+    size = np.maximum(np.outer(spread_said, spread), 1e-30)
+    like = np.where(ok, (said - said.mean(axis=0)).T @ (truth - truth.mean(axis=0)) / len(said) / size, 0.0)
+    names = [label for name in columns.wrench for label, _ in (source.named(name) if name else [("", truth[:, 0])])]
+    for a in range(6):
+        row = 1 + int(np.abs(truth[:, a]).argmax())
+        where = f"{source.path}: {names[a]}, row {row}"
+        if like[a, a] < -SURE:
+            raise InputError(f"{where}: {WRENCH[a]} has the other sign than in {other}: turn it round in one of them")
+        for b in range(a + 1, 6):
+            if min(abs(like[a, b]), abs(like[b, a])) > SURE and max(abs(like[a, a]), abs(like[b, b])) < UNSURE:
+                raise InputError(f"{where}: {WRENCH[a]} and {WRENCH[b]} look swapped against {other}: name --wrench in "
+                                 "the order fx fy fz tx ty tz, of each file by itself if they differ")  # fmt: skip
+        times = spread[a] / max(spread_said[a], 1e-30)
+        if like[a, a] > SURE and not 1 / OTHER_UNIT < times < OTHER_UNIT:
+            raise InputError(f"{where}: {WRENCH[a]} is {times:.3g} times what the same features make in {other}: bring "
+                             "both to one unit (--wrench-unit), or fit each sensor by itself")  # fmt: skip
+
+
 def _check_wrench(path: Path, names: list[str], wrench: Array, units: Sequence[str]) -> None:
     force, torque = (float(np.sqrt((wrench[:, part] ** 2).sum(axis=1).mean())) for part in (slice(0, 3), slice(3, 6)))
     if torque > 0 and force > 0 and not LEAST_ARM_MM < 1e3 * torque / force < MOST_ARM_MM:
@@ -265,6 +325,11 @@ def _check_wrench(path: Path, names: list[str], wrench: Array, units: Sequence[s
         )  # fmt: skip
         raise InputError(f"{path}: {names[column]}, row {row}: torques read as {units[1]} are {arm_mm:.3g} mm times "
                          f"the forces; {what}")  # fmt: skip
+    if force > MOST_FORCE_N:
+        column = int(np.abs(wrench[:, :3]).max(axis=0).argmax())
+        row = 1 + int(np.abs(wrench[:, column]).argmax())
+        raise InputError(f"{path}: {names[column]}, row {row}: forces read as {units[0]} are {force:.3g} N: are they "
+                         "in mN? Give --wrench-unit mN,...")  # fmt: skip
     mean = np.abs(wrench[:, :3].mean(axis=0))
     side = int(mean[:2].argmax())
     if mean[side] > TURNED * mean[2] and mean[side] > 0.5 * float(np.sqrt((wrench[:, side] ** 2).mean())):

@@ -35,6 +35,7 @@ TAIL = 4.0  # degrees of freedom of the errors: reference and tracker have outli
 N_PASSES = 4
 N_SAMPLE = 800  # frames that the weights of directions are learned on
 MAX_STEPS = 40
+LEAST_JITTER = 1e-7  # a curve that is straight between its entries is not quite positive definite
 REACH_SHARE = 0.99  # of the frames left out that count as inside
 PLACE, WEIGHT, CURVE = float(1 << 20), float(1 << 28), float(1 << 24)  # steps of the tables
 MAX_ENTRY, MAX_SUM, MAX_SHIFT = 1 << 26, 1 << 36, 40
@@ -119,21 +120,21 @@ def _relevance(z: Array, wrench: Array, touch: npt.NDArray[np.intp], weight: Arr
     rows = np.flatnonzero(np.isin(touch, names[:n_touches]))[: 2 * N_SAMPLE]
     x, y = z[rows], ((wrench - np.median(wrench, axis=0)) / np.maximum(wrench.std(axis=0), 1e-12))[rows]
     n, d = x.shape
-    square = [(column[:, None] - column) ** 2 for column in x.T]
     linear, noisy = x @ x.T, 1 / weight[rows]
     start = np.r_[np.full(d, np.log(START_LENGTH)), np.log([1.0, LINEAR, 1e-3])]
 
     def unlikely(p: Array) -> tuple[float, Array]:
-        inverse = np.exp(-2 * p[:d])
+        inverse = np.exp(-p[:d])
         size, slope, noise = np.exp(p[d:])
-        k = size * np.exp(-0.5 * sum(i * s for i, s in zip(inverse, square, strict=True)))
+        k = size * np.exp(-0.5 * distances(x * inverse, x * inverse) ** 2)
         factor = linalg.cho_factor(k + slope * linear + noise * np.diag(noisy), lower=True, check_finite=False)
         alpha = linalg.cho_solve(factor, y)
         m = 6 * linalg.cho_solve(factor, np.eye(n)) - alpha @ alpha.T
         off = p[:d] - np.log(START_LENGTH)
         value = 0.5 * (y * alpha).sum() + 6 * np.log(np.diag(factor[0])).sum() + 0.5 * (off**2).sum()
         mk = m * k
-        slopes = [0.5 * (mk * s).sum() * i for i, s in zip(inverse, square, strict=True)]
+        # Half the sum over i and j of mk_ij (x_ik - x_jk)^2, of every direction k at once.
+        slopes = (mk.sum(axis=1) @ x**2 - (x * (mk @ x)).sum(axis=0)) * inverse**2
         rest = [0.5 * mk.sum(), 0.5 * slope * (m * linear).sum(), 0.5 * noise * (np.diag(m) * noisy).sum()]
         return float(value), np.r_[slopes + off, rest]
 
@@ -158,7 +159,7 @@ def _solved(features: Array, wrench: Array, shape: Shape) -> tuple[Array, Kernel
     z, x = features @ shape.project.T, features / shape.spread
     landmark = _landmarks(z, shape)
     middle, scale = np.median(wrench, axis=0), np.maximum(wrench.std(axis=0), 1e-12)
-    factor = linalg.cholesky(shape.kernel(landmark, landmark) + 1e-7 * np.eye(len(landmark)), lower=True)
+    factor = _factor(shape.kernel(landmark, landmark))
     basis = linalg.solve_triangular(factor, shape.kernel(landmark, z), lower=True).T
     columns = np.concatenate([basis, np.sqrt(shape.linear) * (x - x.mean(axis=0)), np.ones((len(x), 1))], axis=1)
     ridge = np.r_[np.full(columns.shape[1] - 1, shape.noise), 1e-9]
@@ -174,6 +175,16 @@ def _solved(features: Array, wrench: Array, shape: Shape) -> tuple[Array, Kernel
     weights = (linalg.solve_triangular(factor.T, found[:m], lower=False) * scale).T
     offset = middle + found[-1] * scale - k @ (x.mean(axis=0) * shape.spread)
     return np.asarray(k), KernelMap(shape, landmark, np.asarray(weights), np.asarray(offset)), weight
+
+
+def _factor(kernel: Array) -> Array:
+    """Lower triangle, with as little added to the diagonal as it takes."""
+    jitter = LEAST_JITTER
+    while True:
+        try:
+            return np.asarray(linalg.cholesky(kernel + jitter * np.eye(len(kernel)), lower=True))
+        except linalg.LinAlgError:
+            jitter *= 10
 
 
 def _landmarks(z: Array, shape: Shape) -> Array:

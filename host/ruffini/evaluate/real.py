@@ -5,18 +5,29 @@ Each kind of recording has one function in `KINDS`, which reads its folder and r
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from ruffini.boards.pictures import picture_board
+from ruffini.calibrate import container
 from ruffini.calibrate.column_log import Columns, read_column_logs
+from ruffini.calibrate.fit_presses import fit_presses
 from ruffini.calibrate.html_page import Page
+from ruffini.calibrate.presses import PressSet, load_presses, reference_images
 from ruffini.calibrate.wrench_model import AXES
 from ruffini.errors import InputError
-from ruffini.evaluate import wrench
+from ruffini.evaluate import photometric, wrench
+from ruffini.evaluate.pictures import press_depths
 
 Progress = Callable[[float], None]
 MARKER_FORCE = Columns("vision/timestamp", ("vision/dxyz",), "mm", ("force/values",), ("N", "N m"), "force/segment_id")
+
+
+BALL_MM, PX_PER_MM = 4.70, 19.58  # of gelsight-ball-presses
+STANDOFF_MM = 500.0  # hardly any perspective: that camera's lens is not known
 
 
 class Row(NamedTuple):
@@ -49,7 +60,55 @@ def marker_force(folder: Path, page: Page, progress: Progress) -> list[Row]:
     return rows
 
 
-KINDS: dict[str, Callable[[Path, Page, Progress], list[Row]]] = {"marker-force": marker_force}
+def ball_presses(folder: Path, page: Page, progress: Progress) -> list[Row]:
+    """Colours to slopes: fitted on one half of the presses, judged on the other half's circles as marked by hand."""
+    marked = load_presses(folder, ball_mm=BALL_MM, px_per_mm=PX_PER_MM)
+    page.heading("gelsight-ball-presses: slopes against a ball of known size")
+    page.text("Presses that the table was not fitted on, inside 0.85 of the contact circle, by the board's integers.")
+    medians, worst, n_found = dict[str, list[float]](), dict[str, list[float]](), 0
+    for half in (0, 1):
+        judged = replace(marked, presses=marked.presses[1 - half :: 2])
+        given = replace(marked, presses=marked.presses[half::2])
+        found = _unmarked(given)
+        n_found += len(found.presses)
+        for name, presses in (("given", given), ("found", found)):
+            result, surfaces = _judged(presses, judged)
+            medians.setdefault(name, []).append(result["marked"]["normal_median_deg"])
+            worst.setdefault(name, []).append(result["marked"]["normal_worst_deg"])
+            if name == "found":
+                page.picture(press_depths(judged, surfaces, result), f"depth of presses, half {1 - half}")
+            progress((2 * half + (name == "found") + 1) / 4)
+    rows = [Row("gelsight-ball-presses", f"presses found without marks, of {len(marked.presses)}", "", n_found, {})]
+    for name in ("given", "found"):
+        mean = sum(medians[name]) / 2
+        rows.append(Row("gelsight-ball-presses", f"normals, circles {name}: median press", "degrees", mean, {}))
+        rows.append(Row("gelsight-ball-presses", f"normals, circles {name}: worst", "degrees", max(worst[name]), {}))
+    return rows
+
+
+def _unmarked(presses: PressSet) -> PressSet:
+    """The same pictures, with circles that are found."""
+    with tempfile.TemporaryDirectory() as name:
+        alone = Path(name)
+        for path in (*reference_images(presses.presses[0].path.parents[1]), *(p.path for p in presses.presses)):
+            (alone / path.name).symlink_to(path.resolve())
+        found = load_presses(alone, ball_mm=presses.ball_mm, px_per_mm=presses.px_per_mm, may_find=True)
+    original = {p.path.name: p.path for p in presses.presses}
+    return replace(found, presses=[replace(p, path=original[p.path.name]) for p in found.presses])
+
+
+def _judged(fitted: PressSet, judged: PressSet) -> tuple[dict[str, Any], list[photometric.Surface]]:
+    stages = ["difference", "photometric", "poisson"]
+    board = picture_board(judged.reference.shape, PX_PER_MM, stages, standoff_mm=STANDOFF_MM)
+    fit = fit_presses(fitted, board, is_foreign=True)
+    file = container.pack(fit.tensors, {**container.base_metadata(board), **fit.metadata})
+    return photometric.evaluate(judged, file, board, [], [])
+
+
+KINDS: dict[str, Callable[[Path, Page, Progress], list[Row]]] = {
+    "marker-force": marker_force,
+    "gelsight-ball-presses": ball_presses,
+}
 
 
 def evaluate(folder: Path, out: Path, progress: Progress = lambda _: None) -> list[Row]:

@@ -101,6 +101,16 @@ BAD: dict[str, tuple[Callable[[dict[str, Array]], Any], str]] = {
     "torques for forces": (_turned, r"b\.h5: wrench\[\d\], row \d+: .* look swapped: name --wrench in the order"),
     "backwards": (lambda log: log["t"].__setitem__(9, 0.1), r"b\.h5: t, row 10: time runs backwards"),
     "metres": (lambda log: log.__setitem__("moved", log["moved"] * 1e-3), r"moved\[.*\], row \d+: .*Give --unit"),
+    "nan touch": (lambda log: log["touch"].__setitem__(5, np.nan), r"b\.h5: touch, row 6 is not a number: delete"),
+    "mN": (lambda log: log.__setitem__("wrench", log["wrench"] * 1e3), r"wrench\[2\], row \d+: .*they in mN\? Give"),
+    "swapped in one": (lambda log: log.__setitem__("wrench", log["wrench"][:, [1, 0, 2, 3, 4, 5]]),
+                       r"b\.h5: wrench\[0\], row \d+: fx and fy look swapped against a\.h5: name --wrench"),
+    "torques swapped in one": (lambda log: log.__setitem__("wrench", log["wrench"][:, [0, 1, 2, 3, 5, 4]]),
+                               r"b\.h5: wrench\[4\], row \d+: ty and tz look swapped against a\.h5"),
+    "turned round in one": (lambda log: log.__setitem__("wrench", log["wrench"] * [1, -1, 1, 1, 1, 1]),
+                            r"b\.h5: wrench\[1\], row \d+: fy has the other sign than in a\.h5: turn it"),
+    "another unit in one": (lambda log: log.__setitem__("moved", log["moved"] * 20),
+                            r"b\.h5: wrench\[0\], row \d+: fx is 0\.05\d* times what .* one unit"),
     "other rows": (lambda log: log.__setitem__("wrench", log["wrench"][1:]), r"b\.h5: t has 96 rows"),
 }  # fmt: skip
 
@@ -119,6 +129,13 @@ def test_a_bad_log_is_one_sentence_and_nothing_is_written(case: str, tmp_path: P
     said = CliRunner().invoke(app, _command(paths, tmp_path / "out"))
     assert isinstance(said.exception, InputError)
     assert not (tmp_path / "out").exists()
+
+
+def test_milliseconds_are_remarked(tmp_path: Path) -> None:
+    log = made(1)
+    log["t"] *= 1e3
+    (said,) = read_column_logs([hdf5(tmp_path / "a.h5", log)], COLUMNS).remarks
+    assert said == "a.h5: t: frames of a touch are 50 s apart: is it in ms?"
 
 
 def test_a_recording_of_another_sensor(tmp_path: Path) -> None:

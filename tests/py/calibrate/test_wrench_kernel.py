@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -67,6 +69,16 @@ def test_twice_the_load_is_flagged_and_less_certain() -> None:
 def test_a_linear_sensor_gets_none() -> None:
     fit = fit_wrench_map([pressed(1, 0.0), pressed(2, 0.0)], holdout="touch", nonlinear=True)
     assert fit.kernel is None
+
+
+def test_a_curve_that_is_no_covariance_is_solved_all_the_same() -> None:
+    """A table that is straight between its entries is not quite one; this one, a box, is far from it."""
+    frames = frames_of([pressed(1, 0.3)], 0.0)
+    shape = wrench_kernel.candidates(frames.features, frames.wrench, frames.touch)[0]
+    box = replace(shape, curve=(np.arange(len(shape.curve)) < wrench_kernel.STEPS // 8).astype(float))
+    gain, kernel = wrench_kernel.solve(frames.features, frames.wrench, box)
+    error = np.abs(frames.features @ gain.T + kernel.added(frames.features) - frames.wrench).mean(axis=0)
+    assert (error < 0.1 * FULL).all()
 
 
 @pytest.mark.parametrize("holdout", ["recording", "block"])
