@@ -142,7 +142,7 @@ mutants: build  ## seeded bugs in firmware, host and page: each must be seen by 
 
 DATA ?= $(RUFFINI_RECORDED_DATA)
 real: build  ## one table and a page of what was measured on recordings of real sensors in DATA=FOLDER, with peers on the same rows
-	@.venv/bin/ruffini eval real $(DATA) --out out/real.html
+	@.venv/bin/ruffini eval real $(DATA) --out out/real.html --table out/real.md
 
 bench: setup  ## time of every stage with peers beside them; accuracy on simulated presses; QUICK=1 smaller, not the README's figures
 	@$(call compile,$(BUILD),-DRUFFINI_BENCH=ON)

@@ -94,6 +94,7 @@ def real(
         Path | None, typer.Argument(metavar="DIR", help="Recordings of real sensors (default: $RUFFINI_RECORDED_DATA).")
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="Page of the same with pictures (HTML).")] = Path("out/real.html"),
+    table: Annotated[Path | None, typer.Option("--table", help="The table as Markdown.")] = None,
     json_: JsonFlag = False,
 ) -> None:
     """One table of what was measured on recordings of real sensors, with peers on the same rows; one page."""
@@ -101,10 +102,14 @@ def real(
     import os
 
     from ruffini.evaluate import real as judge
+    from ruffini.files import write_whole
 
     named = folder or Path(os.environ.get("RUFFINI_RECORDED_DATA", ""))
     with progress_bar("real data") as progress:
         rows = judge.evaluate(named, out, progress=progress)
+    if table is not None:
+        table.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(table, f"{judge.table(rows)}\n".encode())
     emit({"rows": [row._asdict() for row in rows], "page": str(out)}, json_, f"{judge.table(rows)}\n{out}")
 
 

@@ -138,7 +138,7 @@ def table(rows: list[Row]) -> str:
     peers = _peers(rows)
     lines = [f"| recordings | figure | unit | ruffini | {' | '.join(peers)} |", "| --- " * (4 + len(peers)) + "|"]
     for row in rows:
-        cells = (f"{cell:.3g}" if isinstance(cell, float) else cell for cell in _cells(row, peers))
+        cells = (cell if isinstance(cell, str) else f"{cell:.3g}" for cell in _cells(row, peers))
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
