@@ -78,7 +78,8 @@ def ball_presses(folder: Path, page: Page, progress: Progress) -> list[Row]:
             if name == "found":
                 page.picture(press_depths(judged, surfaces, result), f"depth of presses, half {1 - half}")
             progress((2 * half + (name == "found") + 1) / 4)
-    rows = [Row("gelsight-ball-presses", f"presses found without marks, of {len(marked.presses)}", "", n_found, {})]
+    counted = f"presses found without marks, of {len(marked.presses)}"
+    rows = [Row("gelsight-ball-presses", counted, "", float(n_found), {})]
     for name in ("given", "found"):
         mean = sum(medians[name]) / 2
         rows.append(Row("gelsight-ball-presses", f"normals, circles {name}: median press", "degrees", mean, {}))
