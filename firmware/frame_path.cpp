@@ -148,7 +148,7 @@ void FramePath::follow_light() {
   const auto& touched = state_.solve.mask;  // by the frame before: what has begun goes on
   is_light_steady_ =
       n_drifting_ < kDriftFrames || std::any_of(touched.begin(), touched.end(), [](uint8_t m) { return m != 0; });
-  if (is_balanced ? !light_.level_is_sure() : light_.is_off()) state_.flags |= kFlagLight;
+  if (is_balanced ? !light_.level_is_sure() || light_.map().is_off() : light_.is_off()) state_.flags |= kFlagLight;
   const int daylight_q12 = has_targets() ? LightTracker::kTiltedQ12 : LightTracker::kDaylightQ12;
   const LightLevel usual = is_balanced ? light_.level() : LightLevel{};
   if (light_.is_lit_from_outside(daylight_q12, usual)) state_.flags |= kFlagLight;

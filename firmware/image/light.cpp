@@ -16,22 +16,24 @@ constexpr int kLevelQ12 = 61;  // 1.5 %: three times what a sample of a usual ca
 constexpr int kNearQ12 = 328;  // 8 %: more than the slopes of half an image, less than a contact's
 constexpr int kRounds = 3;
 constexpr int32_t kMaxLevelQ16 = 65'536 / 4;
-constexpr ptrdiff_t kMinOfSide = 4;      // of its samples
-constexpr int kMaxStepQ12 = 32;          // 1/128
-constexpr int kStepShift = 8 - 4;        // Q12 to Q20, a sixteenth
-constexpr int kStillFrames = 16;         // a quarter of a second at 60 Hz
-constexpr int kStillPxQ16 = 65'536 / 4;  // six times the noise of a marker
-constexpr int kOffStillQ12 = 164;        // 4 %
-constexpr int kOffAllQ12 = 3 * 246;      // 6 % of each of three channels
-constexpr int32_t kMinGain = Rest::kUnitGain * 3 / 4;
-constexpr int32_t kMaxGain = Rest::kUnitGain * 5 / 4;
+constexpr ptrdiff_t kMinOfSide = 4;                    // of its samples
+constexpr int kMaxStepQ12 = 32;                        // 1/128
+constexpr int kStepShift = 8 - 4;                      // Q12 to Q20, a sixteenth
+constexpr int kStillFrames = 16;                       // a quarter of a second at 60 Hz
+constexpr int kStillPxQ16 = 65'536 / 4;                // six times the noise of a marker
+constexpr int kOffStillQ12 = 164;                      // 4 %
+constexpr int kOffAllQ12 = 3 * 246;                    // 6 % of each of three channels
 constexpr int32_t kSettled = Rest::kUnitGain / 4'096;  // four times what noise moves the gain by
 
-bool is_at_rest(std::span<const Marker> markers) {
-  return std::all_of(markers.begin(), markers.end(), [](const Marker& m) {
-    return m.is_lost ||
-           (std::abs(m.displacement_x.raw()) <= kStillPxQ16 && std::abs(m.displacement_y.raw()) <= kStillPxQ16);
-  });
+PadState state_of(std::span<const Marker> markers) {
+  auto state = PadState::kUnknown;
+  for (const Marker& m : markers) {
+    if (m.is_lost) continue;
+    if (std::abs(m.displacement_x.raw()) > kStillPxQ16 || std::abs(m.displacement_y.raw()) > kStillPxQ16)
+      return PadState::kTouched;
+    state = PadState::kAtRest;
+  }
+  return state;
 }
 
 // A row of a sample: bright enough, not full, and without the edge of a dot.
@@ -51,7 +53,11 @@ bool is_usable(std::span<const uint16_t> pixels) {
 }  // namespace
 
 LightTracker::LightTracker(int width_px, int height_px)
-    : width_px_(width_px), height_px_(height_px), gain_(Rest::unit_gain()), in_force_(gain_) {
+    : width_px_(width_px),
+      height_px_(height_px),
+      gain_(Rest::unit_gain()),
+      in_force_(gain_),
+      map_(width_px, height_px) {
   const int n_x = (width_px + kStepX - kFirst - kSamplePx) / kStepX;
   const int n_y = (height_px + kStepY - kFirst - 2) / kStepY;
   sample_at_.resize(static_cast<size_t>(n_x * n_y));
@@ -77,6 +83,7 @@ void LightTracker::learn(std::span<const uint16_t> rest) {
   n_still_ = 0;
   is_off_ = false;
   gain_ = in_force_ = Rest::unit_gain();
+  map_.learn({sample_at_.data(), n_samples_});
 }
 
 void LightTracker::sample(std::span<const RelativeChange> change) {
@@ -140,10 +147,19 @@ void LightTracker::run(std::span<const RelativeChange> change, std::span<const M
     most = std::max(most, std::abs(level[c].median));
   }
   measure(level);
-  const bool is_still = 8 * n_level >= 7 * n_samples_ && is_at_rest(markers);
-  is_off_ = (is_still && most > kOffStillQ12) || (2 * n_level >= n_samples_ && std::abs(all) > kOffAllQ12);
+  const PadState pad = state_of(markers);
+  const bool is_still = 8 * n_level >= 7 * n_samples_ && pad != PadState::kTouched;
+  is_off_ = (is_still && most > kOffStillQ12) || (2 * n_level >= n_samples_ && std::abs(all) > kOffAllQ12) ||
+            (6 * n_level < 5 * n_samples_ && pad == PadState::kAtRest);
   n_still_ = is_still ? std::min(n_still_ + 1, kStillFrames) : 0;
-  if (n_still_ == kStillFrames) follow(level, rest);
+  const bool is_followed = n_still_ == kStillFrames;
+  if (is_followed) follow(level);
+  rest.advance();
+  if (map_.run(sample_, pad, is_followed, gain_)) rest.set_map(map_.factor());
+  const auto is_settled = [](int32_t now, int32_t before) { return std::abs(now - before) < kSettled; };
+  if (std::equal(gain_.begin(), gain_.end(), in_force_.begin(), is_settled)) return;
+  in_force_ = gain_;
+  rest.set_gain(gain_);
 }
 
 bool LightTracker::is_lit_from_outside(int more_q12, const LightLevel& level) const {
@@ -183,16 +199,11 @@ bool LightTracker::is_brighter(Side one, Side other) {
 
 bool LightTracker::is_lit_from_one_side() { return is_brighter(kLeft, kRight) || is_brighter(kTop, kBottom); }
 
-void LightTracker::follow(const std::array<Level, 3>& level, Rest& rest) {
-  bool has_moved = false;
+void LightTracker::follow(const std::array<Level, 3>& level) {
   for (size_t c = 0; c < 3; ++c) {
     const int step = std::clamp(level[c].median, -kMaxStepQ12, kMaxStepQ12) * (1 << kStepShift);
-    gain_[c] = std::clamp(gain_[c] + step, kMinGain, kMaxGain);
-    has_moved = has_moved || std::abs(gain_[c] - in_force_[c]) >= kSettled;
+    gain_[c] = Rest::limited(gain_[c] + step);
   }
-  if (!has_moved) return;
-  in_force_ = gain_;
-  rest.set_gain(gain_);
 }
 
 }  // namespace ruffini

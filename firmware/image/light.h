@@ -5,10 +5,13 @@
 //   still:   level, and no marker further than 1/4 px from its rest
 //   gain_c += gain of Q20: clamp(m_c, +-1/128) / 16 a frame, after 16 still frames in a row; 0.75 <= gain <= 1.25
 //
+//   then the map of each channel over the picture (image/light_map.h)
+//
 // Three numbers hold no contact's shape, and what moves a marker or shades an eighth of the picture stops them: a held
 // contact is never learned. At 60 Hz they follow 2.9 % a second. `is_off`: the light is not what the calibration saw and
 // not yet followed: untouched by more than 4 %, else (half of the samples level) by more than 6 % over all channels,
-// which no slope of the surface makes: it takes from one lamp what it gives to another.
+// which no slope of the surface makes: it takes from one lamp what it gives to another; or a sixth of the samples is not
+// level while the markers are at rest, as where part of a lamp fails.
 //
 // The level is what one frame alone says, for cameras that set their white or exposure anew under every touch: mean of
 // the samples within 8 % of it in all three channels, three rounds from the medians on. The calibration says whether
@@ -24,6 +27,7 @@
 #include <vector>
 
 #include "base/fixed.h"
+#include "image/light_map.h"
 #include "image/markers.h"
 #include "image/rest.h"
 
@@ -37,10 +41,11 @@ class LightTracker {
 
   // A new rest image is in force: which samples tell anything.
   void learn(std::span<const uint16_t> rest);
-  // `change`: planes of B, G and R against `rest`, whose gain this sets when it has moved by 1/4096.
+  // `change`: planes of B, G and R against `rest`, whose gain this sets when it has moved by 1/4096, and its map.
   void run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest);
 
-  [[nodiscard]] bool is_off() const { return is_off_; }
+  [[nodiscard]] bool is_off() const { return is_off_ || map_.is_off(); }
+  [[nodiscard]] const LightMap& map() const { return map_; }
   // An eighth of the samples are brighter by more than this in all three channels, beyond `level`. Where lamps of three colours stand
   // apart, no slope of the surface does that: it takes from one what it gives to another.
   // 2.5 %: a large object on a real pad does that to 1 sample in 17, presses on the twin to 1 in 100.
@@ -68,7 +73,7 @@ class LightTracker {
   void sample(std::span<const RelativeChange> change);
   [[nodiscard]] Level level_of(size_t channel);
   void measure(const std::array<Level, 3>& start);
-  void follow(const std::array<Level, 3>& level, Rest& rest);
+  void follow(const std::array<Level, 3>& level);
 
   int width_px_;
   int height_px_;
@@ -83,6 +88,7 @@ class LightTracker {
   bool is_off_ = false;
   Rest::Gain gain_;
   Rest::Gain in_force_;
+  LightMap map_;
 };
 
 }  // namespace ruffini

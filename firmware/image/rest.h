@@ -7,7 +7,8 @@
 // it stands for rest in the reciprocal, and the gain multiplies it alone.
 //
 // Below 32 grey levels (512) a ratio says little and could leave the 16 bits of RelativeChange. A gain per channel
-// (image/light.h) makes it the image under other light: rest gain, reciprocal / gain.
+// (image/light.h), times a factor between nodes 16 px apart (image/light_map.h; bilinear, half up), makes it the image
+// under other light: rest gain, reciprocal / gain. Another gain counts at once, another map row by row within 16 frames.
 //
 // Frame thread; no allocation after the constructor.
 #pragma once
@@ -28,6 +29,16 @@ class Rest {
   static constexpr int32_t kUnitGain = 1 << 20;
   static constexpr Gain unit_gain() { return {kUnitGain, kUnitGain, kUnitGain}; }
 
+  static constexpr int kNodePx = 16;
+  // Nodes of a map: the last ones are at or beyond the last pixel.
+  static GridSize map_nodes(int width_px, int height_px) {
+    return {(width_px + kNodePx - 2) / kNodePx + 1, (height_px + kNodePx - 2) / kNodePx + 1};
+  }
+  // As far as a gain may go.
+  static int32_t limited(int64_t gain) {
+    return static_cast<int32_t>(std::clamp<int64_t>(gain, kUnitGain * 3 / 4, kUnitGain * 5 / 4));
+  }
+
   Rest(int width_px, int height_px, int n_frames);
 
   // Learn anew from the next n frames (0 = the number given at construction).
@@ -44,6 +55,10 @@ class Rest {
 
   // The light is this many times what it was; a new image starts from 1 again.
   void set_gain(const Gain& gain);
+  // A factor on the gain at every node, planes of B, G and R, Q20; it counts after 16 times advance().
+  void set_map(std::span<const int32_t> factor);
+  // Once a frame: a 16th of the rows takes what set_map gave.
+  void advance();
 
   [[nodiscard]] bool is_ready() const { return is_ready_; }
   [[nodiscard]] bool is_learned_anew() const { return !is_ready_ && has_image_; }
@@ -54,6 +69,9 @@ class Rest {
 
  private:
   void finish();
+  void find_node_gains();
+  void take_rows(int from, int to);
+  void take_cells(size_t channel, int y, int first_x);
   [[nodiscard]] uint16_t dark(size_t i) const { return dark_.empty() ? uint16_t{0} : std::min(dark_[i], image_[i]); }
 
   int width_px_;
@@ -69,6 +87,14 @@ class Rest {
   std::vector<int16_t> planes8_;  // 8 rest
   std::vector<int16_t> reciprocal_;
   std::vector<int16_t> unit_reciprocal_;  // at gain 1
+  GridSize nodes_;
+  Gain gain_ = unit_gain();
+  std::vector<int32_t> factor_;
+  std::vector<int32_t> node_gain_;  // Q20
+  std::vector<int32_t> node_inverse_q14_;
+  std::vector<int32_t> row_gain_;  // at the nodes of one row of pixels
+  std::vector<int32_t> row_inverse_q14_;
+  int next_row_ = 0;  // the height: all rows have the map
 };
 
 }  // namespace ruffini

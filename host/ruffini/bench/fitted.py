@@ -29,6 +29,7 @@ from ruffini.calibrate.presses import load_presses
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
 from ruffini.fem.operators import Noise
 from ruffini.sim.recording import record_balls
+from ruffini.sim.settings import TwinSettings
 from ruffini.sim.unit import PadError, TwinUnit
 
 Array = npt.NDArray[np.float64]
@@ -63,13 +64,15 @@ def has_images(board: Board) -> bool:
     return {"markers", "photometric", "poisson"} <= set(board.pipeline.stages)
 
 
-def colours_of(board: Board, *, progress: Progress = lambda _: None) -> container.Tensors:
-    """The `photometric` kind, fitted to the twin's own ball presses."""
+def colours_of(
+    board: Board, *, twin: TwinSettings | None = None, progress: Progress = lambda _: None
+) -> container.Tensors:
+    """The `photometric` kind, fitted to ball presses of the board's twin, or of `twin`."""
     c = board.camera
     pinhole = Pinhole(c.focal_mpx / 1e3, c.center_x_mpx / 1e3, c.center_y_mpx / 1e3, c.standoff_um / 1e3)
     with tempfile.TemporaryDirectory() as folder:
         balls = Path(folder) / "balls"
-        record_balls(TwinUnit.build(board), N_BALLS, balls, ball_mm=BALL_MM, seed=SEED, progress=progress)
+        record_balls(TwinUnit.build(board, twin=twin), N_BALLS, balls, ball_mm=BALL_MM, seed=SEED, progress=progress)
         return {**tabulate(fit_photometric(collect_samples(load_presses(balls), pinhole)).model)}
 
 

@@ -3,6 +3,7 @@
 The twin's frames, times a gain per channel, go through the board's own front end and solve: once with the light changed
 at a stroke between rest and press (nothing can be followed: "before"), once with the same change as a ramp on the
 untouched pad ("after"). A contact is held for two minutes under steady light: nothing of it may be learned.
+Lamps that warm up unevenly: `ruffini.bench.warming`.
 """
 
 from __future__ import annotations
@@ -13,12 +14,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.bench import warming
 from ruffini.bench.fitted import NOISE, colours_of
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.operator import make_operator
 from ruffini.core.pipeline import Frame, Pipeline
 from ruffini.sim.contact import Indenter, Pose
+from ruffini.sim.settings import TwinSettings
 from ruffini.sim.surface import wrench_of
 from ruffini.sim.unit import TwinUnit
 
@@ -59,11 +62,11 @@ class Scene:
             pass
 
 
-def fitted_calibration(board: Board) -> bytes:
-    """Operator, support and colours of the twin, no error model."""
+def fitted_calibration(board: Board, twin: TwinSettings | None = None) -> bytes:
+    """Operator and support of the board, colours of its twin or of `twin`; no error model."""
     kind = make_operator(board, method="support", noise=NOISE, n_touches=0)
     return container.pack(
-        {**kind.tensors, **colours_of(board)}, {**container.base_metadata(board), **kind.metadata}
+        {**kind.tensors, **colours_of(board, twin=twin)}, {**container.base_metadata(board), **kind.metadata}
     ).data
 
 
@@ -114,11 +117,17 @@ def run(board: Board, *, progress: Progress = lambda _: None) -> dict[str, Any]:
     """
     scene = Scene(board)
     calibration = fitted_calibration(board)
-    progress(0.2)
-    rows = _drifts(board, calibration, scene, lambda done: progress(0.2 + 0.4 * done))
+    progress(0.1)
+    rows = _drifts(board, calibration, scene, lambda done: progress(0.1 + 0.2 * done))
     held = _held(board, calibration, scene)
+    progress(0.5)
+    warm = fitted_calibration(board, warming.warming_twin(board))
+    warmed = warming.run(board, warm, lambda done: progress(0.5 + 0.5 * done))
     progress(1.0)
-    return {"board": board.name, "simulated": True, "force_n": scene.force_n, "drift": rows, "held": held}
+    return {
+        "board": board.name, "simulated": True, "force_n": scene.force_n, "drift": rows, "held": held,
+        "warming": warmed,
+    }  # fmt: skip
 
 
 def table(result: dict[str, Any]) -> str:
@@ -137,4 +146,5 @@ def table(result: dict[str, Any]) -> str:
             f"{row['press_error_n']:+12.3f} N  {row['flags']}"
         )
     lines.append(f"held for {held['frames']} frames: {held['first_n']:.4f} N at first, {held['last_n']:.4f} N at last")
+    lines.append(warming.table(result["warming"]))
     return "\n".join(lines)

@@ -69,6 +69,7 @@ class TwinSettings(Section):
     targets: optics.TargetSettings | None = None
     sensor: optics.SensorSettings | None = None
     wear: optics.WearSettings | None = None
+    warming: list[optics.WarmingSettings] | None = None
     platform: bodies.PlatformSettings | None = None
     dome: bodies.DomeSettings | None = None
     skin: bodies.SkinSettings | None = None
@@ -100,9 +101,20 @@ class TwinSettings(Section):
         window_um = self.light.window_um if self.light.kind == "electroluminescent" else 0
         if window_um and not (self.shape.kind == "tube" and window_um < self.shape.radius_um):
             raise ValueError('[light] window_um is the wall of [shape] kind = "tube", and thinner than its radius')
+        self._check_warming()
         if self.skin is not None and self.shape.kind != "tube":
             raise ValueError('[skin] belongs to [shape] kind = "tube"')
         return self
+
+    def _check_warming(self) -> None:
+        n_lamps = optics.n_lamps(self.light)
+        for part in self.warming or []:
+            if part.lamp >= n_lamps:
+                raise ValueError(f"[[warming]] lamp must be below {n_lamps}, the number of lamps of [light]")
+            if sum(one.share_1e3 for one in self.warming or [] if one.lamp == part.lamp) > 1000:
+                raise ValueError(f"[[warming]] share_1e3 of lamp {part.lamp} is more than 1000 together")
+            if part.place_um is not None and self.light.kind == "electroluminescent":
+                raise ValueError("[[warming]] place_um: an electroluminescent sheet is everywhere")
 
 
 def load_twin(board: Board) -> TwinSettings:

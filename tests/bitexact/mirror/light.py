@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mirror.fixed import I64, round_shift
+from mirror.light_map import LightMap, between_nodes, limited
 from mirror.markers import DX, DY, LOST
 
 DARK_LEVEL = 8
@@ -88,15 +89,35 @@ class Light:
         self.is_off = self.is_lit_from_outside = self.is_lit_from_one_side = False
         self.level = np.zeros(3, np.int64)
         self.level_is_sure = False
+        self.map = LightMap((height, width), np.array(self._samples, np.int64).reshape(-1, 2))
+        self._factor = self.map.factor
+        self.rest8, self.reciprocal = np.zeros_like(rest), np.zeros_like(rest)
+        self._next_row = 0
         self._set()
 
     def _set(self) -> None:
-        image, unit = self._unit
         self._in_force = self.gain.copy()
-        inverse_q14 = ((1 << 34) + self.gain // 2) // self.gain
+        self._take_rows(0, len(self.rest8))
+        self._next_row = len(self.rest8)
+
+    def _take_rows(self, first: int, last: int) -> None:
+        image, unit = self._unit
+        node_gain = limited((self._in_force[:, None, None] * self._factor + UNIT_GAIN // 2) >> 20)
+        node_inverse_q14 = ((1 << 34) + node_gain // 2) // node_gain
+        shape = self.rest8.shape[:2]
+        gain = np.stack([between_nodes(channel, shape) for channel in node_gain], axis=2)
+        inverse_q14 = np.stack([between_nodes(channel, shape) for channel in node_inverse_q14], axis=2)
         lit = image - self._unlit
-        self.rest8 = np.minimum(8 * self._unlit + round_shift(8 * lit * self.gain, 20), 32767)
-        self.reciprocal = np.minimum(round_shift(unit * inverse_q14, 14), 32767)
+        rows = slice(first, last)
+        self.rest8[rows] = np.minimum(8 * self._unlit + round_shift(8 * lit * gain, 20), 32767)[rows]
+        self.reciprocal[rows] = np.minimum(round_shift(unit * inverse_q14, 14), 32767)[rows]
+
+    def _advance(self) -> None:
+        height = len(self.rest8)
+        if self._next_row < height:
+            last = min(self._next_row + (height + 15) // 16, height)
+            self._take_rows(self._next_row, last)
+            self._next_row = last
 
     @staticmethod
     def _is_tilted(sample: I64, third: I64) -> bool:
@@ -121,11 +142,20 @@ class Light:
         usual = self.level if self._is_balanced else 0
         self.is_lit_from_outside = bool(8 * int(((16 * sample - usual).min(axis=1) > 16 * 102).sum()) >= n)
         self.is_lit_from_one_side = any(self._is_tilted(sample, third) for third in self._at.T)
-        is_still = 8 * n_level >= 7 * n and bool((np.abs(seen[:, [DX, DY]]) <= 16384).all())
-        self.is_off = (is_still and np.abs(median).max() > 164) or (2 * n_level >= n and abs(median.sum()) > 738)
+        is_moved = bool((np.abs(seen[:, [DX, DY]]) > 16384).any())
+        pad = 0 if is_moved else 2 if len(seen) else 1
+        is_still = 8 * n_level >= 7 * n and not is_moved
+        is_uneven = 6 * n_level < 5 * n and pad == 2
+        is_far = (is_still and np.abs(median).max() > 164) or (2 * n_level >= n and abs(median.sum()) > 738)
+        self.is_off = is_far or is_uneven
         self._n_still = min(self._n_still + 1, 16) if is_still else 0
-        if self._n_still == 16:
-            step = np.clip(median, -32, 32) * 16
-            self.gain = np.clip(self.gain + step, UNIT_GAIN * 3 // 4, UNIT_GAIN * 5 // 4)
-            if (np.abs(self.gain - self._in_force) >= UNIT_GAIN // 4096).any():
-                self._set()
+        is_followed = self._n_still == 16
+        if is_followed:
+            self.gain = limited(self.gain + np.clip(median, -32, 32) * 16)
+        self._advance()
+        if self.map.run(sample, pad, is_followed, self.gain):
+            self._factor = self.map.factor
+            self._next_row = 0
+        self.is_off = bool(self.is_off or self.map.is_off)
+        if (np.abs(self.gain - self._in_force) >= UNIT_GAIN // 4096).any():
+            self._set()

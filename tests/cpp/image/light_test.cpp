@@ -75,6 +75,20 @@ TEST(LightTracker, MarkersAtRestOrLostDoNotStopIt) {
   EXPECT_NEAR(pad.gain(0), 1.10, 0.001);
 }
 
+// Of a lamp, say: with markers at rest it is no contact.
+TEST(LightTracker, AnUnevenPictureWithMarkersAtRestIsSaidAtOnce) {
+  Pad pad;
+  std::vector<Marker> markers = {moved_by(0.1), moved_by(-0.2)};
+  pad.show({4096, 4096, 4096}, kWidth / 2, markers);
+  EXPECT_TRUE(pad.light.is_off());
+  markers[1] = moved_by(0.3);
+  pad.show({4096, 4096, 4096}, kWidth / 2, markers);
+  EXPECT_FALSE(pad.light.is_off());
+  for (Marker& marker : markers) marker.is_lost = true;
+  pad.show({4096, 4096, 4096}, kWidth / 2, markers);
+  EXPECT_FALSE(pad.light.is_off()) << "no marker tells";
+}
+
 TEST(LightTracker, ExposureThatChangesDuringAContactIsSaidAndNotFollowed) {
   Pad pad;
   const std::vector<Marker> markers = {moved_by(2)};

@@ -88,5 +88,28 @@ TEST(Rest, OnlyWhatIsNotDarkIsOfTheLamps) {
   EXPECT_EQ(rest.reciprocal()[0], 10'486);  // 2^24 / 1600
 }
 
+TEST(Rest, AMapCountsRowByRowAndOneOfUnitFactorsChangesNothing) {
+  constexpr int kWidth = 40;
+  constexpr int kHeight = 32;
+  Rest rest(kWidth, kHeight, 1);
+  rest.load(std::vector<uint16_t>(size_t{3} * kWidth * kHeight, 1600));
+  const GridSize nodes = Rest::map_nodes(kWidth, kHeight);
+  EXPECT_EQ(nodes, (GridSize{4, 3}));
+  const std::vector<int16_t> before(rest.planes8().begin(), rest.planes8().end());
+  std::vector<int32_t> factor(size_t{3} * 12, Rest::kUnitGain);
+  rest.set_map(factor);
+  for (int i = 0; i < 16; ++i) rest.advance();
+  EXPECT_TRUE(std::equal(before.begin(), before.end(), rest.planes8().begin()));
+  for (size_t i = 0; i < 12; ++i) factor[i] += static_cast<int32_t>(i % 4) * Rest::kUnitGain / 100;  // 1 % a node, of B
+  rest.set_map(factor);
+  rest.advance();
+  EXPECT_EQ(rest.planes8()[39], 12'800 + 312) << "39 / 16 %";
+  EXPECT_EQ(rest.planes8()[2 * kWidth + 39], 12'800) << "a 16th of the rows";
+  for (int i = 1; i < 16; ++i) rest.advance();
+  EXPECT_EQ(rest.planes8()[31 * kWidth + 8], 12'864);
+  EXPECT_EQ(rest.planes8()[kWidth * kHeight + 39], 12'800) << "not of G";
+  EXPECT_NEAR(rest.reciprocal()[31 * kWidth + 32], 10'486 / 1.02, 1);
+}
+
 }  // namespace
 }  // namespace ruffini

@@ -94,6 +94,15 @@ class Renderer:
         self._lamps = np.zeros((1, 3), dtype=np.float32)  # an electroluminescent sheet is everywhere
         if not isinstance(light, Electroluminescent):
             self._lamps = rgb_leds.places(light) if isinstance(light, RgbLeds) else white_ring.places(light)
+        # The lamps, then the parts of them that warm up; a lamp's own place keeps what its parts do not take.
+        self._n_lamps = len(self._lamps)
+        parts = twin.warming or []
+        self._lamp_of = np.array([*range(self._n_lamps), *(part.lamp for part in parts)])
+        shares = np.bincount([p.lamp for p in parts], [p.share_1e3 * 1e-3 for p in parts], self._n_lamps)
+        self._share = np.array([*(1 - shares), *(part.share_1e3 * 1e-3 for part in parts)])
+        own = self._lamps[self._lamp_of[self._n_lamps :]]
+        places = [o if p.place_um is None else np.array(p.place_um) * 1e-3 for o, p in zip(own, parts, strict=True)]
+        self._lamps = np.concatenate([self._lamps, np.array(places).reshape(-1, 3)]).astype(np.float32)
         rest = self.surface.deform(self.at_rest())
         self.views = self._make_views(rest)
         self._gain, self._ambient = self._normalise(rest)
@@ -124,7 +133,7 @@ class Renderer:
     def _normalise(self, rest: DeformedSurface) -> tuple[float, float]:
         """Gain that gives the untouched surface its mean level, and the diffuse light before that gain."""
         light = self.twin.light
-        gains = np.ones(len(self._lamps), dtype=np.float32)
+        gains = self._share.astype(np.float32)
         mean, diffuse, weight = 0.0, 0.0, 0.0
         for seen in self.views:
             hits = seen.rest
@@ -171,7 +180,8 @@ class Renderer:
 
     def _light(self, displacement_m: Array, time_s: float, conditions: Conditions, tray: TrayPose | None) -> Floats:
         """Light of all views; the last one is kept, since often nothing moves from frame to frame."""
-        told = (displacement_m.tobytes(), time_s if self._wear.led_drift_1e3 else 0.0, conditions, tray)
+        is_drifting = self._wear.led_drift_1e3 > 0 or bool(self.twin.warming)
+        told = (displacement_m.tobytes(), time_s if is_drifting else 0.0, conditions, tray)
         last = self._last.get(conditions.is_unlit)
         if last is None or last[0] != told:
             deformed = self.surface.deform(displacement_m)
@@ -198,15 +208,15 @@ class Renderer:
         if seen.openings is None:
             light *= self._lit(hits)[..., None]
         light = self._patterned(light, deformed, hits, direction, lamps)
-        self._draw_discs(light, seen.view, deformed, tray, float(gains.mean()))
+        self._draw_discs(light, seen.view, deformed, tray, float(gains.sum() / self._n_lamps))
         return self._spoilt(light, hits, conditions)
 
     def _direct(self, seen: Seen, deformed: DeformedSurface, hits: Hits, gains: Floats, lamps: Floats) -> Floats:
         light = self.twin.light
         if seen.openings is not None:
-            return seen.openings.shade(deformed, gains)
+            return seen.openings.shade(deformed, gains.sum(keepdims=True))
         if isinstance(light, RgbLeds):
-            return rgb_leds.shade(light, hits, gains, lamps)
+            return rgb_leds.shade(light, hits, gains, lamps, self._lamp_of)
         assert isinstance(light, WhiteRing)
         return white_ring.shade(light, hits, gains, lamps)
 
@@ -216,12 +226,16 @@ class Renderer:
         return is_lit.astype(np.float32)
 
     def _lamp_gain(self, time_s: float, conditions: Conditions) -> Floats:
-        n = len(self._lamps)
+        n = self._n_lamps
         phase = np.random.default_rng([self.twin.unit.seed, 2]).uniform(0, 2 * np.pi, n)
         drift = self._wear.led_drift_1e3 * 1e-3
         gain = 1 + drift * (np.sin(2 * np.pi * time_s / self._wear.led_drift_s + phase) - np.sin(phase))
         gain[[i for i in (*self._wear.dead_leds, *conditions.lamps_off) if i < n]] = 0
-        return gain.astype(np.float32)
+        warming = self.twin.warming or []
+        loss = np.array([0.0] * n + [part.loss_1e3 * 1e-3 for part in warming])
+        constant_s = np.array([1] * n + [part.time_s for part in warming])
+        gain = gain[self._lamp_of] * self._share * (1 - loss * (1 - np.exp(-time_s / constant_s)))
+        return np.asarray(gain, dtype=np.float32)
 
     def _patterned(
         self, light: Floats, deformed: DeformedSurface, hits: Hits, direction: Floats, lamps: Floats
@@ -231,7 +245,7 @@ class Renderer:
             light = light * dots.transmission(self.twin.dots, self._lattice, diameter_um, hits)[..., None]
         if self._glitter is not None:
             to_camera = -direction / np.sqrt(np.einsum("...i,...i", direction, direction))[..., None]
-            to_lamps = lamps.mean(axis=0) - hits.point
+            to_lamps = lamps[: self._n_lamps].mean(axis=0) - hits.point
             half_way = to_camera + to_lamps / np.sqrt(np.einsum("...i,...i", to_lamps, to_lamps))[..., None]
             half_way /= np.sqrt(np.einsum("...i,...i", half_way, half_way))[..., None]
             light = self._glitter.add(light, deformed, hits, half_way)

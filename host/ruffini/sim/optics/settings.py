@@ -110,6 +110,13 @@ Light = Annotated[RgbLeds | WhiteRing | Electroluminescent, Field(discriminator=
 LIGHT_KINDS = ("rgb_leds", "white_ring", "electroluminescent")
 
 
+def n_lamps(light: Light) -> int:
+    """Number of lamps, or of glowing sheets, that a light consists of."""
+    if isinstance(light, RgbLeds):
+        return 3
+    return light.n_leds if isinstance(light, WhiteRing) else 1
+
+
 class DotSettings(Section):
     """[dots]: printed on the surface, at board.toml's lattice as the unit has it."""
 
@@ -170,3 +177,17 @@ class WearSettings(Section):
     n_dust: Annotated[int, Field(ge=0, le=1000)] = 0
     dust_px: Annotated[int, Field(ge=1, le=100)] = 3
     dust_darkness_1e3: PerMille = 300
+
+
+class WarmingSettings(Section):
+    """[[warming]]: a part of a lamp that loses light while it warms up after time 0.
+
+    A bar of LEDs is a lamp of several parts. Each shines from its own place, so its loss varies over the picture as
+    its share of the light there does: share (1 - loss (1 - exp(-t / time))) of the lamp's first light.
+    """
+
+    lamp: Annotated[int, Field(ge=0, le=63)]  # in the order of [light]; of rgb_leds 0 B, 1 G, 2 R
+    place_um: Place | None = None  # the lamp's own where left out
+    share_1e3: PerMille = 1000  # of the lamp's light; the lamp's own place keeps what no part takes
+    loss_1e3: PerMille
+    time_s: Annotated[int, Field(ge=1, le=100_000)]

@@ -235,7 +235,10 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
         del told["warmth"]
     for hand in (one for one in told["hand"] if not one["warmer_mk"]):
         del hand["warmer_mk"]
-    tree = [seen, load_twin(board).model_dump(mode="json"), told]
+    twin = load_twin(board).model_dump(mode="json")
+    if twin["warming"] is None:  # younger too
+        del twin["warming"]
+    tree = [seen, twin, told]
     return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 

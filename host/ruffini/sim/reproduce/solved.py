@@ -32,7 +32,7 @@ from ruffini.sim.unit import TwinUnit
 Array = npt.NDArray[np.float64]
 
 # What only the picture depends on: the mechanics stays.
-OPTICS = ("light", "noise", "lens", "gel", "view", "dots", "glitter", "pins", "targets", "sensor", "wear")
+OPTICS = ("light", "noise", "lens", "gel", "view", "dots", "glitter", "pins", "targets", "sensor", "wear", "warming")
 FULL_AGE = 10_000  # presses that the numbers of [aging] are for
 
 

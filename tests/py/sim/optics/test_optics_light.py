@@ -74,6 +74,35 @@ def test_drift_and_dead_lamps(bench):
     assert dead[..., 0].mean() > 0.85 * healthy[..., 0].mean()
 
 
+def test_a_lamp_that_warms_up_loses_its_own_light_everywhere(bench):
+    """A tenth of red's light, within 40 s 1 - 1/e of that: 6.3 % of what a dead red lamp takes away."""
+    warm = bench("gelslim", **CLEAN, warming=[{"lamp": 2, "loss_1e3": 100, "time_s": 40}])
+    healthy = bench("gelslim", **CLEAN).picture()
+    dead = bench("gelslim", **CLEAN, wear={"dead_leds": [2]}).picture()
+    assert (warm.picture() == healthy).all()
+    lost = 0.1 * (1 - np.exp(-1)) * (healthy - dead)
+    np.testing.assert_allclose(warm.picture(time_s=40), healthy - lost, atol=1.01)
+    assert np.ptp(lost[..., 2] / healthy[..., 2]) > 0.02  # more where the lamp is nearer
+
+
+def test_a_warming_part_shines_from_its_own_place(bench):
+    """A 200th of green's light comes from 3 mm below the pad's surface."""
+    part = {"lamp": 1, "place_um": [-5000, 2000, -3000], "share_1e3": 5, "loss_1e3": 1000, "time_s": 1}
+    one = bench("gelslim", **CLEAN, dots=None, warming=[part])
+    lost = one.picture() - one.picture(time_s=1e3)
+    height, width, _ = lost.shape
+    camera = one.board.camera
+    px_per_um = camera.focal_mpx * 1e-3 / camera.standoff_um
+    at = np.unravel_index(np.argmax(lost[..., 1]), (height, width))
+    expected = camera.center_y_mpx * 1e-3 + 2000 * px_per_um, camera.center_x_mpx * 1e-3 - 5000 * px_per_um
+    assert at == pytest.approx(expected, abs=8)
+    # As a cosine over the distance squared: 3 mm aside, 45 degrees and twice the distance squared.
+    aside = lost[round(expected[0] - 3000 * px_per_um), round(expected[1]), 1]
+    assert aside / lost[..., 1].max() == pytest.approx(2**-1.5, rel=0.12)
+    white = bench("contact-glitter", **CLEAN, gel=None, warming=[{"lamp": 0, "loss_1e3": 1000, "time_s": 1}])
+    assert 0 < white.picture().mean() - white.picture(time_s=1e3).mean() < 40
+
+
 def test_dust_is_dark_and_stays(bench):
     clean = bench("gelslim", **CLEAN).picture()
     dusty = bench("gelslim", **CLEAN, wear={"n_dust": 12, "dust_px": 4, "dust_darkness_1e3": 400})

@@ -1,0 +1,98 @@
+// Drift of lamps over the picture: a polynomial of order four per channel, beside one gain each (image/light.h).
+//
+//   q_k = products of Legendre polynomials of x and y, of total order <= 4, made orthogonal over the usable samples
+//   every 16 frames without a marker off its rest: r = mean of the samples, relative to the map in force
+//   fit:     a_k = sum(e q_k) / sum(q_k^2), three rounds starting at the median; e = r - fit, clamped to +-1.5 % in the
+//            first round, then zero where beyond 0.5 %
+//   smooth:  at most 1/32 of the samples are more than 1 % off the fit in any channel
+//   smooth:  c_k += clamp(a_k / 4, +-2^-12), and the rate v_k follows that step by a 64th
+//   else:    c_k += v_k, v_k -= v_k / 256: the lamps go on as before the contact
+//
+// A contact has edges that no polynomial of order four follows: the samples that it shades are excluded, and more than a
+// 32nd of the picture stops the learning. Nothing of a contact is learned; only the rate before it counts during it.
+// The constant term is the gain's, which takes the fit's where no single frame is level, and the rate of its own.
+//
+// `is_off`, any of:
+//   far       a smooth fit differs by more than 0.4 % from its level. With markers at rest it is followed, and the flag
+//             ends with that. Without markers it could be a large smooth object: not followed; a new rest image ends it.
+//   unlike    markers are at rest, but the picture is not smooth and its fit is beyond 1 %: a lamp failed, a shadow.
+//   at limit  a coefficient is at 1/8.
+//   stale     the extrapolation since the last smooth window is beyond 1 %.
+//
+// At 60 Hz the map follows 0.09 % a second in each term. Frame thread; no allocation after the constructor. Not in the
+// papers.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/image_view.h"
+#include "image/rest.h"
+
+namespace ruffini {
+
+// What the markers tell of a frame; a window is as its worst frame.
+enum class PadState : uint8_t { kTouched, kUnknown, kAtRest };  // unknown: no marker is seen
+
+class LightMap {
+ public:
+  static constexpr size_t kTerms = 15;
+  static constexpr int kWindowFrames = 16;
+  static constexpr size_t kMaxSamples = 640;            // of the picture's, evenly chosen
+  static constexpr size_t kMinSamples = 64;             // fewer: there is no map
+  using Samples = std::array<std::vector<int16_t>, 3>;  // per channel, Q12
+
+  LightMap(int width_px, int height_px);
+
+  // A new rest image is in force. `sample_at`: first pixel of each sample (image/light.h).
+  void learn(std::span<const int32_t> sample_at);
+  // One frame; `gain` is that of image/light.h, moved where the constant term is this map's to follow. True if the
+  // map has moved by more than 1/2048 somewhere since the last time that this was true.
+  [[nodiscard]] bool run(const Samples& sample, PadState pad, bool is_gain_followed, Rest::Gain& gain);
+
+  // Factor on the gain at the nodes of Rest::set_map, Q20.
+  [[nodiscard]] std::span<const int32_t> factor() const { return factor_; }
+  [[nodiscard]] bool is_off() const { return is_far_ || is_at_limit_ || is_stale_; }
+
+ private:
+  using Terms = std::array<int64_t, kTerms>;
+  void orthogonalise(size_t term);
+  void fit(size_t channel, Terms& a);
+  void end_window(bool is_gain_followed, Rest::Gain& gain);
+  void follow(const std::array<Terms, 3>& a, bool is_gain_followed, Rest::Gain& gain);
+  void extrapolate(Rest::Gain& gain);
+  void make_factors();
+  [[nodiscard]] std::span<int16_t> basis(size_t term);  // at the samples, then at the nodes, Q12
+
+  int width_px_;
+  int height_px_;
+  GridSize nodes_;
+  size_t term_size_;            // values of a term: samples, then nodes
+  std::vector<size_t> sample_;  // which of the samples are used
+  std::vector<int16_t> basis_;
+  Terms square_{};  // sum of q_k^2 over the samples, Q24; 0: the samples do not tell this term
+  size_t n_samples_ = 0;
+
+  int n_frames_ = 0;  // of this window
+  PadState pad_ = PadState::kAtRest;
+  std::array<std::vector<int32_t>, 3> sum_;  // of the samples over the window: Q16 of their mean when it ends
+  std::vector<int32_t> fitted_;              // Q16
+  std::vector<int32_t> sorted_;
+  std::vector<uint8_t> is_out_;
+  int64_t farthest_q16_ = 0;  // of the shapes fitted in this window
+
+  std::array<Terms, 3> coefficient_{};   // Q24; the constant term is 0
+  std::array<Terms, 3> rate_{};          // a window, Q32
+  std::array<Terms, 3> extrapolated_{};  // since the last smooth window, Q32
+  Rest::Gain gain_before_ = Rest::unit_gain();
+  std::vector<int32_t> factor_;    // planes of B, G and R
+  std::vector<int32_t> in_force_;  // what run() was last true for
+  bool is_far_ = false;
+  bool is_at_limit_ = false;
+  bool is_stale_ = false;
+};
+
+}  // namespace ruffini
