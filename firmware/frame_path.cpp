@@ -358,7 +358,7 @@ void FramePath::run_fingertip() {
 void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   state_.flags = 0;
   std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
-  std::fill(state_.displacement.is_filled.begin(), state_.displacement.is_filled.end(), uint8_t{0});
+  forces_.repair(state_.displacement.node, state_.displacement.is_filled);
   run_solve(true);
   run_estimators();
   run_uncertainty();

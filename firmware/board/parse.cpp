@@ -33,6 +33,7 @@ void read_pad(BoardReader& in, BoardSettings& board) {
   board.pad.thickness_um = in.integer("thickness_um", 100, kMaxLengthUm);
   board.pad.modulus_pa = in.integer("modulus_pa", 1'000, 1'000'000'000);
   board.pad.poisson_1e4 = in.integer("poisson_1e4", 0, 4'999);
+  if (in.has("stiffness_sigma_1e3")) board.pad.stiffness_sigma_1e3 = in.integer("stiffness_sigma_1e3", 0, 500);
   in.section("grid");
   board.grid.n_x = static_cast<int>(in.integer("n_x", 2, 255));
   board.grid.n_y = static_cast<int>(in.integer("n_y", 2, 255));

@@ -42,6 +42,7 @@ struct PadSettings {
   int64_t thickness_um = 0;
   int64_t modulus_pa = 0;
   int64_t poisson_1e4 = 0;
+  int64_t stiffness_sigma_1e3 = 100;  // of the force that these numbers make of a displacement, relative
 };
 
 struct WindowSettings {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdlib>
 #include <utility>
 
 namespace ruffini {
@@ -10,6 +11,12 @@ namespace {
 // All of them, or none: then uncertainty is not measured.
 constexpr std::array kErrorTensors = {"support.error_reported", "support.error_quiet", "support.error_local",
                                       "support.error_wrench"};
+
+// The u_z of an outlier stays unless it is off by twice what u_x and u_y may be: depth often has another source.
+constexpr int32_t kDepthOverShear = 2;
+
+constexpr const char* kStiffnessSigma = "support.stiffness_sigma_1e6";
+constexpr int64_t kMaxStiffnessSigma_1e6 = 500'000;
 
 int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
 
@@ -21,7 +28,11 @@ ForceField::ForceField(const BoardSettings& board, const NodeGrid& nodes)
       places_(nodes.places()),
       force_lsb_un_(board.force_lsb_un),
       contact_threshold_lsb_(whole_steps(board.contact.threshold_un, board.force_lsb_un)),
-      mask_(nodes_, contact_threshold_lsb_, board.contact.min_nodes) {}
+      mask_(nodes_, contact_threshold_lsb_, board.contact.min_nodes),
+      repair_(nodes_),
+      least_outlier_q3_(FieldRepair::least_q3(board.pad.size_x_um / (board.grid.n_x - 1),
+                                              board.pad.size_y_um / (board.grid.n_y - 1))),
+      repaired_(static_cast<size_t>(nodes_.count())) {}
 
 Status ForceField::load(const Calibration& calibration, bool has_operator, bool has_second_pass) {
   if (!has_operator || !calibration.has_kind("operator")) return Unit{};
@@ -59,8 +70,15 @@ Status ForceField::load_second_pass(const Calibration& calibration) {
 Status ForceField::load_error_model(const Calibration& calibration) {
   const auto is_there = [&](const char* name) { return calibration.tensor(name) != nullptr; };
   if (std::none_of(kErrorTensors.begin(), kErrorTensors.end(), is_there)) return Unit{};
-  Status nodes = keep(NodeSigmaModel::load(calibration, nodes_, contact_threshold_lsb_), node_error_);
-  return nodes ? keep(WrenchErrorModel::load(calibration, pad_), wrench_error_) : nodes;
+  int64_t stiffness_1e6 = pad_.stiffness_sigma_1e3 * 1'000;
+  if (!calibration.text(kStiffnessSigma).empty()) {
+    const auto stated = calibration.integer(kStiffnessSigma, 0, kMaxStiffnessSigma_1e6);
+    if (!stated) return stated.error();
+    stiffness_1e6 = stated.value();
+  }
+  const int64_t stiffness_q20 = (stiffness_1e6 << 20) / 1'000'000;
+  Status nodes = keep(NodeSigmaModel::load(calibration, nodes_, contact_threshold_lsb_, stiffness_q20), node_error_);
+  return nodes ? keep(WrenchErrorModel::load(calibration, pad_, stiffness_q20), wrench_error_) : nodes;
 }
 
 void ForceField::prepare(SolvedForces& out) {
@@ -69,6 +87,27 @@ void ForceField::prepare(SolvedForces& out) {
   out.wide.resize(3 * n_nodes);
   out.force.resize(n_nodes);
   out.mask = mask_.find(out.force);
+}
+
+void ForceField::repair(std::span<NodeDisplacement> displacement, std::span<uint8_t> is_filled) {
+  const auto is_measured = [](const NodeDisplacement& u) {
+    return u.x.raw() != kNotMeasured && u.y.raw() != kNotMeasured && u.z.raw() != kNotMeasured;
+  };
+  for (size_t i = 0; i < displacement.size(); ++i) {
+    const NodeDisplacement& u = displacement[i];
+    is_filled[i] = is_measured(u) ? 0 : 1;
+    repaired_[i] = is_measured(u) ? FieldValue{u.x.raw(), u.y.raw(), u.z.raw()} : FieldValue{};
+  }
+  repair_.run(repaired_, is_filled, least_outlier_q3_);
+  for (size_t i = 0; i < displacement.size(); ++i) {
+    if (is_filled[i] == 0) continue;
+    NodeDisplacement& u = displacement[i];
+    const auto um = [](int32_t q3) { return DisplacementUm::from_raw(static_cast<int16_t>(q3)); };
+    const bool is_depth_good = is_filled[i] == FieldRepair::kOutlier &&
+                               std::abs(u.z.raw() - repaired_[i].z) <= kDepthOverShear * least_outlier_q3_;
+    u = {um(repaired_[i].x), um(repaired_[i].y), is_depth_good ? u.z : um(repaired_[i].z)};
+    is_filled[i] = 1;
+  }
 }
 
 void ForceField::estimate(std::span<const NodeDisplacement> displacement, bool is_light_steady, SolvedForces& out,

@@ -1,10 +1,14 @@
 // Displacement of the nodes -> their forces: the inverse FEM, in two passes, with what the calibration adds.
 //
+//   repair     nodes that were not measured, or contradict their neighbours (image/field_repair.h); only where nodes come
+//              from outside, and not from markers that were repaired
 //   estimate   f = operator u, and where the pad is touched (solve/contact_mask.h)
 //   refine     what finite strain adds, then least squares where touched (solve/support_solver.h)
 //   remember   what the pad lost to relaxation (solve/relaxation.h)
 //   leave      what the refined forces do not explain of the displacement; only where somebody asks
-//   state_*    how sure the refined forces are; there is no error model of the first pass alone
+//   state_*    how sure the refined forces are; there is no error model of the first pass alone. Beside the error model's own
+//              terms every force has the relative standard deviation of the pad's stiffness: the calibration's
+//              support.stiffness_sigma_1e6, or the board's where the file has none
 //
 // Everything but the operator is optional. Frame thread; no allocation after load.
 #pragma once
@@ -20,6 +24,7 @@
 #include "estimators/wrench.h"
 #include "estimators/wrench_covariance.h"
 #include "image/displacement.h"
+#include "image/field_repair.h"
 #include "solve/block_program.h"
 #include "solve/contact_mask.h"
 #include "solve/finite_strain.h"
@@ -55,6 +60,9 @@ class ForceField {
 
   // Buffers for `out`; untouched.
   void prepare(SolvedForces& out);
+  // A node of which a component is kNotMeasured is missing. Sets is_filled to 1 where a node is filled, else to 0.
+  static constexpr int16_t kNotMeasured = INT16_MIN;
+  void repair(std::span<NodeDisplacement> displacement, std::span<uint8_t> is_filled);
   void estimate(std::span<const NodeDisplacement> displacement, bool is_light_steady, SolvedForces& out,
                 SaturationCounter& saturations);
   void refine(bool is_light_steady, SolvedForces& out, SaturationCounter& saturations);
@@ -79,6 +87,9 @@ class ForceField {
   int64_t force_lsb_un_;
   int64_t contact_threshold_lsb_;
   ContactMask mask_;
+  FieldRepair repair_;
+  int32_t least_outlier_q3_;
+  std::vector<FieldValue> repaired_;
   std::optional<BlockProgram> operator_;
   std::optional<SupportSolver> support_;
   std::optional<FiniteStrain> finite_strain_;

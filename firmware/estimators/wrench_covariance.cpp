@@ -45,11 +45,13 @@ TouchedNodes count_touched(std::span<const uint8_t> mask, std::span<const uint8_
   return touched;
 }
 
-Result<WrenchErrorModel> WrenchErrorModel::load(const Calibration& calibration, const PadSettings& pad) {
+Result<WrenchErrorModel> WrenchErrorModel::load(const Calibration& calibration, const PadSettings& pad,
+                                                int64_t stiffness_q20) {
   auto tensor = calibration.tensor("support.error_wrench", Tensor::Type::kI32, {kParameters / 2, 2});
   if (!tensor) return tensor.error();
   const std::span<const int32_t> values = tensor.value()->as<int32_t>();
   WrenchErrorModel out;
+  out.stiffness_q20_ = stiffness_q20;
   const std::array<std::array<int64_t, 2>*, 4> parts = {&out.contact_.force_un, &out.contact_.moment_un_mm,
                                                         &out.contact_.lever_nm, &out.factor_q20_};
   for (size_t i = 0; i < kParameters; ++i) {
@@ -127,10 +129,17 @@ WrenchCovariance WrenchErrorModel::run(const Wrench& w, const ContactList& conta
     return limited(round_shift(factor * limited(reading, kMaxReading), kFactorFraction));
   };
   const auto mm = [](int64_t torque_un_um) { return rounded(torque_un_um, kUmPerMm); };
-  const auto [shear, pressure] = factor_q20_;
-  add_outer(sum, {part(shear, w.force_x_un), part(shear, w.force_y_un), 0, 0, 0, part(shear, mm(w.torque_z_un_um))});
-  add_outer(sum, {0, 0, part(pressure, w.force_z_un), part(pressure, mm(w.torque_x_un_um)),
-                  part(pressure, mm(w.torque_y_un_um)), 0});
+  const auto parts = [&](int64_t shear, int64_t pressure) {
+    return Vector{part(shear, w.force_x_un),
+                  part(shear, w.force_y_un),
+                  part(pressure, w.force_z_un),
+                  part(pressure, mm(w.torque_x_un_um)),
+                  part(pressure, mm(w.torque_y_un_um)),
+                  part(shear, mm(w.torque_z_un_um))};
+  };
+  add_outer(sum, parts(factor_q20_[0], 0));
+  add_outer(sum, parts(0, factor_q20_[1]));
+  add_outer(sum, parts(stiffness_q20_, stiffness_q20_));
   for (int i = 0; i < contacts.n_listed; ++i) add_contact(sum, error, contacts.contacts[static_cast<size_t>(i)]);
   if (contacts.n_found == 0) add_contact(sum, error, {});
   if (contacts.n_found > contacts.n_listed) add_unlisted(sum, error, contacts.n_found - contacts.n_listed);

@@ -3,7 +3,9 @@
 // A sum of outer products of whole vectors, so it is positive semi-definite in integers too:
 //
 //   all contacts together   the shear part of the wrench (fx, fy, tz) times a common factor, and its
-//                           pressure part (fz, tx, ty) times another: the material
+//                           pressure part (fz, tx, ty) times another: what the
+//                           finite elements and a slightly wrong shape of the material make of it
+//   the whole wrench        times the relative standard deviation of the pad's stiffness (force_field.h)
 //   each contact, about     sigma of each force component, carried to the pad's centre as the wrench of a force
 //   its centre of pressure  there; sigma of each moment: a constant and a lever times the pressing force. Those of the
 //                           shear part times sqrt(1 + kFilledShear share), share of the touched nodes that are filled
@@ -50,8 +52,9 @@ class WrenchErrorModel {
   // and 1.57 times as large (host/ruffini/fem/README.md, "Lost markers").
   static constexpr int64_t kFilledShear = 6;
 
-  // Tensor support.error_wrench.
-  [[nodiscard]] static Result<WrenchErrorModel> load(const Calibration& calibration, const PadSettings& pad);
+  // Tensor support.error_wrench. stiffness_q20: relative, at most a half.
+  [[nodiscard]] static Result<WrenchErrorModel> load(const Calibration& calibration, const PadSettings& pad,
+                                                     int64_t stiffness_q20 = 0);
 
   [[nodiscard]] WrenchCovariance run(const Wrench& wrench, const ContactList& contacts,
                                      const TouchedNodes& touched = {}) const;
@@ -72,6 +75,7 @@ class WrenchErrorModel {
 
   ContactError contact_;
   std::array<int64_t, 2> factor_q20_{};
+  int64_t stiffness_q20_ = 0;
   int64_t half_x_um_ = 0;
   int64_t half_y_um_ = 0;
 };

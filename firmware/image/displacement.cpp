@@ -16,7 +16,12 @@ Displacement::Displacement(const BoardSettings& board, const CameraMap* map)
       um_to_px_q32_(floor_div(camera_.focal_mpx * (int64_t{1} << 32), camera_.standoff_um * 1'000)),
       rest_q3_(static_cast<size_t>(board.markers.lattice.count())),
       rest_ray_q8_(rest_q3_.size()),
-      marker_u_(rest_q3_.size()) {}
+      marker_u_(rest_q3_.size()),
+      least_outlier_q3_(FieldRepair::least_q3(board.markers.pitch_x_um, board.markers.pitch_y_um)),
+      shear_(rest_q3_.size()),
+      is_missing_(rest_q3_.size()) {
+  if (!board.markers.is_scattered && !rest_q3_.empty()) repair_.emplace(board.markers.lattice);
+}
 
 void Displacement::learn(std::span<const Marker> markers) {
   for (size_t i = 0; i < markers.size(); ++i) {
@@ -97,6 +102,28 @@ void Displacement::markers_to_pad(std::span<const Marker> markers, std::span<con
   }
 }
 
+// Lost markers, and those found wrong: u_x and u_y as smooth as their neighbours allow. u_z stays as read.
+void Displacement::repair(std::span<const Marker> markers, SaturationCounter& saturations) {
+  if (!repair_) return;
+  for (size_t i = 0; i < markers.size(); ++i) {
+    shear_[i] = {marker_u_[i].x.raw(), marker_u_[i].y.raw(), 0};
+    is_missing_[i] = markers[i].is_lost ? 1 : 0;
+  }
+  repair_->run(shear_, is_missing_, least_outlier_q3_);
+  for (size_t i = 0; i < markers.size(); ++i) {
+    if (is_missing_[i] == 0) continue;
+    marker_u_[i].x = DisplacementUm::from_raw(saturate_raw<int16_t>(shear_[i].x, saturations));
+    marker_u_[i].y = DisplacementUm::from_raw(saturate_raw<int16_t>(shear_[i].y, saturations));
+  }
+}
+
+void Displacement::mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled) {
+  for (size_t i = 0; i < markers.size(); ++i) {
+    if (is_missing_[i] != FieldRepair::kOutlier) is_missing_[i] = markers[i].is_lost ? 1 : 0;
+  }
+  nodes_.mark_filled(is_missing_, is_filled);
+}
+
 NodeDisplacement Displacement::at_node(size_t node, std::span<const DisplacementUm> depth,
                                        SaturationCounter& saturations) const {
   const auto read = [&](DisplacementUm NodeDisplacement::* axis) {
@@ -121,6 +148,7 @@ NodeDisplacement Displacement::at_node(size_t node, std::span<const Displacement
 void Displacement::run(std::span<const Marker> markers, std::span<const DisplacementUm> depth,
                        std::span<NodeDisplacement> out, SaturationCounter& saturations) {
   markers_to_pad(markers, depth, saturations);
+  repair(markers, saturations);
   for (size_t node = 0; node < out.size(); ++node) out[node] = at_node(node, depth, saturations);
 }
 

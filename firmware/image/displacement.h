@@ -2,6 +2,8 @@
 //
 //   marker:  u = [(p - p_0) H + (p - c) u_z] / f, u_z = depth read where the marker is now (bilinear)
 //            with a camera map (image/camera_map.h): u = A(p) + S(p) u_z - A(p_0), u_z read where an ideal pinhole sees A(p)
+//   lattice: markers that contradict their neighbours are found, and these and the lost ones filled smoothly
+//            (image/field_repair.h)
 //   markers -> nodes: image/marker_interpolation.h
 //   node:    u_z = depth read at p = c + f (X + u_xy) / (H + u_z), two rounds
 //
@@ -10,12 +12,14 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "base/fixed.h"
 #include "board/settings.h"
 #include "image/camera_map.h"
+#include "image/field_repair.h"
 #include "image/marker_interpolation.h"
 #include "image/markers.h"
 
@@ -39,10 +43,8 @@ class Displacement {
   void run(std::span<const Marker> markers, std::span<const DisplacementUm> depth, std::span<NodeDisplacement> out,
            SaturationCounter& saturations);
 
-  // 1 for each node that is filled, else 0; of markers as run() takes them.
-  void mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled) const {
-    nodes_.mark_filled(markers, is_filled);
-  }
+  // 1 for each node that is filled, else 0; of markers as the last run() took them, its outliers included.
+  void mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled);
 
   [[nodiscard]] GridSize nodes() const { return nodes_.nodes(); }
 
@@ -58,6 +60,7 @@ class Displacement {
   [[nodiscard]] NodeDisplacement by_map(const Marker& marker, const PadPoint& rest_q8,
                                         std::span<const DisplacementUm> depth, SaturationCounter& saturations) const;
   [[nodiscard]] int64_t read_depth(std::span<const DisplacementUm> depth, int64_t px_x_q16, int64_t px_y_q16) const;
+  void repair(std::span<const Marker> markers, SaturationCounter& saturations);
   void markers_to_pad(std::span<const Marker> markers, std::span<const DisplacementUm> depth,
                       SaturationCounter& saturations);
 
@@ -73,6 +76,10 @@ class Displacement {
   std::vector<PadPoint> rest_q3_;      // of each marker, from the pad's centre, micrometres
   std::vector<PadPoint> rest_ray_q8_;  // the same by the camera map
   std::vector<NodeDisplacement> marker_u_;
+  int32_t least_outlier_q3_;
+  std::optional<FieldRepair> repair_;  // of a lattice
+  std::vector<FieldValue> shear_;      // of each marker, 1/8 um; z not used
+  std::vector<uint8_t> is_missing_;
 };
 
 }  // namespace ruffini

@@ -98,13 +98,13 @@ void MarkerInterpolation::learn(std::span<const PadPoint> rest, std::span<const 
   }
 }
 
-void MarkerInterpolation::mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled) const {
+void MarkerInterpolation::mark_filled(std::span<const uint8_t> is_missing, std::span<uint8_t> is_filled) const {
   constexpr int64_t kHalf = int64_t{1} << 27;  // Q28
   for (size_t node = 0; node < is_filled.size(); ++node) {
     const MarkerWeights& w = weights_[node];
     int64_t lost = 0;
     for (size_t k = 0; k < MarkerWeights::kCount; ++k) {
-      if (markers[static_cast<size_t>(w.marker[k])].is_lost)
+      if (is_missing[static_cast<size_t>(w.marker[k])] != 0)
         lost += w.weight_q28[k] < 0 ? -w.weight_q28[k] : w.weight_q28[k];
     }
     is_filled[node] = lost >= kHalf ? 1 : 0;

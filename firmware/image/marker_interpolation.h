@@ -45,8 +45,8 @@ class MarkerInterpolation {
   [[nodiscard]] int64_t at(size_t node, Value value) const {
     return round_shift(sum(weights_[node], value), 28);
   }
-  // 1 for each node that is filled, else 0.
-  void mark_filled(std::span<const Marker> markers, std::span<uint8_t> is_filled) const;
+  // 1 for each node that is filled, else 0; `is_missing`: not 0 for each marker without a displacement of its own.
+  void mark_filled(std::span<const uint8_t> is_missing, std::span<uint8_t> is_filled) const;
 
   [[nodiscard]] GridSize nodes() const { return nodes_; }
   [[nodiscard]] const PadPoint& place(size_t node) const { return place_[node]; }

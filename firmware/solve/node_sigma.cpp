@@ -45,8 +45,10 @@ struct NodeSigmaModel::Neighbours {
   bool is_silent = true;          // no force here or around
 };
 
-Result<NodeSigmaModel> NodeSigmaModel::load(const Calibration& calibration, GridSize nodes, int64_t threshold_lsb) {
+Result<NodeSigmaModel> NodeSigmaModel::load(const Calibration& calibration, GridSize nodes, int64_t threshold_lsb,
+                                            int64_t stiffness_q20) {
   NodeSigmaModel out;
+  out.stiffness2_q16_ = round_shift(stiffness_q20 * stiffness_q20, 24);
   out.nodes_ = nodes;
   out.threshold_lsb_ = threshold_lsb;
   for (auto* plane : {&out.contrast2_, &out.along_x_, &out.rough_}) {
@@ -85,7 +87,7 @@ int32_t NodeSigmaModel::sigma_of(const Axis& axis, const Neighbours& around, siz
     return (difference * difference) >> (2 * kDifferenceFraction);
   };
   const auto weighted = [&](int64_t square) { return round_shift(around.weight * square, ContactMask::kFraction); };
-  const int64_t sum = axis.local[0] * (f * f) + axis.local[1] * weighted(contrast2(component)) +
+  const int64_t sum = (axis.local[0] + stiffness2_q16_) * (f * f) + axis.local[1] * weighted(contrast2(component)) +
                       axis.local[2] * (around.step[component] * around.step[component]) +
                       axis.local[3] * weighted(around.rough);
   const int64_t variance = table + (sum >> (kFactorFraction - kTableFraction));

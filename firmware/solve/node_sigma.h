@@ -1,13 +1,14 @@
 // Standard deviation of each nodal force of the second pass, read off the field itself
 // (host/ruffini/fem/uncertainty.py has the model and its reasons; proto/CALIBRATION.md the tables).
 //
-//   variance_c = table_c[level] + reading_c f_c^2 + step_c m_c^2 + w (contrast_c d_c^2 + rough_c r^2)
+//   variance_c = table_c[level] + (reading_c + s^2) f_c^2 + step_c m_c^2 + w (contrast_c d_c^2 + rough_c r^2)
 //
 //   level      bit width of |f_z|; of a node without f_z, from the largest |f_z| of its eight neighbours
 //   d          f_c less the mean of the eight neighbours, in 1/8 steps; beyond the grid there is no force
 //   m          largest difference from one of them
 //   r^2        sum of d_z^2 over the 7 x 7 nodes about it, / 64
 //   w          clamp(-f_z, 0, T) / T, Q7, T the contact threshold, as in support_solver.h
+//   s          relative standard deviation of the pad's stiffness (estimators/force_field.h)
 //   tables     steps^2, 8 fraction bits; factors Q16, at most kMaxFactor
 //   sigma      square root, rounded half up to whole steps, at least 1; of shear twice that where the node is filled
 //
@@ -46,9 +47,10 @@ class NodeSigmaModel {
   // of other nodes at most 1.3 times, and pressure as ever (host/ruffini/fem/README.md, "Lost markers").
   static constexpr int32_t kFilledShear = 2;
 
-  // Tensors support.error_reported, _quiet and _local. threshold_lsb: T in steps, above zero.
+  // Tensors support.error_reported, _quiet and _local. threshold_lsb: T in steps, above zero. stiffness_q20: s, at most a
+  // half.
   [[nodiscard]] static Result<NodeSigmaModel> load(const Calibration& calibration, GridSize nodes,
-                                                   int64_t threshold_lsb);
+                                                   int64_t threshold_lsb, int64_t stiffness_q20 = 0);
 
   // One value a node. is_filled: Displacement's.
   void run(std::span<const NodeForce> force, std::span<const uint8_t> is_filled, std::span<NodeSigma> sigma);
@@ -68,6 +70,7 @@ class NodeSigmaModel {
 
   GridSize nodes_;
   int64_t threshold_lsb_ = 1;
+  int64_t stiffness2_q16_ = 0;  // s^2
   std::array<Axis, 2> axis_;
   std::vector<int64_t> contrast2_;  // d_z^2
   std::vector<int64_t> along_x_;    // of 7 nodes side by side

@@ -8,6 +8,7 @@ import pytest
 from kept import kept
 from mirror.board import Board, read_board
 from mirror.estimators import reaches_border
+from mirror.field_repair import repaired_nodes
 from mirror.path import FramePath
 from odd_boards import small_board
 from test_stages import render
@@ -226,8 +227,41 @@ def test_solve_on_random_displacements(is_finite: bool) -> None:
             u = rng.integers(-limit, limit + 1, (6, n, 3)).astype(np.int16)
             forces = core.solve(u)
             for one_u, force in zip(u, forces, strict=True):
-                expected, _ = mirror.solve(one_u.astype(np.int64))
+                expected, _ = mirror.solve_given(one_u.astype(np.int64))
                 assert np.array_equal(force, expected)
+
+
+def test_wrong_and_missing_nodes_are_filled() -> None:
+    """A smooth dent of which some nodes are off and some not measured: the mirror's integers, near the dent."""
+    text = board_with_all_stages(2).replace("n_x = 9\nn_y = 7", "n_x = 41\nn_y = 31")
+    typed, board = parse_board(text.encode(), "small"), read_board(text)
+    kind = kept(make_operator, typed, method="support", noise=Noise((5e-5, 5e-5, 2e-4)))
+    file = pack(
+        {**kind.tensors, **photometric_tables(np.random.default_rng(3))}, {**base_metadata(typed), **kind.metadata}
+    )
+    rng = np.random.default_rng(12)
+    n_filled = 0
+    with Pipeline(typed, file.data) as core:
+        shape = (core.layout.node_n_y, core.layout.node_n_x)
+        y, x = np.mgrid[: shape[0], : shape[1]]
+        far2 = ((y - shape[0] * 0.45) ** 2 + (x - shape[1] * 0.55) ** 2) / 40
+        smooth = np.stack([900 * (x - shape[1] / 2) / 9, 700 * (y - shape[0] / 2) / 9, 0 * x - 3000], axis=-1)
+        smooth = np.round(smooth * np.exp(-far2)[..., None]).astype(np.int16)
+        for t in range(4):
+            u = smooth.copy()
+            wrong = rng.permutation(shape[0] * shape[1])[:6]
+            u.reshape(-1, 3)[wrong, t % 3] += 1600  # 0.2 mm
+            if t % 2:
+                u[shape[0] // 2 - 1 : shape[0] // 2 + 2, shape[1] // 2 : shape[1] // 2 + 3, t % 3] = -32768
+            core.solve(u.reshape(1, -1, 3))
+            expected, filled = repaired_nodes(board, u.astype(np.int64))
+            assert np.array_equal(core.raw("displacement").reshape(-1, 3), expected)
+            assert np.abs(core.raw("displacement") - smooth).max() < 240  # 30 um
+            n_filled += int(filled.sum())
+        u = np.full((1, shape[0] * shape[1], 3), -32768, np.int16)
+        assert not core.solve(u).any()
+        assert not core.raw("displacement").any()
+    assert n_filled >= 24 + 2 * 9 - 6
 
 
 def test_a_calibration_beyond_the_boards_memory_is_neither_made_nor_taken() -> None:
@@ -272,7 +306,7 @@ def test_second_pass_with_hostile_tables_never_overflows(seed: int) -> None:
             u = rng.integers(-limit, limit + 1, (4, n, 3)).astype(np.int16)
             u[:, n // 3 : n // 2, 2] = -limit
             for one_u, force in zip(u, core.solve(u), strict=True):
-                expected, mask = mirror.solve(one_u.astype(np.int64))
+                expected, mask = mirror.solve_given(one_u.astype(np.int64))
                 n_touched += int(mask.any())
                 assert np.array_equal(force, expected)
     assert n_touched > 3

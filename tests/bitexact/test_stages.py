@@ -289,6 +289,32 @@ def test_displacement(open_stages: OpenStages, text: str, has_depth: bool, moved
     assert n_saturated == saturations.count
 
 
+@pytest.mark.parametrize("n_wrong", [0, 3, 9, 30])
+@pytest.mark.parametrize("n_lost", [0, 12, 90])
+def test_displacement_with_wrong_and_lost_markers(open_stages: OpenStages, n_wrong: int, n_lost: int) -> None:
+    """A smooth field in which some markers are off by 0.2 mm: the mirror's integers, and they are found."""
+    core, board = open_stages(board_text("gelslim"))
+    rng = np.random.default_rng(100 * n_wrong + n_lost)
+    markers = random_markers(board, rng, 0)
+    markers[:, [LOST, ABSENT]] = 0
+    y, x = np.mgrid[-1:1:15j, -1:1:19j]
+    smooth = 100_000 * np.stack([np.sin(3 * x + y), np.cos(2 * y - x)], axis=-1).reshape(-1, 2)
+    markers[:, [DX, DY]] = np.round(smooth + rng.normal(size=smooth.shape) * 3_000)
+    wrong, lost = np.split(rng.permutation(len(markers))[: n_wrong + n_lost], [n_wrong])
+    markers[wrong, DX] += rng.choice([-1, 1], n_wrong).astype(np.int32) * 196_608  # 3 px, 0.2 mm
+    markers[lost, DX] += 400_000
+    markers[lost, LOST] = 1
+    nodes = (board["grid"]["n_y"], board["grid"]["n_x"])
+    out, _ = core.displacement(markers, None, nodes)
+    assert np.array_equal(out, displacement(board, markers, None, Saturations()))
+    if n_wrong <= 9 and n_lost <= 12:
+        right = markers.copy()
+        right[:, [DX, DY]] = np.round(smooth)
+        inside = (slice(4, -4), slice(4, -4))
+        apart = np.abs(out - core.displacement(right, None, nodes)[0])[inside][..., :2] / 8
+        assert apart.max() < 60, apart.max()  # of 200 um; noise 3 um
+
+
 @pytest.mark.parametrize("text", [*SIZES, board_text("gelslim"), board_text("gelsight-mini")])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.4, 1.0])
 def test_nodes_that_rest_on_lost_markers(open_stages: OpenStages, text: str, share: float) -> None:

@@ -6,9 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from kept import kept
-from mirror.board import Board, read_board
+from mirror.board import Board, observed_nodes, read_board
 from mirror.displacement import filled
 from mirror.estimators import wrench
+from mirror.field_repair import repaired_nodes
 from mirror.markers import LOST, X, Y
 from mirror.uncertainty import (
     LISTED,
@@ -37,6 +38,7 @@ from ruffini.wire.covariance import full_covariance
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 TEXT = board_with_all_stages(2).replace("n_x = 9\nn_y = 7", "n_x = 41\nn_y = 31")
+STIFFNESS = "support.stiffness_sigma_1e6"
 NAMES = ("reported", "quiet", "local", "wrench")
 
 
@@ -70,8 +72,10 @@ def expected(
     mask: npt.NDArray[np.uint8],
     force: npt.NDArray[np.int32],
     is_filled: npt.NDArray[np.bool_] | None = None,
+    stiffness_1e6: int = 0,
 ) -> tuple:
-    errors = ErrorTables(*(tables[f"support.error_{name}"].astype(np.int32) for name in NAMES))
+    tensors = (tables[f"support.error_{name}"].astype(np.int32) for name in NAMES)
+    errors = ErrorTables(*tensors, stiffness_q20=(stiffness_1e6 << 20) // 10**6)
     steps = force.astype(np.int64).reshape(-1, 3)
     touches = touches_of(board, mask.astype(np.int64), steps)
     threshold = max(board["contact"]["threshold_un"] // board["field"]["force_lsb_un"], 1)
@@ -80,6 +84,10 @@ def expected(
     of_touched = (int((mask > 0).sum()), int((is_filled & (mask > 0)).sum()))
     covariance = wrench_covariance(errors, board, wrench(board, steps), touches[:LISTED], len(touches), of_touched)
     return sigma, covariance, len(touches)
+
+
+def observed_shape(board: Board) -> tuple[int, int]:
+    return len(observed_nodes(board, "y")), len(observed_nodes(board, "x"))
 
 
 def displacements(rng: np.random.Generator, shape: tuple[int, int]) -> npt.NDArray[np.int16]:
@@ -94,6 +102,10 @@ def displacements(rng: np.random.Generator, shape: tuple[int, int]) -> npt.NDArr
         u = rng.normal(size=(*shape, 3)) * 20
         u[..., 2] += dent(shape[0] * 0.4, shape[1] * 0.6, 3.0, depth)
         out.append(u)
+    u = rng.normal(size=(*shape, 3)) * 20
+    for place in np.ndindex(3, 4):
+        u[..., 2] += dent(shape[0] * (place[0] + 0.5) / 3, shape[1] * (place[1] + 0.5) / 4, 1.6, 6000.0)
+    out.append(u)
     for size, length in ((1280, 1), (1280, 1), (2560, 0.1), (2560, 0.1), (2560, 2)):
         rough = gaussian_filter(rng.normal(size=(*shape, 3)), (length, length, 0))
         out.append(size * rough / rough.std())
@@ -108,14 +120,18 @@ def test_as_the_mirror_on_any_tables_and_positive_semi_definite(
     typed, board = parse_board(TEXT.encode(), "small"), read_board(TEXT)
     rng = np.random.default_rng(seed)
     tables = drawn(rng, largest=seed == 0)
-    file = pack({**base[0], **tables}, base[1])
+    stiffness_1e6 = 500_000 if seed == 0 else int(rng.integers(0, 500_001))
+    file = pack({**base[0], **tables}, {**base[1], STIFFNESS: str(stiffness_1e6)})
     counts = []
     with Pipeline(typed, file.data) as core:
         shape = (core.layout.node_n_y, core.layout.node_n_x)
         for u in displacements(rng, shape):
             force = core.solve(u.reshape(1, -1, 3))[0]
             sigma, covariance = core.sigma()
-            want_sigma, want_covariance, n_found = expected(board, tables, core.raw("mask"), force)
+            is_filled = repaired_nodes(board, u.astype(np.int64))[1]
+            want_sigma, want_covariance, n_found = expected(
+                board, tables, core.raw("mask"), force, is_filled, stiffness_1e6
+            )
             assert np.array_equal(sigma.reshape(-1, 3), want_sigma)
             assert np.array_equal(covariance, want_covariance)
             assert sigma.min() >= 1
@@ -128,6 +144,35 @@ def test_as_the_mirror_on_any_tables_and_positive_semi_definite(
     assert max(counts) > LISTED
 
 
+def test_the_operator_of_an_unfitted_pad_has_the_boards_stiffness(base: tuple[Tensors, dict[str, str]]) -> None:
+    assert base[1][STIFFNESS] == "100000"  # the default where board.toml states none
+
+
+@pytest.mark.parametrize("stated", [None, 0, 20_000])
+def test_the_boards_stiffness_counts_where_the_file_states_none(
+    base: tuple[Tensors, dict[str, str]], stated: int | None
+) -> None:
+    text = TEXT.replace("poisson_1e4 = 4800", "poisson_1e4 = 4800\nstiffness_sigma_1e3 = 70")
+    board, rng = read_board(text), np.random.default_rng(5)
+    tables = drawn(rng, largest=False)
+    metadata = {k: v for k, v in base[1].items() if k != STIFFNESS}
+    metadata |= {} if stated is None else {STIFFNESS: str(stated)}
+    u = displacements(rng, observed_shape(board))[2]
+    with Pipeline(parse_board(text.encode(), "small"), pack({**base[0], **tables}, metadata).data) as core:
+        force = core.solve(u.reshape(1, -1, 3))[0]
+        sigma, covariance = core.sigma()
+        want = expected(board, tables, core.raw("mask"), force, stiffness_1e6=70_000 if stated is None else stated)
+    assert np.array_equal(sigma.reshape(-1, 3), want[0])
+    assert np.array_equal(covariance, want[1])
+
+
+@pytest.mark.parametrize("value", ["-1", "500001", "0.05"])
+def test_a_stiffness_that_is_none_is_refused(base: tuple[Tensors, dict[str, str]], value: str) -> None:
+    file = pack({**base[0], **drawn(np.random.default_rng(1), largest=False)}, {**base[1], STIFFNESS: value})
+    with pytest.raises(InputError, match=STIFFNESS):
+        Pipeline(parse_board(TEXT.encode(), "small"), file.data).close()
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_lost_markers_under_a_contact_are_stated(base: tuple[Tensors, dict[str, str]], seed: int) -> None:
     """Of whole frames with dots missing in a contact, as the mirror says."""
@@ -135,7 +180,7 @@ def test_lost_markers_under_a_contact_are_stated(base: tuple[Tensors, dict[str, 
     rng = np.random.default_rng(seed)
     tables = drawn(rng, largest=seed == 0)
     n_filled = 0
-    with Pipeline(typed, pack({**base[0], **tables}, base[1]).data) as core:
+    with Pipeline(typed, pack({**base[0], **tables}, {**base[1], STIFFNESS: "0"}).data) as core:
         core.set_rest(render(board, np.random.default_rng(7), 0.0))
         for t in range(4, 10):
             lost = {7, int(rng.choice([6, 8]))} if t % 2 else set()  # 7: the middle one, in the dent
@@ -165,12 +210,12 @@ def test_integers_follow_the_float_model(base: tuple[Tensors, dict[str, str]]) -
     )
     tables = error_tensors(ErrorModel(node, wrench_error))
     threshold = board["contact"]["threshold_un"] / board["field"]["force_lsb_un"]
-    with Pipeline(typed, pack({**base[0], **tables}, base[1]).data) as core:
+    with Pipeline(typed, pack({**base[0], **tables}, {**base[1], STIFFNESS: "60000"}).data) as core:
         for u in displacements(rng, (core.layout.node_n_y, core.layout.node_n_x))[:4]:
             force = core.solve(u.reshape(1, -1, 3))[0]
             sigma, upper = core.sigma()
             steps = force.reshape(sigma.shape)
-            apart = np.abs(sigma / node_sigma_float(node, steps, threshold) - 1)
+            apart = np.abs(sigma / node_sigma_float(node, steps, threshold, 0.06) - 1)
             assert np.quantile(apart, 0.98) < 0.04  # the weight has 7 bits, which small pressures feel
             assert apart.max() < 0.3
             touches = touches_of(board, core.raw("mask").astype(np.int64), force.astype(np.int64))
@@ -180,7 +225,7 @@ def test_integers_follow_the_float_model(base: tuple[Tensors, dict[str, str]]) -
                 ContactLoad(1e-6 * np.array([t.x_um, t.y_um]), 1e-6 * np.array([0, 0, t.force_z_un])) for t in touches
             ]
             si = np.array(wrench(board, force.astype(np.int64))) * [*3 * [1e-6], *3 * [1e-12]]
-            expected_covariance = wrench_covariance_float(wrench_error, si, loads)
+            expected_covariance = wrench_covariance_float(wrench_error, si, loads, 0.06)
             scale = np.sqrt(np.outer(np.diag(expected_covariance), np.diag(expected_covariance)))
             np.testing.assert_allclose(full_covariance(upper) / scale, expected_covariance / scale, atol=1e-3)
 

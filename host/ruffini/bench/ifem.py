@@ -7,14 +7,15 @@ not judged. "default" is what the board computes: the integers of the compiled t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.bench import coverage, fitted, objects, window
+from ruffini.bench import bad_nodes, coverage, fitted, objects, window
+from ruffini.bench.bad_nodes import BadNodes
 from ruffini.bench.disturbance import HALF_WHITE_UM, WHITE_UM, Disturbance
 from ruffini.bench.markers import LostMarkers
 from ruffini.bench.states import FRESH, JUDGED, LIGHT_N, TUNED, State, make_states
@@ -22,8 +23,8 @@ from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.error_model import N_TOUCHES, node_places
 from ruffini.calibrate.marker_lattice import NodesOnLattice
-from ruffini.calibrate.operator import OperatorKind, board_slab, make_operator
-from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.calibrate.operator import OperatorKind, board_slab, make_operator, second_pass
+from ruffini.core.pipeline import DISPLACEMENT_LSB_M, NOT_MEASURED, Pipeline
 from ruffini.errors import InputError
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import Noise, ridge_operator
@@ -120,6 +121,10 @@ class Methods:
         if truth == "finite":
             finite = make_operator(board, method="support", noise=noise, is_finite=True)
             self._pipeline = _pipeline(board, finite)
+        usual = {"support.stiffness_sigma_1e6": "0"}  # a fitted pad errs as the error model has it
+        self._fitted_pipeline = _pipeline(board, replace(default, metadata={**default.metadata, **usual}))
+        assert default.support is not None
+        self._second_pass = second_pass(board, default.matrix, default.support)
         self._linear = linear.matrix
         self._ridge = {
             w: dense_from_blocks(self._condensed.bases, ridge_operator(self._condensed, w))
@@ -133,6 +138,7 @@ class Methods:
 
     def close(self) -> None:
         self._linear_pipeline.close()
+        self._fitted_pipeline.close()
         if self._pipeline is not self._linear_pipeline:
             self._pipeline.close()
 
@@ -172,15 +178,22 @@ class Methods:
     def _sparse_force(self, u: Array, weight: float) -> Array:
         return self._sparse.force(u.reshape(-1, 1), weight).reshape(self.shape)
 
-    def stated(self, u: Array) -> coverage.Stated:
-        """What the board says of a displacement: force, and how sure it is of it."""
-        force = self._as_the_board(self._linear_pipeline, u)
-        sigma, upper = self._linear_pipeline.sigma()
+    def with_bad_nodes(self) -> dict[str, Estimate]:
+        """The board, and the peers against nodes that are wrong or missing (NaN)."""
+        rough = bad_nodes.peers(lambda u: self._second_pass(u)[0])
+        return rough | {"default": partial(self._as_the_board, self._linear_pipeline)}
+
+    def stated(self, u: Array, *, is_fitted: bool = True) -> coverage.Stated:
+        """Force that the board makes of a displacement; its uncertainty with a fitted material or the board's."""
+        pipeline = self._fitted_pipeline if is_fitted else self._linear_pipeline
+        force = self._as_the_board(pipeline, u)
+        sigma, upper = pipeline.sigma()
         sigma_n: Array = sigma * np.float64(self.board.field.force_lsb_un * 1e-6)
         return coverage.Stated(force, sigma_n, full_covariance(upper))
 
     def _as_the_board(self, pipeline: Pipeline, u: Array) -> Array:
-        steps = np.clip(np.round(u / DISPLACEMENT_LSB_M), -32767, 32767).astype(np.int16)
+        steps = np.clip(np.nan_to_num(np.round(u / DISPLACEMENT_LSB_M)), -32767, 32767).astype(np.int16)
+        steps[np.isnan(u)] = NOT_MEASURED
         force = pipeline.solve(steps.reshape(1, -1, 3)) * (self.board.field.force_lsb_un * 1e-6)
         return np.asarray(force.reshape(self.shape))
 
@@ -239,7 +252,7 @@ def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progre
             "states": len(heavy), "seeds": n_seeds, "noise_um": WHITE_UM,
             "weights": {"ridge": methods.ridge_weight, "sparse": methods.sparse_weight},
             "accuracy": {}, "objects": {}, "object": {}, "separation": {}, "strain": {},
-            "noise": {}, "markers": {}, "model_error": {},
+            "noise": {}, "markers": {}, "bad_nodes": {}, "model_error": {}, "wrong_pad": {},
         }  # fmt: skip
         for depth in depths:
             chosen = [s for s in heavy if s.depth_mm == depth]
@@ -263,12 +276,12 @@ def run(board: Board, *, quick: bool, truth: Strain = "linear", progress: Progre
             result["markers"][f"lost markers {100 * share:g} %"] = evaluate(
                 methods, middle, LostMarkers(share, WHITE_UM), n_seeds
             )
+        result["bad_nodes"] = with_bad_nodes(methods, middle, n_seeds)
         progress(0.8)
         for name, error in ({} if quick or truth == "finite" else MODEL_ERRORS).items():
-            wrong = make_states(board, JUDGED, (0.6,), error)
-            result["model_error"][name] = evaluate(
-                methods, [s for s in wrong if s.resultant_n >= LIGHT_N], white, n_seeds
-            )
+            wrong = [s for s in make_states(board, JUDGED, (0.6,), error) if s.resultant_n >= LIGHT_N]
+            result["model_error"][name] = evaluate(methods, wrong, white, n_seeds)
+            result["wrong_pad"][name] = stated_on_wrong_pad(methods, wrong, white, n_seeds)
         result["coverage"] = coverage_of(methods, depths)
         progress(0.9)
         result["window"] = window.run(board, n_seeds=2 if quick else 6)
@@ -334,6 +347,44 @@ def coverage_of(methods: Methods, depths: tuple[float, ...]) -> dict[str, Any]:
     return {"states": counted.n_states, "columns": counted.summary()}
 
 
+def with_bad_nodes(methods: Methods, states: list[State], n_seeds: int) -> dict[str, dict[str, dict[str, float]]]:
+    """By condition the mean scores of the board and its peers, with the same noise in every condition."""
+    conditions = {
+        "none": BadNodes(WHITE_UM),
+        "3 % of the nodes off by 0.2 mm": BadNodes(WHITE_UM, share=0.03),
+        "a hole of 3 mm": BadNodes(WHITE_UM, hole_mm=bad_nodes.HOLE_MM),
+        "both": BadNodes(WHITE_UM, share=0.03, hole_mm=bad_nodes.HOLE_MM),
+    }
+    estimates = methods.with_bad_nodes()
+    out: dict[str, dict[str, dict[str, float]]] = {}
+    for condition, bad in conditions.items():
+        scores = {name: Scores() for name in estimates}
+        for i, state in enumerate(states):
+            for seed in range(n_seeds):
+                u = bad.observe(state.displacement, methods.step_mm, np.random.default_rng((17, i, seed)))
+                for name, estimate in estimates.items():
+                    scores[name].add(state, estimate(u), methods.step_mm)
+        out[condition] = {name: s.means() for name, s in scores.items()}
+    return out
+
+
+def stated_on_wrong_pad(
+    methods: Methods, states: list[State], disturbance: Disturbance, n_seeds: int
+) -> dict[str, dict[str, float]]:
+    """Percent of the true Fz within one and two stated sigmas, those of the board's numbers and of fitted ones."""
+    out: dict[str, dict[str, float]] = {}
+    for name, is_fitted in (("the board's", False), ("as if fitted", True)):
+        tally = coverage.Tally()
+        for i, state in enumerate(states):
+            for seed in range(n_seeds):
+                u = observed(methods.board, state, disturbance, np.random.default_rng((7, i, seed)))
+                stated = methods.stated(u, is_fitted=is_fitted)
+                error = (stated.force - state.force)[..., 2].sum()
+                tally.add(np.array(error), np.sqrt(stated.covariance[2, 2]))
+        out[name] = tally.summary()
+    return out
+
+
 def _row(name: str, m: dict[str, float]) -> str:
     false_shear = f"{m['false_shear']:13.4f}" if "false_shear" in m else " " * 13
     return (
@@ -365,6 +416,20 @@ def tables(result: dict[str, Any]) -> str:
         for condition, methods in result[title].items():
             lines += ["", f"{condition}, {what}", head]
             lines += [_row(name, m) for name, m in methods.items()]
+    for condition, m in result["bad_nodes"].items():
+        lines += ["", f"bad nodes: {condition}, 0.6 mm, noise 5/5/20 um", head]
+        lines += [_row(name, scores) for name, scores in m.items()]
+        plain = result["bad_nodes"]["none"]
+        ratios = (f"{name} {scores['tangential'] / plain[name]['tangential']:.2f}" for name, scores in m.items())
+        lines += ["  tangential error over that without: " + ", ".join(ratios)]
+    if result["wrong_pad"]:
+        lines += ["", "true Fz within one and two stated sigmas on a wrong pad that was not fitted, 0.6 mm"]
+    for error, rows in result["wrong_pad"].items():
+        lines += [
+            f"  {error:16}{name + ' uncertainty':24}{s['within_1']:6.0f} %{s['within_2']:6.0f} %"
+            f"   mean sigma {1e3 * s['mean_sigma']:.0f} mN, {s['n']} frames"
+            for name, s in rows.items()
+        ]
     if result["object"]:
         lines += ["", "the default on each of them", head]
         lines += [f"{_row(name, m)}  of {m['load_n']:.2f} N" for name, m in result["object"].items()]

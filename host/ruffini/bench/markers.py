@@ -1,6 +1,6 @@
-"""What the board makes of its markers: those lost take their neighbours' mean, nodes interpolate over the lattice.
+"""Markers as the board uses them: lost ones are filled smoothly, nodes interpolate over the lattice.
 
-The float twin of firmware/image/markers.cpp (fill_lost); the bit-exact tests hold it to the core within its rounding.
+The float twin of the filling in firmware/image/field_repair.h; the bit-exact tests hold it to the core within rounding.
 The nodes: `ruffini.calibrate.marker_lattice`.
 """
 
@@ -18,7 +18,29 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 
+SWEEPS, MOST_PLATE_PART = 24, 4  # kSweeps, kMostPlatePart of firmware/image/field_repair.h
+
+
 def fill_lost(u: Array, is_lost: Bools) -> Array:
+    """The lost markers' displacement, continued smoothly from the known ones; u (n_y, n_x, k).
+
+    Ring by ring the mean of the up to eight known neighbours, then the thin plate's equation by Gauss-Seidel.
+    """
+    out = fill_with_means(u, is_lost)
+    n_y, n_x = is_lost.shape
+    if MOST_PLATE_PART * int(is_lost.sum()) > is_lost.size:
+        return out
+    inside = [(y, x) for y, x in np.argwhere(is_lost) if 2 <= y < n_y - 2 and 2 <= x < n_x - 2]
+    for _ in range(SWEEPS):
+        for y, x in inside:
+            beside = out[y, x + 1] + out[y, x - 1] + out[y + 1, x] + out[y - 1, x]
+            diagonal = out[y + 1, x + 1] + out[y - 1, x + 1] + out[y + 1, x - 1] + out[y - 1, x - 1]
+            far = out[y, x + 2] + out[y, x - 2] + out[y + 2, x] + out[y - 2, x]
+            out[y, x] = (8 * beside - 2 * diagonal - far) / 20
+    return out
+
+
+def fill_with_means(u: Array, is_lost: Bools) -> Array:
     """Ring by ring, each lost marker is the mean of its up to eight known neighbours; u (n_y, n_x, k)."""
     out = np.where(is_lost[..., None], 0.0, u)
     known = ~is_lost

@@ -72,6 +72,7 @@ class Pad(Section):
     thickness_um: Annotated[int, Field(ge=100, le=MAX_LENGTH_UM)]
     modulus_pa: Annotated[int, Field(ge=1_000, le=1_000_000_000)]
     poisson_1e4: Annotated[int, Field(ge=0, le=4_999)]
+    stiffness_sigma_1e3: Annotated[int, Field(ge=0, le=500)] = 100
 
 
 class Grid(Section):

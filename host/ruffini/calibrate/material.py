@@ -9,8 +9,9 @@ a constant factor is fitted with it, so these are the numbers with which this se
 material's own where the images are right.
 
 Confidence intervals come from leaving out one touch at a time (jackknife): frames of one touch are not independent.
-With fewer than MIN_TOUCHES they are those of the fit's curvature. What a reference of fewer than six axes does not
-measure is NaN and left out.
+With fewer than MIN_TOUCHES they are those of the fit's curvature. E, nu and h err together, so the force that they make
+is known better than each: its relative standard deviation, `stiffness_sigma`, comes from the same jackknife. What a
+reference of fewer than six axes does not measure is NaN and left out.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ LEAST_VARIATION = 0.05  # standard deviation of the touches' forces, of their me
 FARTHEST = 100.0  # factor from the board's E and thickness: beyond it a material file is not of this pad
 DEVIATION = 0.02  # of the estimator's wrench from the reference, part of the log's spread
 LARGEST_UNEXPLAINED = 0.3  # part of the reference wrench (L2)
+DERIVATIVE_STEP = 1e-4  # of the board's numbers
 LARGEST_INTERVAL = 0.5  # of the value: beyond this the log does not tell the number
 
 
@@ -57,6 +59,7 @@ LARGEST_INTERVAL = 0.5  # of the value: beyond this the log does not tell the nu
 class MaterialFit:
     """Values in the order of NAMES, half widths of their 95 % intervals, and the wrenches behind them.
 
+    `stiffness_sigma` is the relative standard deviation of the force that these numbers make of a displacement.
     `before` and `after` are the wrenches with the board's numbers and with the fitted ones, (t, 6) N and N m;
     `left_out` those of each touch by a fit to the other touches.
     """
@@ -70,6 +73,7 @@ class MaterialFit:
     left_out: Array
     n_touches: int
     prior: Prior
+    stiffness_sigma: float
 
     @property
     def material(self) -> Material:
@@ -85,6 +89,7 @@ class MaterialFit:
         return {
             **self.material._asdict(),
             "interval_95": dict(zip(NAMES, self.interval.tolist(), strict=True)),
+            "stiffness_sigma": self.stiffness_sigma,
             "touches": self.n_touches, "frames": len(self.reference), "prior": self.prior.report(),
             "rmse_before_n_nm": rmse(self.before), "rmse_after_n_nm": rmse(self.after),
             "rmse_left_out_n_nm": rmse(self.left_out),
@@ -183,6 +188,25 @@ def read_material(path: Path, board: Board) -> Material:
     return material
 
 
+def read_stiffness_sigma(path: Path, board: Board) -> float:
+    """Relative standard deviation of the force that a fit of `read_material` leaves; of old files, that of E alone.
+
+    Raises
+    ------
+    InputError
+        Unreadable, not of this kind, or of another board.
+    """
+
+    def parse(tree: dict[str, Any]) -> float:
+        of_modulus = float(tree["interval_95"]["modulus_pa"]) / 1.96 / float(tree["modulus_pa"])
+        return float(tree.get("stiffness_sigma", of_modulus))
+
+    sigma = read_fit(path, board, "cal material", parse)
+    if not 0 <= sigma < np.inf:
+        raise InputError(f"{path}: stiffness_sigma {sigma:g} is no standard deviation: fit the material again")
+    return sigma
+
+
 class MaterialProblem:
     """A log, what each pad would make of it, and what was believed before."""
 
@@ -215,10 +239,15 @@ class MaterialProblem:
         """(E, nu, h) of some of the frames."""
         return np.asarray(self._solved(used).x * self.predictor.nominal)
 
-    def curvature_sigma(self, used: Mask) -> Array:
-        """Standard deviations of `solve` as the fit's curvature has them: for few touches."""
+    def curvature_covariance(self, used: Mask) -> Array:
+        """Covariance (3, 3) of `solve` by the fit's curvature, relative to the board's numbers: for few touches."""
         jacobian = self._solved(used).jac
-        return np.asarray(np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * self.predictor.nominal)
+        return np.asarray(np.linalg.inv(jacobian.T @ jacobian))
+
+    def force_ratio(self, values: Array, to: Array) -> float:
+        """Forces with these numbers over those with others, over all frames."""
+        force, reference = (self.predictor.wrench(v)[:, :3] for v in (values, to))
+        return float((force * reference).sum() / (reference**2).sum())
 
     def fit(self) -> MaterialFit:
         """Fit to the whole log, and to the log without each touch.
@@ -233,16 +262,23 @@ class MaterialProblem:
         touches = np.unique(log.touch)
         n = len(touches)
         others = np.array([self.solve(log.touch != t) for t in touches]) if n > 1 else self.prior.mean[None]
-        if n >= MIN_TOUCHES:  # jackknife standard error, times the normal 97.5 % point
-            interval = 1.96 * np.sqrt((n - 1) / n * ((others - others.mean(axis=0)) ** 2).sum(axis=0))
+        if n >= MIN_TOUCHES:  # times the normal 97.5 % point
+            interval = 1.96 * _jackknife_sigma(others)
+            stiffness_sigma = float(_jackknife_sigma(np.array([self.force_ratio(other, values) for other in others])))
         else:
-            interval = 1.96 * self.curvature_sigma(everything)
+            covariance, nominal = self.curvature_covariance(everything), self.predictor.nominal
+            interval = 1.96 * np.sqrt(np.diag(covariance)) * nominal
+            steps = np.diag(DERIVATIVE_STEP * nominal)
+            slope = np.array([self.force_ratio(values + step, values) - 1 for step in steps]) / DERIVATIVE_STEP
+            stiffness_sigma = float(np.sqrt(slope @ covariance @ slope))
         left_out = np.empty_like(log.wrench)
         for t, other in zip(touches, others, strict=True):
             left_out[log.touch == t] = self.predictor.wrench(other)[log.touch == t]
         before, after = self.predictor.wrench(self.predictor.nominal), self.predictor.wrench(values)
         self._check(values, interval, after)
-        return MaterialFit(values, interval, log.wrench, log.touch, before, after, left_out, n, self.prior)
+        return MaterialFit(
+            values, interval, log.wrench, log.touch, before, after, left_out, n, self.prior, stiffness_sigma
+        )
 
     def _check(self, values: Array, interval: Array, after: Array) -> None:
         wrench = (self.log.wrench * SCALE)[:, self._seen]
@@ -259,6 +295,12 @@ class MaterialProblem:
                 f"the log does not determine {', '.join(vague)} (95 % interval above half the value): "
                 "add presses of several sizes and depths, with and without shear"
             )
+
+
+def _jackknife_sigma(estimates: Array) -> Array:
+    """Standard error from the estimates (n, ...) that each leave one touch out."""
+    n = len(estimates)
+    return np.asarray(np.sqrt((n - 1) / n * ((estimates - estimates.mean(axis=0)) ** 2).sum(axis=0)))
 
 
 def fit_material(

@@ -36,6 +36,7 @@ FRACTION_Q14 = 1 << 14
 MAX_ERROR = 1e-3  # of the operator in integers, relative, on independent displacements and on touches
 N_SAMPLES = 24
 SCALE_Q16 = 1 << 16
+LARGEST_STIFFNESS_SIGMA_1E6 = 500_000
 # Up to here one thread: where other programs run, two wait for each other (five times the time on two busy cores).
 ONE_THREAD_NODES = 1000
 
@@ -121,6 +122,7 @@ def make_operator(
     noise: Noise,
     ridge_weight: float = 1e-4,
     material: Material | None = None,
+    stiffness_sigma: float | None = None,
     is_finite: bool = False,
     n_touches: int = 0,
     progress: Progress = lambda _: None,
@@ -129,6 +131,10 @@ def make_operator(
 
     Parameters
     ----------
+    stiffness_sigma : float, optional
+        Relative standard deviation of the forces that the pad's numbers make of a displacement. Where left out: the
+        board's for the board's material; none for a measured one, whose usual error the error model has
+        (`touches.MaterialSpread`).
     is_finite : bool
         Whether the pad is at finite strain: then the second pass adds what that makes, to second order.
     n_touches : int
@@ -146,7 +152,12 @@ def make_operator(
         raise InputError(f"finite strain works on the second pass: method support, not {method}")
     slab = board_slab(board, material)
     with threadpool_limits(limits=1 if slab.n_nodes <= ONE_THREAD_NODES else None):
-        return _made(board, slab, material, method, noise, ridge_weight, is_finite, n_touches, progress)
+        kind = _made(board, slab, material, method, noise, ridge_weight, is_finite, n_touches, progress)
+    if kind.support is not None:
+        usual = board.pad.stiffness_sigma_1e3 * 1e-3 if material is None else 0.0
+        sigma = usual if stiffness_sigma is None else stiffness_sigma
+        kind.metadata["support.stiffness_sigma_1e6"] = str(min(round(sigma * 1e6), LARGEST_STIFFNESS_SIGMA_1E6))
+    return kind
 
 
 def _made(

@@ -86,7 +86,7 @@ def operator(
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import gates_of_fit_file, manifest_of
     from ruffini.calibrate.gauge import gauge_uncertainty_m
-    from ruffini.calibrate.material import read_material
+    from ruffini.calibrate.material import read_material, read_stiffness_sigma
     from ruffini.calibrate.operator import Material, board_slab, make_operator
     from ruffini.calibrate.relaxation import read_relaxation
     from ruffini.fem.operators import Noise
@@ -98,6 +98,7 @@ def operator(
     x, y, z = _micrometres(noise_um)
     known = None if material is None else read_material(material, found)
     memory = None if relaxation is None else read_relaxation(relaxation, found)
+    sigma = found.pad.stiffness_sigma_1e3 * 1e-3 if material is None else read_stiffness_sigma(material, found)
     is_judged = found.depth.source == "markers" or found.depth.has_gauge_table  # when the table is fitted
     if is_judged and gauge_um is not None:
         raise InputError(
@@ -115,7 +116,7 @@ def operator(
     with progress_bar("inverse FEM") as progress:
         kind = make_operator(
             found, method=method, noise=noise, ridge_weight=chosen, n_touches=touches, material=known,
-            is_finite=strain == "finite", progress=progress,
+            stiffness_sigma=sigma, is_finite=strain == "finite", progress=progress,
         )  # fmt: skip
     tensors, metadata = ({}, {}) if memory is None else memory.tensors()
     # The board's own numbers are nobody's measurement: only a fitted pad has gates.

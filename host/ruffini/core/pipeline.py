@@ -37,6 +37,7 @@ from ruffini.native import native_folder
 
 N_COVARIANCE = 21  # upper triangle of 6 x 6
 DISPLACEMENT_LSB_M = 125e-9
+NOT_MEASURED = -32768  # a component of a displacement that `Pipeline.solve` fills
 NO_REFERENCE = 1
 NO_TEMPERATURE = -(2**31)
 STAGES = (
@@ -243,7 +244,11 @@ class Pipeline:
         self._check(self._lib.ruffini_set_rest(self._pointer, rest.ctypes.data_as(ctypes.c_void_p)))
 
     def solve(self, displacement: npt.NDArray[np.int16]) -> npt.NDArray[np.int32]:
-        """Displacement (frames, observed nodes, 3) in 125 nm -> force in steps of the board."""
+        """Displacement (frames, observed nodes, 3) in 125 nm -> force in steps of the board.
+
+        A component of -32768 was not measured: it is filled smoothly from the nodes around, as are single nodes that
+        contradict all their neighbours (firmware/image/field_repair.h).
+        """
         n = self.layout.node_n_x * self.layout.node_n_y
         if displacement.shape[1:] != (n, 3) or displacement.dtype != np.int16:
             raise InputError(f"displacement must be (frames, {n}, 3) int16, got {displacement.shape}")

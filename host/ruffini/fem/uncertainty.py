@@ -3,7 +3,7 @@
 What limits the second pass is not the noise but the edge of a contact between two nodes and a material that is not
 quite the operator's, so no posterior of the noise tells it (README.md). A node's error is read off the field itself:
 
-    variance_c = table_c[how large f_z is] + reading_c f_c^2 + step_c m_c^2 + w (contrast_c d_c^2 + rough_c r^2)
+    variance_c = table_c[how large f_z is] + (reading_c + s^2) f_c^2 + step_c m_c^2 + w (contrast_c d_c^2 + rough_c r^2)
 
 in force steps squared, one set of numbers for shear (x, y) and one for z. d is the difference from the mean of the
 eight neighbours, m the largest difference from one of them, r^2 the mean of d_z^2 over the 7 x 7 nodes about it (large
@@ -12,8 +12,10 @@ its variance from the largest pressure beside it and from m: what an edge, or fa
 
 The wrench's error is, for each contact about its own centre of pressure, a constant part and a part proportional to the
 pressing force (the lever: how far off the centre of pressure is), and for all contacts together a common factor of the
-shear and one of the pressure (the material). The board does all of it in integers (firmware/solve/uncertainty.h).
-Not in the paper.
+shear and one of the pressure. Beside these, the whole wrench w errs with the pad's stiffness: s^2 w w^T is added. The
+fitted terms hold what a material known to 1 or 2 % makes (`touches.MaterialSpread`), s what is known of this pad: the
+board's `stiffness_sigma_1e3`, or what `cal material` leaves. The board does all of it in integers
+(firmware/solve/node_sigma.h, firmware/estimators/wrench_covariance.h). Not in the paper.
 """
 
 from __future__ import annotations
@@ -97,20 +99,24 @@ class WrenchSample:
     error: Array
 
 
-def node_sigma(model: NodeError, steps: Array, threshold_steps: float) -> Array:
+def node_sigma(model: NodeError, steps: Array, threshold_steps: float, stiffness_sigma: float = 0.0) -> Array:
     """Standard deviation of each nodal force, steps; of forces (n_y, n_x, 3) in whole steps."""
     design = [_design(steps, threshold_steps, c) for c in range(3)]
     values = [_parameters(model, k) for k in AXIS_CLASS]
-    return np.sqrt(np.stack([d @ v for d, v in zip(design, values, strict=True)], axis=-1))
+    fitted = np.stack([d @ v for d, v in zip(design, values, strict=True)], axis=-1)
+    return np.asarray(np.sqrt(fitted + (stiffness_sigma * steps) ** 2))
 
 
-def wrench_covariance(model: WrenchError, wrench: Array, contacts: list[ContactLoad]) -> Array:
+def wrench_covariance(
+    model: WrenchError, wrench: Array, contacts: list[ContactLoad], stiffness_sigma: float = 0.0
+) -> Array:
     """Covariance (6, 6) about the pad's centre, N and N m, of a wrench (6,) made by these contacts.
 
     Where nothing touches: what the error of one contact in the middle would be.
     """
     shear, pressure = wrench * [1, 1, 0, 0, 0, 1], wrench * [0, 0, 1, 1, 1, 0]
     total = model.factor[0] ** 2 * np.outer(shear, shear) + model.factor[1] ** 2 * np.outer(pressure, pressure)
+    total += stiffness_sigma**2 * np.outer(wrench, wrench)
     for contact in contacts or [ContactLoad(np.zeros(2), np.zeros(3))]:
         transport = _transport(contact.center_m)
         total += transport @ np.diag(_own_variance(model, contact.force_n[2])) @ transport.T

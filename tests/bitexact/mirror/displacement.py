@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from mirror.board import Board, center_q16, depth_grid, observed_nodes
 from mirror.camera_map import CameraMap
+from mirror.field_repair import repaired
 from mirror.fixed import I64, Saturations, round_shift
 from mirror.markers import ABSENT, DX, DY, LOST, X, Y
 from mirror.scattered import weights
@@ -159,10 +160,25 @@ def _rest(board: Board, markers: npt.NDArray[np.integer], camera_map: CameraMap 
     return np.asarray(rest, np.int64)
 
 
-def filled(board: Board, markers: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
-    """Nodes, (rows, columns), whose lost markers' |weights| sum to at least one half."""
+def repair_markers(board: Board, u: I64, markers: npt.NDArray[np.integer]) -> tuple[I64, npt.NDArray[np.bool_]]:
+    """Displacement (markers, 3) of a lattice without outliers and holes; what was missing or an outlier (markers,)."""
+    m = board["markers"]
+    is_lost = markers[:, LOST] != 0
+    if m.get("layout", "lattice") != "lattice":
+        return u, is_lost
+    shape = (m["n_y"], m["n_x"])
+    least = max(8 * min(m["pitch_x_um"], m["pitch_y_um"]) // 16, 240)
+    shear, is_missing = repaired(u[:, :2].reshape(*shape, 2), is_lost.reshape(shape), least)
+    return np.column_stack([np.clip(shear.reshape(-1, 2), -32768, 32767), u[:, 2]]), is_missing.ravel()
+
+
+def filled(
+    board: Board, markers: npt.NDArray[np.integer], is_missing: npt.NDArray[np.bool_] | None = None
+) -> npt.NDArray[np.bool_]:
+    """Nodes, (rows, columns), whose missing markers' (default: lost) |weights| sum to at least one half."""
+    is_missing = markers[:, LOST] != 0 if is_missing is None else is_missing
     weight = np.abs(marker_weights(board, _rest(board, markers, None), markers[:, ABSENT] == 0))
-    lost = weight @ (markers[:, LOST] != 0).astype(np.int64)
+    lost = weight @ is_missing.astype(np.int64)
     shape = (len(observed_nodes(board, "y")), len(observed_nodes(board, "x")))
     return np.asarray(2 * lost >= ONE * ONE).reshape(shape)
 
@@ -178,6 +194,7 @@ def displacement(
     board = board if camera_map is None else camera_map.ideal
     camera = board["camera"]
     u = marker_displacement(board, markers, depth, saturations, camera_map)
+    u, _ = repair_markers(board, u, markers)
     node_x, node_y, _, _ = _node_places(board)
     nodes = _interpolate(marker_weights(board, _rest(board, markers, camera_map), markers[:, ABSENT] == 0), u)
     if depth is not None:

@@ -14,6 +14,7 @@ from mirror.displacement import displacement
 from mirror.dot_templates import DotTemplates
 from mirror.dots import detect_dots
 from mirror.estimators import contact_areas, moved_arms, wrench
+from mirror.field_repair import repaired_nodes
 from mirror.finite_strain import FiniteStrain
 from mirror.fixed import I64, Saturations
 from mirror.light import Light, grey, grey_of_rest, relative_change, rest_image
@@ -126,6 +127,10 @@ class FramePath:
             return total
         arms = moved_arms(self.board, force, u, self.saturations)
         return [*total[:3], *(t + a for t, a in zip(total[3:], arms, strict=True))]
+
+    def solve_given(self, u: I64) -> tuple[I64, I64]:
+        """As `solve`, of nodes (n_nodes, 3) from outside, which are repaired first."""
+        return self.solve(repaired_nodes(self.board, u)[0])
 
     def solve(self, u: I64) -> tuple[I64, I64]:
         """Force steps (n_nodes, 3) and contact mask of one displacement field."""

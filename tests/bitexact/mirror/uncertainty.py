@@ -29,6 +29,7 @@ class ErrorTables:
     quiet: npt.NDArray[np.int32]  # (2, 7) steps^2 Q8
     local: npt.NDArray[np.int32]  # (2, 4) Q16
     wrench: npt.NDArray[np.int32]  # (4, 2)
+    stiffness_q20: int = 0  # relative standard deviation of the pad's stiffness
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def node_sigma(
         weight = min(max(-f_z, 0), threshold_lsb) * FULL // threshold_lsb
         contrast = (8 * f - int(total[y, x, c])) ** 2 >> 6
         reading, by_contrast, by_step, by_rough = (int(v) for v in tables.local[axis])
-        local = reading * f * f
+        local = (reading + ((tables.stiffness_q20**2 + (1 << 23)) >> 24)) * f * f
         local += by_contrast * ((weight * contrast + 64) >> 7)
         local += by_step * int(step[y, x, c]) ** 2
         local += by_rough * ((weight * int(rough[y, x]) + 64) >> 7)
@@ -127,12 +128,13 @@ def wrench_covariance(
     shear, moment[1], lever[1] = ((v * growth_q8 + 128) >> 8 for v in (shear, moment[1], lever[1]))
     vectors: list[tuple[int, list[int]]] = []
 
-    def part(which: int, reading: int) -> int:
-        return _limited((factor[which] * _limited(reading, LARGEST_READING) + (1 << 19)) >> 20)
+    def part(factor_q20: int, reading: int) -> int:
+        return _limited((factor_q20 * _limited(reading, LARGEST_READING) + (1 << 19)) >> 20)
 
     fx, fy, fz, tx, ty, tz = [*wrench[:3], *(_rounded(t, 1000) for t in wrench[3:])]
-    vectors.append((1, [part(0, fx), part(0, fy), 0, 0, 0, part(0, tz)]))
-    vectors.append((1, [0, 0, part(1, fz), part(1, tx), part(1, ty), 0]))
+    vectors.append((1, [part(factor[0], v) for v in (fx, fy, 0, 0, 0, tz)]))
+    vectors.append((1, [part(factor[1], v) for v in (0, 0, fz, tx, ty, 0)]))
+    vectors.append((1, [part(tables.stiffness_q20, v) for v in (fx, fy, fz, tx, ty, tz)]))
     for touch in touches if n_found else [Touch(0, 0, 0)]:
         x, y = _limited(touch.x_um, LARGEST_PLACE), _limited(touch.y_um, LARGEST_PLACE)
         vectors.append((1, [shear, 0, 0, 0, 0, _limited(_rounded(-y * shear, 1000))]))

@@ -18,14 +18,14 @@ std::vector<int32_t> parameters(int32_t shear_q20 = 0, int32_t pressure_q20 = 0)
   return {2'000, 7'000, 8'000, 3'000, 20'000, 5'000, shear_q20, pressure_q20};
 }
 
-Result<WrenchErrorModel> load(const std::vector<int32_t>& values) {
+Result<WrenchErrorModel> load(const std::vector<int32_t>& values, int64_t stiffness_q20 = 0) {
   const std::vector<uint8_t> bytes =
       test::CalibrationBytes().meta("kinds", "support").tensor("support.error_wrench", "I32", {4, 2}, values).bytes();
   std::vector<uint64_t> storage((bytes.size() + 7) / 8);
   std::memcpy(storage.data(), bytes.data(), bytes.size());
   auto parsed = Calibration::parse({reinterpret_cast<const uint8_t*>(storage.data()), bytes.size()});
   EXPECT_TRUE(parsed.has_value());
-  return WrenchErrorModel::load(parsed.value(), kPad);
+  return WrenchErrorModel::load(parsed.value(), kPad, stiffness_q20);
 }
 
 // Place of (i, j), i <= j, in the upper triangle by rows.
@@ -79,6 +79,17 @@ TEST(WrenchCovariance, TheMaterialErrsForShearAndPressureAlike) {
   EXPECT_EQ(at(c, 2, 2) - at(rest, 2, 2), 100'000LL * 100'000);
   EXPECT_EQ(at(c, 2, 3) - at(rest, 2, 3), -100'000LL * 200'000);
   EXPECT_EQ(at(c, 0, 2), 0);
+}
+
+TEST(WrenchCovariance, TheStiffnessErrsForTheWholeWrenchAtOnce) {
+  const Wrench wrench{.force_x_un = 640'000, .force_z_un = -3'200'000, .torque_y_un_um = 6'400'000'000};
+  const WrenchCovariance c = load(parameters(), 1 << 16).value().run(wrench, {});  // 1/16
+  const WrenchCovariance rest = load(parameters()).value().run(wrench, {});
+  EXPECT_EQ(at(c, 0, 0) - at(rest, 0, 0), 40'000LL * 40'000);
+  EXPECT_EQ(at(c, 2, 2) - at(rest, 2, 2), 200'000LL * 200'000);
+  EXPECT_EQ(at(c, 0, 2) - at(rest, 0, 2), -40'000LL * 200'000);
+  EXPECT_EQ(at(c, 2, 4) - at(rest, 2, 4), -200'000LL * 400'000);
+  EXPECT_EQ(at(c, 1, 1), at(rest, 1, 1));
 }
 
 TEST(WrenchCovariance, ContactsAddUpAndUnlistedOnesCount) {

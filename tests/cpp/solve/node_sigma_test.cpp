@@ -26,7 +26,9 @@ class Loaded {
                            .tensor("support.error_quiet", "I32", {2, 7}, tables.quiet)
                            .tensor("support.error_reported", "I32", {2, 12}, tables.reported));
   }
-  [[nodiscard]] Result<NodeSigmaModel> model() const { return NodeSigmaModel::load(file_->get(), kNodes, kThreshold); }
+  [[nodiscard]] Result<NodeSigmaModel> model(int64_t stiffness_q20 = 0) const {
+    return NodeSigmaModel::load(file_->get(), kNodes, kThreshold, stiffness_q20);
+  }
 
  private:
   std::shared_ptr<const CalibrationFile> file_;
@@ -57,6 +59,16 @@ TEST(FloorSqrt, IsExactAroundSquares) {
 
 TEST(NodeSigma, IsNeverZero) {
   for (const NodeSigma& s : sigma_of({}, std::vector<NodeForce>(20))) EXPECT_EQ(s.x + s.y + s.z, 3);
+}
+
+TEST(NodeSigma, GrowsWithTheForceAsTheStiffnessIsUncertain) {
+  const Loaded loaded(Tables{});
+  std::vector<NodeSigma> sigma(20);
+  loaded.model(1 << 18).value().run(one_pressed({400, 0, -800}), std::vector<uint8_t>(20), sigma);  // a quarter
+  EXPECT_EQ(sigma[7].x, 100);
+  EXPECT_EQ(sigma[7].y, 1);
+  EXPECT_EQ(sigma[7].z, 200);
+  EXPECT_EQ(sigma[8].x, 1);
 }
 
 TEST(NodeSigma, TakesTheLevelOfThePressureAndOfWhatIsBesideAQuietNode) {

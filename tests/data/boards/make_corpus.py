@@ -152,6 +152,8 @@ GOOD: dict[str, Change] = {
         put("markers.polarity", '"texture"'), put("pipeline.stages", WITH_CONTACT_MODEL[:-1] + ', "contact_depth"]')
     ),
     "contact-model": all_of(put("markers.polarity", '"texture"'), put("pipeline.stages", WITH_CONTACT_MODEL)),
+    "stiffness-sigma": add("pad", "stiffness_sigma_1e3 = 500"),
+    "stiffness-known": add("pad", "stiffness_sigma_1e3 = 0"),
     "few-stages": put("pipeline.stages", '["difference", "photometric", "poisson"]'),
     "no-markers": all_of(
         drop_section("markers"), put("pipeline.stages", '["difference", "photometric", "poisson"]')
@@ -220,6 +222,7 @@ BAD: dict[str, tuple[Change, str]] = {
     "section-missing": (drop_section("camera"), "camera"),
     "section-is-a-number": (all_of(drop_section("field"), lambda t: "field = 1\n" + t), "field"),
     "section-is-a-list": (lambda t: t.replace("[field]", "[[field]]"), "field"),
+    "stiffness-sigma-of-all": (add("pad", "stiffness_sigma_1e3 = 501"), "stiffness_sigma_1e3"),
     "key-missing": (drop("pad.modulus_pa"), "modulus_pa"),
     "float-for-integer": (put("pad.thickness_um", "4000.0"), "thickness_um"),
     "text-for-integer": (put("pad.thickness_um", '"4000"'), "thickness_um"),

@@ -11,7 +11,13 @@ import pytest
 from kept import kept
 
 from ruffini.boards import Board, find_board, parse_board
-from ruffini.calibrate.material import MaterialFit, fit_material, log_from_frames, read_material
+from ruffini.calibrate.material import (
+    MaterialFit,
+    fit_material,
+    log_from_frames,
+    read_material,
+    read_stiffness_sigma,
+)
 from ruffini.calibrate.material_model import MaterialLog
 from ruffini.calibrate.operator import Material, board_slab
 from ruffini.calibrate.prior import Prior, board_prior, fleet_prior, next_gel_prior, read_prior, write_prior
@@ -184,9 +190,19 @@ def test_file_round_trip_and_refusals(board: Board, tmp_path: Path) -> None:
     path = tmp_path / "material.json"
     write_fit(path, board, fit.report())
     assert read_material(path, board) == fit.material
+    assert read_stiffness_sigma(path, board) == fit.stiffness_sigma
+    assert 0 < fit.stiffness_sigma < 0.05
     with pytest.raises(InputError, match="was measured on board 'sample', not 'gelslim'"):
         read_material(path, find_board("gelslim"))
     good = json.loads(path.read_text())
+    old = {name: value for name, value in good.items() if name != "stiffness_sigma"}
+    path.write_text(json.dumps(old))
+    of_modulus = good["interval_95"]["modulus_pa"] / 1.96 / good["modulus_pa"]
+    assert read_stiffness_sigma(path, board) == pytest.approx(of_modulus)
+    for value in (-0.1, float("nan"), float("inf")):
+        path.write_text(json.dumps({**good, "stiffness_sigma": value}))
+        with pytest.raises(InputError, match=r"material.json: stiffness_sigma .* is no standard deviation"):
+            read_stiffness_sigma(path, board)
     for name, value in (("poisson", 0.5), ("modulus_pa", float("nan")), ("modulus_pa", -1.0), ("modulus_pa", 1e30),
                         ("thickness_m", float("inf")), ("thickness_m", 1e-12)):  # fmt: skip
         path.write_text(json.dumps({**good, name: value}))

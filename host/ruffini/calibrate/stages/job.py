@@ -62,6 +62,7 @@ class Job:
     tensors: Tensors = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
     material: Material | None = None  # None: the board's
+    stiffness_sigma: float | None = None  # relative, of its force; None: what make_operator takes
     fit: MaterialFit | None = None
     has_new_colours: bool = False  # what a log measured with other ones is computed anew from its pictures
     instant_gain: float = 1.0  # E at the instant over the fitted one, which is that of a held touch
@@ -112,6 +113,12 @@ def material_of(file: CalibrationFile | None) -> Material | None:
         return None
     modulus_pa, poisson, thickness_m = (float(v) for v in text.split(","))
     return Material(modulus_pa * left_after(file.tensors, HELD_S), poisson, thickness_m)
+
+
+def stiffness_sigma_of(file: CalibrationFile | None) -> float | None:
+    """Relative standard deviation of the force that `material_of` leaves; None where the file does not state it."""
+    text = None if file is None else file.metadata.get("support.stiffness_sigma_1e6")
+    return None if text is None else int(text) * 1e-6
 
 
 def left_after(tensors: Tensors, time_s: float) -> float:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from ruffini.calibrate.gauge import gauge_uncertainty_m
 from ruffini.calibrate.material import MIN_TOUCHES, MaterialFit, fit_material, log_of_touches
-from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage, material_of
+from ruffini.calibrate.stages.job import Job, Outcome, Progress, Stage, material_of, stiffness_sigma_of
 from ruffini.fem.operators import Noise
 
 Array = npt.NDArray[np.float64]
@@ -27,7 +27,7 @@ def run(job: Job, progress: Progress) -> Outcome:
     fit = fit_material(
         job.board, touches, material_noise(job), prior=prior, progress=lambda done: progress(0.3 + 0.7 * done)
     )
-    job.fit, job.material = fit, fit.material
+    job.fit, job.material, job.stiffness_sigma = fit, fit.material, fit.stiffness_sigma
     e, nu, h = fit.values
     e_i, nu_i, h_i = fit.interval
     report = {**fit.report(), "left_out": left_out_figures(fit)}
@@ -62,7 +62,10 @@ def touch_figures(fit: MaterialFit, wrench: Array) -> dict[str, float]:
 def keep(job: Job) -> Outcome:
     """The previous calibration's numbers, or the board's."""
     job.material = material_of(job.previous)
-    return Outcome("board", "board.toml's numbers") if job.material is None else Outcome("kept", "the previous numbers")
+    if job.material is None:
+        return Outcome("board", "board.toml's numbers")
+    job.stiffness_sigma = stiffness_sigma_of(job.previous)
+    return Outcome("kept", "the previous numbers")
 
 
 def is_needed(job: Job) -> bool:

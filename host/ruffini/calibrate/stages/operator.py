@@ -10,13 +10,14 @@ from ruffini.errors import InputError
 
 def run(job: Job, progress: Progress) -> Outcome:
     """Make the operator, and where the board has one the second pass with its error model."""
-    known = job.material
+    known, sigma = job.material, job.stiffness_sigma
     if job.instant_gain != 1.0:
         slab = board_slab(job.board, known)
         known = Material(slab.modulus_pa * job.instant_gain, slab.poisson, slab.thickness_m)
     method = "support" if "support" in job.board.pipeline.stages else "optimal"
     kind = make_operator(
         job.board, method=method, noise=job.noise or material_noise(job), material=known,
+        stiffness_sigma=sigma,
         is_finite=job.is_finite and method == "support", n_touches=job.n_error_touches, progress=progress,
     )  # fmt: skip
     job.tensors |= kind.tensors
