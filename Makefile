@@ -25,7 +25,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants bench aarch64 wheel deb arm64 vm pi board fresh clean
+.PHONY: help setup build run test test-realtime readmes lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants hostile bench aarch64 wheel deb arm64 vm pi board fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -139,6 +139,10 @@ soak: build  ## the long runs of what `make test` does in short: every crash sta
 
 mutants: build  ## seeded bugs in firmware, host and page: each must be seen by its layer of tests; TURN=I/N plays each N-th
 	@$(PYTHON) tests/mutants/run.py --build $(BUILD) $(if $(TURN),--turn $(TURN)) --tests-that-never-caught $(BUILD)/idle_tests.txt
+
+HOSTILE ?=
+hostile: build  ## own hostile cases, SIMULATED: camera faults and more; prints tried, right, wrong and the worst unmarked force. HOSTILE='--quick --only pictures'
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PYTHON) tests/hostile/run.py $(HOSTILE)
 
 DATA ?= $(RUFFINI_RECORDED_DATA)
 real: build  ## one table and a page of what was measured on recordings of real sensors in DATA=FOLDER, with peers on the same rows
