@@ -71,6 +71,7 @@ void FramePath::timed(Stage stage, Work work) {
 }
 
 void FramePath::learn(const FrameView& frame) {
+  if (is_live_) old_pictures_.add_rest(frame);
   if (!rest_.add(frame)) return;
   warmth_.rest_mc = warmth_.now_mc;
   learn_features();
@@ -366,6 +367,7 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
 
 void FramePath::zero(int n_frames) {
   rest_.restart(n_frames);
+  old_pictures_.begin_rest();
   forget();
 }
 
@@ -388,6 +390,7 @@ void FramePath::set_rest(std::span<const uint16_t> image) {
 void FramePath::take_rest(const FramePath& other) {
   set_rest(other.rest_image());
   warmth_.rest_mc = other.warmth_.rest_mc;
+  old_pictures_ = other.old_pictures_;
 }
 
 FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration,
@@ -400,6 +403,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       nodes_(board),
       rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
       frame_watch_(board.camera.width_px, board.camera.height_px),
+      old_pictures_(board.camera.width_px, board.camera.height_px),
       zero_follower_(static_cast<size_t>(nodes_.size().count())),
       light_(board.camera.width_px, board.camera.height_px),
       printed_(board),

@@ -23,6 +23,7 @@
 #include "image/camera_map.h"
 #include "image/frame_watch.h"
 #include "image/light.h"
+#include "image/old_pictures.h"
 #include "image/poisson.h"
 #include "image/printed_markers.h"
 #include "image/rest.h"
@@ -49,7 +50,8 @@ class FramePath {
 
   // From the next frame on; empty: not measured.
   void set_temperature(std::optional<int32_t> milli_celsius) { warmth_.now_mc = milli_celsius; }
-  // Frames come from a camera as they are, not from a file: its pictures are watched (image/frame_watch.h), and what
+  // Frames come from a camera as they are, not from a file: its pictures are watched (image/frame_watch.h,
+  // image/old_pictures.h), and what
   // creeps while nothing touches is followed (estimators/zero_follower.h).
   void set_live(bool is_live) { is_live_ = is_live; }
   // Flags that the next frames have by the way they came: kFlagTime or none.
@@ -160,6 +162,7 @@ class FramePath {
   NodeGrid nodes_;
   Rest rest_;
   FrameWatch frame_watch_;
+  OldPictures old_pictures_;
   bool is_live_ = false;
   uint32_t capture_flags_ = 0;
   ZeroFollower zero_follower_;  // of the nodes' displacement

@@ -17,7 +17,7 @@ void FramePath::watch(const FrameView& frame) {
   if (!is_live_) return;
   const uint64_t start = clock_();
   const FrameWatch::Verdict seen = frame_watch_.run(frame);
-  if (seen.is_repeated) state_.flags |= kFlagRepeated;
+  if (old_pictures_.run(frame)) state_.flags |= kFlagRepeated;
   if (seen.is_broken) state_.flags |= kFlagPicture;
   if (seen.is_lamp_off) state_.flags |= kFlagLight;
   state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;

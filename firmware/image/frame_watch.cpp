@@ -17,8 +17,6 @@ constexpr size_t kMaxColumnRows = UINT16_MAX / 255;
 constexpr int kLampRows = 8;  // each eighth row tells the lamps
 // Mean of |difference| of two pixels, B + G + R, at a noise of 12 grey levels each.
 constexpr int64_t kNoiseOfSample = 24;
-constexpr int64_t kBlack = 2;  // mean grey levels that can repeat without a fault, below and above
-constexpr int64_t kWhite = 253;
 constexpr int64_t kMinLampLevel = 16;  // of rest: below that a lamp cannot be told from none
 
 }  // namespace
@@ -28,8 +26,7 @@ FrameWatch::FrameWatch(int width_px, int height_px)
       column_sum_(size_t{3} * static_cast<size_t>(width_px)),
       column_rest_(static_cast<size_t>(width_px)),
       rest_(static_cast<size_t>(height_px)),
-      now_(static_cast<size_t>(height_px)),
-      before_(static_cast<size_t>(height_px)) {
+      now_(static_cast<size_t>(height_px)) {
   uint32_t lot = 1;
   const auto draw = [&](int n) {
     const int drawn = static_cast<int>(lot >> 16) % n;
@@ -69,7 +66,6 @@ void FrameWatch::learn(std::span<const uint16_t> rest) {
     }
   }
   for (int32_t& sum : column_rest_) sum /= 16;
-  std::fill(before_.begin(), before_.end(), Row{});
 }
 
 FrameWatch::Verdict FrameWatch::run(const FrameView& frame) {
@@ -91,17 +87,12 @@ FrameWatch::Verdict FrameWatch::run(const FrameView& frame) {
   }
   add_columns(frame);
   const int64_t n_pixels = std::ssize(at_) * ((frame.height + kLampRows - 1) / kLampRows);
-  const int64_t all = channel[0] + channel[1] + channel[2];
-  const bool shows_something = all > 3 * kBlack * n_pixels && all < 3 * kWhite * n_pixels;
-  Verdict verdict{.is_repeated = shows_something && now_ == before_,
-                  .is_broken = is_broken() || has_broken_column(),
-                  .is_lamp_off = false};
+  Verdict verdict{.is_broken = is_broken() || has_broken_column(), .is_lamp_off = false};
   for (size_t c = 0; c < 3; ++c) {
     const bool has_lamp = rest_channel_[c] > kMinLampLevel * n_pixels;
     const bool is_off = 2 * channel[c] < rest_channel_[c] || channel[c] > 2 * rest_channel_[c];
     verdict.is_lamp_off = verdict.is_lamp_off || (has_lamp && is_off);
   }
-  now_.swap(before_);
   return verdict;
 }
 

@@ -1,8 +1,7 @@
-// Whether a frame is a new picture at all, before anything is made of it: for live cameras.
+// Whether a frame is a picture at all, before anything is made of it: for live cameras.
 //
 //   samples: two pixels side by side about every 16 px of every row; of row y
 //   level(y)  = sum of B + G + R over its samples,    rough(y) = sum of |left - right| of B + G + R
-//   repeated: all levels and roughnesses are those of the frame before, of a picture that is neither black nor white
 //   broken:   a row whose difference from rest is off the row's before it by more than a quarter of rest and 8 grey
 //             levels (a row or half a frame is missing), or 16 rows in a row rougher than any of rest, twice, and what a
 //             noise of 12 grey levels makes (a burst)
@@ -10,9 +9,7 @@
 //             column or a side is missing; presses on the twin: 0.47 of that)
 //   lamp off: a channel's mean is below half or above twice that of rest
 //
-// Two frames of a camera with noise never agree in every row; a recording's may, and so are not watched. The samples
-// stand 12 to 20 px apart without a period: rows of dots make no row of samples. Half a frame of an older picture that
-// shows the same is not seen, and does no harm.
+// The samples stand 12 to 20 px apart without a period: rows of dots make no row of samples.
 //
 // Frame thread; no allocation after the constructor.
 #pragma once
@@ -29,7 +26,6 @@ namespace ruffini {
 class FrameWatch {
  public:
   struct Verdict {
-    bool is_repeated = false;
     bool is_broken = false;
     bool is_lamp_off = false;
   };
@@ -45,7 +41,6 @@ class FrameWatch {
   struct Row {
     int32_t level = 0;
     int32_t rough = 0;
-    friend bool operator==(const Row&, const Row&) = default;
   };
   [[nodiscard]] bool is_broken() const;
   void add_columns(const FrameView& frame);
@@ -58,7 +53,6 @@ class FrameWatch {
   std::vector<int32_t> column_rest_;  // B + G + R
   std::vector<Row> rest_;
   std::vector<Row> now_;
-  std::vector<Row> before_;
   std::array<int64_t, 3> rest_channel_{};
   int64_t most_rough_ = 0;  // of 16 rows of rest
 };

@@ -48,8 +48,8 @@ class SimCamera final : public Camera {
       shown.picture = shown_.back().picture;
     if (swarm_.strikes(Fault::kTimeJumps, 2'000)) shown.capture_us = dice_.below(2 * now_us_);
     buffer.pixels = sensor_.pictures[shown.picture];
-    // No two frames are alike where image/frame_watch looks.
-    buffer.pixels[6] = static_cast<uint8_t>(buffer.pixels[6] ^ (number_ & 31));
+    // No two of 32 frames are alike where image/old_pictures looks.
+    buffer.pixels[0] = static_cast<uint8_t>(buffer.pixels[0] ^ (number_ & 31));
     buffer.capture_us = shown.capture_us;
     buffer.number = shown.number;
     shown_.push_back(shown);

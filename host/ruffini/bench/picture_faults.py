@@ -85,6 +85,73 @@ def painted(share: float) -> Fault:
     return fault
 
 
+def moved(shift_px: tuple[float, float] = (0, 0), zoom: float = 1, turn_deg: float = 0) -> Fault:
+    """The camera stands elsewhere: the picture about its middle, its border continued."""
+
+    def fault(picture: Picture, _: np.random.Generator) -> Picture:
+        height, width = picture.shape[:2]
+        way = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), turn_deg, zoom)
+        way[:, 2] += shift_px
+        out = cv2.warpAffine(picture, way, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(out, dtype=np.uint8)
+
+    return fault
+
+
+def posterised(n_lost: int, *, is_replicated: bool = False) -> Fault:
+    """So many low bits are zero, or copies of the high ones."""
+
+    def fault(picture: Picture, _: np.random.Generator) -> Picture:
+        kept = (picture >> n_lost) << n_lost
+        return np.asarray(kept | (picture >> (8 - n_lost)) if is_replicated else kept, dtype=np.uint8)
+
+    return fault
+
+
+def compressed(quality: int) -> Fault:
+    """Sent as JPEG."""
+
+    def fault(picture: Picture, _: np.random.Generator) -> Picture:
+        _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
+
+    return fault
+
+
+def toned(gamma: float = 1, black: float = 0) -> Fault:
+    """Another curve from light to grey levels: 255 (I / 255)^gamma + black."""
+
+    def fault(picture: Picture, _: np.random.Generator) -> Picture:
+        curve = 255 * (np.arange(256) / 255) ** gamma + black
+        return np.asarray(np.clip(np.round(curve), 0, 255).astype(np.uint8)[picture])
+
+    return fault
+
+
+def slipped(start: float, stop: float, columns: int, rows: int = 0) -> Fault:
+    """Rows between these shares of the height stand so many columns and rows aside; what comes in is from beside."""
+
+    def fault(picture: Picture, _: np.random.Generator) -> Picture:
+        out, n = picture.copy(), len(picture)
+        part = slice(round(start * n), round(stop * n))
+        out[part] = np.roll(picture, (rows, columns), axis=(0, 1))[part]
+        return out
+
+    return fault
+
+
+def torn(old: Picture, start: float, stop: float, left: float = 0, right: float = 1) -> Fault:
+    """A part of the picture, in shares of its height and width, is of an older one."""
+
+    def fault(picture: Picture, _: np.random.Generator) -> Picture:
+        out, (height, width) = picture.copy(), picture.shape[:2]
+        part = slice(round(start * height), round(stop * height)), slice(round(left * width), round(right * width))
+        out[part] = old[part]
+        return out
+
+    return fault
+
+
 PICTURES: dict[str, Fault] = {
     "frozen": lambda picture, _: picture,  # the same one again and again
     "one row black": _rows(0.5, 0.5, 0),
