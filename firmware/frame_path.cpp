@@ -49,6 +49,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
     run_solve(depth_is_trusted());
     run_memory(capture_us);
     run_estimators();
+    watch_camera();
     run_uncertainty();
     timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
     run_feature_wrench(capture_us);
@@ -71,7 +72,10 @@ void FramePath::timed(Stage stage, Work work) {
 }
 
 void FramePath::learn(const FrameView& frame) {
-  if (is_live_) old_pictures_.add_rest(frame);
+  if (is_live_) {
+    old_pictures_.add_rest(frame);
+    pixel_statistics_.add_rest(frame);
+  }
   if (!rest_.add(frame)) return;
   warmth_.rest_mc = warmth_.now_mc;
   learn_features();
@@ -79,6 +83,7 @@ void FramePath::learn(const FrameView& frame) {
 
 void FramePath::learn_features() {
   frame_watch_.learn(rest_.image());
+  pixel_statistics_.learn(rest_.image());
   zero_follower_.forget();
   light_.learn(rest_.image());
   if (skin_) skin_->learn(rest_.image());
@@ -368,6 +373,7 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
 void FramePath::zero(int n_frames) {
   rest_.restart(n_frames);
   old_pictures_.begin_rest();
+  pixel_statistics_.begin_rest();
   forget();
 }
 
@@ -391,6 +397,7 @@ void FramePath::take_rest(const FramePath& other) {
   set_rest(other.rest_image());
   warmth_.rest_mc = other.warmth_.rest_mc;
   old_pictures_ = other.old_pictures_;
+  pixel_statistics_ = other.pixel_statistics_;
 }
 
 FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration,
@@ -404,6 +411,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
       frame_watch_(board.camera.width_px, board.camera.height_px),
       old_pictures_(board.camera.width_px, board.camera.height_px),
+      pixel_statistics_(board.camera.width_px, board.camera.height_px),
       zero_follower_(static_cast<size_t>(nodes_.size().count())),
       light_(board.camera.width_px, board.camera.height_px),
       printed_(board),
@@ -411,6 +419,8 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       poisson_(board),
       displacement_(board),
       forces_(board, nodes_),
+      camera_motion_(nodes_.size()),
+      left_at_sides_(camera_motion_.unknowns().size()),
       contacts_(nodes_, board.force_lsb_un, forces_.contact_threshold_lsb()),
       slip_(nodes_, board.force_lsb_un) {
   for (const std::string& stage : board.stages) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/result.h"
+#include "estimators/camera_motion.h"
 #include "estimators/contact_depth.h"
 #include "estimators/contact_model.h"
 #include "estimators/contact_profile.h"
@@ -24,6 +25,7 @@
 #include "image/frame_watch.h"
 #include "image/light.h"
 #include "image/old_pictures.h"
+#include "image/pixel_statistics.h"
 #include "image/poisson.h"
 #include "image/printed_markers.h"
 #include "image/rest.h"
@@ -51,7 +53,7 @@ class FramePath {
   // From the next frame on; empty: not measured.
   void set_temperature(std::optional<int32_t> milli_celsius) { warmth_.now_mc = milli_celsius; }
   // Frames come from a camera as they are, not from a file: its pictures are watched (image/frame_watch.h,
-  // image/old_pictures.h), and what
+  // image/old_pictures.h, image/pixel_statistics.h), and what
   // creeps while nothing touches is followed (estimators/zero_follower.h).
   void set_live(bool is_live) { is_live_ = is_live; }
   // Flags that the next frames have by the way they came: kFlagTime or none.
@@ -143,6 +145,7 @@ class FramePath {
   void watch(const FrameView& frame);
   void follow_zero(uint64_t capture_us);
   void judge_input();
+  void watch_camera();
   bool are_markers_lost();
   void judge();
   void judge_skin();
@@ -163,6 +166,7 @@ class FramePath {
   Rest rest_;
   FrameWatch frame_watch_;
   OldPictures old_pictures_;
+  PixelStatistics pixel_statistics_;
   bool is_live_ = false;
   uint32_t capture_flags_ = 0;
   ZeroFollower zero_follower_;  // of the nodes' displacement
@@ -184,6 +188,8 @@ class FramePath {
   std::optional<DepthGauge> depth_gauge_;    // of boards whose gauge is a table
   std::optional<MarkerDepth> marker_depth_;  // of boards whose depth comes from the markers
   ForceField forces_;
+  CameraMotion camera_motion_;
+  std::vector<int32_t> left_at_sides_;  // what forces leave where camera_motion_ looks
   std::optional<FeatureWrench> feature_wrench_;
   std::vector<int32_t> features_;
   std::optional<ContactProfile> contact_profile_;

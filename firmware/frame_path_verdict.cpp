@@ -3,6 +3,7 @@
 
 #include "frame_path.h"
 #include "image/marker_hole.h"
+#include "image/slipped_rows.h"
 
 namespace ruffini {
 namespace {
@@ -18,7 +19,9 @@ void FramePath::watch(const FrameView& frame) {
   const uint64_t start = clock_();
   const FrameWatch::Verdict seen = frame_watch_.run(frame);
   if (old_pictures_.run(frame)) state_.flags |= kFlagRepeated;
-  if (seen.is_broken) state_.flags |= kFlagPicture;
+  const PixelStatistics::Verdict pixels = pixel_statistics_.run(frame, light_.gain());
+  if (seen.is_broken || pixels.is_coarse) state_.flags |= kFlagPicture;
+  if (photometric_ && pixels.is_off_curve) state_.flags |= kFlagLight;  // where colours become numbers
   if (seen.is_lamp_off) state_.flags |= kFlagLight;
   state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;
 }
@@ -57,6 +60,7 @@ bool FramePath::are_markers_lost() {
     const GridSize size = board_.markers.lattice;
     const int count = size.count(), n_missing = count - n_markers_at_rest_;
     const bool is_lattice = !flow_ && !board_.markers.is_scattered;
+    if (is_lattice && has_slipped_rows(markers(), size)) state_.flags |= kFlagPicture;
     if (is_lattice && has_hole(markers(), size, board_.camera.width_px, board_.camera.height_px)) return true;
     return state_.markers.n_lost > board_.markers.max_lost || 100 * n_missing > (100 - kMinMarkersPercent) * count;
   }
@@ -87,6 +91,16 @@ void FramePath::judge_input() {
       break;
     }
   }
+}
+
+// Where the calibration knows how far forces are off: what they leave means nothing else. Its time counts as the second pass's.
+void FramePath::watch_camera() {
+  if (!state_.uncertainty.is_stated || !state_.solve.is_refined || camera_motion_.unknowns().empty()) return;
+  const uint64_t start = clock_();
+  SaturationCounter saturations;  // its own: the forces are none the worse
+  forces_.leave_at(state_.solve, camera_motion_.unknowns(), left_at_sides_, saturations);
+  if (camera_motion_.is_moved(left_at_sides_, state_.solve.mask, state_.wrench)) state_.flags |= kFlagFeatures;
+  state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
 }
 
 // Validity of everything that this frame says.

@@ -195,7 +195,8 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const NodeForce> b
   }
 }
 
-void SupportSolver::leave(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations) {
+void SupportSolver::leave(std::span<const int16_t> u, std::span<const uint32_t> unknowns, std::span<int32_t> residual,
+                          SaturationCounter& saturations) {
   // What the linear pad's displacement is explained by: y - beyond / d.
   std::fill(left_.begin(), left_.end(), int64_t{0});
   if (has_beyond_) std::transform(beyond_.begin(), beyond_.end(), left_.begin(), [](int64_t v) { return -v; });
@@ -203,15 +204,15 @@ void SupportSolver::leave(std::span<const int16_t> u, std::span<int32_t> residua
   const int shift = common_shift(left_);
   std::transform(left_.begin(), left_.end(), p16_.begin(),
                  [&](int64_t v) { return static_cast<int16_t>(to_16(v, shift)); });
-  normal_.select(all_);
+  normal_.select(unknowns);
   normal_.run(p16_, wide_);
-  std::transform(wide_.begin(), wide_.end(), left_.begin(), [&](int64_t v) {
-    return limited(shifted(limited(v, saturations, kImageLimit), kImageFraction - shift), saturations);
-  });
-  project_.select(all_);
+  for (const uint32_t j : unknowns) {
+    left_[j] = limited(shifted(limited(wide_[j], saturations, kImageLimit), kImageFraction - shift), saturations);
+  }
+  project_.select(unknowns);
   project_.run(u, wide_);
-  for (size_t i = 0; i < residual.size(); ++i) {
-    const int64_t left = limited(wide_[i], saturations) - left_[i];
+  for (size_t i = 0; i < unknowns.size(); ++i) {
+    const int64_t left = limited(wide_[unknowns[i]], saturations) - left_[unknowns[i]];
     residual[i] = static_cast<int32_t>(round_shift(left, kUnitFraction - kLeftFraction));
   }
 }

@@ -52,8 +52,13 @@ class SupportSolver {
   void run(std::span<const int16_t> u, std::span<const NodeForce> beyond, std::span<const uint8_t> mask,
            int64_t threshold_lsb, std::span<NodeForce> force, SaturationCounter& saturations);
 
-  // Of the last run() and its `u`: r of every unknown, in 1/64 standard deviation. Two products with all rows.
-  void leave(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations);
+  // Of the last run() and its `u`: r of these unknowns (ascending or not), in 1/64 standard deviation. Two products with their rows.
+  void leave(std::span<const int16_t> u, std::span<const uint32_t> unknowns, std::span<int32_t> residual,
+             SaturationCounter& saturations);
+  // Of every unknown.
+  void leave(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations) {
+    leave(u, all_, residual, saturations);
+  }
 
  private:
   struct Energy {

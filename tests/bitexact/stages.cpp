@@ -10,6 +10,7 @@
 
 #include "base/ambient.h"
 #include "board/parse.h"
+#include "estimators/camera_motion.h"
 #include "estimators/contacts.h"
 #include "estimators/slip.h"
 #include "image/difference.h"
@@ -17,9 +18,11 @@
 #include "image/dots.h"
 #include "image/markers.h"
 #include "image/photometric.h"
+#include "image/pixel_statistics.h"
 #include "image/poisson.h"
 #include "image/printed_markers.h"
 #include "image/rest.h"
+#include "image/slipped_rows.h"
 #include "image/texture_flow.h"
 #include "image/trigonometry.h"
 
@@ -296,6 +299,34 @@ int stages_slip(void* handle, const uint8_t* mask, const int32_t* force, const i
     out = std::copy(std::begin(row), std::end(row), out);
   }
   return list.n_listed;
+}
+
+int stages_slipped_rows(int n_x, int n_y, const int32_t* markers) {
+  return has_slipped_rows(get_markers(markers, n_x * n_y), {n_x, n_y}) ? 1 : 0;
+}
+
+// Of each of `n` frames: 1 coarse, 2 off the curve. `rest`: the image; `rest_frames`: whose ties count.
+void stages_pixel_statistics(int width, int height, const uint8_t* rest_frames, int n_rest, const uint16_t* rest,
+                             const int32_t* gain, const uint8_t* frames, int n, int32_t* out) {
+  const size_t n_values = size_t{3} * static_cast<size_t>(width * height);
+  const auto view = [&](const uint8_t* pixels) { return FrameView{pixels, width, height, 3, ptrdiff_t{3} * width}; };
+  PixelStatistics statistics(width, height);
+  for (int i = 0; i < n_rest; ++i) statistics.add_rest(view(rest_frames + static_cast<size_t>(i) * n_values));
+  statistics.learn({rest, n_values});
+  for (int i = 0; i < n; ++i) {
+    const auto said = statistics.run(view(frames + static_cast<size_t>(i) * n_values), {gain[0], gain[1], gain[2]});
+    out[i] = (said.is_coarse ? 1 : 0) + (said.is_off_curve ? 2 : 0);
+  }
+}
+
+// `residual`: of every unknown; `force_un`: x, y and z.
+int stages_camera_moved(int n_x, int n_y, const int32_t* residual, const uint8_t* mask, const int64_t* force_un) {
+  const GridSize size{n_x, n_y};
+  const CameraMotion motion(size);
+  std::vector<int32_t> at_sides;
+  for (const uint32_t j : motion.unknowns()) at_sides.push_back(residual[j]);
+  const Wrench wrench{.force_x_un = force_un[0], .force_y_un = force_un[1], .force_z_un = force_un[2]};
+  return motion.is_moved(at_sides, {mask, static_cast<size_t>(size.count())}, wrench) ? 1 : 0;
 }
 
 void stages_slip_forget(void* handle) { static_cast<Stages*>(handle)->slip.forget(); }

@@ -1,0 +1,79 @@
+#include "estimators/camera_motion.h"
+
+#include <algorithm>
+#include <cstdlib>
+
+#include "base/fixed.h"
+#include "solve/support_solver.h"
+
+namespace ruffini {
+namespace {
+
+constexpr size_t kSides = 4;
+constexpr int64_t kSigma = int64_t{1} << SupportSolver::kLeftFraction;
+constexpr int64_t kMoved = 25 * kSigma;  // 15 um of gelslim's pad
+constexpr int64_t kMovedPerN = 4 * kSigma;
+constexpr int64_t kZoomed = 4 * kSigma;
+constexpr int64_t kZoomedPerN = kSigma / 2;
+constexpr int64_t kTorn = 40 * kSigma;
+constexpr int64_t kTornPerN = 8 * kSigma;
+constexpr int kCoveredSides = 3;
+constexpr int64_t kUnPerN = 1'000'000;
+constexpr int64_t kMostUn = 1'000 * kUnPerN;  // of each component: what is beyond does not matter
+
+// The second smallest of the sides where three agree in sign, else 0.
+int64_t common(std::array<int64_t, kSides> of_side) {
+  std::sort(of_side.begin(), of_side.end());
+  if (of_side[1] > 0) return of_side[1];
+  return of_side[2] < 0 ? -of_side[2] : 0;
+}
+
+}  // namespace
+
+CameraMotion::CameraMotion(GridSize nodes) {
+  const int least = 2 * kFromBorder + static_cast<int>(kPerSide);
+  if (std::min(nodes.n_x, nodes.n_y) < least) return;
+  const auto add = [&](int column, int row) {
+    const auto node = static_cast<uint32_t>(row * nodes.n_x + column);
+    unknowns_.push_back(3 * node);
+    unknowns_.push_back(3 * node + 1);
+  };
+  const auto along = [](int i, int n) {
+    return kFromBorder + i * (n - 1 - 2 * kFromBorder) / (static_cast<int>(kPerSide) - 1);
+  };
+  constexpr int kCount = static_cast<int>(kPerSide);
+  for (int i = 0; i < kCount; ++i) add(kFromBorder, along(i, nodes.n_y));
+  for (int i = 0; i < kCount; ++i) add(nodes.n_x - 1 - kFromBorder, along(i, nodes.n_y));
+  for (int i = 0; i < kCount; ++i) add(along(i, nodes.n_x), kFromBorder);
+  for (int i = 0; i < kCount; ++i) add(along(i, nodes.n_x), nodes.n_y - 1 - kFromBorder);
+}
+
+bool CameraMotion::is_moved(std::span<const int32_t> residual, std::span<const uint8_t> mask,
+                            const Wrench& wrench) const {
+  if (unknowns_.empty()) return false;
+  std::array<int64_t, kSides> x{};
+  std::array<int64_t, kSides> y{};
+  int64_t largest = 0;
+  int n_covered = 0;
+  for (size_t side = 0; side < kSides; ++side) {
+    size_t n_touched = 0;
+    for (size_t i = side * kPerSide; i < (side + 1) * kPerSide; ++i) {
+      x[side] += residual[2 * i];
+      y[side] += residual[2 * i + 1];
+      n_touched += mask[unknowns_[2 * i] / 3] != 0 ? 1U : 0U;
+    }
+    x[side] = floor_div(x[side], int64_t{kPerSide});
+    y[side] = floor_div(y[side], int64_t{kPerSide});
+    largest = std::max({largest, std::abs(x[side]), std::abs(y[side])});
+    n_covered += 2 * n_touched > kPerSide ? 1 : 0;
+  }
+  const auto size = [](int64_t force_un) { return std::min(std::abs(force_un), kMostUn); };
+  const int64_t force_un = size(wrench.force_x_un) + size(wrench.force_y_un) + size(wrench.force_z_un);
+  const int64_t moved = kMoved + kMovedPerN * force_un / kUnPerN;
+  const int64_t zoomed = kZoomed + kZoomedPerN * force_un / kUnPerN;
+  if (n_covered >= kCoveredSides || largest > kTorn + kTornPerN * force_un / kUnPerN) return true;
+  return common(x) > moved || common(y) > moved || common({-y[0], y[1], x[2], -x[3]}) > moved ||
+         common({-x[0], x[1], -y[2], y[3]}) > zoomed;
+}
+
+}  // namespace ruffini

@@ -1,0 +1,49 @@
+#include "image/slipped_rows.h"
+
+#include <algorithm>
+
+namespace ruffini {
+namespace {
+
+constexpr int64_t kLeastQ16 = 26'214;  // 0.4 px
+constexpr int64_t kPitches = 32;
+constexpr int kLeastRows = 4;
+constexpr int kMost = 10;  // one column of ten may differ
+
+}  // namespace
+
+bool has_slipped_rows(std::span<const Marker> markers, GridSize size) {
+  if (size.n_y < kLeastRows || size.n_x < 2) return false;
+  const auto at = [&](int i, int j) -> const Marker& { return markers[static_cast<size_t>(j * size.n_x + i)]; };
+  const auto is_known = [&](int i, int j) { return !at(i, j).is_lost && !at(i, j).is_absent; };
+  const int64_t height_q16 = int64_t{at(0, size.n_y - 1).rest_y.raw()} - at(0, 0).rest_y.raw();
+  const int64_t limit_q16 = std::max(kLeastQ16, height_q16 / (size.n_y - 1) / kPitches);
+  const auto is_slipped = [&](int j, ImagePx Marker::* axis) {
+    const auto jump = [&](int i, int row) { return int64_t{(at(i, row + 1).*axis).raw()} - (at(i, row).*axis).raw(); };
+    int n_known = 0;
+    int n_more = 0;
+    int n_less = 0;
+    for (int i = 0; i < size.n_x; ++i) {
+      if (!is_known(i, j) || !is_known(i, j + 1)) continue;
+      int64_t beside = 0;  // times n_beside
+      int64_t n_beside = 0;
+      for (const int row : {j - 1, j + 1}) {
+        if (row < 0 || row + 1 >= size.n_y || !is_known(i, row) || !is_known(i, row + 1)) continue;
+        beside += jump(i, row);
+        ++n_beside;
+      }
+      if (n_beside == 0) continue;
+      ++n_known;
+      const int64_t bend = n_beside * jump(i, j) - beside;
+      n_more += bend > n_beside * limit_q16 ? 1 : 0;
+      n_less += bend < -n_beside * limit_q16 ? 1 : 0;
+    }
+    return 2 * n_known >= size.n_x && kMost * std::max(n_more, n_less) >= (kMost - 1) * n_known;
+  };
+  for (int j = 0; j + 1 < size.n_y; ++j) {
+    if (is_slipped(j, &Marker::displacement_x) || is_slipped(j, &Marker::displacement_y)) return true;
+  }
+  return false;
+}
+
+}  // namespace ruffini
