@@ -97,8 +97,7 @@ void FramePath::judge_input() {
 void FramePath::watch_camera() {
   if (!state_.uncertainty.is_stated || !state_.solve.is_refined || camera_motion_.unknowns().empty()) return;
   const uint64_t start = clock_();
-  SaturationCounter saturations;  // its own: the forces are none the worse
-  forces_.leave_at(state_.solve, camera_motion_.unknowns(), left_at_sides_, saturations);
+  forces_.leave_watched(left_at_sides_);
   if (camera_motion_.is_moved(left_at_sides_, state_.solve.mask, state_.wrench)) state_.flags |= kFlagFeatures;
   state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
 }

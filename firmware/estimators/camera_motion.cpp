@@ -31,21 +31,18 @@ int64_t common(std::array<int64_t, kSides> of_side) {
 }  // namespace
 
 CameraMotion::CameraMotion(GridSize nodes) {
-  const int least = 2 * kFromBorder + static_cast<int>(kPerSide);
-  if (std::min(nodes.n_x, nodes.n_y) < least) return;
+  if (std::min(nodes.n_x, nodes.n_y) < kLeast) return;
   const auto add = [&](int column, int row) {
     const auto node = static_cast<uint32_t>(row * nodes.n_x + column);
     unknowns_.push_back(3 * node);
     unknowns_.push_back(3 * node + 1);
   };
-  const auto along = [](int i, int n) {
-    return kFromBorder + i * (n - 1 - 2 * kFromBorder) / (static_cast<int>(kPerSide) - 1);
-  };
-  constexpr int kCount = static_cast<int>(kPerSide);
-  for (int i = 0; i < kCount; ++i) add(kFromBorder, along(i, nodes.n_y));
-  for (int i = 0; i < kCount; ++i) add(nodes.n_x - 1 - kFromBorder, along(i, nodes.n_y));
-  for (int i = 0; i < kCount; ++i) add(along(i, nodes.n_x), kFromBorder);
-  for (int i = 0; i < kCount; ++i) add(along(i, nodes.n_x), nodes.n_y - 1 - kFromBorder);
+  for (const int column : {kFromBorder, nodes.n_x - 1 - kFromBorder}) {
+    for (const int row : {nodes.n_y / 4, nodes.n_y - 1 - nodes.n_y / 4}) add(column, row);
+  }
+  for (const int row : {kFromBorder, nodes.n_y - 1 - kFromBorder}) {
+    for (const int column : {nodes.n_x / 4, nodes.n_x - 1 - nodes.n_x / 4}) add(column, row);
+  }
 }
 
 bool CameraMotion::is_moved(std::span<const int32_t> residual, std::span<const uint8_t> mask,
@@ -65,7 +62,7 @@ bool CameraMotion::is_moved(std::span<const int32_t> residual, std::span<const u
     x[side] = floor_div(x[side], int64_t{kPerSide});
     y[side] = floor_div(y[side], int64_t{kPerSide});
     largest = std::max({largest, std::abs(x[side]), std::abs(y[side])});
-    n_covered += 2 * n_touched > kPerSide ? 1 : 0;
+    n_covered += n_touched == kPerSide ? 1 : 0;
   }
   const auto size = [](int64_t force_un) { return std::min(std::abs(force_un), kMostUn); };
   const int64_t force_un = size(wrench.force_x_un) + size(wrench.force_y_un) + size(wrench.force_z_un);

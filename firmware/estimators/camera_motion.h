@@ -1,6 +1,6 @@
 // Whether the camera has moved against the pad: what no load on a bonded pad leaves at all of its sides.
 //
-// At kPerSide nodes of each side, kFromBorder from the border, r is what the second pass's forces leave unexplained, in
+// At two nodes of each side, a quarter from its ends and kFromBorder from the border, r is what the second pass's forces leave unexplained, in
 // standard deviations (solve/support_solver.h). Means of the left, right, upper and lower side, out of the picture's
 // middle along (n, t):
 //   shift x, y   r_x, r_y of the four sides        zoom   r . n        turn   r . t
@@ -8,7 +8,7 @@
 // model does not fit spoils one side, and its border the next. With F = |F_x| + |F_y| + |F_z| in newtons, moved is
 //   |shift| or |turn| > kMoved + kMovedPerN F,    |zoom| > kZoomed + kZoomedPerN F
 //   |r_x| or |r_y| of any side > kTorn + kTornPerN F: a part of the picture has moved, or markers are taken for others
-//   touched: more than half of the nodes of three sides. Forces there explain any motion; nor does a plate as large as
+//   touched: both nodes of three sides. Forces there explain any motion; nor does a plate as large as
 //            the pad show how deep it presses
 //
 // Presses on the twin, 3 % off in each material number and up to 6 N, leave 12, 2.5 and 17 at most; a shift by 0.3 px makes 14 to 35,
@@ -38,8 +38,9 @@ class CameraMotion {
                               const Wrench& wrench) const;
 
  private:
-  static constexpr size_t kPerSide = 5;
+  static constexpr size_t kPerSide = 2;
   static constexpr int kFromBorder = 2;
+  static constexpr int kLeast = 12;  // nodes along each axis
 
   std::vector<uint32_t> unknowns_;  // x and y of each node: left, right, upper, lower side
 };

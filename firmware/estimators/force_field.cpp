@@ -132,9 +132,8 @@ void ForceField::leave(const SolvedForces& solved, std::span<int32_t> residual, 
   support_->leave(solved.u, residual, saturations);
 }
 
-void ForceField::leave_at(const SolvedForces& solved, std::span<const uint32_t> unknowns, std::span<int32_t> residual,
-                          SaturationCounter& saturations) {
-  support_->leave(solved.u, unknowns, residual, saturations);
+void ForceField::watch(std::span<const uint32_t> unknowns) {
+  if (support_) support_->watch(unknowns);
 }
 
 // To the linear estimate, and so to the mask. What it added; empty where nothing touches or the calibration is linear.

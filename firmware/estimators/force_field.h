@@ -68,9 +68,9 @@ class ForceField {
   void refine(bool is_light_steady, SolvedForces& out, SaturationCounter& saturations);
   // Of the last refine(), of its `out`; xyz interleaved, 1/64 standard deviation (solve/support_solver.h).
   void leave(const SolvedForces& solved, std::span<int32_t> residual, SaturationCounter& saturations);
-  // The same of some unknowns alone.
-  void leave_at(const SolvedForces& solved, std::span<const uint32_t> unknowns, std::span<int32_t> residual,
-                SaturationCounter& saturations);
+  // The same in every frame of some unknowns alone, where there is a second pass.
+  void watch(std::span<const uint32_t> unknowns);
+  void leave_watched(std::span<int32_t> residual) const { support_->leave_watched(residual); }
   void remember(uint64_t capture_us, SolvedForces& out, SaturationCounter& saturations);
   // What was done to the pad before.
   void forget();

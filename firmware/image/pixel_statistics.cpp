@@ -6,11 +6,11 @@
 namespace ruffini {
 namespace {
 
-constexpr int kWindows = 400;
+constexpr int kWindows = 240;
 constexpr int kWide = 4;
 constexpr int kHigh = 2;
-constexpr int kBlack = 2;  // grey levels that are equal without a fault, up to this one and from the other on
-constexpr int kWhite = 253;
+constexpr uint32_t kBlack = 2;  // grey levels that are equal without a fault, up to this one and from the other on
+constexpr uint32_t kWhite = 253;
 constexpr uint16_t kUsableLow = 16 * 16;
 constexpr uint16_t kUsableHigh = 16 * 240;
 constexpr size_t kFewest = 24;
@@ -38,16 +38,15 @@ PixelStatistics::PixelStatistics(int width_px, int height_px) : width_px_(width_
 
 void PixelStatistics::add_window(const FrameView& frame, size_t window, Ties& ties) {
   std::array<int32_t, 3> sum{};
-  int n_equal = 0;
-  int n = 0;
+  uint32_t n_equal = 0;
+  uint32_t n = 0;
   for (int row = 0; row < kHigh; ++row) {
     const uint8_t* pixels = frame.row(windows_[window].y + row) + ptrdiff_t{3} * windows_[window].x;
-    for (size_t i = 0; i < size_t{3} * kWide; ++i) {
-      const int level = pixels[i];
-      sum[i % 3] += level;
-      if (i < 3 || level <= kBlack || level >= kWhite) continue;
-      ++n;
-      n_equal += level == pixels[i - 3] ? 1 : 0;
+    for (size_t c = 0; c < 3; ++c) sum[c] += pixels[c] + pixels[3 + c] + pixels[6 + c] + pixels[9 + c];
+    for (size_t i = 3; i < size_t{3} * kWide; ++i) {  // without a branch
+      const uint32_t counts = uint32_t{pixels[i]} - (kBlack + 1) < kWhite - kBlack - 1 ? 1U : 0U;
+      n += counts;
+      n_equal += counts & (pixels[i] == pixels[i - 3] ? 1U : 0U);
     }
   }
   sum_[window] = sum;

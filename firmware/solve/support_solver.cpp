@@ -40,6 +40,7 @@ Result<SupportSolver> SupportSolver::load(const Calibration& calibration, GridSi
   }
   const auto size = static_cast<size_t>(n);
   out.index_.reserve(size);
+  out.selected_.reserve(size);
   out.p16_.resize(size);
   out.wide_.resize(size);
   out.beyond_.resize(size);
@@ -62,8 +63,12 @@ void SupportSolver::gather(std::span<const uint8_t> mask) {
       weight_.push_back(mask[node]);
     }
   }
-  normal_.select(index_);
-  project_.select(index_);
+  selected_.assign(index_.begin(), index_.end());
+  for (const Watched& w : watched_) {
+    if (mask[w.unknown / 3] == 0) selected_.push_back(w.unknown);
+  }
+  normal_.select(selected_);
+  project_.select(selected_);
 }
 
 int SupportSolver::spread(std::span<const int64_t> values) {
@@ -76,6 +81,7 @@ void SupportSolver::multiply(SaturationCounter& saturations) {
   image_.resize(index_.size());
   normal_.run(p16_, wide_);
   for (size_t i = 0; i < index_.size(); ++i) image_[i] = limited(wide_[index_[i]], saturations, kImageLimit);
+  for (Watched& w : watched_) w.image = limited(wide_[w.unknown], watched_saturations_, kImageLimit);
 }
 
 // y = w times the linear estimate, and b.
@@ -88,6 +94,7 @@ void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce>
   z_.resize(index_.size());
   p_.resize(index_.size());
   project_.run(u, wide_);
+  for (Watched& w : watched_) w.b = wide_[w.unknown];
   for (size_t i = 0; i < index_.size(); ++i) {
     const NodeForce& f = force[index_[i] / 3];
     const int64_t value = index_[i] % 3 == 0 ? f.x : index_[i] % 3 == 1 ? f.y : f.z;
@@ -109,6 +116,7 @@ void SupportSolver::add_to_b(std::span<const NodeForce> beyond, SaturationCounte
                  [&](int64_t v) { return static_cast<int16_t>(to_16(v, shift)); });
   multiply(saturations);
   for (size_t i = 0; i < index_.size(); ++i) b_[i] += shifted(image_[i], kImageFraction - shift);
+  for (Watched& w : watched_) w.b += shifted(w.image, kImageFraction - shift);
   std::fill(p16_.begin(), p16_.end(), int16_t{0});
 }
 
@@ -145,6 +153,7 @@ void SupportSolver::round(SaturationCounter& saturations) {
     y_[i] = int64_t{p16_[index_[i]]} << shift;  // what was multiplied, exactly
     r_[i] = limited(b_[i] - shifted(image_[i], kImageFraction - shift), saturations);
   }
+  for (Watched& w : watched_) w.r = limited(w.b - shifted(w.image, kImageFraction - shift), watched_saturations_);
   Energy current = precondition();
   for (size_t i = 0; i < index_.size(); ++i) p_[i] = limited(z_[i], saturations);
   for (int i = 0; i < kSteps && current.sum > 0; ++i) {
@@ -163,6 +172,7 @@ bool SupportSolver::step(Energy& current, SaturationCounter& saturations) {
     y_[i] = limited(y_[i] + scaled(p16_[index_[i]], step, shift), saturations);
     r_[i] = limited(r_[i] - scaled(image_[i], step, shift - kImageFraction), saturations);
   }
+  for (Watched& w : watched_) w.r = limited(w.r - scaled(w.image, step, shift - kImageFraction), watched_saturations_);
   const Energy next = precondition();
   if (next.sum == 0) return false;
   const Quotient beta = quotient(next.sum, current.sum, 2 * (next.shift - current.shift));
@@ -195,8 +205,18 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const NodeForce> b
   }
 }
 
-void SupportSolver::leave(std::span<const int16_t> u, std::span<const uint32_t> unknowns, std::span<int32_t> residual,
-                          SaturationCounter& saturations) {
+void SupportSolver::watch(std::span<const uint32_t> unknowns) {
+  watched_.clear();
+  for (const uint32_t j : unknowns) watched_.push_back({.unknown = j});
+}
+
+void SupportSolver::leave_watched(std::span<int32_t> residual) const {
+  std::transform(watched_.begin(), watched_.end(), residual.begin(), [](const Watched& w) {
+    return static_cast<int32_t>(round_shift(w.r, kUnitFraction - kLeftFraction));
+  });
+}
+
+void SupportSolver::leave(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations) {
   // What the linear pad's displacement is explained by: y - beyond / d.
   std::fill(left_.begin(), left_.end(), int64_t{0});
   if (has_beyond_) std::transform(beyond_.begin(), beyond_.end(), left_.begin(), [](int64_t v) { return -v; });
@@ -204,15 +224,15 @@ void SupportSolver::leave(std::span<const int16_t> u, std::span<const uint32_t> 
   const int shift = common_shift(left_);
   std::transform(left_.begin(), left_.end(), p16_.begin(),
                  [&](int64_t v) { return static_cast<int16_t>(to_16(v, shift)); });
-  normal_.select(unknowns);
+  normal_.select(all_);
   normal_.run(p16_, wide_);
-  for (const uint32_t j : unknowns) {
-    left_[j] = limited(shifted(limited(wide_[j], saturations, kImageLimit), kImageFraction - shift), saturations);
-  }
-  project_.select(unknowns);
+  std::transform(wide_.begin(), wide_.end(), left_.begin(), [&](int64_t v) {
+    return limited(shifted(limited(v, saturations, kImageLimit), kImageFraction - shift), saturations);
+  });
+  project_.select(all_);
   project_.run(u, wide_);
-  for (size_t i = 0; i < unknowns.size(); ++i) {
-    const int64_t left = limited(wide_[unknowns[i]], saturations) - left_[unknowns[i]];
+  for (size_t i = 0; i < residual.size(); ++i) {
+    const int64_t left = limited(wide_[i], saturations) - left_[i];
     residual[i] = static_cast<int32_t>(round_shift(left, kUnitFraction - kLeftFraction));
   }
 }

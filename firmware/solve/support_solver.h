@@ -22,6 +22,8 @@
 // covariance R, r is D C^T R^-1 e, and H has a unit diagonal: r_j is of standard deviation one where the pad, the contact
 // and the noise are as the calibration takes them, whatever presses. It is the matched filter of one more force along
 // unknown j: r_j d_j is the force that best explains what is left there, d_j the standard deviation of that force.
+// watch() asks for r of a few unknowns in every frame: the rounds' own r, b - H y, with their rows in each product. It differs
+// from leave()'s by the roundings of the steps alone.
 // Not in the paper.
 #pragma once
 
@@ -52,13 +54,12 @@ class SupportSolver {
   void run(std::span<const int16_t> u, std::span<const NodeForce> beyond, std::span<const uint8_t> mask,
            int64_t threshold_lsb, std::span<NodeForce> force, SaturationCounter& saturations);
 
-  // Of the last run() and its `u`: r of these unknowns (ascending or not), in 1/64 standard deviation. Two products with their rows.
-  void leave(std::span<const int16_t> u, std::span<const uint32_t> unknowns, std::span<int32_t> residual,
-             SaturationCounter& saturations);
-  // Of every unknown.
-  void leave(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations) {
-    leave(u, all_, residual, saturations);
-  }
+  // Whose r run() finds on its way. Each once; allocates.
+  void watch(std::span<const uint32_t> unknowns);
+  // Of the last run(), in the order of watch(), in 1/64 standard deviation.
+  void leave_watched(std::span<int32_t> residual) const;
+  // Of the last run() and its `u`: r of every unknown, in 1/64 standard deviation. Two products with all rows.
+  void leave(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations);
 
  private:
   struct Energy {
@@ -83,10 +84,11 @@ class SupportSolver {
   BlockProgram project_;
   std::span<const int32_t> scale_;
   ShearModes modes_;
-  std::vector<uint32_t> all_;    // unknowns
-  std::vector<uint32_t> index_;  // unknowns of the support
-  std::vector<int16_t> p16_;     // all unknowns
-  std::vector<int64_t> wide_;    // all unknowns of a product
+  std::vector<uint32_t> all_;       // unknowns
+  std::vector<uint32_t> index_;     // unknowns of the support
+  std::vector<uint32_t> selected_;  // unknowns of the support, and of those watched that are none
+  std::vector<int16_t> p16_;        // all unknowns
+  std::vector<int64_t> wide_;       // all unknowns of a product
   bool has_beyond_ = false;
   std::vector<int64_t> beyond_;  // all unknowns
   std::vector<int64_t> left_;    // all unknowns
@@ -98,6 +100,14 @@ class SupportSolver {
   std::vector<int64_t> z_;
   std::vector<int64_t> p_;
   std::vector<int64_t> image_;  // H p16
+  struct Watched {
+    uint32_t unknown = 0;
+    int64_t b = 0;
+    int64_t r = 0;
+    int64_t image = 0;
+  };
+  std::vector<Watched> watched_;
+  SaturationCounter watched_saturations_;  // its own: the forces are none the worse
 };
 
 }  // namespace ruffini

@@ -1,9 +1,10 @@
 """How often a good frame is flagged, and how soon a bad one: through the core, on the twin's pictures. SIMULATED.
 
-Good frames are drawn in bulk: of N_RENDERS pictures of the same state with noise of their own, untouched and touched,
-each tile of TILE_PX is taken from one of them by chance. A sensor's noise and a JPEG's blocks know nothing of each
-other from tile to tile: a frame drawn is as good as one rendered. Without any flag in n frames the rate is below 3 / n
-(95 %). Flags that say that there is no calibration do not count.
+Good frames are drawn in bulk: of N_RENDERS pictures of the same state with noise of their own, untouched, pressed,
+sheared and turned, each tile of TILE_PX is taken from one of them by chance. A sensor's noise and a JPEG's blocks know
+nothing of each other from tile to tile: a frame drawn is as good as one rendered. In every second second the light
+drifts by DRIFT and flickers by FLICKER. Without any flag in n frames the rate is below 3 / n (95 %). Flags that say that
+there is no calibration do not count.
 
 Flags of a live camera are on: repeated and broken pictures, lamps that are off.
 
@@ -33,6 +34,8 @@ Picture = npt.NDArray[np.uint8]
 N_RENDERS, TILE_PX = 16, 16
 STEPS, BALL_M, PLACE_M = 3, 5e-3, {"tube": (-36e-3, 5e-3, 2.4e-3)}  # how the touch is made; elsewhere in the middle
 MIDDLE_M = (1e-3, -1e-3, 0.6e-3)
+SHEAR_M, TURN_RAD = 0.3e-3, 0.1
+DRIFT, DRIFT_FRAMES, FLICKER = 0.01, 3_000, 0.002  # of all light; a period of the drift
 SAME_STATE = 25  # frames before the touch comes or goes
 UNCALIBRATED = 2 | 4
 MOST_FRAMES = 3  # a bad frame must be flagged within these
@@ -41,7 +44,7 @@ PAINTED_PX = 2.2  # times the bright or dark blob's own size
 
 
 def renders(board: Board) -> tuple[list[list[Picture]], dict[str, Picture]]:
-    """Pictures of the two states, each N_RENDERS times, and of what is bad."""
+    """Pictures of each state, N_RENDERS times, and of what is bad; the first state is untouched."""
     unit, rng = build_unit(board), np.random.default_rng(5)
     rig, renderer = unit.rig(), unit.renderer()
 
@@ -55,7 +58,13 @@ def renders(board: Board) -> tuple[list[list[Picture]], dict[str, Picture]]:
     x, y, depth = PLACE_M.get(unit.twin.shape.kind, MIDDLE_M)
     for step in range(STEPS):
         rig.advance(Pose(x, y, depth * (step + 1) / STEPS))
-    return [rest, [seen() for _ in range(N_RENDERS)]], bad
+    pressed = [seen() for _ in range(N_RENDERS)]
+    if unit.twin.shape.kind != "plane":
+        return [rest, pressed], bad
+    rig.advance(Pose(x + SHEAR_M, y, depth))
+    sheared = [seen() for _ in range(N_RENDERS)]
+    rig.advance(Pose(x + SHEAR_M, y, depth, turn_rad=TURN_RAD))
+    return [rest, pressed, sheared, [seen() for _ in range(N_RENDERS)]], bad
 
 
 def painted_over(board: Board, picture: Picture) -> Picture:
@@ -91,6 +100,13 @@ class Drawn:
         return np.ascontiguousarray(lines).reshape(self.rows * TILE_PX, self.columns * TILE_PX, 3)
 
 
+def lit(picture: Picture, i: int, rng: np.random.Generator) -> Picture:
+    """Under light that drifts and flickers; half a level of dither, as the light is scaled and not the picture."""
+    gain = np.float32(1 + DRIFT * np.sin(2 * np.pi * i / DRIFT_FRAMES) + FLICKER * np.sin(2.1 * i))
+    dithered = picture + rng.random(picture.shape, dtype=np.float32) - np.float32(0.5)
+    return np.asarray(np.clip(np.rint(dithered * gain), 0, 255), dtype=np.uint8)
+
+
 def measure(board: Board, calibration: bytes | None, n_frames: int) -> dict[str, object]:
     """Flagged good frames, and how many frames each bad thing needs until it is flagged (0: never)."""
     if board.camera.height_px % TILE_PX or board.camera.width_px % TILE_PX:
@@ -98,6 +114,7 @@ def measure(board: Board, calibration: bytes | None, n_frames: int) -> dict[str,
     states, bad = renders(board)
     drawn = [Drawn(pictures, np.random.default_rng([6, i])) for i, pictures in enumerate(states)]
     flagged: dict[int, int] = {}
+    drift = np.random.default_rng(7)
     soon: dict[str, int] = {}
     time_s = 0.0
     with Pipeline(board, calibration) as core:
@@ -111,7 +128,9 @@ def measure(board: Board, calibration: bytes | None, n_frames: int) -> dict[str,
         for _ in range(board.pipeline.n_rest_frames + 2):
             shown(drawn[0].frame())
         for i in range(n_frames):
-            flags = shown(drawn[i // SAME_STATE % 2].frame())
+            step = i // SAME_STATE  # every second one is untouched
+            picture = drawn[0 if step % 2 == 0 else 1 + step // 2 % (len(drawn) - 1)].frame()
+            flags = shown(lit(picture, i, drift) if step // 2 % 2 else picture)
             if flags:
                 flagged[flags] = flagged.get(flags, 0) + 1
         core.set_live(is_live=False)  # a bad picture is shown again as it is

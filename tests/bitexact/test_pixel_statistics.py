@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ruffini.core import native_folder
 
-N_WINDOWS, COARSE, OFF_CURVE = 400, 1, 2
+N_WINDOWS, COARSE, OFF_CURVE = 240, 1, 2
 UNIT_GAIN = 1 << 20
 Ints = npt.NDArray[np.int64]
 

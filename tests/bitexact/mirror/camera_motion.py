@@ -6,19 +6,19 @@ import numpy as np
 
 from mirror.fixed import I64
 
-PER_SIDE, FROM_BORDER, SIGMA = 5, 2, 64
+PER_SIDE, FROM_BORDER, LEAST, SIGMA = 2, 2, 12, 64
 
 
 def is_moved(residual: I64, mask: I64, force_un: I64) -> bool:
     """`residual` (n_y, n_x, 3) in 1/64 standard deviation, `mask` (n_y, n_x), `force_un` (3,)."""
     n_y, n_x = mask.shape
-    if min(n_x, n_y) < 2 * FROM_BORDER + PER_SIDE:
+    if min(n_x, n_y) < LEAST:
         return False
-    rows, columns = (FROM_BORDER + np.arange(PER_SIDE) * (n - 1 - 2 * FROM_BORDER) // (PER_SIDE - 1) for n in (n_y, n_x))
+    rows, columns = (np.array([n // 4, n - 1 - n // 4]) for n in (n_y, n_x))
     near, far_x, far_y = FROM_BORDER, n_x - 1 - FROM_BORDER, n_y - 1 - FROM_BORDER
     places = ((rows, near), (rows, far_x), (near, columns), (far_y, columns))
     x, y = (np.array([residual[at][:, c].sum() // PER_SIDE for at in places]) for c in (0, 1))
-    n_covered = sum(2 * np.count_nonzero(mask[at]) > PER_SIDE for at in places)
+    n_covered = sum(bool(mask[at].all()) for at in places)
     force = int(np.minimum(np.abs(force_un), 1000 * 10**6).sum())
 
     def limit(fixed: int, half_per_n: int) -> int:

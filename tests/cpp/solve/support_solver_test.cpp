@@ -139,9 +139,14 @@ TEST(SupportSolver, LeavesWhatItsForcesDoNotExplain) {
   EXPECT_GT(std::abs(left[2]), 2'000) << "nothing presses there";
   EXPECT_LT(std::abs(left[5]), 40) << "and here it does";
   EXPECT_EQ(saturations.count, 0U);
-  // The next frame's forces are what they would be without it.
+  // The next frame's forces are what they would be without it, and with unknowns that are watched.
+  const std::vector<uint32_t> watched = {0, 2, 5, 11};
+  loaded.solver().watch(watched);
   std::vector<NodeForce> again(kNodes, {77, 77, -77});
   loaded.solver().run(u, {}, mask, kThreshold, again, saturations);
+  std::vector<int32_t> at_watched(watched.size());
+  loaded.solver().leave_watched(at_watched);
+  for (size_t i = 0; i < watched.size(); ++i) EXPECT_NEAR(at_watched[i], left[watched[i]], 2) << watched[i];
   for (size_t i = 0; i < kUnknowns; ++i) {
     EXPECT_EQ(component(again[i / 3], i % 3), component(force[i / 3], i % 3));
   }
