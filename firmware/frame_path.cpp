@@ -49,7 +49,6 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
     run_solve(depth_is_trusted());
     run_memory(capture_us);
     run_estimators();
-    watch_camera();
     run_uncertainty();
     timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
     run_feature_wrench(capture_us);
@@ -72,18 +71,14 @@ void FramePath::timed(Stage stage, Work work) {
 }
 
 void FramePath::learn(const FrameView& frame) {
-  if (is_live_) {
-    old_pictures_.add_rest(frame);
-    pixel_statistics_.add_rest(frame);
-  }
+  if (is_live_) picture_watch_.add_rest(frame);
   if (!rest_.add(frame)) return;
   warmth_.rest_mc = warmth_.now_mc;
   learn_features();
 }
 
 void FramePath::learn_features() {
-  frame_watch_.learn(rest_.image());
-  pixel_statistics_.learn(rest_.image());
+  picture_watch_.learn(rest_.image());
   zero_follower_.forget();
   light_.learn(rest_.image());
   if (skin_) skin_->learn(rest_.image());
@@ -195,6 +190,7 @@ void FramePath::run_displacement() {
 void FramePath::run_uncertainty() {
   if (!state_.uncertainty.is_stated) return;
   const uint64_t start = clock_();
+  if (state_.solve.is_refined && forces_.has_camera_moved(state_.solve, state_.wrench)) state_.flags |= kFlagFeatures;
   const std::span<const uint8_t> is_filled = state_.displacement.is_filled;
   forces_.state_sigma(state_.solve, is_filled, state_.uncertainty.node);
   state_.uncertainty.wrench = forces_.state_covariance(state_.solve, is_filled, state_.wrench, state_.contacts);
@@ -372,8 +368,7 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
 
 void FramePath::zero(int n_frames) {
   rest_.restart(n_frames);
-  old_pictures_.begin_rest();
-  pixel_statistics_.begin_rest();
+  picture_watch_.begin_rest();
   forget();
 }
 
@@ -396,8 +391,7 @@ void FramePath::set_rest(std::span<const uint16_t> image) {
 void FramePath::take_rest(const FramePath& other) {
   set_rest(other.rest_image());
   warmth_.rest_mc = other.warmth_.rest_mc;
-  old_pictures_ = other.old_pictures_;
-  pixel_statistics_ = other.pixel_statistics_;
+  picture_watch_ = other.picture_watch_;
 }
 
 FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration,
@@ -409,9 +403,7 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       depth_grid_{board.camera.width_px / depth_step_px_, board.camera.height_px / depth_step_px_},
       nodes_(board),
       rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
-      frame_watch_(board.camera.width_px, board.camera.height_px),
-      old_pictures_(board.camera.width_px, board.camera.height_px),
-      pixel_statistics_(board.camera.width_px, board.camera.height_px),
+      picture_watch_(board.camera.width_px, board.camera.height_px),
       zero_follower_(static_cast<size_t>(nodes_.size().count())),
       light_(board.camera.width_px, board.camera.height_px),
       printed_(board),
@@ -419,8 +411,6 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       poisson_(board),
       displacement_(board),
       forces_(board, nodes_),
-      camera_motion_(nodes_.size()),
-      left_at_sides_(camera_motion_.unknowns().size()),
       contacts_(nodes_, board.force_lsb_un, forces_.contact_threshold_lsb()),
       slip_(nodes_, board.force_lsb_un) {
   for (const std::string& stage : board.stages) {

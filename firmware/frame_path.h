@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "base/result.h"
-#include "estimators/camera_motion.h"
 #include "estimators/contact_depth.h"
 #include "estimators/contact_model.h"
 #include "estimators/contact_profile.h"
@@ -22,10 +21,8 @@
 #include "frame_calibration.h"
 #include "frame_state.h"
 #include "image/camera_map.h"
-#include "image/frame_watch.h"
 #include "image/light.h"
-#include "image/old_pictures.h"
-#include "image/pixel_statistics.h"
+#include "image/picture_watch.h"
 #include "image/poisson.h"
 #include "image/printed_markers.h"
 #include "image/rest.h"
@@ -52,8 +49,7 @@ class FramePath {
 
   // From the next frame on; empty: not measured.
   void set_temperature(std::optional<int32_t> milli_celsius) { warmth_.now_mc = milli_celsius; }
-  // Frames come from a camera as they are, not from a file: its pictures are watched (image/frame_watch.h,
-  // image/old_pictures.h, image/pixel_statistics.h), and what
+  // Frames come from a camera as they are, not from a file: its pictures are watched (image/picture_watch.h), and what
   // creeps while nothing touches is followed (estimators/zero_follower.h).
   void set_live(bool is_live) { is_live_ = is_live; }
   // Flags that the next frames have by the way they came: kFlagTime or none.
@@ -145,7 +141,6 @@ class FramePath {
   void watch(const FrameView& frame);
   void follow_zero(uint64_t capture_us);
   void judge_input();
-  void watch_camera();
   bool are_markers_lost();
   void judge();
   void judge_skin();
@@ -164,9 +159,7 @@ class FramePath {
   GridSize depth_grid_;
   NodeGrid nodes_;
   Rest rest_;
-  FrameWatch frame_watch_;
-  OldPictures old_pictures_;
-  PixelStatistics pixel_statistics_;
+  PictureWatch picture_watch_;
   bool is_live_ = false;
   uint32_t capture_flags_ = 0;
   ZeroFollower zero_follower_;  // of the nodes' displacement
@@ -188,8 +181,6 @@ class FramePath {
   std::optional<DepthGauge> depth_gauge_;    // of boards whose gauge is a table
   std::optional<MarkerDepth> marker_depth_;  // of boards whose depth comes from the markers
   ForceField forces_;
-  CameraMotion camera_motion_;
-  std::vector<int32_t> left_at_sides_;  // what forces leave where camera_motion_ looks
   std::optional<FeatureWrench> feature_wrench_;
   std::vector<int32_t> features_;
   std::optional<ContactProfile> contact_profile_;

@@ -74,7 +74,6 @@ Status FramePath::load_tables() {
     if (Status depth = keep(MarkerDepth::load(c, board_), marker_depth_); !depth) return depth;
   }
   if (Status forces = forces_.load(c, has(Stage::kOperator), has(Stage::kSupport)); !forces) return forces;
-  if (has(Stage::kSupport)) forces_.watch(camera_motion_.unknowns());
   if (Status wrench = load_feature_wrench(c); !wrench) return wrench;
   if (Status model = load_contact_model(c); !model) return model;
   if (has(Stage::kFingertip) && c.has_kind("fingertip")) {

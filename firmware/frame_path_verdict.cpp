@@ -17,9 +17,9 @@ constexpr int kMinMarkersPercent = 50;          // fewer at rest: this is not th
 void FramePath::watch(const FrameView& frame) {
   if (!is_live_) return;
   const uint64_t start = clock_();
-  const FrameWatch::Verdict seen = frame_watch_.run(frame);
-  if (old_pictures_.run(frame)) state_.flags |= kFlagRepeated;
-  const PixelStatistics::Verdict pixels = pixel_statistics_.run(frame, light_.gain());
+  const FrameWatch::Verdict seen = picture_watch_.frame.run(frame);
+  if (picture_watch_.old.run(frame)) state_.flags |= kFlagRepeated;
+  const PixelStatistics::Verdict pixels = picture_watch_.pixels.run(frame, light_.gain());
   if (seen.is_broken || pixels.is_coarse) state_.flags |= kFlagPicture;
   if (photometric_ && pixels.is_off_curve) state_.flags |= kFlagLight;  // where colours become numbers
   if (seen.is_lamp_off) state_.flags |= kFlagLight;
@@ -91,15 +91,6 @@ void FramePath::judge_input() {
       break;
     }
   }
-}
-
-// Where the calibration knows how far forces are off: what they leave means nothing else. Its time counts as the second pass's.
-void FramePath::watch_camera() {
-  if (!state_.uncertainty.is_stated || !state_.solve.is_refined || camera_motion_.unknowns().empty()) return;
-  const uint64_t start = clock_();
-  forces_.leave_watched(left_at_sides_);
-  if (camera_motion_.is_moved(left_at_sides_, state_.solve.mask, state_.wrench)) state_.flags |= kFlagFeatures;
-  state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
 }
 
 // Validity of everything that this frame says.

@@ -11,7 +11,7 @@ namespace {
 
 constexpr size_t kSides = 4;
 constexpr int64_t kSigma = int64_t{1} << SupportSolver::kLeftFraction;
-constexpr int64_t kMoved = 25 * kSigma;  // 15 um of gelslim's pad
+constexpr int64_t kMoved = 25 * kSigma;
 constexpr int64_t kMovedPerN = 4 * kSigma;
 constexpr int64_t kZoomed = 4 * kSigma;
 constexpr int64_t kZoomedPerN = kSigma / 2;

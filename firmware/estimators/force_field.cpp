@@ -32,7 +32,9 @@ ForceField::ForceField(const BoardSettings& board, const NodeGrid& nodes)
       repair_(nodes_),
       least_outlier_q3_(FieldRepair::least_q3(board.pad.size_x_um / (board.grid.n_x - 1),
                                               board.pad.size_y_um / (board.grid.n_y - 1))),
-      repaired_(static_cast<size_t>(nodes_.count())) {}
+      repaired_(static_cast<size_t>(nodes_.count())),
+      camera_motion_(nodes_),
+      left_at_sides_(camera_motion_.unknowns().size()) {}
 
 Status ForceField::load(const Calibration& calibration, bool has_operator, bool has_second_pass) {
   if (!has_operator || !calibration.has_kind("operator")) return Unit{};
@@ -59,6 +61,7 @@ Status ForceField::load_operator(const Calibration& calibration) {
 
 Status ForceField::load_second_pass(const Calibration& calibration) {
   if (Status loaded = keep(SupportSolver::load(calibration, nodes_, places_), support_); !loaded) return loaded;
+  support_->watch(camera_motion_.unknowns());
   if (Status loaded = load_error_model(calibration); !loaded) return loaded;
   if (calibration.has_kind("finite_strain")) {
     if (Status loaded = keep(FiniteStrain::load(calibration, nodes_), finite_strain_); !loaded) return loaded;
@@ -132,8 +135,9 @@ void ForceField::leave(const SolvedForces& solved, std::span<int32_t> residual, 
   support_->leave(solved.u, residual, saturations);
 }
 
-void ForceField::watch(std::span<const uint32_t> unknowns) {
-  if (support_) support_->watch(unknowns);
+bool ForceField::has_camera_moved(const SolvedForces& solved, const Wrench& wrench) {
+  support_->leave_watched(left_at_sides_);
+  return camera_motion_.is_moved(left_at_sides_, solved.mask, wrench);
 }
 
 // To the linear estimate, and so to the mask. What it added; empty where nothing touches or the calibration is linear.

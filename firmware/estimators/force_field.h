@@ -20,6 +20,7 @@
 
 #include "base/result.h"
 #include "board/settings.h"
+#include "estimators/camera_motion.h"
 #include "estimators/contacts.h"
 #include "estimators/wrench.h"
 #include "estimators/wrench_covariance.h"
@@ -68,9 +69,8 @@ class ForceField {
   void refine(bool is_light_steady, SolvedForces& out, SaturationCounter& saturations);
   // Of the last refine(), of its `out`; xyz interleaved, 1/64 standard deviation (solve/support_solver.h).
   void leave(const SolvedForces& solved, std::span<int32_t> residual, SaturationCounter& saturations);
-  // The same in every frame of some unknowns alone, where there is a second pass.
-  void watch(std::span<const uint32_t> unknowns);
-  void leave_watched(std::span<int32_t> residual) const { support_->leave_watched(residual); }
+  // Of the last refine(), of its `out`, and the wrench of these forces (estimators/camera_motion.h).
+  [[nodiscard]] bool has_camera_moved(const SolvedForces& solved, const Wrench& wrench);
   void remember(uint64_t capture_us, SolvedForces& out, SaturationCounter& saturations);
   // What was done to the pad before.
   void forget();
@@ -95,6 +95,8 @@ class ForceField {
   std::vector<FieldValue> repaired_;
   std::optional<BlockProgram> operator_;
   std::optional<SupportSolver> support_;
+  CameraMotion camera_motion_;
+  std::vector<int32_t> left_at_sides_;  // where camera_motion_ looks
   std::optional<FiniteStrain> finite_strain_;
   std::optional<Relaxation> relaxation_;
   std::optional<NodeSigmaModel> node_error_;

@@ -2,9 +2,10 @@
 
 Good frames are drawn in bulk: of N_RENDERS pictures of the same state with noise of their own, untouched, pressed,
 sheared and turned, each tile of TILE_PX is taken from one of them by chance. A sensor's noise and a JPEG's blocks know
-nothing of each other from tile to tile: a frame drawn is as good as one rendered. In every second second the light
-drifts by DRIFT and flickers by FLICKER. Without any flag in n frames the rate is below 3 / n (95 %). Flags that say that
-there is no calibration do not count.
+nothing of each other from tile to tile: a frame drawn is as good as one rendered. In half of the frames the light
+drifts by DRIFT and flickers by FLICKER.
+Without any flag in n frames the rate is below 3 / n (95 %). Flags that say that there
+is no calibration do not count.
 
 Flags of a live camera are on: repeated and broken pictures, lamps that are off.
 
@@ -31,11 +32,11 @@ from ruffini.sim.units import build_unit
 
 Picture = npt.NDArray[np.uint8]
 
-N_RENDERS, TILE_PX = 16, 16
+N_RENDERS, TILE_PX = 64, 16  # a few tiles side by side are never those of a frame before
 STEPS, BALL_M, PLACE_M = 3, 5e-3, {"tube": (-36e-3, 5e-3, 2.4e-3)}  # how the touch is made; elsewhere in the middle
 MIDDLE_M = (1e-3, -1e-3, 0.6e-3)
 SHEAR_M, TURN_RAD = 0.3e-3, 0.1
-DRIFT, DRIFT_FRAMES, FLICKER = 0.01, 3_000, 0.002  # of all light; a period of the drift
+DRIFT, DRIFT_FRAMES, FLICKER = 0.004, 3_000, 0.002  # of all light; a period of the drift
 SAME_STATE = 25  # frames before the touch comes or goes
 UNCALIBRATED = 2 | 4
 MOST_FRAMES = 3  # a bad frame must be flagged within these

@@ -1,4 +1,4 @@
-"""Old pictures and old parts of pictures against the mirror: drawn sequences through the whole path of a live camera."""
+"""Old pictures and old parts of pictures against the mirror: drawn sequences through the path of a live camera."""
 
 from __future__ import annotations
 

@@ -24,8 +24,9 @@ def calibration(name: str) -> bytes:
         if "support" in stages:
             _of_the_main_job(name, path)
         else:
-            made = [sys.executable, "-c", "import sys; from ruffini.cli import main; sys.exit(main())", "cal", "auto", "--board", name, "--rig", "sim", "--quick",
-                    "--force", "--out", str(path.parent)]  # fmt: skip
+            verb = "import sys; from ruffini.cli import main; sys.exit(main())"
+            options = ["--board", name, "--rig", "sim", "--quick", "--force", "--out", str(path.parent)]
+            made = [sys.executable, "-c", verb, "cal", "auto", *options]
             subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
     return path.read_bytes()
 
@@ -44,7 +45,9 @@ def _of_the_main_job(name: str, path: Path) -> None:
 
     board = find_board(name)
     c = board.camera
-    record_balls(TwinUnit.build(board, PadError(**DEMO_ERROR)), N_BALLS, path.parent / "balls", ball_mm=BALL_MM, seed=11)
+    record_balls(
+        TwinUnit.build(board, PadError(**DEMO_ERROR)), N_BALLS, path.parent / "balls", ball_mm=BALL_MM, seed=11
+    )
     pinhole = Pinhole(c.focal_mpx / 1e3, c.center_x_mpx / 1e3, c.center_y_mpx / 1e3, c.standoff_um / 1e3)
     fit = fit_photometric(collect_samples(load_presses(path.parent / "balls"), pinhole))
     kind = make_operator(board, method="support", noise=NOISE, n_touches=N_TOUCHES)

@@ -8,6 +8,8 @@ force. States whose good frames come near to that are not used: that would be an
 
 from __future__ import annotations
 
+import shlex
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -60,8 +62,10 @@ BOARDS = {
     "eltac": Press(3, (8e-3, 15e-3), (1.2e-3, 2.4e-3), (2e-3, 4e-3), (-36e-3, 5e-3), 0.0),
 }
 # How often each kind of fault is tried on a board: gelslim measures most, and has all of the frame path's stages.
-CASES = {"gelslim": 9}
-USUAL_CASES = 4
+CASES = {"gelslim": 15}
+USUAL_CASES = 5
+# What no flag can tell (proto/PROMISES.md): targets that ride on a sprung tray move with the camera as under a load.
+UNTOLD = {"ftouch": "moved"}
 
 
 @dataclass
@@ -113,7 +117,9 @@ def states_of(unit: Unit, name: str, press: Press, seed: int) -> Iterator[State]
 Case = Callable[[State, list[Picture], np.random.Generator], Iterator[Picture]]
 
 
-def _each(make: Callable[[np.random.Generator], tuple[str, faults.Fault]]) -> Callable[[np.random.Generator], tuple[str, Case]]:
+def _each(
+    make: Callable[[np.random.Generator], tuple[str, faults.Fault]],
+) -> Callable[[np.random.Generator], tuple[str, Case]]:
     """The same fault on each frame."""
 
     def drawn(rng: np.random.Generator) -> tuple[str, Case]:
@@ -223,7 +229,12 @@ def rows(seed: int, quick: bool) -> Iterator[Row]:
 
 def board_rows(name: str, press: Press, seed: int, quick: bool) -> Iterator[Row]:
     """Sequences of one board."""
-    unit, file = build_unit(find_board(name)), calibration(name)
+    try:
+        file = calibration(name)
+    except subprocess.CalledProcessError as error:
+        yield Row(name, 0, 0, 0, note=f"not tried: no calibration, {shlex.join(error.cmd[3:])} failed")
+        return
+    unit = build_unit(find_board(name))
     n_cases = 2 if quick else CASES.get(name, USUAL_CASES)
     source = states_of(unit, name, press, seed)
     rest = next(source)
@@ -241,6 +252,8 @@ def board_rows(name: str, press: Press, seed: int, quick: bool) -> Iterator[Row]
             yield Row(f"{name}", 1, 0, 1, note="no pressed state whose good frames are right")
             return
         for k, (kind, draw) in enumerate(KINDS.items()):
+            if kind.startswith(UNTOLD.get(name, "-")):
+                continue
             rng = np.random.default_rng([seed, k, *name.encode()])
             tally = Tally()
             for i in range(n_cases * (3 if kind.startswith("old") else 2)):
@@ -257,7 +270,8 @@ def _is_right(pipeline: Pipeline, rest: State, state: State) -> bool:
     good = [pipeline.process(state.frame()) for _ in range(N_GOOD)]
     is_right = all(
         not f.flags & ~UNCALIBRATED
-        and (np.abs(f.wrench[:3] - state.force_n) * (np.array(f.wrench_validity[:3]) == VALID)).max() < state.limit_n / 2
+        and (np.abs(f.wrench[:3] - state.force_n) * (np.array(f.wrench_validity[:3]) == VALID)).max()
+        < state.limit_n / 2
         for f in good
     )
     _go_back(pipeline, rest)

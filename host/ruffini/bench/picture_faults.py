@@ -91,7 +91,7 @@ def moved(shift_px: tuple[float, float] = (0, 0), zoom: float = 1, turn_deg: flo
     def fault(picture: Picture, _: np.random.Generator) -> Picture:
         height, width = picture.shape[:2]
         way = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), turn_deg, zoom)
-        way[:, 2] += shift_px
+        way[:, 2] += np.array(shift_px)
         out = cv2.warpAffine(picture, way, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(out, dtype=np.uint8)
 
@@ -112,7 +112,7 @@ def compressed(quality: int) -> Fault:
     """Sent as JPEG."""
 
     def fault(picture: Picture, _: np.random.Generator) -> Picture:
-        _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        _is_ok, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
         return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
 
     return fault

@@ -1,0 +1,35 @@
+// All that looks at a live camera's picture before anything is made of it. Frame thread.
+#pragma once
+
+#include <span>
+
+#include "image/frame_watch.h"
+#include "image/old_pictures.h"
+#include "image/pixel_statistics.h"
+
+namespace ruffini {
+
+struct PictureWatch {
+  PictureWatch(int width_px, int height_px)
+      : frame(width_px, height_px), old(width_px, height_px), pixels(width_px, height_px) {}
+
+  // Rest is learned from frames, from here on; then each of them; then the image, which may also come from elsewhere.
+  void begin_rest() {
+    old.begin_rest();
+    pixels.begin_rest();
+  }
+  void add_rest(const FrameView& rest) {
+    old.add_rest(rest);
+    pixels.add_rest(rest);
+  }
+  void learn(std::span<const uint16_t> rest) {
+    frame.learn(rest);
+    pixels.learn(rest);
+  }
+
+  FrameWatch frame;
+  OldPictures old;
+  PixelStatistics pixels;
+};
+
+}  // namespace ruffini
