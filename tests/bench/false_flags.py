@@ -3,9 +3,8 @@
 Good frames are drawn in bulk: of N_RENDERS pictures of the same state with noise of their own, untouched, pressed,
 sheared and turned, each tile of TILE_PX is taken from one of them by chance. A sensor's noise and a JPEG's blocks know
 nothing of each other from tile to tile: a frame drawn is as good as one rendered. In half of the frames the light
-drifts by DRIFT and flickers by FLICKER.
-Without any flag in n frames the rate is below 3 / n (95 %). Flags that say that there
-is no calibration do not count.
+drifts by DRIFT and flickers by FLICKER. Without any flag in n frames the rate is below 3 / n (95 %). Flags that say
+that there is no calibration do not count.
 
 Flags of a live camera are on: repeated and broken pictures, lamps that are off.
 
