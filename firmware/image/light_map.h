@@ -42,7 +42,7 @@ class LightMap {
   static constexpr size_t kTerms = 15;
   static constexpr int kWindowFrames = 16;
   static constexpr size_t kMaxSamples = 640;            // of the picture's, evenly chosen
-  static constexpr size_t kMinSamples = 64;             // fewer: there is no map
+  static constexpr size_t kMinSamples = 200;            // fewer: no map, noise alone would make its fit far (below)
   using Samples = std::array<std::vector<int16_t>, 3>;  // per channel, Q12
 
   LightMap(int width_px, int height_px);

@@ -49,7 +49,7 @@ class BadNodes:
 
 def without_holes(u: Array) -> Array:
     """Missing nodes as the mean of their neighbours, ring by ring."""
-    is_missing = np.isnan(u).any(axis=-1)
+    is_missing = np.asarray(np.isnan(u).any(axis=-1))
     return fill_with_means(u, is_missing)
 
 

@@ -114,7 +114,7 @@ class FramePath:
             u, depth = self._gauge.lifted(board, u, depth, saturations)
         force, mask = self.solve(u)
         self._was_touched = bool(mask.any())
-        if self._relaxation is not None:
+        if self._relaxation is not None and not self.light.is_off:  # a flagged frame is not remembered
             force = self._relaxation.run(capture_us, mask, force, saturations)
         return Outcome(
             change, markers, slope, depth, u, mask, force,

@@ -10,10 +10,12 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 namespace {
@@ -170,6 +172,17 @@ TEST_F(SerialPortTest, ADeviceThatIsUnpluggedReadsAsGoneAndComesBack) {
 }
 
 // The number of a pty is free again as soon as it is closed, and the next program that asks gets it.
+// Waits until the clock of the kernel's time stamps moves on: on a busy computer that takes more than its resolution.
+void wait_for_tick() {
+  const auto now = [] {
+    timespec time{};
+    ::clock_gettime(CLOCK_REALTIME_COARSE, &time);
+    return std::pair{time.tv_sec, time.tv_nsec};
+  };
+  const auto start = now();
+  while (now() == start) ::usleep(1'000);
+}
+
 TEST_F(SerialPortTest, AStrangersPtyUnderTheOldNumberIsNotTaken) {
   const std::string path = folder_ + "/tty";
   for (const bool by_link : {true, false}) {
@@ -183,7 +196,7 @@ TEST_F(SerialPortTest, AStrangersPtyUnderTheOldNumberIsNotTaken) {
     std::vector<std::unique_ptr<Wire>> strangers;
     const std::string elsewhere = folder_ + "/stranger";
     do {
-      ::usleep(5'000);  // a tick of the kernel's clock: the link is older than what it leads to
+      wait_for_tick();  // the link is older than what it leads to
       strangers.push_back(std::make_unique<Wire>(elsewhere));
     } while (fs::read_symlink(elsewhere) != number && strangers.size() < 100);
     EXPECT_FALSE(port.reopen());

@@ -258,7 +258,7 @@ def test_csv_log_with_units(tmp_path):
         ("time_s,fz_N\n0,1\n1,nan\n", "line 3: a cell is missing or no number"),
         ("time_s,fz_N\n0,1\n1,1\n1,1\n", "line 4: time stands still"),
         ("time_s,fz_N\n0,1\n", "at least two"),
-        ("", "cannot be read"),
+        ("", "is empty: its first row must name the columns"),
     ],
 )
 def test_csv_log_faults_are_named(tmp_path, text, sentence):
