@@ -31,7 +31,7 @@ ForceField::ForceField(const BoardSettings& board, const NodeGrid& nodes)
       mask_(nodes_, contact_threshold_lsb_, board.contact.min_nodes),
       repair_(nodes_),
       least_outlier_q3_(FieldRepair::least_q3(board.pad.size_x_um / (board.grid.n_x - 1),
-                                              board.pad.size_y_um / (board.grid.n_y - 1))),
+                                              board.pad.size_y_um / (board.grid.n_y - 1), board.pad.thickness_um)),
       repaired_(static_cast<size_t>(nodes_.count())),
       camera_motion_(nodes_),
       left_at_sides_(camera_motion_.unknowns().size()) {}

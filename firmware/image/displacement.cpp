@@ -17,7 +17,8 @@ Displacement::Displacement(const BoardSettings& board, const CameraMap* map)
       rest_q3_(static_cast<size_t>(board.markers.lattice.count())),
       rest_ray_q8_(rest_q3_.size()),
       marker_u_(rest_q3_.size()),
-      least_outlier_q3_(FieldRepair::least_q3(board.markers.pitch_x_um, board.markers.pitch_y_um)),
+      least_outlier_q3_(
+          FieldRepair::least_q3(board.markers.pitch_x_um, board.markers.pitch_y_um, board.pad.thickness_um)),
       shear_(rest_q3_.size()),
       is_missing_(rest_q3_.size()) {
   if (!board.markers.is_scattered && !rest_q3_.empty()) repair_.emplace(board.markers.lattice);

@@ -33,7 +33,8 @@ FieldRepair::FieldRepair(GridSize size)
   places_.reserve(residual2_.size());
 }
 
-int32_t FieldRepair::least_q3(int64_t pitch_x_um, int64_t pitch_y_um) {
+int32_t FieldRepair::least_q3(int64_t pitch_x_um, int64_t pitch_y_um, int64_t thickness_um) {
+  if (8 * std::max(pitch_x_um, pitch_y_um) > 3 * thickness_um) return kNoOutliers;
   const int64_t least_um_q3 = 8 * std::min(pitch_x_um, pitch_y_um) / kPitchesOfOutlier;
   return static_cast<int32_t>(std::max(least_um_q3, 8 * kLeastOutlierUm));
 }

@@ -42,8 +42,11 @@ class FieldRepair {
 
   explicit FieldRepair(GridSize size);
 
-  // `least` of run(), 1/8 um: a sixteenth of the pitch, but six times the noise of a marker (5 um) at least.
-  [[nodiscard]] static int32_t least_q3(int64_t pitch_x_um, int64_t pitch_y_um);
+  // `least` of run(), 1/8 um: a sixteenth of the pitch, but six times the noise of a marker (5 um) at least. Where the
+  // pitch is beyond 3/8 of the pad's thickness, kNoOutliers: so coarse a lattice may have one marker in a contact, which
+  // is no outlier (25 % of force on a pad with markers half a thickness apart).
+  [[nodiscard]] static int32_t least_q3(int64_t pitch_x_um, int64_t pitch_y_um, int64_t thickness_um);
+  static constexpr int32_t kNoOutliers = 8 * kMaxInput;
 
   // Marks outliers in `is_missing` with kOutlier and gives every missing place of `field` a value; with nothing known
   // `field` stays. |field| <= kMaxInput. Returns the number of outliers.

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from mirror.board import Board, center_q16, depth_grid, observed_nodes
 from mirror.camera_map import CameraMap
-from mirror.field_repair import repaired
+from mirror.field_repair import least_outlier, repaired
 from mirror.fixed import I64, Saturations, round_shift
 from mirror.markers import ABSENT, DX, DY, LOST, X, Y
 from mirror.scattered import weights
@@ -167,7 +167,7 @@ def repair_markers(board: Board, u: I64, markers: npt.NDArray[np.integer]) -> tu
     if m.get("layout", "lattice") != "lattice":
         return u, is_lost
     shape = (m["n_y"], m["n_x"])
-    least = max(8 * min(m["pitch_x_um"], m["pitch_y_um"]) // 16, 240)
+    least = least_outlier([m["pitch_x_um"], m["pitch_y_um"]], board["pad"]["thickness_um"])
     shear, is_missing = repaired(u[:, :2].reshape(*shape, 2), is_lost.reshape(shape), least)
     return np.column_stack([np.clip(shear.reshape(-1, 2), -32768, 32767), u[:, 2]]), is_missing.ravel()
 

@@ -100,6 +100,13 @@ def _filled(field: I64, known: Bools) -> I64:
     return out
 
 
+def least_outlier(pitch_um: list[int], thickness_um: int) -> int:
+    """Smallest outlier, 1/8 um; beyond all values where the lattice is too coarse to show one."""
+    if 8 * max(pitch_um) > 3 * thickness_um:
+        return 8 * 32768
+    return max(8 * min(pitch_um) // 16, 240)
+
+
 def repaired(field: I64, is_missing: Bools, least: int) -> tuple[I64, Bools]:
     """Displacement (n_y, n_x, 2 or 3) without outliers and holes, and what was missing or an outlier (n_y, n_x)."""
     known = ~is_missing
@@ -119,7 +126,8 @@ def repaired_nodes(board: Board, u: I64) -> tuple[I64, Bools]:
     With the nodes (rows, columns) that are filled. The depth of an outlier stays where it is near what fills it.
     """
     u = u.reshape(len(observed_nodes(board, "y")), len(observed_nodes(board, "x")), 3)
-    least = max(8 * min(board["pad"][f"size_{a}_um"] // (board["grid"][f"n_{a}"] - 1) for a in "xy") // 16, 240)
+    pad = board["pad"]
+    least = least_outlier([pad[f"size_{a}_um"] // (board["grid"][f"n_{a}"] - 1) for a in "xy"], pad["thickness_um"])
     is_missing = (u == -32768).any(axis=-1)
     out, is_filled = repaired(np.where(is_missing[..., None], 0, u), is_missing, least)
     is_depth_good = is_filled & ~is_missing & (np.abs(u[..., 2] - out[..., 2]) <= 2 * least)

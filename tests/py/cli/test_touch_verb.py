@@ -30,7 +30,7 @@ def coloured(files: Files, folder: Path) -> Path:
     unmix = np.zeros((13, 17, 2, 3), np.int16)
     unmix[..., 0, 0] = unmix[..., 1, 2] = 8192
     q = np.linspace(-1, 1, 65)
-    slope = np.round(4096 * np.stack(np.meshgrid(q, q), axis=-1)).astype(np.int16)
+    slope = np.round(1024 * np.stack(np.meshgrid(q, q), axis=-1)).astype(np.int16)
     tables = {**file.tensors, "photometric.unmix": unmix, "photometric.slope": slope}
     out = folder / "coloured.safetensors"
     container.write(out, container.pack(tables, file.metadata))
