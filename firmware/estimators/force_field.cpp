@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <utility>
 
 namespace ruffini {
@@ -10,6 +11,11 @@ namespace {
 // All of them, or none: then uncertainty is not measured.
 constexpr std::array kErrorTensors = {"support.error_reported", "support.error_quiet", "support.error_local",
                                       "support.error_wrench"};
+
+// What is touched on more than nine sixteenths of its nodes shows no rest beside it from which depth could be measured.
+bool covers_pad(std::span<const uint8_t> mask) {
+  return 16 * std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; }) > 9 * std::ssize(mask);
+}
 
 int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
 
@@ -21,7 +27,8 @@ ForceField::ForceField(const BoardSettings& board, const NodeGrid& nodes)
       places_(nodes.places()),
       force_lsb_un_(board.force_lsb_un),
       contact_threshold_lsb_(whole_steps(board.contact.threshold_un, board.force_lsb_un)),
-      mask_(nodes_, contact_threshold_lsb_, board.contact.min_nodes) {}
+      mask_(nodes_, contact_threshold_lsb_, board.contact.min_nodes),
+      has_rim_gauge_(board.depth.source == DepthSource::kLight && board.depth.gauge == Gauge::kMargin) {}
 
 Status ForceField::load(const Calibration& calibration, bool has_operator, bool has_second_pass) {
   if (!has_operator || !calibration.has_kind("operator")) return Unit{};
@@ -49,6 +56,9 @@ Status ForceField::load_operator(const Calibration& calibration) {
 Status ForceField::load_second_pass(const Calibration& calibration) {
   if (Status loaded = keep(SupportSolver::load(calibration, nodes_, places_), support_); !loaded) return loaded;
   if (Status loaded = load_error_model(calibration); !loaded) return loaded;
+  if (calibration.tensor("support.spread") != nullptr) {
+    if (Status loaded = keep(SpreadCheck::load(calibration, nodes_, places_), spread_check_); !loaded) return loaded;
+  }
   if (calibration.has_kind("finite_strain")) {
     if (Status loaded = keep(FiniteStrain::load(calibration, nodes_), finite_strain_); !loaded) return loaded;
   }
@@ -86,7 +96,12 @@ void ForceField::estimate(std::span<const NodeDisplacement> displacement, bool i
 
 void ForceField::refine(bool is_light_steady, SolvedForces& out, SaturationCounter& saturations) {
   const std::span<const NodeForce> beyond = add_finite_strain(is_light_steady, out, saturations);
+  const bool is_pressed = mask_.is_pressed();
   support_->run(out.u, beyond, out.mask, mask_.threshold_lsb(), out.force, saturations);
+  if (!spread_check_) return;
+  out.is_explained =
+      spread_check_->is_explained(out.u, out.force, beyond, is_pressed) &&
+      !(has_rim_gauge_ && (covers_pad(out.mask) || is_rim_pressed(nodes_, out.force, mask_.threshold_lsb())));
 }
 
 void ForceField::leave(const SolvedForces& solved, std::span<int32_t> residual, SaturationCounter& saturations) {

@@ -25,6 +25,7 @@
 #include "solve/finite_strain.h"
 #include "solve/node_sigma.h"
 #include "solve/relaxation.h"
+#include "solve/spread_check.h"
 #include "solve/support_solver.h"
 #include "store/calibration.h"
 
@@ -37,6 +38,7 @@ struct SolvedForces {
   std::vector<NodeForce> force;   // the second pass overwrites it
   std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
   bool is_refined = false;        // in this frame
+  bool is_explained = true;       // by refine(): the forces are all that presses (solve/spread_check.h)
 };
 
 class ForceField {
@@ -81,6 +83,8 @@ class ForceField {
   ContactMask mask_;
   std::optional<BlockProgram> operator_;
   std::optional<SupportSolver> support_;
+  std::optional<SpreadCheck> spread_check_;
+  bool has_rim_gauge_;  // depth is zero on the rim, on average
   std::optional<FiniteStrain> finite_strain_;
   std::optional<Relaxation> relaxation_;
   std::optional<NodeSigmaModel> node_error_;
