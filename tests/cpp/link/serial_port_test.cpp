@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <pty.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <termios.h>
 #include <unistd.h>
@@ -171,18 +172,18 @@ TEST_F(SerialPortTest, ADeviceThatIsUnpluggedReadsAsGoneAndComesBack) {
   EXPECT_TRUE(becomes_true([&] { return port.read(got) == 2; }));
 }
 
-// The number of a pty is free again as soon as it is closed, and the next program that asks gets it.
-// Waits until the clock of the kernel's time stamps moves on: on a busy computer that takes more than its resolution.
-void wait_for_tick() {
-  const auto now = [] {
-    timespec time{};
-    ::clock_gettime(CLOCK_REALTIME_COARSE, &time);
-    return std::pair{time.tv_sec, time.tv_nsec};
-  };
-  const auto start = now();
-  while (now() == start) ::usleep(1'000);
+// Waits until the clock that stamps new ptys is past the link's own stamp, which may be finer and so ahead of it.
+void wait_until_older(const std::string& link) {
+  struct stat made{};
+  ASSERT_EQ(::lstat(link.c_str(), &made), 0);
+  timespec now{};
+  do {
+    ::usleep(1'000);
+    ::clock_gettime(CLOCK_REALTIME_COARSE, &now);
+  } while (std::pair{now.tv_sec, now.tv_nsec} <= std::pair{made.st_mtim.tv_sec, made.st_mtim.tv_nsec});
 }
 
+// The number of a pty is free again as soon as it is closed, and the next program that asks gets it.
 TEST_F(SerialPortTest, AStrangersPtyUnderTheOldNumberIsNotTaken) {
   const std::string path = folder_ + "/tty";
   for (const bool by_link : {true, false}) {
@@ -196,7 +197,7 @@ TEST_F(SerialPortTest, AStrangersPtyUnderTheOldNumberIsNotTaken) {
     std::vector<std::unique_ptr<Wire>> strangers;
     const std::string elsewhere = folder_ + "/stranger";
     do {
-      wait_for_tick();  // the link is older than what it leads to
+      wait_until_older(path);
       strangers.push_back(std::make_unique<Wire>(elsewhere));
     } while (fs::read_symlink(elsewhere) != number && strangers.size() < 100);
     EXPECT_FALSE(port.reopen());
