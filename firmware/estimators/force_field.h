@@ -1,14 +1,14 @@
 // Displacement of the nodes -> their forces: the inverse FEM, in two passes, with what the calibration adds.
 //
-//   repair     nodes that were not measured, or contradict their neighbours (image/field_repair.h); only where nodes come
-//              from outside, and not from markers that were repaired
+//   repair     fills nodes that were not measured or contradict their neighbours (image/field_repair.h); only for nodes
+//              given by a caller, since those of the frame path come from markers that were repaired
 //   estimate   f = operator u, and where the pad is touched (solve/contact_mask.h)
 //   refine     what finite strain adds, then least squares where touched (solve/support_solver.h)
 //   remember   what the pad lost to relaxation (solve/relaxation.h)
 //   leave      what the refined forces do not explain of the displacement; only where somebody asks
-//   state_*    how sure the refined forces are; there is no error model of the first pass alone. Beside the error model's own
-//              terms every force has the relative standard deviation of the pad's stiffness: the calibration's
-//              support.stiffness_sigma_1e6, or the board's where the file has none
+//   state_*    uncertainty of the refined forces; the first pass alone has no error model. To the error model's own terms
+//              it adds the relative standard deviation of the pad's stiffness: the calibration's
+//              support.stiffness_sigma_1e6, or the board's if the file has none
 //
 // Everything but the operator is optional. Frame thread; no allocation after load.
 #pragma once

@@ -1,16 +1,16 @@
-// Displacement on a lattice: finds single values that contradict all their neighbours, and fills what is missing.
+// Displacement on a lattice: finds single values that contradict all their neighbours, and fills missing values.
 //
 //   line      2 f_i - f_a - f_b, a and b opposite neighbours: along x, y and both diagonals (f odd about the border)
-//   residual  sum of the two middle ones of the four lines, each component for itself; 4 x what f_i is off. Its size:
-//             sqrt(x^2 + y^2 + (z / 4)^2), as depth is four times as noisy as what markers show along the surface
+//   residual  sum of the two middle ones of the four lines, per component; 4 x the error of f_i. Its size is
+//             sqrt(x^2 + y^2 + (z / 4)^2), since depth is four times as noisy as the markers' displacement along the surface
 //   outlier   residual above 4 `least`, the largest among the eight neighbours, and with f_i - residual / 4 in its place
 //             > sqrt(10) x the second largest residual of the neighbours, or > 7 x the third largest
 //   filled    ring by ring the mean of the known ones of the eight neighbours; then kSweeps Gauss-Seidel sweeps of the
 //             thin plate's stencil, two or more lines inside the border: the smoothest field through what is known
 //
-// The edge of a contact bends a whole line of neighbours, so their own residuals are as large; a marker that is wrong
-// leaves neighbours that agree once it is gone. At most kRounds rounds, so that outliers side by side are found too.
-// Values have 4 more fraction bits than what comes in. Without an outlier and with nothing missing nothing changes.
+// The edge of a contact bends a whole line of neighbours, so their residuals are as large as its own; the neighbours of a
+// wrong marker agree once it is removed. At most kRounds rounds, so that adjacent outliers are found too. Values carry 4
+// more fraction bits than the input. A field without outliers and missing values is not changed.
 // Frame thread; no allocation after the constructor. Not in the paper.
 #pragma once
 
@@ -42,9 +42,9 @@ class FieldRepair {
 
   explicit FieldRepair(GridSize size);
 
-  // `least` of run(), 1/8 um: a sixteenth of the pitch, but six times the noise of a marker (5 um) at least. Where the
-  // pitch is beyond 3/8 of the pad's thickness, kNoOutliers: so coarse a lattice may have one marker in a contact, which
-  // is no outlier (25 % of force on a pad with markers half a thickness apart).
+  // `least` of run(), 1/8 um: a sixteenth of the pitch, and at least six times the noise of a marker (5 um). Returns
+  // kNoOutliers if the pitch exceeds 3/8 of the pad's thickness: a contact on so coarse a lattice may move one marker
+  // alone, which is no outlier (taking it for one cost 25 % of the force with markers half a thickness apart).
   [[nodiscard]] static int32_t least_q3(int64_t pitch_x_um, int64_t pitch_y_um, int64_t thickness_um);
   static constexpr int32_t kNoOutliers = 8 * kMaxInput;
 

@@ -1,4 +1,4 @@
-// Drift of lamps over the picture: a polynomial of order four per channel, beside one gain each (image/light.h).
+// Drift of the lamps over the picture: a polynomial of order four per channel, in addition to the gain of image/light.h.
 //
 //   q_k = products of Legendre polynomials of x and y, of total order <= 4, made orthogonal over the usable samples
 //   every 16 frames without a marker off its rest: r = mean of the samples, relative to the map in force
@@ -8,14 +8,15 @@
 //   smooth:  c_k += clamp(a_k / 4, +-2^-12), and the rate v_k follows that step by a 64th
 //   else:    c_k += v_k, v_k -= v_k / 256: the lamps go on as before the contact
 //
-// A contact has edges that no polynomial of order four follows: the samples that it shades are excluded, and more than a
-// 32nd of the picture stops the learning. Nothing of a contact is learned; only the rate before it counts during it.
-// The constant term is the gain's, which takes the fit's where no single frame is level, and the rate of its own.
+// A contact has edges that no polynomial of order four can follow: the samples that it shades are excluded from the fit,
+// and if they are more than a 32nd of all samples, nothing is learned. During a contact only the rate from before it
+// counts. The constant term belongs to the gain; it is taken from the fit while no single frame is level.
 //
 // `is_off`, any of:
-//   far       a smooth fit differs by more than 0.4 % from its level. With markers at rest it is followed, and the flag
-//             ends with that. Without markers it could be a large smooth object: not followed; a new rest image ends it.
-//   unlike    markers are at rest, but the picture is not smooth and its fit is beyond 1 %: a lamp failed, a shadow.
+//   far       a smooth fit differs by more than 0.4 % from its level. With markers at rest the map follows, and the flag
+//             ends once it has. Without markers the change could be a large smooth object: it is not followed, and the flag
+//             stays until rest is learned again.
+//   unlike    markers are at rest, but the change is not smooth and its fit exceeds 1 %: a failed lamp or a shadow.
 //   at limit  a coefficient is at 1/8.
 //   stale     the extrapolation since the last smooth window is beyond 1 %.
 //
@@ -34,23 +35,23 @@
 
 namespace ruffini {
 
-// What the markers tell of a frame; a window is as its worst frame.
-enum class PadState : uint8_t { kTouched, kUnknown, kAtRest };  // unknown: no marker is seen
+// State of the pad by its markers; a window has the state of its worst frame.
+enum class PadState : uint8_t { kTouched, kUnknown, kAtRest };  // unknown: no marker is visible
 
 class LightMap {
  public:
   static constexpr size_t kTerms = 15;
   static constexpr int kWindowFrames = 16;
   static constexpr size_t kMaxSamples = 640;            // of the picture's, evenly chosen
-  static constexpr size_t kMinSamples = 200;            // fewer: no map, noise alone would make its fit far (below)
+  static constexpr size_t kMinSamples = 200;            // fewer: no map, since noise alone would make a fit "far"
   using Samples = std::array<std::vector<int16_t>, 3>;  // per channel, Q12
 
   LightMap(int width_px, int height_px);
 
   // A new rest image is in force. `sample_at`: first pixel of each sample (image/light.h).
   void learn(std::span<const int32_t> sample_at);
-  // One frame; `gain` is that of image/light.h, moved where the constant term is this map's to follow. True if the
-  // map has moved by more than 1/2048 somewhere since the last time that this was true.
+  // Takes one frame. `gain`: that of image/light.h; changed if the gain is not followed by single frames. True if the
+  // map has changed by more than 1/2048 somewhere since run() last returned true.
   [[nodiscard]] bool run(const Samples& sample, PadState pad, bool is_gain_followed, Rest::Gain& gain);
 
   // Factor on the gain at the nodes of Rest::set_map, Q20.

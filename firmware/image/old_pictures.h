@@ -1,15 +1,16 @@
-// Pictures, or parts of them, that the camera gave before: for live cameras.
+// Detects pictures, or parts of them, that a live camera has delivered before.
 //
-//   cell:  a quarter of the width of a band of rows; bands are multiples of 8 rows, 30 of them at most, or about that
-//   sum(c) = hash of kSamples pixels of cell c that are drawn once; a cell whose samples are on average black or white
-//            (kBlack, kWhite) shows nothing and is not compared
-//   old:   the same sum in at least kFewest cells as in one of the last kRemembered pictures
+//   cell    a quarter of the width of a band of rows; about 30 bands, each a multiple of 8 rows
+//   hash(c) of kSamples pixels of cell c, whose places are drawn once; cells that are black or white on average (kBlack,
+//           kWhite) are not compared
+//   old     at least kFewest cells have the hash that they had in one of the last kRemembered pictures
 //
-// Noise never repeats in kSamples pixels. A driver has at most 32 buffers (VIDEO_MAX_FRAME): that many are looked through.
-// Two cells of one older picture are wanted, as a camera that compresses hard may repeat a flat one. A camera whose cells repeat
-// while rest is learned has no noise: then only pictures count all of whose cells are as before.
+// Sensor noise makes an equal hash of kSamples pixels practically impossible. A V4L2 driver has at most 32 buffers
+// (VIDEO_MAX_FRAME), so an old buffer is among the last 31 pictures. Two cells are required because strong compression
+// may repeat a flat cell. If cells repeat among the rest frames, the camera has no noise: then only a picture that is
+// equal in all cells counts as old.
 //
-// What tears off less than two cells, 7 % of the picture as a quarter-wide column or two quarters of a band, is not seen.
+// Limit: an old part that covers less than two whole cells is not detected.
 // Frame thread; no allocation after the constructor.
 #pragma once
 
@@ -25,11 +26,11 @@ class OldPictures {
  public:
   OldPictures(int width_px, int height_px);
 
-  // Rest is learned anew from here on.
+  // Starts a new rest image: whether the camera repeats itself is unknown again.
   void begin_rest();
-  // A picture of rest: remembered, and whether this camera repeats itself.
+  // Remembers a rest frame, and records whether this camera repeats itself.
   void add_rest(const FrameView& frame);
-  // Whether the picture or a part of it is an old one. It is remembered, too.
+  // True if the picture or a part of it is an old one. Remembers it.
   [[nodiscard]] bool run(const FrameView& frame);
 
  private:

@@ -1,4 +1,4 @@
-// All that looks at a live camera's picture before anything is made of it. Frame thread.
+// The checks on a live camera's picture that run before any stage uses it. Frame thread.
 #pragma once
 
 #include <span>
@@ -13,7 +13,8 @@ struct PictureWatch {
   PictureWatch(int width_px, int height_px)
       : frame(width_px, height_px), old(width_px, height_px), pixels(width_px, height_px) {}
 
-  // Rest is learned from frames, from here on; then each of them; then the image, which may also come from elsewhere.
+  // Order of calls: begin_rest(), add_rest() for each rest frame, then learn() with the rest image. The image may also
+  // come from a file or another path; then learn() alone is called.
   void begin_rest() {
     old.begin_rest();
     pixels.begin_rest();

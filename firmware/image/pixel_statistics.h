@@ -1,18 +1,18 @@
-// Whether grey levels still mean what they meant at rest: for live cameras.
+// Detects pixel values that a live camera codes differently than at rest: bits lost, compression, gamma, black level.
 //
 //   windows of 4 x 2 pixels, kWindows of them, drawn once
-//   ties    share of the pairs of pixels side by side whose levels are equal, of all channels, where neither black nor white
-//   d       = mean of a window over that of rest, less 1 and the gain that is followed (image/light.h); of windows
-//           without edges, per channel; medians of the darker and of the brighter third by their level at rest
+//   ties   share of horizontally adjacent pixel pairs with equal levels, over all channels, without black and white ones
+//   d      mean of a window / its mean at rest - 1 - followed gain (image/light.h), per channel, of windows without edges
+//   dark, bright   medians of d over the darker and the brighter third of the windows, by their level at rest
 //
-//   coarse      ties > 1.2 ties of the rest frames + 0.01: noise is gone, so bits were lost, or the picture was compressed
-//   off curve   (dark + bright) / 2 is off by more than 0.8 % the same way in all channels, and bright - dark is against it by
-//               more than a tenth: an offset (black level, daylight everywhere) or a gamma. Lamps and exposure change all levels
-//               by the same share
+//   coarse      ties > 1.2 ties of the rest frames + 0.01: noise is missing, so bits were lost or the picture is compressed
+//   off curve   |dark + bright| / 2 > 0.8 % with the same sign in all channels, and bright - dark has the opposite sign
+//               and more than a tenth of that size: an offset (black level, daylight) or a gamma. Lamps and exposure
+//               change all levels by the same share instead
 //
-// On the twin, presses change ties by 5 % of them, and 0.8 % is never reached in all channels. What d is of rest frames
-// that were compressed already is not known. Ties are compared where rest was learned from this camera's frames; levels
-// where each third has kFewest windows, 1.2 apart in level.
+// On the twin a press changes ties by at most 5 % of their value and never reaches 0.8 % in all channels. Limits: ties
+// need rest frames of this camera; levels need kFewest windows in each third and a ratio of 1.2 between the thirds.
+// Frames that were compressed when rest was learned have not been tried.
 // Frame thread; no allocation after the constructor but in learn(). Not in the papers.
 #pragma once
 
@@ -35,7 +35,7 @@ class PixelStatistics {
 
   PixelStatistics(int width_px, int height_px);
 
-  // Rest is learned from frames, from here on; then each of them.
+  // Starts a new rest image; add_rest() takes each of its frames.
   void begin_rest() { rest_ties_ = {}; }
   void add_rest(const FrameView& frame);
   // A new rest image, width x height x 3 in 1/16 grey levels.

@@ -1,12 +1,12 @@
-// Rows of a picture that stand aside or come from elsewhere: markers of a lattice tell by jumping together.
+// Detects displaced rows of a picture: all markers of a lattice row jump together.
 //
-//   jump(j, i) = d(j + 1, i) - d(j, i)                                 displacement of marker (row, column), px
-//   bend(j, i) = jump(j, i) - mean of jump(j - 1, i) and jump(j + 1, i)    of those that there are
-//   slipped: along x or y, of some j: nine tenths of the columns whose markers are known have a bend of more than
-//            max(kLeastPx, pitch / 32) to the same side; half of the columns at least must be known
+//   jump(j, i) = d(j + 1, i) - d(j, i)       d: displacement of the marker in row j, column i, px
+//   bend(j, i) = jump(j, i) - mean of jump(j - 1, i) and jump(j + 1, i), as far as these exist
+//   slipped      for some j, along x or y, nine tenths of the known columns bend to the same side by more than
+//                max(0.4 px, pitch / 32); at least half of the columns must be known
 //
-// Presses on the twin, flat ones as wide as the pad among them, bend 0.2 px at most: next to a contact the pad stands still.
-// A slip between the same two rows of markers and back is not seen. For lattices of printed markers in one view.
+// Presses on the twin, flat faces as wide as the pad included, bend at most 0.2 px. Limit: rows that slip and return
+// between two adjacent marker rows are not detected. For lattices of printed markers in one view.
 // Frame thread; no allocation. Not in the papers.
 #pragma once
 
@@ -16,7 +16,7 @@
 
 namespace ruffini {
 
-// `markers`: size.count() of them, by rows.
+// True if rows have slipped. `markers`: size.count() of them, row by row.
 [[nodiscard]] bool has_slipped_rows(std::span<const Marker> markers, GridSize size);
 
 }  // namespace ruffini

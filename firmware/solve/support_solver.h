@@ -22,8 +22,8 @@
 // covariance R, r is D C^T R^-1 e, and H has a unit diagonal: r_j is of standard deviation one where the pad, the contact
 // and the noise are as the calibration takes them, whatever presses. It is the matched filter of one more force along
 // unknown j: r_j d_j is the force that best explains what is left there, d_j the standard deviation of that force.
-// watch() asks for r of a few unknowns in every frame: the rounds' own r, b - H y, with their rows in each product. It differs
-// from leave()'s by the roundings of the steps alone.
+// watch() selects a few unknowns whose r is computed in every frame from the rounds' own b - H y, with their rows added to
+// each product. It differs from leave()'s r only by the rounding of the steps.
 // Not in the paper.
 #pragma once
 
@@ -54,9 +54,9 @@ class SupportSolver {
   void run(std::span<const int16_t> u, std::span<const NodeForce> beyond, std::span<const uint8_t> mask,
            int64_t threshold_lsb, std::span<NodeForce> force, SaturationCounter& saturations);
 
-  // Whose r run() finds on its way. Each once; allocates.
+  // Selects the unknowns whose r run() computes; each at most once. Allocates.
   void watch(std::span<const uint32_t> unknowns);
-  // Of the last run(), in the order of watch(), in 1/64 standard deviation.
+  // Writes r of the last run(), in the order of watch(), in 1/64 standard deviation.
   void leave_watched(std::span<int32_t> residual) const;
   // Of the last run() and its `u`: r of every unknown, in 1/64 standard deviation. Two products with all rows.
   void leave(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations);

@@ -1,5 +1,5 @@
-// The serial number of a device that nobody has given one: drawn once, kept in the store, so that two daemons on one
-// computer, or two boards of one image, are told apart.
+// Serial number of a device without one in its options or EEPROM: drawn once and kept in the store, so that two daemons on
+// one computer, or two boards with the same image, have different numbers.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 
 namespace ruffini {
 
-// What `folder` keeps; drawn and kept where it keeps none. "0000" where the folder cannot be written.
+// Returns the number that `folder` keeps, or draws one and keeps it. "0000" if the folder cannot be written.
 [[nodiscard]] std::string own_serial(const std::string& folder, Random& random);
 
 }  // namespace ruffini

@@ -21,6 +21,7 @@ import h5py  # noqa: E402
 import numpy as np  # noqa: E402
 from cases import group, refused  # noqa: E402
 from command_line import refusal_in, run_ruffini  # noqa: E402
+from touch_log_file import write_log  # noqa: E402
 
 READERS = (
     ("cal", "show", "{}"), ("cal", "verify", "{}"), ("cal", "merge", "{}", "--out", "{}.out"), ("cal", "flash", "{}"),
@@ -75,16 +76,12 @@ def _hdf5(chance: random.Random, folder: Path) -> None:
     from ruffini.rig.log_file import ARRAYS, read_log
 
     path, n = folder / "log.h5", chance.randrange(2, 9)
-    with h5py.File(path, "w") as file:
-        file.attrs.update(format="ruffini-calibration-log", format_version=1, facts="{}", found="{}")
-        touch = file.create_group("touch/00000")
-        touch.attrs["facts"] = "{}"
-        for name, (columns, _) in ARRAYS.items():
-            touch[name] = np.arange(float(n)) if columns is None else np.zeros((n, columns))
-        name = chance.choice(list(ARRAYS))
+    name = chance.choice(list(ARRAYS))
+
+    def spoil(_: h5py.File, touch: h5py.Group) -> None:
         del touch[name]
         rows_there = 1 << chance.randrange(33, 50)
-        spoil: list[Callable[[], Any]] = [
+        ways: list[Callable[[], Any]] = [
             lambda: touch.create_dataset(name, shape=(rows_there,), chunks=(1 << 16,), dtype="f8"),
             lambda: touch.create_dataset(name, shape=(rows_there, 6), chunks=(1 << 12, 6), dtype="f8"),
             lambda: touch.create_dataset(name, shape=(n,) * chance.choice([0, 3, 5]), dtype="f8"),
@@ -97,7 +94,9 @@ def _hdf5(chance: random.Random, folder: Path) -> None:
             lambda: touch.__setitem__(name, h5py.SoftLink("/touch/00000/" + name)),
             lambda: None,
         ]  # fmt: skip
-        chance.choice(spoil)()
+        chance.choice(ways)()
+
+    write_log(path, n, spoil)
     with contextlib.suppress(InputError):
         read_log(path)
         raise AssertionError(f"{name} is spoilt, and the log is read")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from command_line import refusal_in, run_ruffini
+from touch_log_file import Spoil, write_log
 
 from ruffini.calibrate.column_log import Columns, read_column_logs
 from ruffini.calibrate.material import log_of_touches
@@ -22,10 +22,9 @@ from ruffini.files import readable
 from ruffini.frames import read_frames
 from ruffini.rig.convert import convert
 from ruffini.rig.csv_log import read_csv_log
-from ruffini.rig.log_file import ARRAYS, read_log
+from ruffini.rig.log_file import read_log
 
 N = 5
-Spoil = Callable[[h5py.File, h5py.Group], None]
 
 
 @pytest.fixture
@@ -63,18 +62,6 @@ def test_what_is_read_whole_has_a_limit(tmp_path: Path) -> None:
     assert readable(huge, None) == huge
     with pytest.raises(InputError, match="is a pipe, a socket or a device"):
         readable(Path("/dev/zero"))
-
-
-def write_log(path: Path, spoil: Spoil = lambda file, touch: None) -> Path:
-    """A log of one touch, then spoilt."""
-    with h5py.File(path, "w") as file:
-        file.attrs.update(format="ruffini-calibration-log", format_version=1, facts="{}", found="{}")
-        touch = file.create_group("touch/00000")
-        touch.attrs["facts"] = "{}"
-        for name, (columns, _) in ARRAYS.items():
-            touch[name] = np.arange(float(N)) if columns is None else np.zeros((N, columns))
-        spoil(file, touch)
-    return path
 
 
 def put(name: str, **how: Any) -> Spoil:
@@ -133,13 +120,13 @@ SPOILT: dict[str, Spoil] = {
 
 @pytest.mark.parametrize("name", SPOILT)
 def test_a_spoilt_log_is_refused(tmp_path: Path, name: str) -> None:
-    path = write_log(tmp_path / "log.h5", SPOILT[name])
+    path = write_log(tmp_path / "log.h5", N, SPOILT[name])
     with pytest.raises(InputError, match=r"log\.h5"):
         read_log(path)
 
 
 def test_a_whole_log_is_read_whatever_else_is_in_it(tmp_path: Path) -> None:
-    path = write_log(tmp_path / "log.h5", put("others", shape=(1 << 40,), chunks=(1 << 20,), dtype="f8"))
+    path = write_log(tmp_path / "log.h5", N, put("others", shape=(1 << 40,), chunks=(1 << 20,), dtype="f8"))
     assert len(read_log(path).touches) == 1
 
 

@@ -154,7 +154,7 @@ def read_column_logs(paths: Sequence[Path], columns: Columns) -> ColumnLogs:
             first = next((n for n in [*others, *names] if (n in others) != (n in names)), others[0])
             raise InputError(
                 f"{source.path}: column {first}: {len(others)} features, {sources[0].path.name} has {len(names)}: "
-                "a recording of another sensor; fit each sensor by itself"
+                "a recording of another sensor; fit each sensor separately"
             )
     for source, (_, values) in zip(sources, tables, strict=True):
         _check_size(source.path, names, values, columns.unit)
@@ -304,11 +304,11 @@ def _check_axes(source: Source, columns: Columns, said: Array, truth: Array, oth
         for b in range(a + 1, 6):
             if min(abs(like[a, b]), abs(like[b, a])) > SURE and max(abs(like[a, a]), abs(like[b, b])) < UNSURE:
                 raise InputError(f"{where}: {WRENCH[a]} and {WRENCH[b]} look swapped against {other}: name --wrench in "
-                                 "the order fx fy fz tx ty tz, of each file by itself if they differ")  # fmt: skip
+                                 "the order fx fy fz tx ty tz, separately for each file if they differ")  # fmt: skip
         times = spread[a] / max(spread_said[a], 1e-30)
         if like[a, a] > SURE and not 1 / OTHER_UNIT < times < OTHER_UNIT:
             raise InputError(f"{where}: {WRENCH[a]} is {times:.3g} times what the same features make in {other}: bring "
-                             "both to one unit (--wrench-unit), or fit each sensor by itself")  # fmt: skip
+                             "both to one unit (--wrench-unit), or fit each sensor separately")  # fmt: skip
 
 
 def _check_wrench(path: Path, names: list[str], wrench: Array, units: Sequence[str]) -> None:

@@ -223,7 +223,7 @@ def gates_of_reference(of_logs: list[dict[str, Any]]) -> list[Gate]:
 
 
 def gates_of_material(fit: MaterialFit, board: Board) -> list[Gate]:
-    """Of `cal material`, by itself."""
+    """Gates of a `cal material` run, without the rest of a calibration."""
     return _of_material(fit) + gates_of_modulus(fit.material, board)
 
 

@@ -114,7 +114,10 @@ class FramePath:
             u, depth = self._gauge.lifted(board, u, depth, saturations)
         force, mask = self.solve(u)
         self._was_touched = bool(mask.any())
-        if self._relaxation is not None and not self.light.is_off:  # a flagged frame is not remembered
+        is_off = self.light.is_off
+        if self._is_balanced:
+            is_off = not self.light.level_is_sure or self.light.map.is_off
+        if self._relaxation is not None and not is_off:  # a frame with FLAG_LIGHT is not remembered
             force = self._relaxation.run(capture_us, mask, force, saturations)
         return Outcome(
             change, markers, slope, depth, u, mask, force,

@@ -65,7 +65,7 @@ def installed(sources: Path, commands: str, tools: str) -> bytes:
 def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """host/cpp, built and installed by the commands of its README, word for word, then moved as whoever packs it does.
 
-    Built anew whenever a source, a command or a tool is another one.
+    Rebuilt if a source file, the command or a tool changes.
     """
     moved = tmp_path_factory.mktemp("package") / "moved"
     (commands,) = re.findall(r"```sh\n(.*?)```", (ROOT / "host" / "cpp" / "README.md").read_text(), re.S)
