@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from command_line import refusal_in, run_ruffini
+from hang import until
 from told_sensor import SCHEMA, Messages, ToldSensor, info_of, told_field
 
 from ruffini.boards import find_board
@@ -114,7 +115,26 @@ def test_statuses_that_waited_are_no_silence(tmp_path: Path) -> None:
 
     with ToldSensor([info_of(board)], tell) as device, Connection(device.port) as host:
         record_stream(host, tmp_path / "a.mcap", n_frames=5)
-    assert sum(1 for _ in Recording(tmp_path / "a.mcap").frames(partial=True)) >= 5
+    assert sum(1 for _ in Recording(tmp_path / "a.mcap").frames(partial=True)) == 5
+
+
+def test_a_recording_ends_with_its_last_frame_where_more_came_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def tell(_: int, stamp: Any) -> Messages:
+        return {"WRENCH": SCHEMA.new("Wrench", stamp=stamp), "MARKERS": SCHEMA.new("Markers", stamp=stamp)}
+
+    read = Connection._read
+    with ToldSensor([info_of(find_board("gelslim"))], tell) as device, Connection(device.port) as host:
+
+        def read_late(host: Connection) -> None:
+            until(lambda: host._serial.in_waiting > 2000, "more than five frames in one read")
+            read(host)
+
+        monkeypatch.setattr(Connection, "_read", read_late)
+        counts = record_stream(host, tmp_path / "a.mcap", n_frames=5)
+    assert counts["WRENCH"] == 5
+    assert sum(1 for _ in Recording(tmp_path / "a.mcap").frames(partial=True)) == 5
 
 
 def test_a_camera_that_stands_still_is_named(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError, NoDeviceError
 from ruffini.record.ros_types import RosChannels
 from ruffini.wire import Frame
+from ruffini.wire.framing import cut_after
 
 RAW_TOPIC = "/ruffini/raw"
 HELLO_ATTACHMENT = "hello"
@@ -66,8 +67,17 @@ def record_stream(
         clock_us, said_us = 0, -CLOCK_EVERY_US
         raw_channel = writer.register_channel(topic=RAW_TOPIC, message_encoding="application/octet-stream", schema_id=0)
 
+        # One read is held back: of the last one, only what belongs to the last frame is kept.
+        held: tuple[int, int, bytes] | None = None
+
+        def write_raw() -> None:
+            if held is not None:
+                writer.add_message(raw_channel, log_time=held[0], publish_time=held[1], data=held[2])
+
         def keep_raw(data: bytes) -> None:
-            writer.add_message(raw_channel, log_time=clock_us * 1000, data=data, publish_time=time.monotonic_ns())
+            nonlocal held
+            write_raw()
+            held = clock_us * 1000, time.monotonic_ns(), data
 
         def keep_gap(gap: LineGap) -> None:
             writer.add_metadata("gap", gap.words())
@@ -110,6 +120,8 @@ def record_stream(
                 if name == "MARKERS":  # a frame's last message, but for its image
                     n_silent = 0
                     if n_frames and counts.get("WRENCH", 0) >= n_frames:
+                        if held is not None:
+                            held = *held[:2], cut_after(held[2], frame)
                         break
                 elif name == "STATUS":  # comes each second, whatever the camera does
                     # Those that waited while this process was suspended come at once: only the camera counts.
@@ -128,6 +140,7 @@ def record_stream(
             on_end(reason)  # without a number of frames the end of the line is the end of the recording
         finally:
             sensor.raw_sink = None
+            write_raw()
             attach_hello(writer, hello)
             writer.finish()  # type: ignore[no-untyped-call]
             stream.flush()

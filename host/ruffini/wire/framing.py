@@ -105,6 +105,19 @@ def encode_message(type_: int, payload: bytes, *, sensor: int, sequence: int, fl
     return bytes(out)
 
 
+def cut_after(data: bytes, frame: Frame) -> bytes:
+    """Received bytes up to the end of `frame`'s last fragment; all of them where none of it is in there."""
+    end = start = 0
+    while (delimiter := data.find(b"\0", start)) >= 0:
+        raw = cobs_decode(data[start:delimiter])
+        start = delimiter + 1
+        if raw is not None and len(raw) >= _HEADER.size and _HEADER.unpack_from(raw)[2:5] == (
+            frame.type, frame.sensor, frame.sequence
+        ):  # fmt: skip
+            end = start
+    return data[:end] or data
+
+
 @dataclass
 class Counters:
     """Why received bytes were thrown away, and how many messages the device sent that never came."""

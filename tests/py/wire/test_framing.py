@@ -22,6 +22,7 @@ from ruffini.wire.framing import (
     cobs_decode,
     cobs_encode,
     crc32c,
+    cut_after,
     encode_message,
 )
 
@@ -89,6 +90,15 @@ def test_a_lost_fragment_loses_its_message_alone() -> None:
     frames = list(decoder.feed(long[0] + b"\0" + long[2] + b"\0" + after))
     assert [f.sequence for f in frames] == [2]
     assert decoder.counters.incomplete == 1
+
+
+def test_received_bytes_are_cut_behind_a_message() -> None:
+    first, second = (encode_message(3, bytes(5000), sensor=1, sequence=i) for i in (7, 8))
+    (frame,) = Decoder(from_host=True).feed(first)
+    for lost in (b"", b"\x05", b"\0\0", b"\x02\x01\0"):  # before it: nothing, a frame's end, damage
+        assert cut_after(lost + first + second + first[:40], frame) == lost + first
+    assert cut_after(first[9:] + second, frame) == first[9:]  # only its last fragment is in there
+    assert cut_after(second, frame) == second
 
 
 def test_lost_messages_are_counted_by_sensor() -> None:
