@@ -105,6 +105,19 @@ TEST(FieldRepair, AHoleOfThreeLinesIsFilledAsTheFieldBends) {
   for (size_t i = 0; i < field.size(); ++i) EXPECT_LT(off(field[i], truth[i]), missing[i] != 0 ? 200 : 1) << i;
 }
 
+TEST(FieldRepair, ALatticeTooCoarseForAContactHasNoOutliers) {
+  EXPECT_EQ(FieldRepair::least_q3(1'000, 1'000, 4'000), 8 * 1'000 / 16) << "a sixteenth of the pitch";
+  EXPECT_EQ(FieldRepair::least_q3(100, 100, 4'000), 8 * 30) << "but 30 um at least";
+  EXPECT_EQ(FieldRepair::least_q3(1'000, 1'500, 4'000), 8 * 1'000 / 16) << "the pitch may be 3/8 of the thickness";
+  EXPECT_EQ(FieldRepair::least_q3(1'000, 1'501, 4'000), FieldRepair::kNoOutliers);
+  // The largest value there is, alone in an untouched field: a contact on one marker.
+  std::vector<FieldValue> field(dent().size());
+  std::vector<uint8_t> missing(field.size());
+  field[7 * kSize.n_x + 12].x = FieldRepair::kMaxInput;
+  EXPECT_EQ(FieldRepair(kSize).run(field, missing, FieldRepair::kNoOutliers), 0);
+  EXPECT_EQ(FieldRepair(kSize).run(field, missing, kLeast), 1);
+}
+
 TEST(FieldRepair, WithNothingKnownTheFieldStays) {
   std::vector<FieldValue> field(dent().size(), {3, -4});
   std::vector<uint8_t> missing(field.size(), 1);
