@@ -31,32 +31,13 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
   state_.stage_ns.fill(0);
   state_.uncertainty.is_stated = state_.uncertainty.is_of_wrench = false;
   state_.solve.is_refined = false;
+  state_.solve.is_explained = true;
   state_.residual.validity = Validity::kNotMeasured;
   const uint64_t saturations_before = state_.saturations.count;
-  if (!rest_.is_ready()) {
-    learn(frame);
-    state_.flags |= kFlagNoReference;
-  } else {
-    make_grey(frame);
-    watch(frame);
-    timed(Stage::kMarkers, [&] { run_markers(frame); });
-    timed(Stage::kTargets, [&] { run_targets(); });
-    follow_light();
-    run_depth();
-    timed(Stage::kDisplacement, [&] { run_displacement(); });
-    judge_input();
-    follow_zero(capture_us);
-    run_solve(depth_is_trusted());
-    run_memory(capture_us);
-    run_estimators();
-    run_uncertainty();
-    timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
-    run_feature_wrench(capture_us);
-    timed(Stage::kContactModel, [&] { run_contact_model(capture_us); });
-    run_fingertip();
-    timed(Stage::kHelmholtz, [&] { run_helmholtz(); });
-    timed(Stage::kContactDepth, [&] { run_contact_depth(); });
-  }
+  if (!rest_.is_ready()) state_.flags |= kFlagNoReference;
+  if (is_rest_unverified_) state_.flags |= kFlagRestUnverified;
+  if (rest_.is_ready() || rest_.is_learned_anew()) measure(frame, capture_us);
+  if (!rest_.is_ready()) learn_watched(frame);
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
   return state_;
@@ -68,6 +49,48 @@ void FramePath::timed(Stage stage, Work work) {
   const uint64_t start = clock_();
   work();
   state_.stage_ns[static_cast<size_t>(stage)] = clock_() - start;
+}
+
+// Against the rest in force, also while another one is learned: then kFlagNoReference makes it invalid.
+void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
+  make_grey(frame);
+  watch(frame);
+  timed(Stage::kMarkers, [&] { run_markers(frame); });
+  timed(Stage::kTargets, [&] { run_targets(); });
+  follow_light();
+  run_depth();
+  timed(Stage::kDisplacement, [&] { run_displacement(); });
+  judge_input();
+  follow_zero(capture_us);
+  run_solve(depth_is_trusted());
+  run_memory(capture_us);
+  run_estimators();
+  run_uncertainty();
+  timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
+  run_feature_wrench(capture_us);
+  timed(Stage::kContactModel, [&] { run_contact_model(capture_us); });
+  run_fingertip();
+  timed(Stage::kHelmholtz, [&] { run_helmholtz(); });
+  timed(Stage::kContactDepth, [&] { run_contact_depth(); });
+}
+
+// After measure() by the rest of before, where there is one.
+void FramePath::learn_watched(const FrameView& frame) {
+  const uint32_t seen_flags = state_.flags & ~kFlagNoReference;
+  if (rest_.is_learned_anew() && is_zero_watched_ && presses(seen_flags)) {
+    rest_.give_up();
+    is_rest_unverified_ = false;
+    ++n_refused_zeros_;
+    forget();
+    return;
+  }
+  const bool can_feel = forces_.is_measured() || feature_wrench_ || skin_ || fingertip_;
+  is_learning_seen_ = is_learning_seen_ && can_feel && rest_.is_learned_anew() && (seen_flags & kWrongFlags) == 0;
+  learn(frame);
+  if (!rest_.is_ready()) return;
+  const bool is_known = is_zero_asked_ || is_learning_seen_;
+  is_rest_unverified_ = is_rest_expected_ && !is_known;
+  if (is_known) ++n_known_rests_;
 }
 
 void FramePath::learn(const FrameView& frame) {
@@ -205,6 +228,7 @@ void FramePath::run_solve(bool with_second_pass) {
   if (!with_second_pass || !forces_.has_second_pass()) return;
   timed(Stage::kSupport, [&] { forces_.refine(is_light_steady_, state_.solve, state_.saturations); });
   state_.solve.is_refined = has(Stage::kSupport);
+  if (!state_.solve.is_explained) state_.flags |= kFlagFeatures;
 }
 
 void FramePath::find_residual() {
@@ -366,10 +390,20 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   run_uncertainty();
 }
 
-void FramePath::zero(int n_frames) {
+void FramePath::zero(int n_frames, bool is_watched) {
   rest_.restart(n_frames);
   picture_watch_.begin_rest();
+  is_zero_watched_ = is_watched;
+  is_zero_asked_ = is_learning_seen_ = true;
   forget();
+}
+
+void FramePath::expect_rest(std::span<const uint16_t> known) {
+  if (rest_.is_ready()) return;  // the calibration's
+  is_rest_expected_ = is_learning_seen_ = true;
+  if (known.empty()) return;
+  set_rest(known);
+  rest_.restart(0);
 }
 
 // What was done to the pad before.
@@ -389,7 +423,15 @@ void FramePath::set_rest(std::span<const uint16_t> image) {
 }
 
 void FramePath::take_rest(const FramePath& other) {
+  n_refused_zeros_ = other.n_refused_zeros_;
+  n_known_rests_ = other.n_known_rests_;
+  if (!other.has_rest()) {
+    if (other.is_rest_expected_) expect_rest(other.is_zeroing() ? other.rest_image() : std::span<const uint16_t>());
+    return;
+  }
   set_rest(other.rest_image());
+  is_rest_expected_ = other.is_rest_expected_;
+  is_rest_unverified_ = other.is_rest_unverified_;
   warmth_.rest_mc = other.warmth_.rest_mc;
   picture_watch_ = other.picture_watch_;
 }

@@ -54,14 +54,22 @@ class FramePath {
   void set_live(bool is_live) { is_live_ = is_live; }
   // Flags that the next frames have by the way they came: kFlagTime or none.
   void set_capture_flags(uint32_t flags) { capture_flags_ = flags; }
-  // Learn rest anew from the next n frames (0 = the board's own number).
-  void zero(int n_frames);
+  // Learn rest anew from the next n frames (0 = the board's own number). Watched: each of them is first measured against
+  // the rest of before, and where one shows that something presses that rest stays.
+  void zero(int n_frames, bool is_watched = true);
   // The camera stood still meanwhile, and what came onto the pad is not known: rest is what it was.
   void give_up_zero() { rest_.give_up(); }
+  // Before the first frame: rest as another run knew it; empty: none did. What is learned at the start is watched as a zero
+  // is, and where it cannot be, frames have kFlagRestUnverified until somebody zeroes.
+  void expect_rest(std::span<const uint16_t> known);
+  // How often a watched zero ended because something pressed.
+  [[nodiscard]] uint32_t n_refused_zeros() const { return n_refused_zeros_; }
+  // How often rest was learned while nothing pressed that could have been seen, or as somebody asked.
+  [[nodiscard]] uint32_t n_known_rests() const { return n_known_rests_; }
   [[nodiscard]] bool is_zeroing() const { return rest_.is_learned_anew(); }
   // Rest from an untouched picture at once (offline use).
   void set_rest(std::span<const uint16_t> image);
-  // That of another path, and how warm it was then.
+  // That of another path, or what that one knows of it while it learns; and how warm it was then.
   void take_rest(const FramePath& other);
   // The solve alone: displacement -> force. For offline use.
   void solve(std::span<const NodeDisplacement> displacement);
@@ -117,6 +125,8 @@ class FramePath {
   [[nodiscard]] std::span<const Marker> hidden() const { return target_marks_.empty() ? markers() : target_marks_; }
   void forget();
   void learn(const FrameView& frame);
+  void learn_watched(const FrameView& frame);
+  void measure(const FrameView& frame, uint64_t capture_us);
   void learn_features();
   void run_difference(const FrameView& frame);
   void make_grey(const FrameView& frame);
@@ -138,6 +148,7 @@ class FramePath {
   void run_helmholtz();
   void run_contact_depth();
   // frame_path_verdict.cpp
+  [[nodiscard]] bool presses(uint32_t flags) const;
   void watch(const FrameView& frame);
   void follow_zero(uint64_t capture_us);
   void judge_input();
@@ -160,6 +171,13 @@ class FramePath {
   NodeGrid nodes_;
   Rest rest_;
   PictureWatch picture_watch_;
+  bool is_zero_watched_ = true;
+  bool is_zero_asked_ = false;     // what is being learned
+  bool is_rest_expected_ = false;  // by expect_rest()
+  bool is_learning_seen_ = false;  // each of its frames could be compared with the rest of before
+  bool is_rest_unverified_ = false;
+  uint32_t n_refused_zeros_ = 0;
+  uint32_t n_known_rests_ = 0;
   bool is_live_ = false;
   uint32_t capture_flags_ = 0;
   ZeroFollower zero_follower_;  // of the nodes' displacement
