@@ -68,7 +68,7 @@ def _faces(rng: np.random.Generator, n: int) -> dict[str, list[Face]]:
         "wide, up to 8 mm": [Face("square", float(rng.uniform(5.5, 8)), *at(1.0)) for _ in range(n)],
         "over the pad's edge": [Face("square", half[3 * n + i], *(float(s) * v for s, v in
                                 zip(rng.choice([-1, 1], 2), (9.0, rng.uniform(0, 7)), strict=True))) for i in range(n)],
-        "plates wider than the pad": [Face("square", float(rng.uniform(12, 16)), *at(1.0)) for _ in range(n)],
+        "plates wider than the pad": [Face("square", float(rng.uniform(12, 16)), *at(1.0)) for _ in range(-(-n // 4))],
     }  # fmt: skip
 
 
