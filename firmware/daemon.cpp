@@ -229,7 +229,7 @@ void Daemon::process(const FrameLease& lease) {
   exchange_.saturations = state.saturations.count;
   exchange_.is_touched = path_->is_touched();
   exchange_.is_zeroing = path_->is_zeroing();
-  exchange_.refused_zeros = path_->n_refused_zeros();
+  exchange_.refused_zeros = path_->rest_watch().n_refused;
   keep_rest();
   exchange_.zero_moved_nm = static_cast<uint32_t>(path_->zero_follower().moved_nm());
   exchange_.is_zero_at_limit = path_->zero_follower().is_at_limit();
@@ -239,7 +239,7 @@ void Daemon::process(const FrameLease& lease) {
 
 // Into the buffer that the link thread hands on; it is asked again with the next frame where that has not been taken yet.
 void Daemon::keep_rest() {
-  const uint32_t n_known = path_->n_known_rests();
+  const uint32_t n_known = path_->rest_watch().n_known;
   if (!options_.keep_rest || n_known == n_kept_rests_ || is_rest_to_keep_) return;
   const std::span<const uint16_t> rest = path_->rest_image();
   std::copy(rest.begin(), rest.end(), rest_to_keep_.begin());

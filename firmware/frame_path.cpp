@@ -35,7 +35,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
   state_.residual.validity = Validity::kNotMeasured;
   const uint64_t saturations_before = state_.saturations.count;
   if (!rest_.is_ready()) state_.flags |= kFlagNoReference;
-  if (is_rest_unverified_) state_.flags |= kFlagRestUnverified;
+  if (rest_watch_.is_unverified) state_.flags |= kFlagRestUnverified;
   if (rest_.is_ready() || rest_.is_learned_anew()) measure(frame, capture_us);
   if (!rest_.is_ready()) learn_watched(frame);
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
@@ -77,24 +77,27 @@ void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
 // After measure() by the rest of before, where there is one.
 void FramePath::learn_watched(const FrameView& frame) {
   const uint32_t seen_flags = state_.flags & ~kFlagNoReference;
-  if (rest_.is_learned_anew() && is_zero_watched_ && presses(seen_flags)) {
+  if (rest_.is_learned_anew() && rest_watch_.is_watched && presses(seen_flags)) {
     rest_.give_up();
-    is_rest_unverified_ = false;
-    ++n_refused_zeros_;
+    rest_watch_.is_unverified = false;
+    ++rest_watch_.n_refused;
     forget();
     return;
   }
   const bool can_feel = forces_.is_measured() || feature_wrench_ || skin_ || fingertip_;
-  is_learning_seen_ = is_learning_seen_ && can_feel && rest_.is_learned_anew() && (seen_flags & kWrongFlags) == 0;
+  rest_watch_.is_seen = rest_watch_.is_seen && can_feel && rest_.is_learned_anew() && (seen_flags & kWrongFlags) == 0;
   learn(frame);
   if (!rest_.is_ready()) return;
-  const bool is_known = is_zero_asked_ || is_learning_seen_;
-  is_rest_unverified_ = is_rest_expected_ && !is_known;
-  if (is_known) ++n_known_rests_;
+  const bool is_known = rest_watch_.is_asked || rest_watch_.is_seen;
+  rest_watch_.is_unverified = rest_watch_.is_expected && !is_known;
+  if (is_known) ++rest_watch_.n_known;
 }
 
 void FramePath::learn(const FrameView& frame) {
-  if (is_live_) picture_watch_.add_rest(frame);
+  if (is_live_) {
+    if (!rest_.is_learned_anew()) picture_watch_.old.run(frame);  // measure() did otherwise
+    picture_watch_.add_rest(frame);
+  }
   if (!rest_.add(frame)) return;
   warmth_.rest_mc = warmth_.now_mc;
   learn_features();
@@ -393,14 +396,14 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
 void FramePath::zero(int n_frames, bool is_watched) {
   rest_.restart(n_frames);
   picture_watch_.begin_rest();
-  is_zero_watched_ = is_watched;
-  is_zero_asked_ = is_learning_seen_ = true;
+  rest_watch_.is_watched = is_watched;
+  rest_watch_.is_asked = rest_watch_.is_seen = true;
   forget();
 }
 
 void FramePath::expect_rest(std::span<const uint16_t> known) {
   if (rest_.is_ready()) return;  // the calibration's
-  is_rest_expected_ = is_learning_seen_ = true;
+  rest_watch_.is_expected = rest_watch_.is_seen = true;
   if (known.empty()) return;
   set_rest(known);
   rest_.restart(0);
@@ -423,15 +426,16 @@ void FramePath::set_rest(std::span<const uint16_t> image) {
 }
 
 void FramePath::take_rest(const FramePath& other) {
-  n_refused_zeros_ = other.n_refused_zeros_;
-  n_known_rests_ = other.n_known_rests_;
+  rest_watch_.n_refused = other.rest_watch_.n_refused;
+  rest_watch_.n_known = other.rest_watch_.n_known;
   if (!other.has_rest()) {
-    if (other.is_rest_expected_) expect_rest(other.is_zeroing() ? other.rest_image() : std::span<const uint16_t>());
+    if (other.rest_watch_.is_expected)
+      expect_rest(other.is_zeroing() ? other.rest_image() : std::span<const uint16_t>());
     return;
   }
   set_rest(other.rest_image());
-  is_rest_expected_ = other.is_rest_expected_;
-  is_rest_unverified_ = other.is_rest_unverified_;
+  rest_watch_.is_expected = other.rest_watch_.is_expected;
+  rest_watch_.is_unverified = other.rest_watch_.is_unverified;
   warmth_.rest_mc = other.warmth_.rest_mc;
   picture_watch_ = other.picture_watch_;
 }

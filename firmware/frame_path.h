@@ -26,6 +26,7 @@
 #include "image/poisson.h"
 #include "image/printed_markers.h"
 #include "image/rest.h"
+#include "image/rest_watch.h"
 #include "image/targets.h"
 #include "image/texture_flow.h"
 #include "image/views.h"
@@ -54,20 +55,14 @@ class FramePath {
   void set_live(bool is_live) { is_live_ = is_live; }
   // Flags that the next frames have by the way they came: kFlagTime or none.
   void set_capture_flags(uint32_t flags) { capture_flags_ = flags; }
-  // Learn rest anew from the next n frames (0 = the board's own number). Watched: each of them is first measured against
-  // the rest of before, and where one shows that something presses that rest stays.
+  // Learn rest anew from n frames (0 = the board's own number); watched: not where one of them shows a press.
   void zero(int n_frames, bool is_watched = true);
   // The camera stood still meanwhile, and what came onto the pad is not known: rest is what it was.
   void give_up_zero() { rest_.give_up(); }
-  // Before the first frame: rest as another run knew it; empty: none did. What is learned at the start is watched as a zero
-  // is, and where it cannot be, frames have kFlagRestUnverified until somebody zeroes.
+  // Before the first frame: rest as another run knew it, or empty. The start is watched as a zero is, or unverified.
   void expect_rest(std::span<const uint16_t> known);
-  // How often a watched zero ended because something pressed.
-  [[nodiscard]] uint32_t n_refused_zeros() const { return n_refused_zeros_; }
-  // How often rest was learned while nothing pressed that could have been seen, or as somebody asked.
-  [[nodiscard]] uint32_t n_known_rests() const { return n_known_rests_; }
+  [[nodiscard]] const RestWatch& rest_watch() const { return rest_watch_; }
   [[nodiscard]] bool is_zeroing() const { return rest_.is_learned_anew(); }
-  // Rest from an untouched picture at once (offline use).
   void set_rest(std::span<const uint16_t> image);
   // That of another path, or what that one knows of it while it learns; and how warm it was then.
   void take_rest(const FramePath& other);
@@ -80,9 +75,7 @@ class FramePath {
   [[nodiscard]] std::span<const Marker> markers() const { return flow_ ? flow_->markers() : printed_.markers(); }
   [[nodiscard]] std::span<const Target> targets() const { return targets_.targets(); }
   [[nodiscard]] bool has_targets() const { return has(Stage::kTargets) && !targets().empty(); }
-  // Of a frame that holds several views; no stage reads them.
   [[nodiscard]] const std::optional<ViewMaps>& views() const { return views_; }
-  // Whether Marker::quality says something.
   [[nodiscard]] bool are_markers_graded() const { return has(Stage::kMarkers); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
   // By the last frame something presses on the pad.
@@ -100,7 +93,6 @@ class FramePath {
   [[nodiscard]] int64_t depth_sigma_um() const { return contact_depth_ ? contact_depth_->sigma_um() : 0; }
   [[nodiscard]] const Skin* skin() const { return skin_ ? &*skin_ : nullptr; }
   [[nodiscard]] bool has_contact_model() const { return contact_model_.has_value(); }
-  // Of the flow; nullptr without the stage.
   [[nodiscard]] const Helmholtz* helmholtz() const { return helmholtz_ ? &*helmholtz_ : nullptr; }
   [[nodiscard]] bool has_contact_profile() const { return contact_profile_.has_value(); }
   [[nodiscard]] bool has_fingertip() const { return fingertip_.has_value(); }
@@ -115,9 +107,7 @@ class FramePath {
   Status load_feature_wrench(const Calibration& c);
   Status load_contact_model(const Calibration& c);
   [[nodiscard]] bool has_gauge() const { return !board_.depth.has_gauge_table() || depth_gauge_; }
-  [[nodiscard]] bool light_is_trusted() const {
-    return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_ && has_gauge();
-  }
+  [[nodiscard]] bool light_is_trusted() const;
   [[nodiscard]] bool depth_is_trusted() const { return marker_depth_ || light_is_trusted(); }
   [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
 
@@ -157,7 +147,6 @@ class FramePath {
   void judge_skin();
   void judge_contact_model();
   void judge_fingertip();
-  // Nothing that this frame says may be used.
   [[nodiscard]] bool is_wrong() const;
   template <typename Work>
   void timed(Stage stage, Work work);
@@ -170,14 +159,8 @@ class FramePath {
   GridSize depth_grid_;
   NodeGrid nodes_;
   Rest rest_;
+  RestWatch rest_watch_;
   PictureWatch picture_watch_;
-  bool is_zero_watched_ = true;
-  bool is_zero_asked_ = false;     // what is being learned
-  bool is_rest_expected_ = false;  // by expect_rest()
-  bool is_learning_seen_ = false;  // each of its frames could be compared with the rest of before
-  bool is_rest_unverified_ = false;
-  uint32_t n_refused_zeros_ = 0;
-  uint32_t n_known_rests_ = 0;
   bool is_live_ = false;
   uint32_t capture_flags_ = 0;
   ZeroFollower zero_follower_;  // of the nodes' displacement

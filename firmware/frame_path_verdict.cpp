@@ -53,6 +53,10 @@ bool FramePath::presses(uint32_t flags) const {
          is_beyond(s.wrench.force_z_un, variance[11]);
 }
 
+bool FramePath::light_is_trusted() const {
+  return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_ && has_gauge();
+}
+
 bool FramePath::is_wrong() const { return (state_.flags & kWrongFlags) != 0; }
 
 bool FramePath::is_blind(size_t view) const {

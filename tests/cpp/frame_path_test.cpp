@@ -77,11 +77,11 @@ TEST(FramePath, AStartThatNobodyCanCompareIsUnverifiedUntilSomebodyZeroes) {
   sensor.path->expect_rest({});
   sensor.learn();
   EXPECT_TRUE(sensor.show_dots(0).flags & kFlagRestUnverified);
-  EXPECT_EQ(sensor.path->n_known_rests(), 0U);
+  EXPECT_EQ(sensor.path->rest_watch().n_known, 0U);
   sensor.path->zero(2);
   for (int i = 0; i < 2; ++i) sensor.show_dots(0);
   EXPECT_FALSE(sensor.show_dots(0).flags & (kFlagRestUnverified | kFlagNoReference));
-  EXPECT_EQ(sensor.path->n_known_rests(), 1U);
+  EXPECT_EQ(sensor.path->rest_watch().n_known, 1U);
 }
 
 TEST(FramePath, AZeroThatIsGivenUpLeavesTheOldOne) {
@@ -237,9 +237,9 @@ TEST(FramePath, AZeroIsRefusedWhereSomethingPressesWhileItLearns) {
   sensor.still();
   sensor.path->zero(9);
   for (int i = 0; i < 4; ++i) EXPECT_TRUE(sensor.still().flags & kFlagNoReference);
-  EXPECT_EQ(sensor.path->n_refused_zeros(), 0U);
+  EXPECT_EQ(sensor.path->rest_watch().n_refused, 0U);
   EXPECT_EQ(sensor.press(-1).force_z, Validity::kInvalid);
-  EXPECT_EQ(sensor.path->n_refused_zeros(), 1U);
+  EXPECT_EQ(sensor.path->rest_watch().n_refused, 1U);
   EXPECT_FALSE(sensor.path->is_zeroing());
   const FrameState& s = sensor.press(-1);
   EXPECT_EQ(s.force_z, Validity::kValid);
@@ -259,7 +259,7 @@ TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
     const FrameState& s = sensor.press(-1);
     EXPECT_FALSE(s.flags & (kFlagRestUnverified | kFlagNoReference));
     EXPECT_NEAR(static_cast<double>(s.wrench.force_z_un), static_cast<double>(pressed), 1'000);
-    return std::pair{sensor.path->n_refused_zeros(), sensor.path->n_known_rests()};
+    return std::pair{sensor.path->rest_watch().n_refused, sensor.path->rest_watch().n_known};
   };
   EXPECT_EQ(start(false), (std::pair{0U, 1U}));
   EXPECT_EQ(start(true), (std::pair{1U, 0U})) << "under a load: the rest of before stays";
@@ -267,7 +267,7 @@ TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
   dark.path->expect_rest(before.path->rest_image());
   for (int i = 0; i < dark.board.n_rest_frames; ++i) dark.show_level(5);
   EXPECT_TRUE(dark.still().flags & kFlagRestUnverified);
-  EXPECT_EQ(dark.path->n_known_rests(), 0U);
+  EXPECT_EQ(dark.path->rest_watch().n_known, 0U);
 }
 
 TEST(FramePath, ANewRestForgetsWhatThePadWentThrough) {
