@@ -123,7 +123,7 @@ TEST(ClientMessages, AContactThatBeginsToSlip) {
   EXPECT_TRUE(std::isnan(c.contacts[0].force_n[2].value));
 
   Payload flagged = golden("contact that begins to slip");
-  const Payload stamp = {0x0A, 4, 0x18, 0x80, 0x80, 0x10};  // flags 1 << 18, which this library does not know
+  const Payload stamp = {0x0A, 4, 0x18, 0x80, 0x80, 0x20};  // flags 1 << 19, which this library does not know
   flagged.insert(flagged.end(), stamp.begin(), stamp.end());
   const Packet unknown = packet(7, flagged);
   const Contact& untold = std::get<Contacts>(unknown.message).contacts.at(0);
