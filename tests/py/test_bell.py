@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dis
+import gc
 import sys
 import threading
 import time
@@ -45,7 +46,8 @@ def interrupted_at(n: int, action: Callable[[], Any]) -> bool:
 
         return step
 
-    outside = sys.gettrace()
+    outside, collects = sys.gettrace(), gc.isenabled()
+    gc.disable()  # an interrupt in a callback of the collector (hypothesis has one) would be lost
     sys.settrace(trace)
     try:
         action()
@@ -53,6 +55,8 @@ def interrupted_at(n: int, action: Callable[[], Any]) -> bool:
         assert is_hit
     finally:
         sys.settrace(outside)
+        if collects:
+            gc.enable()
     return is_hit
 
 
