@@ -37,7 +37,11 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
   if (!rest_.is_ready()) state_.flags |= kFlagNoReference;
   if (rest_watch_.is_unverified) state_.flags |= kFlagRestUnverified;
   if (rest_.is_ready() || rest_.is_learned_anew()) measure(frame, capture_us);
-  if (!rest_.is_ready()) learn_watched(frame);
+  if (rest_.is_ready()) {
+    verify_rest();
+  } else {
+    learn_watched(frame);
+  }
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
   return state_;
@@ -79,7 +83,7 @@ void FramePath::learn_watched(const FrameView& frame) {
   const uint32_t seen_flags = state_.flags & ~kFlagNoReference;
   if (rest_.is_learned_anew() && rest_watch_.is_watched && presses(seen_flags)) {
     rest_.give_up();
-    rest_watch_.is_unverified = false;
+    if (!rest_watch_.is_asked) rest_watch_.is_unverified = rest_watch_.is_of_before = true;
     ++rest_watch_.n_refused;
     forget();
     return;
@@ -90,7 +94,18 @@ void FramePath::learn_watched(const FrameView& frame) {
   if (!rest_.is_ready()) return;
   const bool is_known = rest_watch_.is_asked || rest_watch_.is_seen;
   rest_watch_.is_unverified = rest_watch_.is_expected && !is_known;
+  rest_watch_.is_of_before = false;
   if (is_known) ++rest_watch_.n_known;
+}
+
+// A start that was refused under a load, or because pad or camera are no longer those of the run before: a pad that reads
+// untouched by the rest of before tells them apart.
+void FramePath::verify_rest() {
+  RestWatch& watch = rest_watch_;
+  if (!watch.is_unverified || !watch.is_of_before) return;
+  const bool is_untouched = !is_wrong() && !presses(state_.flags);
+  watch.n_untouched = is_untouched ? watch.n_untouched + 1 : 0;
+  if (watch.n_untouched >= board_.n_rest_frames) watch.is_unverified = false;
 }
 
 void FramePath::learn(const FrameView& frame) {
@@ -426,16 +441,13 @@ void FramePath::set_rest(std::span<const uint16_t> image) {
 }
 
 void FramePath::take_rest(const FramePath& other) {
-  rest_watch_.n_refused = other.rest_watch_.n_refused;
-  rest_watch_.n_known = other.rest_watch_.n_known;
+  rest_watch_ = other.rest_watch_;
   if (!other.has_rest()) {
     if (other.rest_watch_.is_expected)
       expect_rest(other.is_zeroing() ? other.rest_image() : std::span<const uint16_t>());
     return;
   }
   set_rest(other.rest_image());
-  rest_watch_.is_expected = other.rest_watch_.is_expected;
-  rest_watch_.is_unverified = other.rest_watch_.is_unverified;
   warmth_.rest_mc = other.warmth_.rest_mc;
   picture_watch_ = other.picture_watch_;
 }

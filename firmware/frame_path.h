@@ -116,6 +116,7 @@ class FramePath {
   void forget();
   void learn(const FrameView& frame);
   void learn_watched(const FrameView& frame);
+  void verify_rest();
   void measure(const FrameView& frame, uint64_t capture_us);
   void learn_features();
   void run_difference(const FrameView& frame);

@@ -11,6 +11,8 @@ struct RestWatch {
   bool is_expected = false;    // a start that is compared: FramePath::expect_rest()
   bool is_seen = false;        // each frame of the learning could be compared
   bool is_unverified = false;  // kFlagRestUnverified
+  bool is_of_before = false;   // a start was refused: rest is that of the run before, until a zero
+  int n_untouched = 0;         // frames in a row that show an untouched pad, while rest is of before and unverified
   uint32_t n_refused = 0;      // how often a watched learning ended because something pressed
   uint32_t n_known = 0;  // how often rest was learned while nothing pressed that could be seen, or as somebody asked
 };

@@ -249,6 +249,16 @@ TEST(FramePath, AZeroIsRefusedWhereSomethingPressesWhileItLearns) {
   EXPECT_NEAR(static_cast<double>(sensor.press(-1).wrench.force_z_un), 0, 1'000) << "as somebody asked";
 }
 
+TEST(FramePath, AZeroThatAPressEndedDoesNotVerifyTheStart) {
+  PressedSensor sensor(false, false);
+  sensor.path->expect_rest({});
+  for (int i = 0; i <= sensor.board.n_rest_frames; ++i) (void)sensor.still();
+  sensor.path->zero(9);
+  sensor.press(-1);
+  EXPECT_FALSE(sensor.path->is_zeroing());
+  for (int i = 0; i <= sensor.board.n_rest_frames; ++i) EXPECT_TRUE(sensor.still().flags & kFlagRestUnverified);
+}
+
 TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
   PressedSensor before;
   const int64_t pressed = before.press(-1).wrench.force_z_un;
@@ -257,8 +267,11 @@ TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
     sensor.path->expect_rest(before.path->rest_image());
     for (int i = 0; i < sensor.board.n_rest_frames; ++i) (void)(is_pressed ? sensor.press(-1) : sensor.still());
     const FrameState& s = sensor.press(-1);
-    EXPECT_FALSE(s.flags & (kFlagRestUnverified | kFlagNoReference));
+    EXPECT_FALSE(s.flags & kFlagNoReference);
+    EXPECT_EQ((s.flags & kFlagRestUnverified) != 0, is_pressed) << "a load, or no longer that pad";
     EXPECT_NEAR(static_cast<double>(s.wrench.force_z_un), static_cast<double>(pressed), 1'000);
+    for (int i = 0; i < sensor.board.n_rest_frames; ++i) (void)sensor.still();
+    EXPECT_FALSE(sensor.press(-1).flags & kFlagRestUnverified) << "untouched it reads zero: it was a load";
     return std::pair{sensor.path->rest_watch().n_refused, sensor.path->rest_watch().n_known};
   };
   EXPECT_EQ(start(false), (std::pair{0U, 1U}));
