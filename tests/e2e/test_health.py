@@ -311,9 +311,7 @@ def test_zero_is_refused_while_something_presses(twin: Twin, tmp_path: Path) -> 
                     sensor.checked(zero={"n_frames": 0})
                 learn_rest(sensor, even_if_touched=True)
                 sensor.subscribe(contacts=1)
-                for frame, message in sensor.stream(timeout_s=HANG_S):
-                    if sensor.schema.type_name(frame.type) == "CONTACTS":
-                        break
-                assert message.n_found == 0
+                n_found = (m.n_found for f, m in sensor.stream() if sensor.schema.type_name(f.type) == "CONTACTS")
+                assert next(n_found) == 0
         finally:
             process.kill()
