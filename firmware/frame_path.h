@@ -44,14 +44,12 @@ class FramePath {
                                                                     std::shared_ptr<const CalibrationFile> calibration,
                                                                     ClockFunction clock);
 
-  // Precondition: frame has the board's size. The state holds until the next call. Without a capture time (0)
-  // the pad's relaxation is left out.
+  // Precondition: frame has the board's size. Valid until the next call. Capture time 0: without the pad's relaxation.
   const FrameState& process(const FrameView& frame, uint64_t capture_us = 0);
 
   // From the next frame on; empty: not measured.
   void set_temperature(std::optional<int32_t> milli_celsius) { warmth_.now_mc = milli_celsius; }
-  // Frames come from a camera as they are, not from a file: its pictures are watched (image/picture_watch.h), and what
-  // creeps while nothing touches is followed (estimators/zero_follower.h).
+  // Frames of a camera, not of a file: watched (image/picture_watch.h), creep followed (estimators/zero_follower.h).
   void set_live(bool is_live) { is_live_ = is_live; }
   // Flags that the next frames have by the way they came: kFlagTime or none.
   void set_capture_flags(uint32_t flags) { capture_flags_ = flags; }
@@ -64,7 +62,7 @@ class FramePath {
   [[nodiscard]] const RestWatch& rest_watch() const { return rest_watch_; }
   [[nodiscard]] bool is_zeroing() const { return rest_.is_learned_anew(); }
   void set_rest(std::span<const uint16_t> image);
-  // That of another path, or what that one knows of it while it learns; and how warm it was then.
+  // Copies the rest image of another path, or what it knows of rest while it learns; and its temperature.
   void take_rest(const FramePath& other);
   // The solve alone: displacement -> force. For offline use.
   void solve(std::span<const NodeDisplacement> displacement);
