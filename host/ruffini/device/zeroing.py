@@ -14,7 +14,7 @@ N_SURE = 10
 def learn_rest(sensor: Connection, n_frames: int = 0, *, even_if_touched: bool = False, waits: bool = True) -> None:
     """Learn rest from the next frames (0: as many as the board says), and wait until it is learned.
 
-    Subscribes to WRENCH alone.
+    Waiting, it subscribes to WRENCH alone.
 
     Raises
     ------
@@ -23,7 +23,8 @@ def learn_rest(sensor: Connection, n_frames: int = 0, *, even_if_touched: bool =
     NoDeviceError
         No frame comes.
     """
-    sensor.subscribe(wrench=1)
+    if waits:
+        sensor.subscribe(wrench=1)
     reply = sensor.command(zero={"n_frames": n_frames} | ({"even_if_touched": True} if even_if_touched else {}))
     if reply.code:
         raise RefusedError(f"{sensor.port}: {reply.text}")
