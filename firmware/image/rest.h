@@ -30,9 +30,9 @@ class Rest {
   static constexpr Gain unit_gain() { return {kUnitGain, kUnitGain, kUnitGain}; }
 
   static constexpr int kNodePx = 16;
-  // Nodes of a map: the last ones are at or beyond the last pixel.
+  // Nodes of a map: the last ones are beyond the last pixel.
   static GridSize map_nodes(int width_px, int height_px) {
-    return {(width_px + kNodePx - 2) / kNodePx + 1, (height_px + kNodePx - 2) / kNodePx + 1};
+    return {(width_px - 1) / kNodePx + 2, (height_px - 1) / kNodePx + 2};
   }
   // As far as a gain may go.
   static int32_t limited(int64_t gain) {

@@ -36,7 +36,7 @@ def _place(twice_px: I64, n: int) -> I64:
 
 def node_lines(n: int) -> I64:
     """Places of the nodes along an axis of n pixels."""
-    return np.arange((n + NODE_PX - 2) // NODE_PX + 1, dtype=np.int64) * NODE_PX
+    return np.arange((n - 1) // NODE_PX + 2, dtype=np.int64) * NODE_PX
 
 
 def _products(twice_x: I64, twice_y: I64, shape: tuple[int, int]) -> I64:

@@ -88,6 +88,16 @@ TEST(Rest, OnlyWhatIsNotDarkIsOfTheLamps) {
   EXPECT_EQ(rest.reciprocal()[0], 10'486);  // 2^24 / 1600
 }
 
+// Each pixel lies between two nodes each way.
+TEST(Rest, AMapEndsBeyondTheLastPixel) {
+  for (int size = 1; size <= 3 * Rest::kNodePx + 1; ++size) {
+    const GridSize nodes = Rest::map_nodes(size, 1);
+    EXPECT_GT((nodes.n_x - 1) * Rest::kNodePx, size - 1) << size;
+    EXPECT_LE((nodes.n_x - 2) * Rest::kNodePx, size - 1) << size;
+    EXPECT_EQ(nodes.n_y, 2);
+  }
+}
+
 TEST(Rest, AMapCountsRowByRowAndOneOfUnitFactorsChangesNothing) {
   constexpr int kWidth = 40;
   constexpr int kHeight = 32;

@@ -294,6 +294,7 @@ TEST_F(SessionHealth, ACalibrationWithoutAReportThatPassedIsUnjudged) {
     ruffini_Hello hello = ruffini_Hello_init_zero;
     ask(ruffini_MessageType_MESSAGE_TYPE_HELLO, ruffini_Hello_fields, &hello);
     EXPECT_EQ(std::string(hello.sensors[0].calibration.summary), gates);
+    delete exchange_.next_path.exchange(nullptr);
     std::filesystem::remove_all(folder_ + gates);
   }
 }
