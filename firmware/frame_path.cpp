@@ -14,6 +14,9 @@ namespace {
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
 constexpr int kDriftFrames = 8;
 
+// What a strong press can do to a frame. Where one of these comes up while rest is learned, something has come onto the pad.
+constexpr uint32_t kByPress = kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagFeatures | kFlagLight;
+
 constexpr size_t kForceZAlone = 11;  // of the covariance's upper triangle by rows: (2, 2)
 constexpr int kMostUnsureAlone = 1;  // pins of an eye that sees alone, e.g. one at the edge of its view
 
@@ -37,11 +40,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
   if (!rest_.is_ready()) state_.flags |= kFlagNoReference;
   if (rest_watch_.is_unverified) state_.flags |= kFlagRestUnverified;
   if (rest_.is_ready() || rest_.is_learned_anew()) measure(frame, capture_us);
-  if (rest_.is_ready()) {
-    verify_rest();
-  } else {
-    learn_watched(frame);
-  }
+  rest_.is_ready() ? verify_rest() : learn_watched(frame);
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
   return state_;
@@ -81,7 +80,8 @@ void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
 // After measure() by the rest of before, where there is one.
 void FramePath::learn_watched(const FrameView& frame) {
   const uint32_t seen_flags = state_.flags & ~kFlagNoReference;
-  if (rest_.is_learned_anew() && rest_watch_.is_watched && presses(seen_flags)) {
+  const bool has_changed = rest_watch_.is_asked && (seen_flags & ~rest_watch_.flags_before & kByPress) != 0;
+  if (rest_.is_learned_anew() && rest_watch_.is_watched && (has_changed || presses(seen_flags))) {
     rest_.give_up();
     if (!rest_watch_.is_asked) rest_watch_.is_unverified = rest_watch_.is_of_before = true;
     ++rest_watch_.n_refused;
@@ -409,6 +409,7 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
 }
 
 void FramePath::zero(int n_frames, bool is_watched) {
+  if (rest_.is_ready()) rest_watch_.flags_before = state_.flags;
   rest_.restart(n_frames);
   picture_watch_.begin_rest();
   rest_watch_.is_watched = is_watched;

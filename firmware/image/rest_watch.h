@@ -7,6 +7,7 @@ namespace ruffini {
 
 struct RestWatch {
   bool is_watched = true;      // what is learned is compared with the rest of before, frame by frame
+  uint32_t flags_before = 0;   // FlagBits of the last frame before the learning
   bool is_asked = false;       // somebody zeroed, and did not just start the sensor
   bool is_expected = false;    // a start that is compared: FramePath::expect_rest()
   bool is_seen = false;        // each frame of the learning could be compared

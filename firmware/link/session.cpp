@@ -358,7 +358,7 @@ void Session::watch_zero(uint64_t now_us) {
   refused_zeros_ = n;
   send_event(
       now_us, ruffini_Event_Severity_SEVERITY_WARNING, "zero_refused",
-      "something pressed on the pad while rest was learned: rest is what it was before; take it away and zero again");
+      "something came onto the pad while rest was learned: rest is what it was before; take it away and zero again");
 }
 
 // By the time that frames come again a finger may lie on the pad: nobody asked for that to be rest.

@@ -249,6 +249,21 @@ TEST(FramePath, AZeroIsRefusedWhereSomethingPressesWhileItLearns) {
   EXPECT_NEAR(static_cast<double>(sensor.press(-1).wrench.force_z_un), 0, 1'000) << "as somebody asked";
 }
 
+TEST(FramePath, AZeroIsRefusedWhereMarkersVanishWhileItLearns) {
+  PressedSensor sensor;
+  sensor.still();
+  sensor.path->zero(9);
+  sensor.still();
+  EXPECT_TRUE(sensor.show_level(40).flags & kFlagMarkersLost) << "as under a press that is too strong";
+  EXPECT_FALSE(sensor.path->is_zeroing());
+  EXPECT_EQ(sensor.path->rest_watch().n_refused, 1U);
+  sensor.show_level(40);
+  sensor.path->zero(2);  // what was so before may be why somebody zeroes
+  for (int i = 0; i < 2; ++i) sensor.show_level(40);
+  EXPECT_FALSE(sensor.path->is_zeroing());
+  EXPECT_EQ(sensor.path->rest_watch().n_refused, 1U);
+}
+
 TEST(FramePath, AZeroThatAPressEndedDoesNotVerifyTheStart) {
   PressedSensor sensor(false, false);
   sensor.path->expect_rest({});
