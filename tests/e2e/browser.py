@@ -63,6 +63,20 @@ def wait_for(page: Evaluates, what: str, accept: Callable[[dict[str, Any]], bool
     raise AssertionError(f"the page never showed {what}: {state}")
 
 
+HEAR = """() => {
+  const [notice, said] = [document.querySelector("#notice"), (window.__said = [])];
+  const options = { childList: true, characterData: true, subtree: true };
+  new MutationObserver(() => said.push(notice.textContent)).observe(notice, options);
+}"""
+
+
+def press(page: Page, key: str, says: str) -> None:
+    """Press a key; a notice of after that has these words, however soon the next one takes its place."""
+    page.evaluate(HEAR)
+    page.keyboard.press(key)
+    wait_for(page, says, lambda _: says in "\n".join(page.evaluate("window.__said")))
+
+
 def step(page: Evaluates, *sensors: ToldSensor, n: int = 1) -> dict[str, Any]:
     """Let each sensor, one a line of the page, send a frame and the page draw it, `n` times; the page's state then."""
     for _ in range(n):

@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import pytest
 from broken_line import BrokenLine
-from browser import colours_in, sensor_of, state_of, step, viewer, wait_for
+from browser import colours_in, press, sensor_of, state_of, step, viewer, wait_for
 from hang import HANG_S, until
 from playwright.sync_api import Page
 from tiny_twin import Twin
@@ -158,8 +158,7 @@ def test_keys_zero_the_pad_change_units_and_ask_for_the_camera(pressed: tuple[st
         wait_for(page, "the press in them", lambda s: -1000 < normal_shown(page) < -300)
         page.keyboard.press("c")
         wait_for(page, "the camera", lambda s: sensor_of(s)["maps"]["camera"] == "values")
-        page.keyboard.press("z")
-        wait_for(page, "the refusal", lambda s: "Press Zero once more" in s["notice"])
+        press(page, "z", says="Press Zero once more")
         page.keyboard.press("z")
         # The ball that is held is rest from now on.
         wait_for(page, "no press", is_untouched)

@@ -6,7 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from browser import drop_file, sensor_of, step, viewer, wait_for
+from browser import drop_file, press, sensor_of, step, viewer, wait_for
 from foreign_reader import compare
 from mcap.reader import make_reader
 from playwright.sync_api import Page
@@ -151,8 +151,7 @@ def test_a_recording_is_not_lost_when_another_file_is_opened_or_the_page_left(
         download.value.save_as(tmp_path / "page.mcap")
         wait_for(page, "the file", lambda s: sensor_of(s)["isReplay"])
         assert not page.is_visible("body.recording")
-        page.keyboard.press("r")
-        wait_for(page, "the refusal", lambda s: "Nothing to record: this is a recording" in s["notice"])
+        press(page, "r", says="Nothing to record: this is a recording")
         assert not page.is_visible("body.recording")
         told.subscribed.clear()
         page.reload()
