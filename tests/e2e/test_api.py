@@ -85,7 +85,7 @@ def test_commands_while_frames_come(sensor: Sensor, tmp_path: Path) -> None:
         notes: list[str] = []
         with ruffini.connect(daemon.port, on_note=notes.append) as host:
             frames = host.frames()
-            assert host.call(Connection.status).frames_processed > 0
+            until(lambda: host.call(Connection.status).frames_processed > 0, "a frame")
             while not next(frames).is_valid:
                 pass
             host.zero(even_if_touched=True)
