@@ -294,6 +294,22 @@ def test_a_gap_of_the_line_is_before_the_frame_that_ended_it(sensor: Sensor, tmp
     assert after[0].n_missed >= (gap.n_frames or 0)
 
 
+@pytest.mark.parametrize(("every", "n_images"), [(1, 9), (4, 3), (5, 2)])
+def test_a_recording_of_so_many_frames_ends_with_the_image_of_the_last(
+    sensor: Sensor, tmp_path: Path, every: int, n_images: int
+) -> None:
+    with (
+        start(sensor, tmp_path / "store", "--lockstep", "--loop", "--wait-for-host") as daemon,
+        Connection(daemon.port) as host,
+    ):
+        host.flash(sensor.calibration)
+        counts = record_stream(host, tmp_path / "run.mcap", n_frames=9, image_every=every)
+    frames = list(Recording(tmp_path / "run.mcap").frames(partial=True))
+    assert (counts["WRENCH"], counts["IMAGE"]) == (9, n_images)
+    assert [f.is_whole for f in frames] == [True] * 9
+    assert sum(f.image is not None for f in frames) == n_images
+
+
 # ---- lockstep ------------------------------------------------------------------------------------
 
 

@@ -53,7 +53,7 @@ class Frames(Decoder):
         c = self.counters
         return bytes(self.said) + struct.pack("<4H", c.bad_crc, c.malformed, c.oversize, c.echo)
 
-    def _assemble(self, key: tuple[int, ...], fragment: int, payload: bytes) -> None:
+    def _assemble(self, key: tuple[int, ...], fragment: int, payload: bytes, end: int) -> None:
         type_, sensor, sequence, flags, n_fragments = key
         self.said += struct.pack("<5BIH", type_, sensor, flags, fragment, n_fragments, sequence, len(payload)) + payload
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import math
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,7 +18,6 @@ from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError, NoDeviceError
 from ruffini.record.ros_types import RosChannels
 from ruffini.wire import Frame
-from ruffini.wire.framing import cut_after
 
 RAW_TOPIC = "/ruffini/raw"
 HELLO_ATTACHMENT = "hello"
@@ -67,19 +68,21 @@ def record_stream(
         clock_us, said_us = 0, -CLOCK_EVERY_US
         raw_channel = writer.register_channel(topic=RAW_TOPIC, message_encoding="application/octet-stream", schema_id=0)
 
-        # One read is held back: of the last one, only what belongs to the last frame is kept.
-        held: tuple[int, int, bytes] | None = None
+        # Reads that end behind the last message taken: (bytes read before, log time, publish time, data).
+        held: deque[tuple[int, int, int, bytes]] = deque()
+        n_taken = 0
 
-        def write_raw() -> None:
-            if held is not None:
-                writer.add_message(raw_channel, log_time=held[0], publish_time=held[1], data=held[2])
+        def write_raw(end: float = math.inf) -> None:
+            while held and held[0][0] + len(held[0][3]) <= end:
+                _, log_ns, publish_ns, data = held.popleft()
+                writer.add_message(raw_channel, log_time=log_ns, publish_time=publish_ns, data=data)
 
         def keep_raw(data: bytes) -> None:
-            nonlocal held
-            write_raw()
-            held = clock_us * 1000, time.monotonic_ns(), data
+            write_raw(n_taken)
+            held.append((sensor.decoder.n_fed, clock_us * 1000, time.monotonic_ns(), data))
 
         def keep_gap(gap: LineGap) -> None:
+            write_raw()  # the bytes of a new line are counted anew
             writer.add_metadata("gap", gap.words())
             on_gap(gap)
 
@@ -97,14 +100,19 @@ def record_stream(
         )  # fmt: skip
         silence_s = max(SILENCE_S, resume_s)  # a sensor that is suspended is waited for as a lost one
         n_silent, n_processed = 0, -1
+        last: Frame | None = None  # the last message of the last frame
+        last_number, image_number = 0, -image_every
         try:
             for frame, message in sensor.stream(timeout_s=silence_s, resume_s=resume_s, on_gap=keep_gap):
+                n_taken = frame.end
                 name = sensor.schema.type_name(frame.type)
                 if name is None or name in ("HELLO", "SCHEMA", "REPLY"):
                     continue
+                stamp: Any = getattr(message, "stamp", None)
+                if last is not None and stamp is not None and stamp.frame != last_number:
+                    break  # the image that was due did not come
                 if name not in channels:
                     channels[name] = register_messages(writer, name, sensor.schema.bytes)
-                stamp: Any = getattr(message, "stamp", None)
                 clock_us = stamp.capture_us if stamp is not None else clock_us
                 writer.add_message(
                     channels[name], log_time=clock_us * 1000, data=frame.payload,
@@ -120,26 +128,37 @@ def record_stream(
                 if name == "MARKERS":  # a frame's last message, but for its image
                     n_silent = 0
                     if n_frames and counts.get("WRENCH", 0) >= n_frames:
-                        if held is not None:
-                            held = *held[:2], cut_after(held[2], frame)
+                        last, last_number = frame, stamp.frame
+                        if not image_every or last_number < image_number + image_every:
+                            break
+                elif name == "IMAGE":
+                    image_number = stamp.frame
+                    if last is not None:
+                        last = frame
                         break
                 elif name == "STATUS":  # comes each second, whatever the camera does
                     # Those that waited while this process was suspended come at once: only the camera counts.
                     n_silent = n_silent + 1 if message.frames_processed == n_processed else 0
                     n_processed = message.frames_processed
+                    if last is not None and n_silent > SILENCE_S:
+                        break
                     if n_frames and n_silent > SILENCE_S:
                         raise NoDeviceError(f"{sensor.port}: no frame for {SILENCE_S:.0f} s: is the camera running?")
             else:
-                raise NoDeviceError(f"{sensor.port}: nothing came for {silence_s:.0f} s: is ruffinid running?")
+                if last is None:
+                    raise NoDeviceError(f"{sensor.port}: nothing came for {silence_s:.0f} s: is ruffinid running?")
         except KeyboardInterrupt:
             pass
         except NoDeviceError as error:
             reason = f"{error} (after {counts.get('WRENCH', 0)} frames; {path} holds them)"
-            if n_frames or not counts:
+            if last is None and (n_frames or not counts):
                 raise NoDeviceError(reason) from error
-            on_end(reason)  # without a number of frames the end of the line is the end of the recording
+            if last is None:
+                on_end(reason)  # without a number of frames the end of the line is the end of the recording
         finally:
             sensor.raw_sink = None
+            if last is not None:
+                held = deque((n, log, publish, data[: last.end - n]) for n, log, publish, data in held if n < last.end)
             write_raw()
             attach_hello(writer, hello)
             writer.finish()  # type: ignore[no-untyped-call]

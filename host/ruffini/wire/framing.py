@@ -76,6 +76,7 @@ class Frame:
     host_time_ns: int | None = None
     host_time_error_ns: int | None = None
     read_ns: int | None = None  # when its last byte was read, on that clock
+    end: int = field(default=0, compare=False)  # how many bytes the decoder was fed up to its end
 
     @property
     def is_simulated(self) -> bool:
@@ -103,19 +104,6 @@ def encode_message(type_: int, payload: bytes, *, sensor: int, sequence: int, fl
         body = header + part
         out += cobs_encode(body + struct.pack("<I", crc32c(body))) + b"\0"
     return bytes(out)
-
-
-def cut_after(data: bytes, frame: Frame) -> bytes:
-    """Received bytes up to the end of `frame`'s last fragment; all of them where none of it is in there."""
-    end = start = 0
-    while (delimiter := data.find(b"\0", start)) >= 0:
-        raw = cobs_decode(data[start:delimiter])
-        start = delimiter + 1
-        if raw is not None and len(raw) >= _HEADER.size and _HEADER.unpack_from(raw)[2:5] == (
-            frame.type, frame.sensor, frame.sequence
-        ):  # fmt: skip
-            end = start
-    return data[:end] or data
 
 
 @dataclass
@@ -147,6 +135,7 @@ class Decoder:
 
     from_host: bool = False
 
+    n_fed: int = 0  # bytes, of all calls
     counters: Counters = field(default_factory=Counters)
     _buffer: bytearray = field(default_factory=bytearray)
     _is_oversize: bool = False
@@ -156,7 +145,8 @@ class Decoder:
 
     def feed(self, data: bytes) -> Iterator[Frame]:
         """The messages that `data` completes."""
-        start = 0
+        start, n_before = 0, self.n_fed
+        self.n_fed += len(data)
         while True:
             end = data.find(b"\0", start)
             chunk = data[start : end if end >= 0 else len(data)]
@@ -174,11 +164,11 @@ class Decoder:
             if self._is_oversize:
                 self._is_oversize = False
             elif encoded:
-                frame = self._finish(encoded)
+                frame = self._finish(encoded, n_before + start)
                 if frame is not None:
                     yield frame
 
-    def _finish(self, encoded: bytes) -> Frame | None:
+    def _finish(self, encoded: bytes, end: int) -> Frame | None:
         raw = cobs_decode(encoded)
         if raw is None or len(raw) < _HEADER.size + 4:
             self.counters.malformed += 1
@@ -202,9 +192,9 @@ class Decoder:
         if bool(flags & FROM_HOST) is not self.from_host:
             self.counters.echo += 1
             return None
-        return self._assemble((type_, sensor, sequence, flags, n_fragments), fragment, payload)
+        return self._assemble((type_, sensor, sequence, flags, n_fragments), fragment, payload, end)
 
-    def _assemble(self, key: tuple[int, ...], fragment: int, payload: bytes) -> Frame | None:
+    def _assemble(self, key: tuple[int, ...], fragment: int, payload: bytes, end: int) -> Frame | None:
         if fragment == 0:
             if self._open is not None:
                 self.counters.incomplete += 1
@@ -223,4 +213,4 @@ class Decoder:
         if missing < RESTART_GAP:
             self.counters.lost += missing
         self._last[sensor] = sequence
-        return Frame(type_, sensor, sequence, flags, b"".join(self._parts))
+        return Frame(type_, sensor, sequence, flags, b"".join(self._parts), end=end)

@@ -22,7 +22,6 @@ from ruffini.wire.framing import (
     cobs_decode,
     cobs_encode,
     crc32c,
-    cut_after,
     encode_message,
 )
 
@@ -92,13 +91,13 @@ def test_a_lost_fragment_loses_its_message_alone() -> None:
     assert decoder.counters.incomplete == 1
 
 
-def test_received_bytes_are_cut_behind_a_message() -> None:
-    first, second = (encode_message(3, bytes(5000), sensor=1, sequence=i) for i in (7, 8))
-    (frame,) = Decoder(from_host=True).feed(first)
-    for lost in (b"", b"\x05", b"\0\0", b"\x02\x01\0"):  # before it: nothing, a frame's end, damage
-        assert cut_after(lost + first + second + first[:40], frame) == lost + first
-    assert cut_after(first[9:] + second, frame) == first[9:]  # only its last fragment is in there
-    assert cut_after(second, frame) == second
+@pytest.mark.parametrize("size", [1, 7, 4000, 1 << 20])
+def test_a_message_says_where_it_ended(size: int) -> None:
+    sent = [encode_message(3, bytes(5000), sensor=1, sequence=i) for i in range(3)]
+    stream, decoder = b"\x05\0" + b"".join(sent), Decoder(from_host=True)
+    ends = [f.end for i in range(0, len(stream), size) for f in decoder.feed(stream[i : i + size])]
+    assert ends == [2 + len(b"".join(sent[: i + 1])) for i in range(3)]
+    assert decoder.n_fed == len(stream)
 
 
 def test_lost_messages_are_counted_by_sensor() -> None:
