@@ -209,7 +209,7 @@ def test_an_answer_can_be_read_before_the_newest_news_takes_its_place_and_what_i
     is_stalled, is_back = threading.Event(), threading.Event()
 
     def tell(frame: int, stamp: Any) -> Messages:
-        told = told_tray(frame, stamp)
+        told: Messages = {}
         for happened, severity, what, text in (
             (is_stalled, 2, "camera_stalled", "the camera stalled"),
             (is_back, 1, "camera_back", "frames come again"),
@@ -217,7 +217,7 @@ def test_an_answer_can_be_read_before_the_newest_news_takes_its_place_and_what_i
             if happened.is_set():
                 happened.clear()
                 told["EVENT"] = SCHEMA.new("Event", severity=severity, what=what, text=text)
-        return told
+        return told | told_tray(frame, stamp)  # the news first: where the page has the wrench, it has them, too
 
     page.add_init_script(SET_CLOCK)
     with ToldSensor([info_of(find_board("ftouch"))], tell, rate_hz=None) as sensor, viewer(sensor.port) as address:
