@@ -37,6 +37,12 @@ Daemon::Daemon(const BoardSettings& board, std::unique_ptr<FramePath> path, Surr
       owed_us_(moved_us_),
       computer_us_(moved_us_) {
   path_->set_live(!around_.camera->is_replay());
+  if (options.keep_rest && !around_.camera->is_replay()) {
+    path_->expect_rest(options.known_rest);
+    rest_to_keep_.resize(path_->rest_image().size());
+  } else {
+    options_.keep_rest = {};
+  }
   if (!board.reflex.line.empty()) {
     exchange_.reflex = around_.io->has_reflex() ? ReflexState::kOff : ReflexState::kFailed;
   }
@@ -147,7 +153,7 @@ bool Daemon::process_once() {
 void Daemon::swap_path() {
   FramePath* next = exchange_.next_path.exchange(nullptr, std::memory_order_acq_rel);
   if (next != nullptr) {
-    if (path_->has_rest()) next->take_rest(*path_);
+    next->take_rest(*path_);
     FramePath* old = path_.release();
     path_.reset(next);
     path_->set_live(!around_.camera->is_replay());
@@ -157,7 +163,7 @@ void Daemon::swap_path() {
     delete exchange_.retired_path.exchange(old, std::memory_order_acq_rel);
   }
   const int zero = exchange_.zero_frames.exchange(kNoZero);
-  if (zero >= 0) path_->zero(zero);
+  if (zero >= 0) path_->zero(zero, !exchange_.zero_even_if_touched);
   if (zero == kGiveUpZero) path_->give_up_zero();
 }
 
@@ -223,10 +229,22 @@ void Daemon::process(const FrameLease& lease) {
   exchange_.saturations = state.saturations.count;
   exchange_.is_touched = path_->is_touched();
   exchange_.is_zeroing = path_->is_zeroing();
+  exchange_.refused_zeros = path_->rest_watch().n_refused;
+  keep_rest();
   exchange_.zero_moved_nm = static_cast<uint32_t>(path_->zero_follower().moved_nm());
   exchange_.is_zero_at_limit = path_->zero_follower().is_at_limit();
   if (exchange_.is_camera_live) count_late(lease.capture_us());
   exchange_.frames_processed = n + 1;
+}
+
+// Into the buffer that the link thread hands on; it is asked again with the next frame where that has not been taken yet.
+void Daemon::keep_rest() {
+  const uint32_t n_known = path_->rest_watch().n_known;
+  if (!options_.keep_rest || n_known == n_kept_rests_ || is_rest_to_keep_) return;
+  const std::span<const uint16_t> rest = path_->rest_image();
+  std::copy(rest.begin(), rest.end(), rest_to_keep_.begin());
+  n_kept_rests_ = n_known;
+  is_rest_to_keep_ = true;
 }
 
 // One system call where the line changes, before anything is encoded.
@@ -299,6 +317,10 @@ bool Daemon::serve_once(int wait_ms) {
     computer_us_ = now_us;
   }
   tell_manager(now_us);
+  if (is_rest_to_keep_) {
+    options_.keep_rest(rest_to_keep_);
+    is_rest_to_keep_ = false;
+  }
   session_.poll(now_us);
   std::span<const uint8_t> out = session_.pending();
   around_.link->wait(!out.empty(), wait_ms);

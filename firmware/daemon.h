@@ -38,6 +38,9 @@ struct DaemonOptions {
   std::function<std::string()> lost{};
   // Asked as `lost`, with what the thermometer says: whether the lamps are not as the board asks; empty: never.
   std::function<bool(std::optional<int32_t> milli_celsius)> has_light_fault{};
+  // Rest as the run before knew it, and where to put what this one knows, by the link thread; empty: starts are not watched.
+  std::vector<uint16_t> known_rest{};
+  std::function<void(std::span<const uint16_t> rest)> keep_rest{};
   // Called by each thread (capture, frame, link, inference) when it begins; empty: nothing is to be done.
   std::function<void(const char* role)> begun{};
 };
@@ -78,6 +81,7 @@ class Daemon {
   // False: the frame is not used.
   [[nodiscard]] bool take_in_order(FramePool::Buffer& buffer);
   void process(const FrameLease& lease);
+  void keep_rest();
   void switch_reflex(const FrameState& state);
   void count_late(uint64_t capture_us);
   void count(uint32_t flags);
@@ -99,7 +103,10 @@ class Daemon {
   Reflex reflex_;     // frame thread
   Liveness<4> liveness_;
   uint64_t link_turns_ = 0;
-  bool is_manager_told_ = false;  // that all is ready
+  bool is_manager_told_ = false;        // that all is ready
+  std::vector<uint16_t> rest_to_keep_;  // the frame thread's while is_rest_to_keep_ is false, else the link thread's
+  std::atomic<bool> is_rest_to_keep_{false};
+  uint32_t n_kept_rests_ = 0;
   Session session_;
   MessageEncoder encoder_;
   MessageEncoder::Sink sink_;

@@ -14,6 +14,9 @@ namespace {
 constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
 constexpr int kDriftFrames = 8;
 
+// What a strong press can do to a frame. Where one of these comes up while rest is learned, something has come onto the pad.
+constexpr uint32_t kByPress = kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagFeatures | kFlagLight;
+
 constexpr size_t kForceZAlone = 11;  // of the covariance's upper triangle by rows: (2, 2)
 constexpr int kMostUnsureAlone = 1;  // pins of an eye that sees alone, e.g. one at the edge of its view
 
@@ -31,32 +34,13 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
   state_.stage_ns.fill(0);
   state_.uncertainty.is_stated = state_.uncertainty.is_of_wrench = false;
   state_.solve.is_refined = false;
+  state_.solve.is_explained = true;
   state_.residual.validity = Validity::kNotMeasured;
   const uint64_t saturations_before = state_.saturations.count;
-  if (!rest_.is_ready()) {
-    learn(frame);
-    state_.flags |= kFlagNoReference;
-  } else {
-    make_grey(frame);
-    watch(frame);
-    timed(Stage::kMarkers, [&] { run_markers(frame); });
-    timed(Stage::kTargets, [&] { run_targets(); });
-    follow_light();
-    run_depth();
-    timed(Stage::kDisplacement, [&] { run_displacement(); });
-    judge_input();
-    follow_zero(capture_us);
-    run_solve(depth_is_trusted());
-    run_memory(capture_us);
-    run_estimators();
-    run_uncertainty();
-    timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
-    run_feature_wrench(capture_us);
-    timed(Stage::kContactModel, [&] { run_contact_model(capture_us); });
-    run_fingertip();
-    timed(Stage::kHelmholtz, [&] { run_helmholtz(); });
-    timed(Stage::kContactDepth, [&] { run_contact_depth(); });
-  }
+  if (!rest_.is_ready()) state_.flags |= kFlagNoReference;
+  if (rest_watch_.is_unverified) state_.flags |= kFlagRestUnverified;
+  if (rest_.is_ready() || rest_.is_learned_anew()) measure(frame, capture_us);
+  rest_.is_ready() ? verify_rest() : learn_watched(frame);
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
   return state_;
@@ -70,8 +54,65 @@ void FramePath::timed(Stage stage, Work work) {
   state_.stage_ns[static_cast<size_t>(stage)] = clock_() - start;
 }
 
+// Against the rest in force, also while another one is learned: then kFlagNoReference makes it invalid.
+void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
+  make_grey(frame);
+  watch(frame);
+  timed(Stage::kMarkers, [&] { run_markers(frame); });
+  timed(Stage::kTargets, [&] { run_targets(); });
+  follow_light();
+  run_depth();
+  timed(Stage::kDisplacement, [&] { run_displacement(); });
+  judge_input();
+  follow_zero(capture_us);
+  run_solve(depth_is_trusted());
+  run_memory(capture_us);
+  run_estimators();
+  run_uncertainty();
+  timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
+  run_feature_wrench(capture_us);
+  timed(Stage::kContactModel, [&] { run_contact_model(capture_us); });
+  run_fingertip();
+  timed(Stage::kHelmholtz, [&] { run_helmholtz(); });
+  timed(Stage::kContactDepth, [&] { run_contact_depth(); });
+}
+
+// After measure() by the rest of before, where there is one.
+void FramePath::learn_watched(const FrameView& frame) {
+  const uint32_t seen_flags = state_.flags & ~kFlagNoReference;
+  const bool has_changed = rest_watch_.is_asked && (seen_flags & ~rest_watch_.flags_before & kByPress) != 0;
+  if (rest_.is_learned_anew() && rest_watch_.is_watched && (has_changed || presses(seen_flags))) {
+    rest_.give_up();
+    if (!rest_watch_.is_asked) rest_watch_.is_unverified = rest_watch_.is_of_before = true;
+    ++rest_watch_.n_refused;
+    forget();
+    return;
+  }
+  const bool can_feel = forces_.is_measured() || feature_wrench_ || skin_ || fingertip_;
+  rest_watch_.is_seen = rest_watch_.is_seen && can_feel && rest_.is_learned_anew() && (seen_flags & kWrongFlags) == 0;
+  learn(frame);
+  if (!rest_.is_ready()) return;
+  const bool is_known = rest_watch_.is_asked || rest_watch_.is_seen;
+  rest_watch_.is_unverified = rest_watch_.is_expected && !is_known;
+  rest_watch_.is_of_before = false;
+  if (is_known) ++rest_watch_.n_known;
+}
+
+// A start that was refused under a load, or because pad or camera are no longer those of the run before: a pad that reads
+// untouched by the rest of before tells them apart.
+void FramePath::verify_rest() {
+  RestWatch& watch = rest_watch_;
+  if (!watch.is_unverified || !watch.is_of_before) return;
+  const bool is_untouched = !is_wrong() && !presses(state_.flags);
+  watch.n_untouched = is_untouched ? watch.n_untouched + 1 : 0;
+  if (watch.n_untouched >= board_.n_rest_frames) watch.is_unverified = false;
+}
+
 void FramePath::learn(const FrameView& frame) {
-  if (is_live_) picture_watch_.add_rest(frame);
+  if (is_live_) {
+    if (!rest_.is_learned_anew()) picture_watch_.old.run(frame);  // measure() did otherwise
+    picture_watch_.add_rest(frame);
+  }
   if (!rest_.add(frame)) return;
   warmth_.rest_mc = warmth_.now_mc;
   learn_features();
@@ -205,6 +246,7 @@ void FramePath::run_solve(bool with_second_pass) {
   if (!with_second_pass || !forces_.has_second_pass()) return;
   timed(Stage::kSupport, [&] { forces_.refine(is_light_steady_, state_.solve, state_.saturations); });
   state_.solve.is_refined = has(Stage::kSupport);
+  if (!state_.solve.is_explained) state_.flags |= kFlagFeatures;
 }
 
 void FramePath::find_residual() {
@@ -366,10 +408,21 @@ void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   run_uncertainty();
 }
 
-void FramePath::zero(int n_frames) {
+void FramePath::zero(int n_frames, bool is_watched) {
+  if (rest_.is_ready()) rest_watch_.flags_before = state_.flags;
   rest_.restart(n_frames);
   picture_watch_.begin_rest();
+  rest_watch_.is_watched = is_watched;
+  rest_watch_.is_asked = rest_watch_.is_seen = true;
   forget();
+}
+
+void FramePath::expect_rest(std::span<const uint16_t> known) {
+  if (rest_.is_ready()) return;  // the calibration's
+  rest_watch_.is_expected = rest_watch_.is_seen = true;
+  if (known.empty()) return;
+  set_rest(known);
+  rest_.restart(0);
 }
 
 // What was done to the pad before.
@@ -389,6 +442,12 @@ void FramePath::set_rest(std::span<const uint16_t> image) {
 }
 
 void FramePath::take_rest(const FramePath& other) {
+  rest_watch_ = other.rest_watch_;
+  if (!other.has_rest()) {
+    if (other.rest_watch_.is_expected)
+      expect_rest(other.is_zeroing() ? other.rest_image() : std::span<const uint16_t>());
+    return;
+  }
   set_rest(other.rest_image());
   warmth_.rest_mc = other.warmth_.rest_mc;
   picture_watch_ = other.picture_watch_;

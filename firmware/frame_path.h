@@ -26,6 +26,7 @@
 #include "image/poisson.h"
 #include "image/printed_markers.h"
 #include "image/rest.h"
+#include "image/rest_watch.h"
 #include "image/targets.h"
 #include "image/texture_flow.h"
 #include "image/views.h"
@@ -43,25 +44,25 @@ class FramePath {
                                                                     std::shared_ptr<const CalibrationFile> calibration,
                                                                     ClockFunction clock);
 
-  // Precondition: frame has the board's size. The state holds until the next call. Without a capture time (0)
-  // the pad's relaxation is left out.
+  // Precondition: frame has the board's size. Valid until the next call. Capture time 0: without the pad's relaxation.
   const FrameState& process(const FrameView& frame, uint64_t capture_us = 0);
 
   // From the next frame on; empty: not measured.
   void set_temperature(std::optional<int32_t> milli_celsius) { warmth_.now_mc = milli_celsius; }
-  // Frames come from a camera as they are, not from a file: its pictures are watched (image/picture_watch.h), and what
-  // creeps while nothing touches is followed (estimators/zero_follower.h).
+  // Frames of a camera, not of a file: watched (image/picture_watch.h), creep followed (estimators/zero_follower.h).
   void set_live(bool is_live) { is_live_ = is_live; }
   // Flags that the next frames have by the way they came: kFlagTime or none.
   void set_capture_flags(uint32_t flags) { capture_flags_ = flags; }
-  // Learn rest anew from the next n frames (0 = the board's own number).
-  void zero(int n_frames);
+  // Learn rest anew from n frames (0 = the board's own number); watched: not where one of them shows a press.
+  void zero(int n_frames, bool is_watched = true);
   // The camera stood still meanwhile, and what came onto the pad is not known: rest is what it was.
   void give_up_zero() { rest_.give_up(); }
+  // Before the first frame: rest as another run knew it, or empty. The start is watched as a zero is, or unverified.
+  void expect_rest(std::span<const uint16_t> known);
+  [[nodiscard]] const RestWatch& rest_watch() const { return rest_watch_; }
   [[nodiscard]] bool is_zeroing() const { return rest_.is_learned_anew(); }
-  // Rest from an untouched picture at once (offline use).
   void set_rest(std::span<const uint16_t> image);
-  // That of another path, and how warm it was then.
+  // Copies the rest image of another path, or what it knows of rest while it learns; and its temperature.
   void take_rest(const FramePath& other);
   // The solve alone: displacement -> force. For offline use.
   void solve(std::span<const NodeDisplacement> displacement);
@@ -72,9 +73,7 @@ class FramePath {
   [[nodiscard]] std::span<const Marker> markers() const { return flow_ ? flow_->markers() : printed_.markers(); }
   [[nodiscard]] std::span<const Target> targets() const { return targets_.targets(); }
   [[nodiscard]] bool has_targets() const { return has(Stage::kTargets) && !targets().empty(); }
-  // Of a frame that holds several views; no stage reads them.
   [[nodiscard]] const std::optional<ViewMaps>& views() const { return views_; }
-  // Whether Marker::quality says something.
   [[nodiscard]] bool are_markers_graded() const { return has(Stage::kMarkers); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
   // By the last frame something presses on the pad.
@@ -92,7 +91,6 @@ class FramePath {
   [[nodiscard]] int64_t depth_sigma_um() const { return contact_depth_ ? contact_depth_->sigma_um() : 0; }
   [[nodiscard]] const Skin* skin() const { return skin_ ? &*skin_ : nullptr; }
   [[nodiscard]] bool has_contact_model() const { return contact_model_.has_value(); }
-  // Of the flow; nullptr without the stage.
   [[nodiscard]] const Helmholtz* helmholtz() const { return helmholtz_ ? &*helmholtz_ : nullptr; }
   [[nodiscard]] bool has_contact_profile() const { return contact_profile_.has_value(); }
   [[nodiscard]] bool has_fingertip() const { return fingertip_.has_value(); }
@@ -107,9 +105,7 @@ class FramePath {
   Status load_feature_wrench(const Calibration& c);
   Status load_contact_model(const Calibration& c);
   [[nodiscard]] bool has_gauge() const { return !board_.depth.has_gauge_table() || depth_gauge_; }
-  [[nodiscard]] bool light_is_trusted() const {
-    return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_ && has_gauge();
-  }
+  [[nodiscard]] bool light_is_trusted() const;
   [[nodiscard]] bool depth_is_trusted() const { return marker_depth_ || light_is_trusted(); }
   [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
 
@@ -117,6 +113,9 @@ class FramePath {
   [[nodiscard]] std::span<const Marker> hidden() const { return target_marks_.empty() ? markers() : target_marks_; }
   void forget();
   void learn(const FrameView& frame);
+  void learn_watched(const FrameView& frame);
+  void verify_rest();
+  void measure(const FrameView& frame, uint64_t capture_us);
   void learn_features();
   void run_difference(const FrameView& frame);
   void make_grey(const FrameView& frame);
@@ -138,6 +137,7 @@ class FramePath {
   void run_helmholtz();
   void run_contact_depth();
   // frame_path_verdict.cpp
+  [[nodiscard]] bool presses(uint32_t flags) const;
   void watch(const FrameView& frame);
   void follow_zero(uint64_t capture_us);
   void judge_input();
@@ -146,7 +146,6 @@ class FramePath {
   void judge_skin();
   void judge_contact_model();
   void judge_fingertip();
-  // Nothing that this frame says may be used.
   [[nodiscard]] bool is_wrong() const;
   template <typename Work>
   void timed(Stage stage, Work work);
@@ -159,6 +158,7 @@ class FramePath {
   GridSize depth_grid_;
   NodeGrid nodes_;
   Rest rest_;
+  RestWatch rest_watch_;
   PictureWatch picture_watch_;
   bool is_live_ = false;
   uint32_t capture_flags_ = 0;

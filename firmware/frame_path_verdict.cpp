@@ -33,9 +33,14 @@ void FramePath::follow_zero(uint64_t capture_us) {
 }
 
 // Contacts of a frame whose picture is wrong mean nothing; one that is out of range presses all the more.
-bool FramePath::is_touched() const {
+bool FramePath::is_touched() const { return presses(state_.flags); }
+
+// A surface that moved as no stated force moves it is pressed for all that is known.
+bool FramePath::presses(uint32_t flags) const {
   const FrameState& s = state_;
-  if ((s.flags & kWrongFlags & ~(kFlagOverRange | kFlagSaturated)) != 0) return false;
+  const uint32_t may_press = kFlagOverRange | kFlagSaturated | (s.solve.is_explained ? 0U : kFlagFeatures);
+  if ((flags & kWrongFlags & ~may_press) != 0) return false;
+  if (!s.solve.is_explained) return true;
   if (s.contacts.n_found > 0 || s.tip.is_touched) return true;
   if (!feature_wrench_) return false;
   // A wrench without contacts: beyond five standard deviations.
@@ -46,6 +51,10 @@ bool FramePath::is_touched() const {
   };
   return is_beyond(s.wrench.force_x_un, variance[0]) || is_beyond(s.wrench.force_y_un, variance[6]) ||
          is_beyond(s.wrench.force_z_un, variance[11]);
+}
+
+bool FramePath::light_is_trusted() const {
+  return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_ && has_gauge();
 }
 
 bool FramePath::is_wrong() const { return (state_.flags & kWrongFlags) != 0; }

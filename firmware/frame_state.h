@@ -46,6 +46,7 @@ enum Flag : uint32_t {
   kFlagRepeated = 32768,
   kFlagPicture = 65536,
   kFlagTime = 131072,
+  kFlagRestUnverified = 262144,
 };
 // What makes the forces of a frame invalid.
 inline constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kFlagSaturated | kFlagOverRange |

@@ -29,6 +29,7 @@
 #include "store/folder_storage.h"
 #include "store/last_run.h"
 #include "store/own_serial.h"
+#include "store/rest_file.h"
 
 #ifndef RUFFINI_VERSION
 #define RUFFINI_VERSION "0"
@@ -243,6 +244,14 @@ int run(const Arguments& arguments) {
     if (!fault.empty() && fault != said && fault != pad.value().dark()) fmt::print(stderr, "ruffinid: {}\n", fault);
     said = fault;
     return !fault.empty();
+  };
+  auto rest_medium = ruffini::FolderStorage::open(pad.value().store_folder(arguments.store));
+  if (!rest_medium) return fail(rest_medium.error());
+  const auto [width_px, height_px] = std::pair(board.value().camera.width_px, board.value().camera.height_px);
+  options.known_rest = ruffini::load_rest(*rest_medium.value(), width_px, height_px);
+  options.keep_rest = [&medium = *rest_medium.value(), width_px, height_px](std::span<const uint16_t> rest) {
+    const ruffini::Status kept = ruffini::save_rest(medium, rest, width_px, height_px);
+    if (!kept) fmt::print(stderr, "ruffinid: {}: the next start cannot be compared with rest\n", kept.error().message);
   };
   options.begun = [&board](const char* role) {
     const std::string problem = ruffini::place_thread(role, ruffini::thread_of(board.value().threads, role));

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdlib>
+#include <iterator>
 #include <utility>
 
 namespace ruffini {
@@ -17,6 +18,10 @@ constexpr int32_t kDepthOverShear = 2;
 
 constexpr const char* kStiffnessSigma = "support.stiffness_sigma_1e6";
 constexpr int64_t kMaxStiffnessSigma_1e6 = 500'000;
+// What is touched on more than nine sixteenths of its nodes shows no rest beside it from which depth could be measured.
+bool covers_pad(std::span<const uint8_t> mask) {
+  return 16 * std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; }) > 9 * std::ssize(mask);
+}
 
 int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
 
@@ -34,7 +39,8 @@ ForceField::ForceField(const BoardSettings& board, const NodeGrid& nodes)
                                               board.pad.size_y_um / (board.grid.n_y - 1), board.pad.thickness_um)),
       repaired_(static_cast<size_t>(nodes_.count())),
       camera_motion_(nodes_),
-      left_at_sides_(camera_motion_.unknowns().size()) {}
+      left_at_sides_(camera_motion_.unknowns().size()),
+      has_rim_gauge_(board.depth.source == DepthSource::kLight && board.depth.gauge == Gauge::kMargin) {}
 
 Status ForceField::load(const Calibration& calibration, bool has_operator, bool has_second_pass) {
   if (!has_operator || !calibration.has_kind("operator")) return Unit{};
@@ -63,6 +69,9 @@ Status ForceField::load_second_pass(const Calibration& calibration) {
   if (Status loaded = keep(SupportSolver::load(calibration, nodes_, places_), support_); !loaded) return loaded;
   support_->watch(camera_motion_.unknowns());
   if (Status loaded = load_error_model(calibration); !loaded) return loaded;
+  if (calibration.tensor("support.spread") != nullptr) {
+    if (Status loaded = keep(SpreadCheck::load(calibration, nodes_, places_), spread_check_); !loaded) return loaded;
+  }
   if (calibration.has_kind("finite_strain")) {
     if (Status loaded = keep(FiniteStrain::load(calibration, nodes_), finite_strain_); !loaded) return loaded;
   }
@@ -128,7 +137,12 @@ void ForceField::estimate(std::span<const NodeDisplacement> displacement, bool i
 
 void ForceField::refine(bool is_light_steady, SolvedForces& out, SaturationCounter& saturations) {
   const std::span<const NodeForce> beyond = add_finite_strain(is_light_steady, out, saturations);
+  const bool is_pressed = mask_.is_pressed();
   support_->run(out.u, beyond, out.mask, mask_.threshold_lsb(), out.force, saturations);
+  if (!spread_check_) return;
+  out.is_explained =
+      spread_check_->is_explained(out.u, out.force, beyond, is_pressed) &&
+      !(has_rim_gauge_ && (covers_pad(out.mask) || is_rim_pressed(nodes_, out.force, mask_.threshold_lsb())));
 }
 
 void ForceField::leave(const SolvedForces& solved, std::span<int32_t> residual, SaturationCounter& saturations) {

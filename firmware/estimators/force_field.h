@@ -31,6 +31,7 @@
 #include "solve/finite_strain.h"
 #include "solve/node_sigma.h"
 #include "solve/relaxation.h"
+#include "solve/spread_check.h"
 #include "solve/support_solver.h"
 #include "store/calibration.h"
 
@@ -43,6 +44,7 @@ struct SolvedForces {
   std::vector<NodeForce> force;   // the second pass overwrites it
   std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
   bool is_refined = false;        // in this frame
+  bool is_explained = true;       // by refine(): the forces are all that presses (solve/spread_check.h)
 };
 
 class ForceField {
@@ -97,6 +99,8 @@ class ForceField {
   std::optional<SupportSolver> support_;
   CameraMotion camera_motion_;
   std::vector<int32_t> left_at_sides_;  // where camera_motion_ looks
+  std::optional<SpreadCheck> spread_check_;
+  bool has_rim_gauge_;  // depth is zero on the rim, on average
   std::optional<FiniteStrain> finite_strain_;
   std::optional<Relaxation> relaxation_;
   std::optional<NodeSigmaModel> node_error_;

@@ -39,17 +39,11 @@ OldPictures::OldPictures(int width_px, int height_px)
 
 void OldPictures::begin_rest() { repeats_itself_ = false; }
 
-void OldPictures::add_rest(const FrameView& frame) {
-  sum(frame);
-  repeats_itself_ = repeats_itself_ || compare().most > 0;
-  remember();
-}
-
 bool OldPictures::run(const FrameView& frame) {
   sum(frame);
-  const Repeats repeats = compare();
+  last_ = compare();
   remember();
-  return repeats.is_whole || (!repeats_itself_ && repeats.most >= kFewest);
+  return last_.is_whole || (!repeats_itself_ && last_.most >= kFewest);
 }
 
 void OldPictures::sum(const FrameView& frame) {

@@ -28,10 +28,10 @@ class OldPictures {
 
   // Starts a new rest image: whether the camera repeats itself is unknown again.
   void begin_rest();
-  // Remembers a rest frame, and records whether this camera repeats itself.
-  void add_rest(const FrameView& frame);
   // True if the picture or a part of it is an old one. Remembers it.
-  [[nodiscard]] bool run(const FrameView& frame);
+  bool run(const FrameView& frame);
+  // The picture of the last run() is a rest frame: records whether this camera repeats itself.
+  void count_as_rest() { repeats_itself_ = repeats_itself_ || last_.most > 0; }
 
  private:
   static constexpr int kColumns = 4;
@@ -55,6 +55,7 @@ class OldPictures {
   std::vector<Cells> before_;  // a ring
   size_t n_before_ = 0;
   size_t next_ = 0;
+  Repeats last_;
   bool repeats_itself_ = false;
 };
 

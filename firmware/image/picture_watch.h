@@ -13,14 +13,14 @@ struct PictureWatch {
   PictureWatch(int width_px, int height_px)
       : frame(width_px, height_px), old(width_px, height_px), pixels(width_px, height_px) {}
 
-  // Order of calls: begin_rest(), add_rest() for each rest frame, then learn() with the rest image. The image may also
-  // come from a file or another path; then learn() alone is called.
+  // Order of calls: begin_rest(), old.run() and add_rest() for each rest frame, then learn() with the rest image. The image
+  // may also come from a file or another path; then learn() alone is called.
   void begin_rest() {
     old.begin_rest();
     pixels.begin_rest();
   }
   void add_rest(const FrameView& rest) {
-    old.add_rest(rest);
+    old.count_as_rest();
     pixels.add_rest(rest);
   }
   void learn(std::span<const uint16_t> rest) {

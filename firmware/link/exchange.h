@@ -42,6 +42,7 @@ struct Exchange {
   // Written by the link thread, read by the frame thread.
   std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send each n-th frame; 0 = never
   std::atomic<int> zero_frames{kNoZero};                     // request, or one of the two above
+  std::atomic<bool> zero_even_if_touched{false};             // of that request
   std::atomic<FramePath*> next_path{nullptr};                // to swap in between frames; ownership passes
   std::atomic<int32_t> milli_celsius{kNoTemperature};        // of the board's thermometer
   // Of the link thread alone.
@@ -59,6 +60,7 @@ struct Exchange {
   std::atomic<uint32_t> wrong_flags{0};  // all that the path in use has had of kWrongFlags
   std::atomic<bool> is_touched{false};   // something presses on the pad
   std::atomic<bool> is_zeroing{false};   // another rest is being learned
+  std::atomic<uint32_t> refused_zeros{0};
   std::atomic<uint64_t> missed_deadlines{0};
   std::atomic<uint32_t> zero_moved_nm{0};  // by creep, since rest was learned
   std::atomic<bool> is_zero_at_limit{false};

@@ -145,6 +145,7 @@ void Session::act(const ruffini_Command& request, ruffini_Reply& reply) {
         copy_text(reply.text,
                   "something presses on the pad: take it away and zero again, or say that it is to be part of rest");
       } else {
+        exchange_.zero_even_if_touched = request.action.zero.even_if_touched;
         exchange_.zero_frames = static_cast<int>(request.action.zero.n_frames);
       }
       break;
@@ -319,6 +320,7 @@ void Session::poll(uint64_t now_us) {
     send_event(now_us, severity, end->is_confirmed ? "calibration_active" : "calibration_reverted", end->text);
   }
   watch_camera(now_us);
+  watch_zero(now_us);
   take_telemetry();
 }
 
@@ -348,6 +350,15 @@ void Session::watch_camera(uint64_t now_us) {
     stale_us_ = now_us;
     send_stale_wrench();
   }
+}
+
+void Session::watch_zero(uint64_t now_us) {
+  const uint32_t n = exchange_.refused_zeros;
+  if (n == refused_zeros_) return;
+  refused_zeros_ = n;
+  send_event(
+      now_us, ruffini_Event_Severity_SEVERITY_WARNING, "zero_refused",
+      "something came onto the pad while rest was learned: rest is what it was before; take it away and zero again");
 }
 
 // By the time that frames come again a finger may lie on the pad: nobody asked for that to be rest.

@@ -87,6 +87,7 @@ class Session {
   // The camera stands still: an event, and the last wrench again, marked and invalid, ten times a second.
   void watch_camera(uint64_t now_us);
   void give_up_zero(uint64_t now_us);
+  void watch_zero(uint64_t now_us);
   void send_stale_wrench();
   void tell_network(ruffini_Status& m) const;
   void tell_last_run(ruffini_Status& m) const;
@@ -119,7 +120,8 @@ class Session {
   StallWatch stall_;
   bool is_stalled_ = false;
   bool has_given_up_zero_ = false;  // in this stall
-  uint64_t stale_us_ = 0;           // of the last stale wrench
+  uint32_t refused_zeros_ = 0;
+  uint64_t stale_us_ = 0;  // of the last stale wrench
   uint64_t started_us_ = 0;
   bool is_status_asked_ = false;
   uint64_t status_us_ = 0;  // of the last one

@@ -2,17 +2,50 @@
 
 #include <algorithm>
 #include <iterator>
+#include <limits>
 
 namespace ruffini {
 namespace {
 
 constexpr int kStrongestShift = 3;  // T is an eighth of the strongest
 constexpr int32_t kMaxNoiseUn = 100'000'000;
+constexpr int64_t kMostPressure = std::numeric_limits<int32_t>::max();
+constexpr int64_t kPressedShare = 4;
+constexpr int kSmallestSide = 2;
+constexpr int kLargestSide = 8;
 
 // How far beyond a threshold, 0 to kFull at twice the threshold, rounded up.
 uint8_t surely(int64_t pressure, int64_t threshold) {
   const int64_t beyond = std::clamp<int64_t>(pressure - threshold, 0, threshold);
   return static_cast<uint8_t>((beyond * ContactMask::kFull + threshold - 1) / threshold);
+}
+
+// Of an unknown noise: the board's threshold over this.
+int64_t least_share(int side) { return int64_t{side} * side / 4; }
+
+void raise(uint8_t& value, uint8_t to) { value = std::max(value, to); }
+
+// Smallest of each value and those `step` to its right, below it and both. A square that leaves the grid has none: 0.
+void shrink(std::span<int32_t> values, GridSize size, int step) {
+  const auto n_x = static_cast<size_t>(size.n_x);
+  const auto ahead = static_cast<size_t>(step);
+  for (size_t row = 0; row < values.size(); row += n_x) {
+    for (size_t x = 0; x + ahead < n_x; ++x) values[row + x] = std::min(values[row + x], values[row + x + ahead]);
+    std::fill_n(&values[row + n_x - std::min(ahead, n_x)], std::min(ahead, n_x), 0);
+  }
+  const size_t below = std::min(ahead * n_x, values.size());
+  for (size_t i = 0; i + below < values.size(); ++i) values[i] = std::min(values[i], values[i + below]);
+  std::fill(values.end() - static_cast<ptrdiff_t>(below), values.end(), 0);
+}
+
+// Largest of each value and those `step` to its left, above it and both.
+void grow(std::span<int32_t> values, GridSize size, int step) {
+  const auto n_x = static_cast<size_t>(size.n_x);
+  const auto behind = static_cast<size_t>(step);
+  for (size_t row = 0; row < values.size(); row += n_x) {
+    for (size_t x = n_x; x-- > behind;) values[row + x] = std::max(values[row + x], values[row + x - behind]);
+  }
+  for (size_t i = values.size(); i-- > behind * n_x;) values[i] = std::max(values[i], values[i - behind * n_x]);
 }
 
 }  // namespace
@@ -21,11 +54,27 @@ ContactMask::ContactMask(GridSize nodes, int64_t threshold_lsb, int64_t min_node
     : nodes_(nodes),
       threshold_lsb_(threshold_lsb),
       min_nodes_(min_nodes),
-      least_lsb_(threshold_lsb),
       frame_threshold_lsb_(threshold_lsb),
-      pressed_(static_cast<size_t>(nodes.count())),
-      opened_(static_cast<size_t>(nodes.count())),
-      mask_(static_cast<size_t>(nodes.count())) {}
+      smallest_(static_cast<size_t>(nodes.count())),
+      largest_(smallest_.size()),
+      opened_(smallest_.size()),
+      mask_(smallest_.size()) {}
+
+int64_t ContactMask::threshold_of(int side, int64_t strongest_lsb, bool is_steady) const {
+  const int64_t least = noise_lsb_.value_or(std::max<int64_t>(threshold_lsb_ / least_share(side), 1));
+  const int64_t wanted = is_steady ? strongest_lsb >> kStrongestShift : threshold_lsb_;
+  return std::max(least, std::min(threshold_lsb_, wanted));
+}
+
+// smallest_ is that of squares of this side.
+void ContactMask::open(int side, int64_t threshold) {
+  if (*std::max_element(smallest_.begin(), smallest_.end()) <= threshold) return;
+  std::copy(smallest_.begin(), smallest_.end(), largest_.begin());
+  for (int step = 1; step < side; step *= 2) grow(largest_, nodes_, step);
+  for (size_t i = 0; i < opened_.size(); ++i) {
+    if (largest_[i] > threshold) raise(opened_[i], surely(largest_[i], threshold));
+  }
+}
 
 std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force, bool is_steady) {
   std::fill(opened_.begin(), opened_.end(), uint8_t{0});
@@ -33,18 +82,17 @@ std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force, boo
   const auto strongest =
       std::min_element(force.begin(), force.end(), [](const NodeForce& a, const NodeForce& b) { return a.z < b.z; });
   const int64_t strongest_lsb = -int64_t{strongest->z};
-  const int64_t wanted = is_steady ? strongest_lsb >> kStrongestShift : threshold_lsb_;
-  frame_threshold_lsb_ = std::max(least_lsb_, std::min(threshold_lsb_, wanted));
-  std::transform(force.begin(), force.end(), pressed_.begin(),
-                 [&](const NodeForce& f) { return surely(-int64_t{f.z}, frame_threshold_lsb_); });
-  const auto at = [&](int x, int y) { return static_cast<size_t>(y * nodes_.n_x + x); };
-  const auto raise = [](uint8_t& value, uint8_t to) { value = std::max(value, to); };
-  for (int y = 0; y + 1 < nodes_.n_y; ++y) {
-    for (int x = 0; x + 1 < nodes_.n_x; ++x) {
-      const uint8_t smallest =
-          std::min({pressed_[at(x, y)], pressed_[at(x + 1, y)], pressed_[at(x, y + 1)], pressed_[at(x + 1, y + 1)]});
-      for (const size_t i : {at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)}) raise(opened_[i], smallest);
-    }
+  std::transform(force.begin(), force.end(), smallest_.begin(), [](const NodeForce& f) {
+    return static_cast<int32_t>(std::clamp<int64_t>(-int64_t{f.z}, 0, kMostPressure));
+  });
+  const int64_t usual = threshold_of(kSmallestSide, strongest_lsb, is_steady);
+  frame_threshold_lsb_ = threshold_of(kLargestSide, strongest_lsb, is_steady);
+  is_pressed_ = strongest_lsb > threshold_lsb_ / kPressedShare;
+  for (int side = kSmallestSide; side <= kLargestSide; side *= 2) {
+    const int64_t threshold = threshold_of(side, strongest_lsb, is_steady);
+    if (side > kSmallestSide && threshold == usual) break;  // no node that the smaller square has not opened
+    shrink(smallest_, nodes_, side / 2);
+    open(side, threshold);
   }
   if (std::ssize(opened_) - std::count(opened_.begin(), opened_.end(), uint8_t{0}) < min_nodes_) {
     std::fill(opened_.begin(), opened_.end(), uint8_t{0});
@@ -53,10 +101,11 @@ std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force, boo
         is_steady ? surely(strongest_lsb, alone_lsb_) : uint8_t{0});
   for (int y = 0; y < nodes_.n_y; ++y) {
     for (int x = 0; x < nodes_.n_x; ++x) {
-      if (opened_[at(x, y)] == 0) continue;
+      const uint8_t opened = opened_[static_cast<size_t>(y * nodes_.n_x + x)];
+      if (opened == 0) continue;
       for (int v = std::max(y - 1, 0); v <= std::min(y + 1, nodes_.n_y - 1); ++v) {
         for (int u = std::max(x - 1, 0); u <= std::min(x + 1, nodes_.n_x - 1); ++u) {
-          raise(mask_[at(u, v)], opened_[at(x, y)]);
+          raise(mask_[static_cast<size_t>(v * nodes_.n_x + u)], opened);
         }
       }
     }
@@ -73,7 +122,7 @@ Status ContactMask::load_noise(const Calibration& calibration, int64_t force_lsb
                  "calibration file: contact.noise_un is not from 1 to 100000000 uN: make it again with `ruffini cal "
                  "contact`"};
   }
-  least_lsb_ = std::max<int64_t>(noise_un[0] / force_lsb_un, 1);
+  noise_lsb_ = std::max<int64_t>(noise_un[0] / force_lsb_un, 1);
   alone_lsb_ = std::max<int64_t>(noise_un[1] / force_lsb_un, 1);
   return Unit{};
 }

@@ -1,21 +1,25 @@
 // Where the pad is touched and how surely, from a field of nodal forces: 0 not, up to 128 (Q7) surely.
 //
-//   T       = strongest -f_z of the frame / 8, at least `least`, at most the board's threshold
-//   pressed = (-f_z - T) / T, clamped to 0..1
-//   opened  = largest over the 2 x 2 squares at the node of the smallest pressed in the square
-//             (single noisy nodes vanish); zero when fewer than min_nodes are opened
+//   T_k     = strongest -f_z of the frame / 8, at least `least_k`, at most the board's threshold
+//   opened  = largest over k of (o_k - T_k) / T_k, clamped to 0..1; o_k = largest over the k x k squares at the node of
+//             the smallest -f_z in the square, k = 2, 4, 8 (single noisy nodes vanish)
+//             zero when fewer than min_nodes are opened
 //             of the strongest node also (-f_z - A) / A, clamped to 0..1      A = `alone`
 //   mask    = largest opened of the node and its 8 neighbours
 //
-// `least` and `alone` are what the noise of untouched frames of this unit hardly ever reaches (kind `contact` of
-// proto/CALIBRATION.md); without them, and while the light drifts, T is the board's threshold. The eighth: what the linear estimate leaves around a
-// strong contact is no second one.
+// `least_2` and `alone` are what the noise of untouched frames of this unit hardly ever reaches (kind `contact` of
+// proto/CALIBRATION.md); all k have that then, so k = 2 decides. Without it `least_k` is the board's threshold over 1, 4, 16:
+// what noise makes on 4 x 4 and on 8 x 8 nodes at once is smaller, and a flat punch presses on many nodes, on each one little.
+// While the light drifts, T is the board's threshold. The eighth: what the linear estimate leaves around a strong contact is
+// no second one.
 //
 // Every step is continuous in the force, so that a node at the threshold cannot flip the second pass.
-// Frame thread; no allocation after the constructor.
+// Work: 3 passes over the nodes for each k whose T the strongest node reaches. Frame thread; no allocation after the
+// constructor.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -45,17 +49,24 @@ class ContactMask {
 
   // One value a node; valid until the next call. is_steady: the noise is what it was when it was measured.
   std::span<const uint8_t> find(std::span<const NodeForce> force, bool is_steady = true);
-  // T of the last field.
+  // T_8 of the last field: the smallest.
   [[nodiscard]] int64_t threshold_lsb() const { return frame_threshold_lsb_; }
+  // The strongest node of the last field pressed harder than a quarter of the board's threshold.
+  [[nodiscard]] bool is_pressed() const { return is_pressed_; }
 
  private:
+  [[nodiscard]] int64_t threshold_of(int side, int64_t strongest_lsb, bool is_steady) const;
+  void open(int side, int64_t threshold);
+
   GridSize nodes_;
   int64_t threshold_lsb_;
   int64_t min_nodes_;
-  int64_t least_lsb_;
+  std::optional<int64_t> noise_lsb_;
   int64_t alone_lsb_ = int64_t{1} << 40;  // beyond any force
   int64_t frame_threshold_lsb_;
-  std::vector<uint8_t> pressed_;
+  bool is_pressed_ = false;
+  std::vector<int32_t> smallest_;  // -f_z of the square whose first node this is
+  std::vector<int32_t> largest_;   // o_k
   std::vector<uint8_t> opened_;
   std::vector<uint8_t> mask_;
 };

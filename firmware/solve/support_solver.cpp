@@ -14,6 +14,9 @@ constexpr int64_t kImageLimit = int64_t{1} << 33;  // of H p16: its energy over 
 constexpr int kImageFraction = 8;
 constexpr int kForceFraction = 30;
 constexpr int kUnitFraction = 14;  // of y and r
+constexpr int kSizeFraction = 12;
+constexpr int64_t kUnitSize = int64_t{1} << kSizeFraction;
+constexpr int64_t kMostSize = 4;
 constexpr int64_t kMaxNoise = int64_t{1} << 24;
 
 bool is_shear(uint32_t unknown) { return unknown % 3 != 2; }
@@ -145,13 +148,29 @@ SupportSolver::Energy SupportSolver::precondition() {
   return out;
 }
 
-// r = b - H y; p = z; kSteps conjugate-gradient steps.
-void SupportSolver::round(SaturationCounter& saturations) {
+// By how much y = p16 2^shift, whose image is there, explains b best.
+int64_t SupportSolver::size_q12(int shift) const {
+  const int b_shift = common_shift(b_);
+  int64_t explained = 0;  // p16 . b16
+  int64_t curvature = 0;  // p16 . H p16, with kImageFraction bits
+  for (size_t i = 0; i < index_.size(); ++i) {
+    explained += p16_[index_[i]] * to_16(b_[i], b_shift);
+    curvature += p16_[index_[i]] * image_[i];
+  }
+  if (explained <= 0 || curvature <= 0) return kUnitSize;
+  const Quotient size = quotient(explained, curvature, b_shift - shift + kImageFraction);
+  return std::clamp(shifted(size.mantissa, -(size.exponent + kSizeFraction)), kUnitSize / kMostSize,
+                    kUnitSize * kMostSize);
+}
+
+// y = s y in the first round, r = b - H y; p = z; kSteps conjugate-gradient steps.
+void SupportSolver::round(bool is_first, SaturationCounter& saturations) {
   const int shift = spread(y_);
   multiply(saturations);
+  const int64_t size = is_first ? size_q12(shift) : kUnitSize;
   for (size_t i = 0; i < index_.size(); ++i) {
-    y_[i] = int64_t{p16_[index_[i]]} << shift;  // what was multiplied, exactly
-    r_[i] = limited(b_[i] - shifted(image_[i], kImageFraction - shift), saturations);
+    y_[i] = limited(shifted(p16_[index_[i]] * size, kSizeFraction - shift), saturations);
+    r_[i] = limited(b_[i] - shifted(image_[i] * size, kSizeFraction + kImageFraction - shift), saturations);
   }
   for (Watched& w : watched_) w.r = limited(w.b - shifted(w.image, kImageFraction - shift), watched_saturations_);
   Energy current = precondition();
@@ -195,7 +214,7 @@ void SupportSolver::run(std::span<const int16_t> u, std::span<const NodeForce> b
     if (i > 0) weaken_pull(threshold_lsb);
     modes_.learn(y_, weight_);
     if (i == 0) modes_.shrink(y_, weight_);
-    round(saturations);
+    round(i == 0, saturations);
   }
   std::fill(force.begin(), force.end(), NodeForce{});
   for (size_t i = 0; i < index_.size(); ++i) {

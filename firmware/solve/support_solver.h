@@ -11,6 +11,8 @@
 //   z = M r    M = w^2 (a quarter of it for shear) + modes; r . z = v . v + the modes' part, v = w r (w r / 2)
 //   p16        p rounded to 16 bits with one common shift (as v16 for the energies)
 //   H p16      `support.normal`, 8 more fraction bits, clamped to +-2^33, counted
+//   s          y . b / (y . H y), Q12, clamped to 1/4..4: the first round begins with s y in place of y, which costs no product.
+//              What the linear estimate takes for the depth's free constant it lacks in size: half of a wide punch
 //   b          `support.project` u, and H of what finite strain adds, as y
 //   step, beta mantissa of 24 bits and a power of two
 //   F = (y d + 2^29) >> 30, d = `support.scale` (Q16 force steps per unit of y)
@@ -73,7 +75,8 @@ class SupportSolver {
   void start(std::span<const int16_t> u, std::span<const NodeForce> force, SaturationCounter& saturations);
   void add_to_b(std::span<const NodeForce> beyond, SaturationCounter& saturations);
   void weaken_pull(int64_t threshold_lsb);
-  void round(SaturationCounter& saturations);
+  [[nodiscard]] int64_t size_q12(int shift) const;
+  void round(bool is_first, SaturationCounter& saturations);
   bool step(Energy& current, SaturationCounter& saturations);
   Energy precondition();
   // Spread `values` (one per unknown of the support) to p16_; returns the shift.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -26,7 +28,7 @@ ALL_STAGES = (
 )
 N_REST = 3
 NOISE_UN = (700, 900)  # below the board's threshold, of 2 x 2 nodes and of one alone
-VALID, UNCALIBRATED_Z, WINDOW_BORDER, LIGHT = 1, 4, 512, 1024  # of Validity and FlagBit
+VALID, UNCALIBRATED_Z, WINDOW_BORDER, LIGHT, FEATURES = 1, 4, 512, 1024, 2048  # of Validity and FlagBit
 
 
 def board_with_all_stages(step: int, gauge: str = "margin") -> str:
@@ -125,6 +127,32 @@ def test_every_stage_over_a_recording(step: int, has_camera_map: bool, gauge: st
             n_at_border += bool(result.flags & WINDOW_BORDER)
     assert 3 <= n_touched < 10, n_touched  # the recording has both: touched and untouched frames
     assert 0 < n_at_border < n_touched, n_at_border  # the dent walks over the window's border
+
+
+def test_what_no_force_explains_is_flagged() -> None:
+    """On a board that is seen whole: dents, dots that spread by themselves, and a pad that is pressed all over."""
+    text = board_with_all_stages(2)
+    for key, value in (("min_x_um", 0), ("max_x_um", 4001), ("max_y_um", 3003)):
+        text = re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
+    typed, board = parse_board(text.encode(), "small"), read_board(text)
+    rng = np.random.default_rng(3)
+    kind = kept(make_operator, typed, method="support", noise=Noise((5e-7, 5e-7, 2e-6)))
+    assert "support.spread" in kind.tensors
+    file = pack({**kind.tensors, **photometric_tables(rng)}, {**base_metadata(typed), **kind.metadata})
+    rest = np.stack([render(board, np.random.default_rng(7), 0.0) for _ in range(N_REST)])
+    mirror, said = FramePath(board, file.tensors, file.metadata), []
+    with Pipeline(typed, file.data) as core:
+        for frame in rest:
+            core.process(frame)
+        mirror.learn(rest)
+        for t in range(10):
+            moved = render(board, np.random.default_rng(100 + t), 0.1 * t) * (1 + dent(board, t % 5))
+            frame = np.clip(np.round(moved), 0, 255).astype(np.uint8)
+            said.append(bool(core.process(frame).flags & FEATURES))
+            expected = mirror.process(frame, 0)
+            assert np.array_equal(core.raw("force").reshape(-1, 3), expected.force)
+            assert said[-1] == (not mirror.is_explained), t
+    assert 0 < sum(said) < len(said), said
 
 
 def test_a_gauge_without_its_table_measures_no_depth() -> None:

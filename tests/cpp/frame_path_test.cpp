@@ -72,6 +72,18 @@ TEST(FramePath, ZeroLearnsAnew) {
   EXPECT_NEAR(s.displacement.node[100].x.raw() / 8.0, 0, 10);
 }
 
+TEST(FramePath, AStartThatNobodyCanCompareIsUnverifiedUntilSomebodyZeroes) {
+  Sensor sensor;
+  sensor.path->expect_rest({});
+  sensor.learn();
+  EXPECT_TRUE(sensor.show_dots(0).flags & kFlagRestUnverified);
+  EXPECT_EQ(sensor.path->rest_watch().n_known, 0U);
+  sensor.path->zero(2);
+  for (int i = 0; i < 2; ++i) sensor.show_dots(0);
+  EXPECT_FALSE(sensor.show_dots(0).flags & (kFlagRestUnverified | kFlagNoReference));
+  EXPECT_EQ(sensor.path->rest_watch().n_known, 1U);
+}
+
 TEST(FramePath, AZeroThatIsGivenUpLeavesTheOldOne) {
   Sensor sensor;
   sensor.learn();
@@ -118,7 +130,7 @@ TEST(FramePath, APadWithoutDotsIsNotThisBoard) {
 
 // A pressed pad whose calibration states its uncertainty; with capture times of 60 Hz.
 struct PressedSensor {
-  explicit PressedSensor(bool is_relaxing = false) {
+  explicit PressedSensor(bool is_relaxing = false, bool has_rest = true) {
     board.stages.clear();
     for (const std::string& stage : known_stages()) {
       // Contacts of a skin that glows and of a texture are their own.
@@ -127,11 +139,12 @@ struct PressedSensor {
     auto file = CalibrationFile::load(test::diagonal_calibration(board, is_relaxing));
     EXPECT_TRUE(file.has_value());
     path = std::move(FramePath::configure(board, file.value(), fake_clock)).value();
-    learn();
+    if (has_rest) learn();
   }
   void learn() {
-    for (int i = 0; i < board.n_rest_frames; ++i) show(test::nominal_dots(board), 0);
+    for (int i = 0; i < board.n_rest_frames; ++i) still();
   }
+  const FrameState& still() { return show(test::nominal_dots(board), 0); }
   // All dots moved by two pixels but the `hidden` one; shaded as by a dent in the middle.
   const FrameState& press(int hidden) {
     auto dots = test::nominal_dots(board);
@@ -216,6 +229,73 @@ TEST(FramePath, ATouchIsKnownAsOneAndAFrameThatIsWrongIsNone) {
   EXPECT_TRUE(sensor.path->is_touched());
   (void)sensor.show_level(40);
   EXPECT_FALSE(sensor.path->is_touched());
+}
+
+TEST(FramePath, AZeroIsRefusedWhereSomethingPressesWhileItLearns) {
+  PressedSensor sensor;
+  const int64_t pressed = sensor.press(-1).wrench.force_z_un;
+  sensor.still();
+  sensor.path->zero(9);
+  for (int i = 0; i < 4; ++i) EXPECT_TRUE(sensor.still().flags & kFlagNoReference);
+  EXPECT_EQ(sensor.path->rest_watch().n_refused, 0U);
+  EXPECT_EQ(sensor.press(-1).force_z, Validity::kInvalid);
+  EXPECT_EQ(sensor.path->rest_watch().n_refused, 1U);
+  EXPECT_FALSE(sensor.path->is_zeroing());
+  const FrameState& s = sensor.press(-1);
+  EXPECT_EQ(s.force_z, Validity::kValid);
+  EXPECT_EQ(s.wrench.force_z_un, pressed) << "rest is what it was";
+  sensor.path->zero(2, false);
+  for (int i = 0; i < 2; ++i) sensor.press(-1);
+  EXPECT_NEAR(static_cast<double>(sensor.press(-1).wrench.force_z_un), 0, 1'000) << "as somebody asked";
+}
+
+TEST(FramePath, AZeroIsRefusedWhereMarkersVanishWhileItLearns) {
+  PressedSensor sensor;
+  sensor.still();
+  sensor.path->zero(9);
+  sensor.still();
+  EXPECT_TRUE(sensor.show_level(40).flags & kFlagMarkersLost) << "as under a press that is too strong";
+  EXPECT_FALSE(sensor.path->is_zeroing());
+  EXPECT_EQ(sensor.path->rest_watch().n_refused, 1U);
+  sensor.show_level(40);
+  sensor.path->zero(2);  // what was so before may be why somebody zeroes
+  for (int i = 0; i < 2; ++i) sensor.show_level(40);
+  EXPECT_FALSE(sensor.path->is_zeroing());
+  EXPECT_EQ(sensor.path->rest_watch().n_refused, 1U);
+}
+
+TEST(FramePath, AZeroThatAPressEndedDoesNotVerifyTheStart) {
+  PressedSensor sensor(false, false);
+  sensor.path->expect_rest({});
+  for (int i = 0; i <= sensor.board.n_rest_frames; ++i) (void)sensor.still();
+  sensor.path->zero(9);
+  sensor.press(-1);
+  EXPECT_FALSE(sensor.path->is_zeroing());
+  for (int i = 0; i <= sensor.board.n_rest_frames; ++i) EXPECT_TRUE(sensor.still().flags & kFlagRestUnverified);
+}
+
+TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
+  PressedSensor before;
+  const int64_t pressed = before.press(-1).wrench.force_z_un;
+  const auto start = [&](bool is_pressed) {
+    PressedSensor sensor(false, false);
+    sensor.path->expect_rest(before.path->rest_image());
+    for (int i = 0; i < sensor.board.n_rest_frames; ++i) (void)(is_pressed ? sensor.press(-1) : sensor.still());
+    const FrameState& s = sensor.press(-1);
+    EXPECT_FALSE(s.flags & kFlagNoReference);
+    EXPECT_EQ((s.flags & kFlagRestUnverified) != 0, is_pressed) << "a load, or no longer that pad";
+    EXPECT_NEAR(static_cast<double>(s.wrench.force_z_un), static_cast<double>(pressed), 1'000);
+    for (int i = 0; i < sensor.board.n_rest_frames; ++i) (void)sensor.still();
+    EXPECT_FALSE(sensor.press(-1).flags & kFlagRestUnverified) << "untouched it reads zero: it was a load";
+    return std::pair{sensor.path->rest_watch().n_refused, sensor.path->rest_watch().n_known};
+  };
+  EXPECT_EQ(start(false), (std::pair{0U, 1U}));
+  EXPECT_EQ(start(true), (std::pair{1U, 0U})) << "under a load: the rest of before stays";
+  PressedSensor dark(false, false);  // pictures that show nothing are compared with nothing
+  dark.path->expect_rest(before.path->rest_image());
+  for (int i = 0; i < dark.board.n_rest_frames; ++i) dark.show_level(5);
+  EXPECT_TRUE(dark.still().flags & kFlagRestUnverified);
+  EXPECT_EQ(dark.path->rest_watch().n_known, 0U);
 }
 
 TEST(FramePath, ANewRestForgetsWhatThePadWentThrough) {

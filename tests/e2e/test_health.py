@@ -22,6 +22,7 @@ from tiny_twin import Twin
 from ruffini.bench import health as bench
 from ruffini.demo.daemon import find_daemon
 from ruffini.device import Connection
+from ruffini.device.zeroing import learn_rest
 from ruffini.errors import RefusedError
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.serve import TwinServer
@@ -308,6 +309,9 @@ def test_zero_is_refused_while_something_presses(twin: Twin, tmp_path: Path) -> 
                     assert count < 500, "the ball never pressed"
                 with pytest.raises(RefusedError, match="something presses on the pad"):
                     sensor.checked(zero={"n_frames": 0})
-                sensor.checked(zero={"n_frames": 0, "even_if_touched": True})
+                learn_rest(sensor, even_if_touched=True)
+                sensor.subscribe(contacts=1)
+                n_found = (m.n_found for f, m in sensor.stream() if sensor.schema.type_name(f.type) == "CONTACTS")
+                assert next(n_found) == 0
         finally:
             process.kill()

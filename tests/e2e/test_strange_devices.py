@@ -146,3 +146,38 @@ def test_a_camera_that_stands_still_is_named(tmp_path: Path) -> None:
         pytest.raises(NoDeviceError, match="is the camera running"),
     ):
         record_stream(host, tmp_path / "a.mcap", n_frames=5)
+
+
+NO_REFERENCE = SCHEMA.enum_number("FlagBit", "FLAG_NO_REFERENCE")
+
+
+@pytest.mark.parametrize(
+    ("learning", "event", "code", "said"),
+    [
+        (range(3, 8), None, 0, "rest is learned"),
+        (range(0), None, 0, "rest is learned"),  # the line lost those frames
+        (range(3, 6), "zero_refused", 4, "something pressed"),
+        (range(3, 6), "zero_given_up", 4, "something pressed"),
+    ],
+)
+def test_a_zero_waits_for_its_end(learning: range, event: str | None, code: int, said: str) -> None:
+    begun: list[int] = []
+
+    def zeros() -> int:
+        return sum(command.WhichOneof("action") == "zero" for command in device.commands)
+
+    def tell(frame: int, stamp: Any) -> Messages:
+        if not zeros():
+            return {"WRENCH": SCHEMA.new("Wrench", stamp=stamp)}
+        begun.append(frame)
+        n = frame - begun[0]
+        if event and n == learning.stop:
+            return {"EVENT": SCHEMA.new("Event", what=event, text="something pressed")}
+        stamp.flags = NO_REFERENCE if n in learning else 0
+        return {"WRENCH": SCHEMA.new("Wrench", stamp=stamp)}
+
+    with ToldSensor([info_of(find_board("gelslim"))], tell) as device:
+        done = run_ruffini("cal", "zero", port=device.port)
+    assert done.code == code
+    assert said in (done.out if code == 0 else refusal_in(done.err))
+    assert zeros() == 1

@@ -77,7 +77,7 @@ def test_calibrate_check_and_flash(sensor: Sensor, tmp_path: Path) -> None:
         assert ask("cal", "flash", str(both), "--dry-run", port=daemon.port)["state"] == "dry-run"
         assert ask("cal", "flash", str(both), port=daemon.port)["state"] == "active"
         assert ask("cal", "flash", str(both), port=daemon.port)["state"] == "same"
-        assert ask("cal", "zero", "--even-if-touched", port=daemon.port)["ok"] is True
+        assert ask("cal", "zero", "--even-if-touched", "--no-wait", port=daemon.port)["ok"] is True
         assert ask("info", port=daemon.port)["serial"] == "0001"
         assert ask("devices", port=daemon.port)["devices"][0]["boards"] == ["tiny"]  # type: ignore[index]
 
@@ -111,7 +111,7 @@ def test_a_snapshot_says_what_is_not_measured_and_what_is_not_valid(sensor: Sens
         path = tmp_path / "c.safetensors"
         path.write_bytes(sensor.calibration)
         ask("cal", "flash", str(path), port=daemon.port)
-        ask("cal", "zero", "--n", "256", "--even-if-touched", port=daemon.port)
+        ask("cal", "zero", "--n", "256", "--even-if-touched", "--no-wait", port=daemon.port)
         code, out, _ = run_host("snapshot", "--out", str(tmp_path / "b.png"), port=daemon.port)
         assert code == 0
         assert "INVALID" in out

@@ -109,6 +109,8 @@ def make_calibration(board: Board) -> container.CalibrationFile:
         "photometric.unmix": unmix,
         "photometric.slope": np.clip(np.round(slope * 4096), -32767, 32767).astype(np.int16),
     }
+    for check in ("support.spread", "support.spread_limit"):  # rubber does not move as `draw` does
+        del tables[check]
     return container.pack(tables, {**container.base_metadata(board), **kind.metadata})
 
 

@@ -21,6 +21,7 @@ from row import Row
 SEED = 20_261_124
 MODULES = {  # each offers rows(seed, quick) -> Iterator[Row]
     "pictures": "camera faults: old, moved and altered pictures, through the core",
+    "punches": "flat faces, edges, plates, and presses while rest is learned, through the core",
     "stores": "files, stores, recordings, devices and starts, through the tools",
 }
 LINE = "{:46}{:>8}{:>8}{:>8}{:>12}  {}"

@@ -132,6 +132,8 @@ class Sensor:
     def zero(self, *, even_if_touched: bool = False) -> None:
         """Learn rest anew from the next frames; those have FLAG_NO_REFERENCE.
 
+        Something that comes onto the pad meanwhile ends it: rest stays as it was, with a note `zero_refused`.
+
         Raises
         ------
         RefusedError

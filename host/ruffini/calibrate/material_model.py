@@ -64,7 +64,7 @@ class Predictor:
         operator = force_operator(slab, "optimal", noise=noise, window_m=board_window_m(board))
         linear = u @ operator.T
         masks = [
-            contact_mask(f.reshape(shape)[..., 2], threshold_n=threshold_n, min_nodes=board.contact.min_nodes).ravel()
+            contact_mask(f.reshape(shape)[..., 2], threshold_n=threshold_n, min_nodes=board.contact.min_nodes)
             for f in linear
         ]
         arms = _arms(board, slab)
@@ -75,7 +75,7 @@ class Predictor:
                 system = support_system(
                     condense(replace(slab, poisson=poisson, thickness_m=thickness)), noise, observed, operator
                 )
-                self.at_grid[i, j], self.misfit[i, j] = _wrenches(system, u, linear, masks, arms, threshold_n)
+                self.at_grid[i, j], self.misfit[i, j] = _wrenches(system, u, linear, masks, arms)
                 progress((3 * i + j + 1) / 9)
 
     def part(self, frames: slice) -> Predictor:
@@ -129,12 +129,12 @@ def _arms(board: Board, slab: Slab) -> Array:
 
 
 def _wrenches(
-    system: SupportSystem, u: Array, linear: Array, masks: list[Array], arms: Array, threshold_n: float
+    system: SupportSystem, u: Array, linear: Array, masks: list[tuple[Array, float]], arms: Array
 ) -> tuple[Array, Array]:
     """Wrench of each frame, and (u - C F)^T R^-1 (u - C F) less u^T R^-1 u."""
     wrench, misfit = np.empty((len(u), 6)), np.empty(len(u))
-    for k, (u_k, start, mask) in enumerate(zip(u, linear, masks, strict=True)):
-        force = solve_on_support(system, u_k, start, mask, threshold_n=threshold_n)
+    for k, (u_k, start, (mask, threshold_n)) in enumerate(zip(u, linear, masks, strict=True)):
+        force = solve_on_support(system, u_k, start, mask.ravel(), threshold_n=threshold_n)
         index = np.flatnonzero(force)
         y = force[index] / system.scale_n[index]
         misfit[k] = y @ (system.normal[np.ix_(index, index)] @ y - 2 * (system.project[index] @ u_k))

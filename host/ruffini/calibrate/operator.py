@@ -18,12 +18,13 @@ from ruffini.calibrate.marker_depth import MarkerDepth, fit_marker_depth
 from ruffini.errors import InputError
 from ruffini.fem.certificate import DISPLACEMENT_LSB_NM
 from ruffini.fem.compile import Compiled, compile_matrix, force_steps
-from ruffini.fem.condense import condense
+from ruffini.fem.condense import CondensedSlab, condense, surface_stiffness
 from ruffini.fem.finite_strain import FiniteStrain, finite_strain
 from ruffini.fem.operators import METHODS, Noise, force_operator
 from ruffini.fem.slab import Slab
 from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
 from ruffini.fem.symmetry import Sites, node_sites
+from ruffini.reflection import dense_from_blocks, spd_inverse
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 Progress = Callable[[float], None]
@@ -37,6 +38,8 @@ MAX_ERROR = 1e-3  # of the operator in integers, relative, on independent displa
 N_SAMPLES = 24
 SCALE_Q16 = 1 << 16
 LARGEST_STIFFNESS_SIGMA_1E6 = 500_000
+SPREAD_SIGMAS = 4.0  # of the spread that noise of the operator's standard deviation makes
+LARGEST_SPREAD = 1 << 23
 # Up to here one thread: where other programs run, two wait for each other (five times the time on two busy cores).
 ONE_THREAD_NODES = 1000
 
@@ -208,9 +211,11 @@ def _made(
         metadata |= integers
     system, beyond, errors, no_errors = None, None, None, None
     if has_support:
-        system = support_system(condense(slab), noise, observed_unknowns(board), matrix)
+        condensed = condense(slab)
+        system = support_system(condensed, noise, observed_unknowns(board), matrix)
         progress(0.6)
         _add_support(tensors, metadata, system, lsb, sites, room)
+        tensors |= _spread_tensors(board, condensed, noise, lsb)
     if is_finite:
         beyond = finite_strain(slab, (rows.stop - rows.start, columns.stop - columns.start))
         tables, integers = beyond.tensors(lsb)
@@ -238,8 +243,8 @@ def second_pass(board: Board, matrix: npt.NDArray[np.float64], system: SupportSy
     def estimate(u: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         linear = matrix @ u.ravel()
         force_z = linear.reshape(u.shape)[..., 2]
-        mask = contact_mask(force_z, threshold_n=threshold_n, min_nodes=board.contact.min_nodes)
-        force = solve_on_support(system, u.ravel(), linear, mask.ravel(), threshold_n=threshold_n)
+        mask, least_n = contact_mask(force_z, threshold_n=threshold_n, min_nodes=board.contact.min_nodes)
+        force = solve_on_support(system, u.ravel(), linear, mask.ravel(), threshold_n=least_n)
         return force.reshape(u.shape), mask
 
     return estimate
@@ -264,6 +269,29 @@ def _add(tensors: Tensors, metadata: dict[str, str], name: str, compiled: Compil
     metadata[f"{name}.out_shift"] = str(compiled.program.out_shift)
     metadata[f"{name}.error_1e9"] = str(round(compiled.certificate.total * 1e9))
     metadata[f"{name}.form"] = compiled.form
+
+
+def _spread_tensors(board: Board, condensed: CondensedSlab, noise: Noise, force_lsb_un: int) -> Tensors:
+    """How a force spreads the surface about the pad's centre, for firmware/solve/spread_check.h.
+
+    Not where forces outside of the window spread it too.
+    """
+    if not observed_unknowns(board).all():
+        return {}
+    slab = condensed.slab
+    place_um = np.zeros((slab.n_y, slab.n_x, 3))
+    place_um[..., 0] = np.linspace(-0.5, 0.5, slab.n_x) * slab.size_x_m * 1e6
+    place_um[..., 1] = (np.linspace(-0.5, 0.5, slab.n_y) * slab.size_y_m * 1e6)[:, None]
+    steps_per_m = 1e9 / DISPLACEMENT_LSB_NM
+    compliance = dense_from_blocks(condensed.bases, [spd_inverse(b) for b in surface_stiffness(condensed)])
+    spread = place_um.ravel() @ compliance * (steps_per_m * force_lsb_un * 1e-6)
+    limit = SPREAD_SIGMAS * noise.sigma_m[0] * steps_per_m * float(np.linalg.norm(place_um))
+    if np.abs(spread).max() > LARGEST_SPREAD or limit >= 2**31:
+        return {}
+    return {
+        "support.spread": np.round(spread).astype(np.int32),
+        "support.spread_limit": np.array([max(round(limit), 1)], np.int32),
+    }
 
 
 def _add_support(

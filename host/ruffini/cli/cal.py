@@ -12,7 +12,7 @@ import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, emit_judged, note, progress_bar
 from ruffini.cli.device import open_sensor
-from ruffini.errors import InputError, RefusedError
+from ruffini.errors import InputError
 
 if TYPE_CHECKING:
     from ruffini.boards import Board
@@ -411,11 +411,12 @@ def zero(
     touched: Annotated[
         bool, typer.Option("--even-if-touched", help="Make what presses on the pad now part of rest.")
     ] = False,
+    wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Wait until it is learned.")] = True,
     json_: JsonFlag = False,
 ) -> None:
-    """Learn the untouched image anew: nothing may touch the pad now, and the device refuses where something does."""
+    """Learn the untouched image anew. Nothing may touch the pad: else the device keeps the old image."""
+    from ruffini.device.zeroing import learn_rest
+
     with open_sensor() as sensor:
-        reply = sensor.command(zero={"n_frames": n} | ({"even_if_touched": True} if touched else {}))
-        if reply.code:
-            raise RefusedError(f"{sensor.port}: {reply.text}")
-    emit({"ok": True}, json_, f"{sensor.port}: learning rest")
+        learn_rest(sensor, n, even_if_touched=touched, waits=wait)
+    emit({"ok": True}, json_, f"{sensor.port}: {'rest is learned' if wait else 'learning rest'}")

@@ -24,7 +24,7 @@ from ruffini.wire.dense import decode_dense
 Array = npt.NDArray[np.float64]
 NETWORK_STATES = {0: "loading", 1: "runs", 2: "failed"}
 NOT_MEASURED, VALID, UNCALIBRATED, INVALID = range(4)
-KNOWN_FLAGS = (1 << 18) - 1  # of FlagBit: a number with another one is not believed
+KNOWN_FLAGS = (1 << 19) - 1  # of FlagBit: a number with another one is not believed
 SLIP_STATES = {1: "sticks", 2: "incipient", 3: "slides"}
 
 

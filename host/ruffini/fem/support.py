@@ -14,7 +14,8 @@ Each node has a weight w in 0..1: how surely the linear estimate sees it touched
 conjugate-gradient steps from the present y, preconditioned by w^2 (a prior of standard deviation w);
 before each later round w and y are multiplied by clamp(-f_z / T, 0, 1), T the contact threshold, so
 that nodes which would pull lose their force and their freedom. Three rounds settle what matters, and
-stopping early is the regularisation.
+stopping early is the regularisation. The first round begins with the linear estimate made as large as explains b best:
+under a wide contact that estimate takes most of the pressure for the depth's constant.
 
 Shear is mostly noise but for a few patterns that every contact carries: pushed, twisted, spread, each
 as large as the pressure, as the weight, or growing outwards. What the linear estimate has outside these
@@ -30,6 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.ndimage
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ruffini.fem.condense import CondensedSlab, surface_stiffness
 from ruffini.fem.operators import Noise, depth_modes, hidden_modes
@@ -38,10 +40,13 @@ from ruffini.reflection import dense_from_blocks, spd_inverse
 Array = npt.NDArray[np.float64]
 
 ROUNDS, STEPS = 3, 2
+SQUARES = ((2, 1), (4, 4), (8, 16))  # side of a square of touched nodes, and the threshold over its own
+STRONGEST = 8  # the strongest node over T, at most
 MAX_CONTACTS = 8  # that have shear modes
 SHEAR_WEIGHT = 0.5  # standard deviation of a node's shear against that of its pressure
 MODE_GAIN = 2.0  # variance of a mode
 NOISE_SHARE = 1.5  # expected noise that is taken off, over its mean: shrinks a little too much rather than too little
+MOST_SIZE = 4.0  # by which the first round takes the linear estimate for larger or smaller
 LEAST_SHARE = 1 / 32  # of a mode's square that must remain when it is made orthogonal
 
 
@@ -125,6 +130,7 @@ def solve_on_support(
         if i == 0:
             for c, basis in modes:
                 y[c, :2] = _shrunk(y[c, :2], basis, weight[c, 0], system.shear_noise)
+            y = _size(y, b, h) * y
         y = _conjugate_gradients(h, b, y, weight, modes)
     force = np.zeros_like(start_n)
     force[index] = (y * scale).ravel()
@@ -196,18 +202,28 @@ def _conjugate_gradients(
     return y
 
 
-def contact_mask(force_z_n: Array, *, threshold_n: float, min_nodes: int) -> Array:
-    """Where the pad is touched and how surely, (n_y, n_x), 0 to 1: see firmware/solve/contact_mask.h.
+def _size(y: Array, b: Array, h: Array) -> float:
+    """How much of y explains b best."""
+    explained, curvature = np.sum(y * b), np.sum(y.ravel() @ h @ y.ravel())
+    return float(np.clip(explained / curvature, 1 / MOST_SIZE, MOST_SIZE)) if min(explained, curvature) > 0 else 1.0
 
-    How far each node is pressed beyond the threshold, opened by 2 x 2 nodes, grown by one node; zero
-    when fewer than `min_nodes` are opened.
+
+def contact_mask(force_z_n: Array, *, threshold_n: float, min_nodes: int) -> tuple[Array, float]:
+    """Where the pad is touched and how surely, (n_y, n_x), 0 to 1, and the smallest T: firmware/solve/contact_mask.h.
+
+    How far the nodes are pressed beyond T, opened by squares of 2, 4 and 8 nodes, each with its own T, grown by one
+    node; zero when fewer than `min_nodes` are opened.
     """
-    pressed = np.clip(-force_z_n / threshold_n - 1, 0, 1)
-    corners = (np.s_[1:, 1:], np.s_[:-1, 1:], np.s_[1:, :-1], np.s_[:-1, :-1])
-    smallest = np.minimum.reduce([pressed[corner] for corner in corners])
-    opened = np.zeros_like(pressed)
-    for corner in corners:
-        opened[corner] = np.maximum(opened[corner], smallest)
+    pressure = np.maximum(-force_z_n, 0)
+    opened, least_n = np.zeros_like(pressure), threshold_n
+    for side, share in SQUARES:
+        least_n = float(np.clip(pressure.max() / STRONGEST, threshold_n / share, threshold_n))
+        if side > min(pressure.shape):
+            continue
+        smallest = sliding_window_view(pressure, (side, side)).min(axis=(2, 3))
+        padded = np.pad(smallest, side - 1)
+        largest = sliding_window_view(padded, (side, side)).max(axis=(2, 3))
+        opened = np.maximum(opened, np.clip(largest / least_n - 1, 0, 1))
     if np.count_nonzero(opened) < min_nodes:
-        return np.zeros_like(pressed)
-    return np.asarray(scipy.ndimage.maximum_filter(opened, size=3, mode="constant"))
+        opened = np.zeros_like(opened)
+    return np.asarray(scipy.ndimage.maximum_filter(opened, size=3, mode="constant")), least_n

@@ -25,6 +25,7 @@ from mirror.program import Program
 from mirror.relaxation import Relaxation
 from mirror.shear_modes import node_places
 from mirror.solve import Noise, contact_mask, frame_threshold, linear_force
+from mirror.spread import is_explained, is_rim_pressed
 from mirror.support import SupportTables, residual, support_force
 
 Tensors = dict[str, npt.NDArray[np.generic]]
@@ -64,12 +65,14 @@ class FramePath:
         self._gauge = DepthGauge(tensors, metadata) if "gauge.weight" in tensors else None
         has_finite_strain = "finite_strain.extension" in tensors
         self._finite_strain = FiniteStrain(tensors, metadata) if has_finite_strain else None
+        self._spread = tensors["support.spread"].astype(np.int64).ravel() if "support.spread" in tensors else None
+        self._spread_limit = int(np.ravel(tensors.get("support.spread_limit", 0))[0])
         self._relaxation = None
         if "relaxation.part" in tensors:
             part, time_ms = (tensors[f"relaxation.{name}"].astype(np.int32) for name in ("part", "time_ms"))
             self._relaxation = Relaxation(part, time_ms, len(self._places))
         self._dark = tensors["dark.image"].astype(np.int64) if "dark.image" in tensors else None
-        self.is_light_steady = True
+        self.is_light_steady, self.is_explained = True, True
         self._n_drifting, self._was_touched = 0, False
         self._noise: Noise | None = None
         if "contact.noise_un" in tensors:
@@ -149,11 +152,19 @@ class FramePath:
             mask = contact_mask(
                 force, shape, threshold, board["contact"]["min_nodes"], self._noise, self.is_light_steady
             )
+        usual = threshold
         threshold = frame_threshold(force, threshold, self._noise, self.is_light_steady)
         solved, self._explained = support_force(
             self._support, self._places, u, beyond, mask, force, threshold, self.saturations
         )
         self._solved_u = u
+        if self._spread is not None:
+            linear = solved.reshape(-1, 3) - (0 if beyond is None else beyond.reshape(-1, 3))
+            is_pressed = int(-force.reshape(-1, 3)[:, 2].min()) > usual // 4
+            self.is_explained = is_explained(self._places, u, linear, self._spread, self._spread_limit, is_pressed)
+            is_covered = 16 * np.count_nonzero(mask) > 9 * mask.size
+            if board["depth"]["gauge"] == "margin" and (is_covered or is_rim_pressed(solved, shape, threshold)):
+                self.is_explained = False
         return solved, mask
 
     def residual(self) -> I64:

@@ -69,12 +69,24 @@ class _Pass:
         shift = common_shift(v)
         return z, squares(v, shift) + shear_modes.precondition(self.contacts, r, z, shift), shift
 
-    def steps(self, y: list[int]) -> list[int]:
-        """One round of conjugate gradients from y."""
+    def size_q12(self, y16: list[int], image: list[int], shift: int) -> int:
+        """How much of y explains b best."""
+        b_shift = common_shift(self.b)
+        explained = sum(v * b for v, b in zip(y16, to_16(self.b, b_shift), strict=True))
+        curvature = sum(v * h for v, h in zip(y16, image, strict=True))
+        if explained <= 0 or curvature <= 0:
+            return 4096
+        mantissa, exponent = ratio(explained, curvature, b_shift - shift + 8)
+        return max(1024, min(16384, shifted(mantissa, -(exponent + 12))))
+
+    def steps(self, y: list[int], *, is_first: bool) -> list[int]:
+        """One round of conjugate gradients from y; the first one makes it as large as explains b best."""
         shift = common_shift(y)
         y16 = to_16(y, shift)
-        y = [v << shift for v in y16]
-        r = [self.limit(b - shifted(h, 8 - shift)) for b, h in zip(self.b, self.image_of(y16), strict=True)]
+        image = self.image_of(y16)
+        size = self.size_q12(y16, image, shift) if is_first else 4096
+        y = [self.limit(shifted(v * size, 12 - shift)) for v in y16]
+        r = [self.limit(b - shifted(h * size, 20 - shift)) for b, h in zip(self.b, image, strict=True)]
         z, energy, energy_shift = self.precondition(r)
         p = [self.limit(v) for v in z]
         for _ in range(STEPS):
@@ -145,7 +157,7 @@ def support_force(
             shear_modes.learn(contact, y, solve.weight, of_support)
             if i == 0:
                 shear_modes.shrink(contact, y, solve.weight, tables.shear_noise)
-        y = solve.steps(y)
+        y = solve.steps(y, is_first=i == 0)
     out = np.zeros(force.size, np.int64)
     out[solve.index] = [shifted(v * s, 30) for v, s in zip(y, solve.scale, strict=True)]
     explained = -np.array(solve.beyond, np.int64) if beyond is not None else np.zeros(force.size, np.int64)

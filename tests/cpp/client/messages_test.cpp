@@ -90,11 +90,11 @@ TEST(ClientMessages, AnUnknownFlagOrValidityMakesANumberInvalid) {
   auto w = std::get<Wrench>(packet(4, valid).message);
   EXPECT_DOUBLE_EQ(w.force_n[0].value, -4e-6);
   EXPECT_EQ(w.torque_nm[2].validity, Validity::kInvalid);
-  Payload flagged = valid;  // Stamp after the values: flags 1 << 18
-  const Payload stamp = {0x0A, 4, 0x18, 0x80, 0x80, 0x10};
+  Payload flagged = valid;  // Stamp after the values: flags 1 << 19
+  const Payload stamp = {0x0A, 4, 0x18, 0x80, 0x80, 0x20};
   flagged.insert(flagged.end(), stamp.begin(), stamp.end());
   w = std::get<Wrench>(packet(4, flagged).message);
-  EXPECT_EQ(w.stamp.flags, 1U << 18);
+  EXPECT_EQ(w.stamp.flags, 1U << 19);
   EXPECT_EQ(w.force_n[0].validity, Validity::kInvalid);
   EXPECT_TRUE(std::isnan(w.force_n[0].value));
   EXPECT_DOUBLE_EQ(w.force_n[0].as_sent, -4e-6);
@@ -123,7 +123,7 @@ TEST(ClientMessages, AContactThatBeginsToSlip) {
   EXPECT_TRUE(std::isnan(c.contacts[0].force_n[2].value));
 
   Payload flagged = golden("contact that begins to slip");
-  const Payload stamp = {0x0A, 4, 0x18, 0x80, 0x80, 0x10};  // flags 1 << 18, which this library does not know
+  const Payload stamp = {0x0A, 4, 0x18, 0x80, 0x80, 0x20};  // flags 1 << 19, which this library does not know
   flagged.insert(flagged.end(), stamp.begin(), stamp.end());
   const Packet unknown = packet(7, flagged);
   const Contact& untold = std::get<Contacts>(unknown.message).contacts.at(0);

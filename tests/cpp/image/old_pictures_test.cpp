@@ -28,7 +28,10 @@ Pixels noisy(unsigned seed) {
 class OldPicturesTest : public testing::Test {
  protected:
   bool see(const Pixels& pixels) { return old_.run({pixels.data(), kWidth, kHeight, 3, ptrdiff_t{3} * kWidth}); }
-  void rest(const Pixels& pixels) { old_.add_rest({pixels.data(), kWidth, kHeight, 3, ptrdiff_t{3} * kWidth}); }
+  void rest(const Pixels& pixels) {
+    see(pixels);
+    old_.count_as_rest();
+  }
   // `now` with rows from `first` on, and columns from `left` on, of `old`.
   static Pixels torn(Pixels now, const Pixels& old, int first, int left = 0, int right = kWidth, int last = kHeight) {
     for (int y = first; y < last; ++y) {

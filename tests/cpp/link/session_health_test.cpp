@@ -160,6 +160,22 @@ TEST_F(SessionHealth, ACameraThatStandsStillIsSaidAndItsLastWrenchIsMarked) {
   EXPECT_TRUE(read_all().empty());
 }
 
+TEST_F(SessionHealth, AZeroThatAPressEndedIsSaidOnce) {
+  exchange_.refused_zeros = 1;
+  session_.poll(1'000'000);
+  ruffini_Event event = ruffini_Event_init_zero;
+  ASSERT_TRUE(take(session_, ruffini_Event_fields, &event));
+  EXPECT_STREQ(event.what, "zero_refused");
+  session_.poll(1'010'000);
+  EXPECT_TRUE(read_all().empty());
+  ruffini_Command zero = request(1, ruffini_Command_zero_tag);
+  zero.action.zero.even_if_touched = true;
+  EXPECT_EQ(command(zero).code, ruffini_ReplyCode_REPLY_OK);
+  EXPECT_TRUE(exchange_.zero_even_if_touched);
+  EXPECT_EQ(command(request(2, ruffini_Command_zero_tag)).code, ruffini_ReplyCode_REPLY_OK);
+  EXPECT_FALSE(exchange_.zero_even_if_touched);
+}
+
 // What is on the pad when frames come again, nobody has seen: a zero from before must not make it rest.
 TEST_F(SessionHealth, AStallGivesAZeroUp) {
   exchange_.is_camera_live = true;

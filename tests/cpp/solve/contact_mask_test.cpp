@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <string>
 
 #include "support/held_calibration.h"
@@ -38,19 +39,66 @@ TEST(ContactMask, OpensByTwoAndGrowsByOne) {
 
 TEST(ContactMask, NeedsMoreThanTheThresholdAndPressure) {
   const std::string nothing(35, '.');
-  EXPECT_EQ(mask_of(std::string(35, '+'), 1), nothing);
+  EXPECT_EQ(mask_of("+++++++"
+                    "+++++++"
+                    "+++++++"
+                    "......."
+                    "+++++++",
+                    1),
+            nothing);
   EXPECT_EQ(mask_of(std::string(35, '^'), 1), nothing);
   EXPECT_EQ(mask_of(std::string(35, '#'), 35), std::string(35, '#'));
 }
 
 TEST(ContactMask, RisesFromTheThresholdToTwiceTheThreshold) {
   ContactMask stage(kNodes, 300, 1);
-  const auto value_at = [&](int32_t z) { return int{stage.find(std::vector<NodeForce>(35, {0, 0, z}))[17]}; };
+  const auto value_at = [&](int32_t z) {
+    std::vector<NodeForce> force(35);
+    for (const size_t i : {16U, 17U, 23U, 24U}) force[i].z = z;
+    return int{stage.find(force)[17]};
+  };
   EXPECT_EQ(value_at(-300), 0);
   EXPECT_EQ(value_at(-301), 1);
   EXPECT_EQ(value_at(-450), 64);
   EXPECT_EQ(value_at(-600), 128);
   EXPECT_EQ(value_at(-2'000'000'000), 128);
+}
+
+// A square of 4 x 4 nodes by a quarter of the threshold, one of 8 x 8 by a sixteenth.
+TEST(ContactMask, AWidePressureCountsWhereANarrowOneDoesNot) {
+  constexpr GridSize kWide{12, 11};
+  ContactMask stage(kWide, 320, 4);
+  const auto value_of = [&](int side, int32_t z) {
+    std::vector<NodeForce> force(static_cast<size_t>(kWide.count()));
+    for (int y = 2; y < 2 + side; ++y) {
+      for (int x = 3; x < 3 + side; ++x) force[static_cast<size_t>(y * kWide.n_x + x)].z = z;
+    }
+    const std::span<const uint8_t> mask = stage.find(force);
+    const auto n = std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; });
+    EXPECT_TRUE(n == 0 || n == (side + 2) * (side + 2)) << n;
+    return int{mask[static_cast<size_t>(3 * kWide.n_x + 4)]};
+  };
+  EXPECT_EQ(value_of(3, -320), 0);
+  EXPECT_EQ(value_of(4, -80), 0);
+  EXPECT_EQ(value_of(4, -120), 64);
+  EXPECT_EQ(value_of(7, -79), 0);
+  EXPECT_EQ(value_of(8, -20), 0);
+  EXPECT_EQ(value_of(8, -30), 64);
+  EXPECT_EQ(stage.threshold_lsb(), 20);
+  EXPECT_FALSE(stage.is_pressed());
+  EXPECT_EQ(value_of(1, -80), 0);
+  EXPECT_FALSE(stage.is_pressed());
+  EXPECT_EQ(value_of(1, -81), 0);
+  EXPECT_TRUE(stage.is_pressed()) << "a quarter of the threshold is 80";
+}
+
+TEST(ContactMask, AStrongNodeHidesWhatIsFaintBesideIt) {
+  constexpr GridSize kWide{12, 10};
+  ContactMask stage(kWide, 320, 4);
+  std::vector<NodeForce> force(static_cast<size_t>(kWide.count()), NodeForce{0, 0, -60});
+  EXPECT_EQ(int{stage.find(force)[0]}, 128);
+  force[60].z = -480;  // an eighth: 60
+  EXPECT_EQ(int{stage.find(force)[0]}, 0);
 }
 
 TEST(ContactMask, TheWeakestOfASquareCounts) {

@@ -24,7 +24,7 @@ enum class Validity : uint8_t {
 };
 
 // Some FlagBits of ruffini.proto; Stamp::flags has them all.
-enum Flag : uint32_t { kNoReference = 1, kStale = 256, kWindowBorder = 512, kKnownFlags = (1U << 18) - 1 };
+enum Flag : uint32_t { kNoReference = 1, kStale = 256, kWindowBorder = 512, kKnownFlags = (1U << 19) - 1 };
 
 struct Stamp {
   uint64_t capture_us = 0;  // middle of the exposure, device's monotonic clock

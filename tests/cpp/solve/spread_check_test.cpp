@@ -1,0 +1,81 @@
+#include "solve/spread_check.h"
+
+#include <gtest/gtest.h>
+
+#include "support/held_calibration.h"
+
+namespace ruffini {
+namespace {
+
+constexpr GridSize kNodes{3, 2};
+const std::vector<NodePlace> kPlaces = {{-1'000, -500}, {0, -500}, {1'000, -500},
+                                        {-1'000, 500},  {0, 500},  {1'000, 500}};
+
+class File {
+ public:
+  explicit File(int32_t limit = 100'000, int32_t first = 3) {
+    std::vector<int32_t> spread(18, 0);
+    spread[2] = first;  // z of node 0
+    spread[9] = -5;     // x of node 3
+    held_ = test::held(test::CalibrationBytes()
+                           .meta("kinds", "support")
+                           .tensor("support.spread", "I32", {18}, spread)
+                           .tensor("support.spread_limit", "I32", {1}, std::vector<int32_t>{limit}));
+  }
+  [[nodiscard]] Result<SpreadCheck> load() const { return SpreadCheck::load(held_->get(), kNodes, kPlaces); }
+
+ private:
+  std::shared_ptr<const CalibrationFile> held_;
+};
+
+// Node 2 moved by dx along x, and node 0 pressed.
+bool is_explained(const SpreadCheck& check, int16_t dx, int32_t fz, bool is_pressed = false) {
+  std::vector<int16_t> u(18);
+  u[6] = dx;
+  std::vector<NodeForce> force(6);
+  force[0].z = fz;
+  return check.is_explained(u, force, {}, is_pressed);
+}
+
+TEST(SpreadCheck, AMotionBeyondTheLimitNeedsAForce) {
+  const File file;
+  const auto check = file.load();
+  ASSERT_TRUE(check.has_value());
+  EXPECT_TRUE(is_explained(check.value(), 100, 0)) << "100 000 um/8 um";
+  EXPECT_TRUE(is_explained(check.value(), 119, 0)) << "119 000 of 100 000 and 41/256 of it";
+  EXPECT_FALSE(is_explained(check.value(), 120, 0));
+  EXPECT_TRUE(is_explained(check.value(), 120, 0, true)) << "pressed: three times the limit";
+  EXPECT_FALSE(is_explained(check.value(), 360, 0, true));
+  EXPECT_TRUE(is_explained(check.value(), 360, 80'000)) << "3 each step: 240 000 of 360 000";
+  EXPECT_FALSE(is_explained(check.value(), 360, -80'000)) << "the other way";
+}
+
+TEST(SpreadCheck, WhatFiniteStrainAddedMovesNothing) {
+  const File file;
+  const auto check = file.load();
+  ASSERT_TRUE(check.has_value());
+  std::vector<int16_t> u(18);
+  std::vector<NodeForce> force(6);
+  force[3].x = 40'000;  // -200 000
+  EXPECT_FALSE(check.value().is_explained(u, force, {}, false));
+  EXPECT_TRUE(check.value().is_explained(u, force, force, false));
+}
+
+TEST(SpreadCheck, RefusesTablesThatCouldOverflowOrSayNothing) {
+  EXPECT_FALSE(File(0).load().has_value());
+  EXPECT_FALSE(File(100, SpreadCheck::kMaxSpread + 1).load().has_value());
+}
+
+TEST(SpreadCheck, AQuarterOfTheRimIsTheMostThatMayPress) {
+  constexpr GridSize kGrid{5, 5};  // 16 nodes of rim
+  std::vector<NodeForce> force(25);
+  force[12].z = -9'000;  // the middle is none
+  for (const size_t i : {0U, 4U, 9U, 20U}) force[i].z = -26;
+  EXPECT_FALSE(is_rim_pressed(kGrid, force, 100));
+  force[15].z = -26;
+  EXPECT_TRUE(is_rim_pressed(kGrid, force, 100));
+  EXPECT_FALSE(is_rim_pressed(kGrid, force, 104)) << "a quarter of it is 26";
+}
+
+}  // namespace
+}  // namespace ruffini
