@@ -37,13 +37,13 @@ OldPictures::OldPictures(int width_px, int height_px)
   before_.assign(kRemembered, now_);
 }
 
-void OldPictures::begin_rest() { repeats_itself_ = false; }
+void OldPictures::begin_rest() { repeats_itself_.reset(); }
 
 bool OldPictures::run(const FrameView& frame) {
   sum(frame);
   last_ = compare();
   remember();
-  return last_.is_whole || (!repeats_itself_ && last_.most >= kFewest);
+  return last_.is_whole || (!repeats_itself_.value_or(true) && last_.most >= kFewest);
 }
 
 void OldPictures::sum(const FrameView& frame) {
@@ -66,7 +66,7 @@ void OldPictures::sum(const FrameView& frame) {
 }
 
 OldPictures::Repeats OldPictures::compare() const {
-  Repeats found;
+  Repeats found{.n_older = n_before_};
   const auto n_shown = std::count_if(now_.begin(), now_.end(), [](uint64_t sum) { return sum != 0; });
   for (size_t k = 0; k < n_before_; ++k) {
     int n = 0;

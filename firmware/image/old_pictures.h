@@ -8,7 +8,7 @@
 // Sensor noise makes an equal hash of kSamples pixels practically impossible. A V4L2 driver has at most 32 buffers
 // (VIDEO_MAX_FRAME), so an old buffer is among the last 31 pictures. Two cells are required because strong compression
 // may repeat a flat cell. If cells repeat among the rest frames, the camera has no noise: then only a picture that is
-// equal in all cells counts as old.
+// equal in all cells counts as old. The same holds after a rest of a single frame that had no older one to compare with.
 //
 // Limit: an old part that covers less than two whole cells is not detected.
 // Frame thread; no allocation after the constructor.
@@ -16,6 +16,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "base/image_view.h"
@@ -31,7 +32,9 @@ class OldPictures {
   // True if the picture or a part of it is an old one. Remembers it.
   bool run(const FrameView& frame);
   // The picture of the last run() is a rest frame: records whether this camera repeats itself.
-  void count_as_rest() { repeats_itself_ = repeats_itself_ || last_.most > 0; }
+  void count_as_rest() {
+    if (last_.n_older > 0) repeats_itself_ = repeats_itself_.value_or(false) || last_.most > 0;
+  }
 
  private:
   static constexpr int kColumns = 4;
@@ -41,6 +44,7 @@ class OldPictures {
   using Cells = std::vector<uint64_t>;  // sum of each; 0: shows nothing
 
   struct Repeats {
+    size_t n_older = 0;     // pictures that it was compared with
     int most = 0;           // cells of one older picture
     bool is_whole = false;  // all of one that shows anything
   };
@@ -56,7 +60,7 @@ class OldPictures {
   size_t n_before_ = 0;
   size_t next_ = 0;
   Repeats last_;
-  bool repeats_itself_ = false;
+  std::optional<bool> repeats_itself_ = false;  // no value: not known yet
 };
 
 }  // namespace ruffini

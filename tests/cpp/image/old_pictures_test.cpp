@@ -94,5 +94,16 @@ TEST_F(OldPicturesTest, OfACameraWithoutNoiseOnlyWholePicturesAreOld) {
   EXPECT_TRUE(see(torn(noisy(5), still, 120)));
 }
 
+TEST_F(OldPicturesTest, ARestOfOneFrameTellsNothingOfTheCamerasNoise) {
+  const Pixels still = noisy(1);
+  old_.begin_rest();
+  rest(still);
+  EXPECT_FALSE(see(torn(noisy(2), still, 120))) << "perhaps a touch on half of it";
+  EXPECT_TRUE(see(still)) << "a whole one is old all the same";
+  old_.begin_rest();
+  rest(noisy(3));  // older ones were compared
+  EXPECT_TRUE(see(torn(noisy(4), still, 120)));
+}
+
 }  // namespace
 }  // namespace ruffini
