@@ -18,9 +18,9 @@ constexpr int32_t kDepthOverShear = 2;
 
 constexpr const char* kStiffnessSigma = "support.stiffness_sigma_1e6";
 constexpr int64_t kMaxStiffnessSigma_1e6 = 500'000;
-// What is touched on more than nine sixteenths of its nodes shows no rest beside it from which depth could be measured.
+// What is touched on more than five sixteenths of its nodes shows too little rest beside it to measure depth from.
 bool covers_pad(std::span<const uint8_t> mask) {
-  return 16 * std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; }) > 9 * std::ssize(mask);
+  return 16 * std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; }) > 5 * std::ssize(mask);
 }
 
 int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }

@@ -4,7 +4,7 @@
 // displacement and f the forces less what finite strain adds, of the linear pad u = C f
 //
 //   seen      = sum p . u               explained = sum q . f,  q = C^T p  (`support.spread`)
-//   lost      where |seen - explained| > limit + 41/256 sum |p . u|
+//   lost      where |seen - explained| > limit + 1/8 sum |p . u|
 //   limit     `support.spread_limit`; three times that where a node presses (ContactMask::is_pressed): a faint touch begins so
 //
 // A punch so wide that its pressure stays below what counts as a touch moves the surface around it by many times the noise; a
@@ -12,8 +12,9 @@
 // that moved. Of punches and balls 0.08 remain unexplained at most, 0.16 of those that hang over the pad's edge
 // (firmware/README.md).
 //
-// A pad that is pressed on more than a quarter of its rim, or that is touched on 9/16 of its nodes (estimators/force_field), has
-// no place left at rest: depth whose zero is the rim's mean (board.toml [depth] gauge = "margin") has none then.
+// Depth whose zero is the mean of the rim (board.toml [depth] gauge = "margin") needs a rim at rest. A pad that is pressed on
+// more than a quarter of its rim has none. One that is touched on more than 5/16 of its nodes (estimators/force_field) has too
+// little: its forces are up to 16 % low, and no sum over the surface shows it.
 //
 // Two sums over the nodes. Frame thread; no allocation after load. Not in the paper.
 #pragma once
@@ -32,7 +33,7 @@ namespace ruffini {
 
 class SpreadCheck {
  public:
-  static constexpr int64_t kShareQ8 = 41;
+  static constexpr int64_t kShareQ8 = 32;
   static constexpr int64_t kPressedLimits = 3;
   static constexpr int32_t kMaxSpread = 1 << 23;
   static constexpr int32_t kMaxForce = 1 << 27;  // steps

@@ -162,7 +162,7 @@ class FramePath:
             linear = solved.reshape(-1, 3) - (0 if beyond is None else beyond.reshape(-1, 3))
             is_pressed = int(-force.reshape(-1, 3)[:, 2].min()) > usual // 4
             self.is_explained = is_explained(self._places, u, linear, self._spread, self._spread_limit, is_pressed)
-            is_covered = 16 * np.count_nonzero(mask) > 9 * mask.size
+            is_covered = 16 * np.count_nonzero(mask) > 5 * mask.size
             if board["depth"]["gauge"] == "margin" and (is_covered or is_rim_pressed(solved, shape, threshold)):
                 self.is_explained = False
         return solved, mask

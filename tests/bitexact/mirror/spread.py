@@ -13,7 +13,7 @@ def is_explained(places: list[tuple[int, int]], u: I64, force: I64, spread: I64,
              for p, v in zip(place, node, strict=False)]  # fmt: skip
     held = np.clip(force.ravel(), -(1 << 27), 1 << 27)
     explained = sum(int(q) * int(f) for q, f in zip(spread, held, strict=True))
-    allowed = (3 if is_pressed else 1) * limit + (41 * sum(abs(v) for v in moved) >> 8)
+    allowed = (3 if is_pressed else 1) * limit + (32 * sum(abs(v) for v in moved) >> 8)
     return abs(sum(moved) - explained) <= allowed
 
 

@@ -42,9 +42,9 @@ TEST(SpreadCheck, AMotionBeyondTheLimitNeedsAForce) {
   const auto check = file.load();
   ASSERT_TRUE(check.has_value());
   EXPECT_TRUE(is_explained(check.value(), 100, 0)) << "100 000 um/8 um";
-  EXPECT_TRUE(is_explained(check.value(), 119, 0)) << "119 000 of 100 000 and 41/256 of it";
-  EXPECT_FALSE(is_explained(check.value(), 120, 0));
-  EXPECT_TRUE(is_explained(check.value(), 120, 0, true)) << "pressed: three times the limit";
+  EXPECT_TRUE(is_explained(check.value(), 114, 0)) << "114 000 of 100 000 and an eighth of it";
+  EXPECT_FALSE(is_explained(check.value(), 115, 0));
+  EXPECT_TRUE(is_explained(check.value(), 115, 0, true)) << "pressed: three times the limit";
   EXPECT_FALSE(is_explained(check.value(), 360, 0, true));
   EXPECT_TRUE(is_explained(check.value(), 360, 80'000)) << "3 each step: 240 000 of 360 000";
   EXPECT_FALSE(is_explained(check.value(), 360, -80'000)) << "the other way";
