@@ -18,6 +18,7 @@ sys.path[:0] = [str(ROOT / "tests" / folder) for folder in ("support", "e2e", "p
 import hang  # noqa: E402
 import stores_devices  # noqa: E402, F401 - adds its groups
 import stores_files  # noqa: E402, F401 - adds its groups
+import stores_record  # noqa: E402, F401 - adds its groups
 from cases import GROUPS, LIMIT_S  # noqa: E402
 from row import Row  # noqa: E402
 

@@ -13,12 +13,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from aiohttp import WSMsgType, web
+from aiohttp.http_exceptions import HttpProcessingError
 
 from ruffini.errors import InputError, NoDeviceError, RuffiniError
 from ruffini.native import native_folder
@@ -164,6 +166,18 @@ def make_app(lines: Sequence[Line], on_note: Callable[[str], None] = lambda _: N
     return app
 
 
+def _is_ours(record: logging.LogRecord) -> bool:
+    """A request that is no HTTP is answered with 400; it is no error of the server to print."""
+    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
+
+
+def make_runner(app: web.Application) -> web.AppRunner:
+    """What runs the app."""
+    logger = logging.getLogger("ruffini.view")
+    logger.filters = [_is_ours]
+    return web.AppRunner(app, access_log=None, logger=logger, shutdown_timeout=1)
+
+
 async def serve(
     lines: Sequence[Line], http_port: int, ready: Callable[[str], None], stop: asyncio.Event,
     on_note: Callable[[str], None] = lambda _: None,
@@ -180,7 +194,7 @@ async def serve(
         The HTTP port is taken.
     """
     app = make_app(lines, on_note)
-    runner = web.AppRunner(app, access_log=None, shutdown_timeout=1)
+    runner = make_runner(app)
     try:
         await runner.setup()
         site = web.TCPSite(runner, HOST, http_port)
