@@ -2,14 +2,15 @@
 
 Fitted together with K by robust least squares; firmware/estimators/kernel_map.h has the equations. Two shapes are tried
 (`candidates`): a wide one that bends K a little, and a narrow one whose directions are weighted by how fast the wrench
-changes along them (automatic relevance: largest marginal likelihood of a Gaussian process on a sample of touches). The
-narrow one is the better where all kinds of touches were fitted, the wide one on a recording of another day: which is
-used is decided by errors on what was left out (`wrench_map`). Units here: N and N mm.
+changes along them (automatic relevance: largest marginal likelihood of a Gaussian process, of blocks of touches). The
+narrow one is the better where all kinds of touches were fitted, the wide one beyond their loads: which is used is
+decided by errors on what was left out (`wrench_map`). Units here: N and N mm.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -22,19 +23,24 @@ from ruffini.errors import InputError
 Array = npt.NDArray[np.float64]
 
 STEPS, LAST = 64, 16  # of the curve: entries a length, lengths
-N_LANDMARKS = 1000
+N_LANDMARKS = 1024  # KernelMap::kMaxLandmarks
 N_DIRECTIONS = {"wide": 256, "narrow": 30}
 WIDE_LENGTH, START_LENGTH = 3.0, 1.4  # of the spread of all features together
-# Sums of Gaussians: length and part.
-CURVES = {"wide": ((1.0, 1.0),), "narrow": ((2.0, 4.0), (1.0, 1.0), (0.5, 0.05))}
-NOISE = {"wide": 2e-3, "narrow": 4e-3}  # variance over that of the kernel, where likelihood does not say
+# The narrow one is a sum of Gaussians from 4 lengths down by halves, variance growing as length^2.5: the exponent with
+# the largest likelihood of fitted touches of a real log. The longest is what remains far from all landmarks.
+LONGEST, N_LENGTHS, GROWTH = 4.0, 5, 2.5
+HALVED = tuple((LONGEST / 2**i, (LONGEST / 2**i) ** GROWTH) for i in range(N_LENGTHS))
+CURVES = {"wide": ((1.0, 1.0),), "narrow": HALVED}  # length and part
+NOISE = 2e-3  # of the wide one: variance over that of the kernel
 LINEAR = 0.64  # variance of K's part over that of the kernel, at one spread
 # Errors of neighbouring frames of a touch correlate by a half: there are a third as many independent ones.
 INDEPENDENT = 1 / 3
 TAIL = 4.0  # degrees of freedom of the errors: reference and tracker have outliers
 N_PASSES = 4
-N_SAMPLE = 800  # frames that the weights of directions are learned on
+N_BLOCK = 800  # frames whose likelihood is taken at once: time grows as its square
 MAX_STEPS = 40
+NOISES = np.geomspace(1e-5, 10, 120)  # of an axis, to choose from
+ANY = 100.0  # variance of a constant over that of the kernel
 LEAST_JITTER = 1e-7  # a curve that is straight between its entries is not quite positive definite
 REACH_SHARE = 0.99  # of the frames left out that count as inside
 PLACE, WEIGHT, CURVE = float(1 << 20), float(1 << 28), float(1 << 24)  # steps of the tables
@@ -44,12 +50,12 @@ FINE, MICRO = 16e6, 1e6
 
 @dataclass(frozen=True)
 class Shape:
-    """Where distances are measured: project (d, n) lengths a raw unit; curve (k,); noise and linear as above."""
+    """Where distances are measured: project (d, n) lengths a raw unit; curve (k,); noise (6,) and linear as above."""
 
     name: str
     project: Array
     curve: Array
-    noise: float
+    noise: Array
     linear: float
     spread: float  # of the features together, raw units
 
@@ -92,12 +98,13 @@ def candidates(features: Array, wrench: Array, touch: npt.NDArray[np.intp]) -> l
     curves = {name: _curve(parts) for name, parts in CURVES.items()}
     wide = directions[: N_DIRECTIONS["wide"]] / (WIDE_LENGTH * spread)
     narrow = directions[: min(N_DIRECTIONS["narrow"], int((sizes > 1e-9).sum()))]
-    first = Shape("narrow", narrow / (START_LENGTH * spread), curves["wide"], NOISE["narrow"], LINEAR, spread)
+    noise = np.full(6, NOISE)
+    first = Shape("narrow", narrow / (START_LENGTH * spread), curves["wide"], noise, LINEAR, spread)
     weight = _solved(features, wrench, first)[2]
-    lengths, noise, linear = _relevance(features @ narrow.T / spread, wrench, touch, weight)
+    lengths, noise_found, linear = _relevance(features @ narrow.T / spread, wrench, touch, weight)
     return [
-        Shape("wide", wide, curves["wide"], NOISE["wide"], LINEAR, spread),
-        Shape("narrow", narrow / (lengths[:, None] * spread), curves["narrow"], noise, linear, spread),
+        Shape("wide", wide, curves["wide"], noise, LINEAR, spread),
+        Shape("narrow", narrow / (lengths[:, None] * spread), curves["narrow"], noise_found, linear, spread),
     ]
 
 
@@ -109,43 +116,88 @@ def _curve(parts: tuple[tuple[float, float], ...]) -> Array:
     return np.asarray(np.round(value / value[0] * CURVE) / CURVE)
 
 
-def _relevance(z: Array, wrench: Array, touch: npt.NDArray[np.intp], weight: Array) -> tuple[Array, float, float]:
-    """Length of each direction, noise and linear part: the largest likelihood of a sample of whole touches.
+class _Block(NamedTuple):
+    """Frames of touches: directions x (n, d), wrench over its spread (n, 6), variance of noise (n,), x x^T (n, n)."""
+
+    x: Array
+    y: Array
+    noisy: Array
+    linear: Array
+
+
+def _relevance(z: Array, wrench: Array, touch: npt.NDArray[np.intp], weight: Array) -> tuple[Array, Array, float]:
+    """Length of each direction, noise (6,) and linear part: largest product of the likelihoods of blocks of touches.
 
     weight : of each frame; an outlier counts as so much noisier.
     """
-    rng = np.random.default_rng(0)
-    names = rng.permutation(np.unique(touch))
-    n_touches = max(int(N_SAMPLE * len(names) / len(touch)), 1)
-    rows = np.flatnonzero(np.isin(touch, names[:n_touches]))[: 2 * N_SAMPLE]
-    x, y = z[rows], ((wrench - np.median(wrench, axis=0)) / np.maximum(wrench.std(axis=0), 1e-12))[rows]
-    n, d = x.shape
-    linear, noisy = x @ x.T, 1 / weight[rows]
+    names = np.random.default_rng(0).permutation(np.unique(touch))
+    y = (wrench - np.median(wrench, axis=0)) / np.maximum(wrench.std(axis=0), 1e-12)
+    rows = [np.isin(touch, part) for part in np.array_split(names, max(round(len(touch) / N_BLOCK), 1))]
+    blocks = [_Block(z[r], y[r], 1 / weight[r], z[r] @ z[r].T) for r in rows if r.any()]
+    d = z.shape[1]
     start = np.r_[np.full(d, np.log(START_LENGTH)), np.log([1.0, LINEAR, 1e-3])]
 
     def unlikely(p: Array) -> tuple[float, Array]:
-        inverse = np.exp(-p[:d])
-        size, slope, noise = np.exp(p[d:])
-        k = size * np.exp(-0.5 * distances(x * inverse, x * inverse) ** 2)
-        factor = linalg.cho_factor(k + slope * linear + noise * np.diag(noisy), lower=True, check_finite=False)
-        alpha = linalg.cho_solve(factor, y)
-        m = 6 * linalg.cho_solve(factor, np.eye(n)) - alpha @ alpha.T
         off = p[:d] - np.log(START_LENGTH)
-        value = 0.5 * (y * alpha).sum() + 6 * np.log(np.diag(factor[0])).sum() + 0.5 * (off**2).sum()
-        mk = m * k
-        # Half the sum over i and j of mk_ij (x_ik - x_jk)^2, of every direction k at once.
-        slopes = (mk.sum(axis=1) @ x**2 - (x * (mk @ x)).sum(axis=0)) * inverse**2
-        rest = [0.5 * mk.sum(), 0.5 * slope * (m * linear).sum(), 0.5 * noise * (np.diag(m) * noisy).sum()]
-        return float(value), np.r_[slopes + off, rest]
+        value, slopes = 0.5 * float((off**2).sum()), np.r_[off, np.zeros(3)]
+        for block in blocks:
+            more, slope = _unlikely(p, block)
+            value, slopes = value + more, slopes + slope
+        return value, slopes
 
     try:
         p = minimize(unlikely, start, jac=True, method="L-BFGS-B", options={"maxiter": MAX_STEPS}).x
     except linalg.LinAlgError:  # features that repeat each other: as without relevance
         p = start
-    size, slope, noise = np.exp(p[d:])
-    # The narrow curve has more variance at long distances than the Gaussian that these were found with.
-    extra = sum(part for _, part in CURVES["narrow"])
-    return np.exp(p[:d]), float(noise / INDEPENDENT / size / extra), float(slope / size / extra)
+    size, slope = np.exp(p[d : d + 2])
+    linear = float(slope / size)
+    return np.exp(p[:d]), _noise(np.exp(-p[:d]), linear, blocks) / INDEPENDENT, linear
+
+
+def _unlikely(p: Array, block: _Block) -> tuple[float, Array]:
+    """Minus the logarithm of the likelihood, less a constant, and its slopes.
+
+    p : logarithms of the lengths (d,), then of the variances of the kernel, of the linear part and of the noise.
+    """
+    x, y, noisy, linear = block
+    d = x.shape[1]
+    inverse, (size, slope, noise) = np.exp(-p[:d]), np.exp(p[d:])
+    k, bent = (size * part for part in _bells(x * inverse))
+    factor = linalg.cholesky(k + slope * linear + noise * np.diag(noisy), lower=True, check_finite=False)
+    alpha = linalg.cho_solve((factor, True), y)
+    lower = np.tril(linalg.lapack.dpotri(factor, lower=1)[0])
+    m = 6 * (lower + np.tril(lower, -1).T) - alpha @ alpha.T
+    mk = m * bent
+    # Half the sum over i and j of mk_ij (x_ik - x_jk)^2, of every direction k at once.
+    slopes = (mk.sum(axis=1) @ x**2 - (x * (mk @ x)).sum(axis=0)) * inverse**2
+    rest = [0.5 * (m * k).sum(), 0.5 * slope * (m * linear).sum(), 0.5 * noise * (np.diag(m) * noisy).sum()]
+    return float(0.5 * (y * alpha).sum() + 6 * np.log(np.diag(factor)).sum()), np.r_[slopes, rest]
+
+
+def _bells(x: Array) -> tuple[Array, Array]:
+    """The narrow curve's kernel (n, n) of places in lengths, and each of its parts over its length squared."""
+    bell = np.exp(-0.5 * (distances(x, x) / LONGEST) ** 2)
+    k, bent = np.zeros_like(bell), np.zeros_like(bell)
+    total = sum(part for _, part in HALVED)
+    for length, part in HALVED:
+        k += part / total * bell
+        bent += part / total / length**2 * bell
+        bell = np.square(np.square(bell))  # of half the length
+    return k, bent
+
+
+def _noise(inverse: Array, linear: float, blocks: list[_Block]) -> Array:
+    """Variance over that of the kernel, of each axis (6,): largest likelihood, whatever the kernel's own variance."""
+    n, misfit, spread = 0, np.zeros((len(NOISES), 6)), np.zeros(len(NOISES))
+    for block in blocks:
+        root = 1 / np.sqrt(block.noisy)
+        k = _bells(block.x * inverse)[0] + linear * block.linear + ANY
+        values, axes = linalg.eigh(k * root[:, None] * root, driver="evd", check_finite=False)
+        variance = np.maximum(values, 0) + NOISES[:, None]
+        misfit += (1 / variance) @ (axes.T @ (block.y * root[:, None])) ** 2
+        spread += np.log(variance).sum(axis=1)
+        n += len(block.x)
+    return np.asarray(NOISES[np.argmin(n * np.log(np.maximum(misfit, 1e-300)) + spread[:, None], axis=0)])
 
 
 def solve(features: Array, wrench: Array, shape: Shape) -> tuple[Array, KernelMap]:
@@ -162,11 +214,14 @@ def _solved(features: Array, wrench: Array, shape: Shape) -> tuple[Array, Kernel
     factor = _factor(shape.kernel(landmark, landmark))
     basis = linalg.solve_triangular(factor, shape.kernel(landmark, z), lower=True).T
     columns = np.concatenate([basis, np.sqrt(shape.linear) * (x - x.mean(axis=0)), np.ones((len(x), 1))], axis=1)
-    ridge = np.r_[np.full(columns.shape[1] - 1, shape.noise), 1e-9]
-    target, weight = (wrench - middle) / scale, np.ones(len(x))
+    held = np.r_[np.ones(columns.shape[1] - 1), 0.0]  # by the ridge: all but the constant
+    target, weight, found = (wrench - middle) / scale, np.ones(len(x)), np.zeros((columns.shape[1], 6))
     for _ in range(N_PASSES):
         weighted = columns * weight[:, None]
-        found = linalg.solve(weighted.T @ columns + np.diag(ridge), weighted.T @ target, assume_a="pos")
+        square, product = weighted.T @ columns, weighted.T @ target
+        for noise in np.unique(shape.noise):
+            axes = shape.noise == noise
+            found[:, axes] = linalg.solve(square + np.diag(noise * held + 1e-9), product[:, axes], assume_a="pos")
         left = columns @ found - target
         size = 1.4826 * np.median(np.abs(left), axis=0)
         weight = (TAIL + 1) / (TAIL + ((left / np.maximum(size, 1e-12)) ** 2).mean(axis=1))
@@ -244,7 +299,7 @@ def map_in(t: dict[str, Array]) -> KernelMap | None:
     if "kernel_curve" not in t:
         return None
     shift = t["kernel_shift"]
-    shape = Shape("", t["kernel_project"] / (PLACE * 2.0 ** shift[0]), t["kernel_curve"] / CURVE, 0.0, 0.0, 1.0)
+    shape = Shape("", t["kernel_project"] / (PLACE * 2.0 ** shift[0]), t["kernel_curve"] / CURVE, np.zeros(6), 0.0, 1.0)
     weight = t["kernel_weight"] * CURVE / (FINE * 2.0 ** shift[1:, None])
     reach, spread = t["kernel_reach"] / [PLACE, 256]
     return KernelMap(

@@ -14,12 +14,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.calibrate import wrench_kernel
 from ruffini.calibrate.feature_log import FeatureRun
+from ruffini.calibrate.wrench_bends import kernel_fitted, kernel_that_pays
 from ruffini.calibrate.wrench_model import (
     AXES,
-    PAIRS,
-    TIMES_S,
     Frames,
     WrenchMap,
     frames_of,
@@ -29,6 +27,7 @@ from ruffini.calibrate.wrench_model import (
 )
 from ruffini.calibrate.wrench_terms import (
     FREE_RIDGE,
+    LEAST_GAIN,
     LEAST_PRODUCT,
     LEAST_RIDGE,
     Axes,
@@ -36,6 +35,7 @@ from ruffini.calibrate.wrench_terms import (
     Terms,
     fitted,
     held_out,
+    mean_abs,
     rms,
     solve,
 )
@@ -48,7 +48,6 @@ Folds = list[npt.NDArray[np.bool_]]
 N_FOLDS = 5
 LEFT_OUT = {"recording": "recordings", "touch": "touches", "block": "blocks of time"}
 LEAST_FRAMES = 200  # for a kernel
-SMOOTHER = 1.2  # errors of the wide kernel over those of the narrow one up to which the wide one is used
 LAGS_S = np.arange(-0.1, 0.1001, 0.0125)
 FEW = 30  # features: thousands of frames determine these without a ridge, and their memories besides
 SAME_ROW_S = 0.02  # a log with one row a frame has paired them already: a smaller lag is left as it is
@@ -61,7 +60,6 @@ RIDGES = (
     1.0,
 )  # of the features' mean square: only many features need more
 SAME = 1.001  # errors on what was not fitted that are as good as each other
-LEAST_GAIN = 0.01  # a term stays where it lessens the error of an axis on what was not fitted by this part
 LEAST_R2 = 0.3  # of what the features tell of an axis: one that the log hardly loads is not measured
 LEAST_AT_REST = 20  # frames
 NEED_REST = ("noise at rest", "agreement of the features at rest")
@@ -172,7 +170,8 @@ def _fit_at(
     checks = _checks(frames)
     route = _route(frames, folds, bend, prior)
     chosen, linear, errors = route.terms, route.linear, route.errors
-    kernel = _with_kernel(frames, folds, errors, 1.0 if holdout == "touch" else SMOOTHER) if nonlinear else None
+    touch = _touches(frames)
+    kernel = kernel_that_pays(frames, touch, folds, errors, hides_loads=holdout == "block") if nonlinear else None
     if kernel is not None:
         chosen, errors = _plain(None), kernel.errors
     spread = frames.wrench.std(axis=0)
@@ -190,7 +189,7 @@ def _fit_at(
     if kernel is None:
         found = _with_forward(fitted(frames, chosen, full), frames, errors, bend, folds)
     else:
-        found = _with_forward(_kernel_fitted(frames, full, kernel), frames, errors, None, folds)
+        found = _with_forward(kernel_fitted(frames, touch, full, kernel), frames, errors, None, folds)
     terms = {"temperature": chosen.warm, "quadratic": chosen.square, "relaxation": chosen.relax}
     scaled = frames.features / np.maximum(frames.features.std(axis=0), 1e-9)
     return Fit(
@@ -203,11 +202,6 @@ def _fit_at(
 
 def _names(axes: Axes) -> list[str]:
     return [axis for axis, on in zip(AXES, axes, strict=True) if on]
-
-
-def mean_abs(errors: Array) -> Array:
-    """Of each axis, (6,)."""
-    return np.asarray(np.nanmean(np.abs(errors), axis=0))
 
 
 def _by_recording(frames: Frames, runs: list[FeatureRun], errors: Array) -> dict[str, Array]:
@@ -302,51 +296,6 @@ class _Route(NamedTuple):
     terms: Terms
     linear: Array
     errors: Array
-
-
-class _Kernel(NamedTuple):
-    """The shape that errs least on what was not fitted: those errors (t, 6), and the distances (t,) there, lengths."""
-
-    name: str
-    errors: Array
-    nearest: Array
-
-
-def _with_kernel(frames: Frames, folds: Folds, errors: Array, margin: float) -> _Kernel | None:
-    """The kernel that errs less than `errors` on what was not fitted, if any; each fold learns its own directions.
-
-    The narrow one has to err less than the wide one by `margin`: it is the worse one on what no fold resembles.
-    """
-    found = [np.full_like(errors, np.nan) for _ in wrench_kernel.CURVES]
-    nearest = [np.full(len(errors), np.nan) for _ in found]
-    touch = _touches(frames)
-    for left in folds:
-        inside, outside = frames.take(~left), frames.take(left)
-        for i, shape in enumerate(wrench_kernel.candidates(inside.features, inside.wrench, touch[~left])):
-            gain, kernel = wrench_kernel.solve(inside.features, inside.wrench, shape)
-            found[i][left] = outside.features @ gain.T + kernel.added(outside.features) - outside.wrench
-            nearest[i][left] = kernel.nearest(outside.features)
-    is_loaded = np.abs(frames.wrench).max(axis=0) > 1e-9
-    parts = [(mean_abs(each) / np.maximum(mean_abs(errors), 1e-12))[is_loaded].mean() for each in found]
-    best = int(np.argmin(parts))
-    if parts[0] < margin * parts[best]:
-        best = 0
-    if parts[best] > 1 - LEAST_GAIN:
-        return None
-    return _Kernel(list(wrench_kernel.CURVES)[best], found[best], nearest[best])
-
-
-def _kernel_fitted(frames: Frames, full: Array, chosen: _Kernel) -> WrenchMap:
-    """K and kernel of all frames; what is further from a landmark than frames left out were is outside."""
-    shapes = wrench_kernel.candidates(frames.features, frames.wrench, _touches(frames))
-    gain, kernel = wrench_kernel.solve(frames.features, frames.wrench, next(s for s in shapes if s.name == chosen.name))
-    reach = float(np.quantile(chosen.nearest, wrench_kernel.REACH_SHARE))
-    kernel = replace(kernel, weight=kernel.weight * (full > 0)[:, None], offset=kernel.offset * (full > 0), reach=reach,
-                     spread=1 / max(reach, 1e-6))  # fmt: skip
-    n = frames.features.shape[1]
-    none = np.zeros((6, len(PAIRS[0])))
-    return WrenchMap(gain, full, none, np.zeros((len(TIMES_S), 6)), np.zeros((n, 27)), np.ones(n), np.zeros((2, 6, 6)),
-                     None, kernel)  # fmt: skip
 
 
 def _plain(bend: Bend | None) -> Terms:

@@ -27,6 +27,7 @@ Array = npt.NDArray[np.float64]
 Axes = npt.NDArray[np.bool_]  # (6,)
 
 Bend = Callable[[Array], Array]
+LEAST_GAIN = 0.01  # a term stays where it lessens the error of an axis on what was not fitted by this part
 LEAST_RIDGE = 1e-8  # of the features' mean square
 LEAST_PRODUCT = 0.03  # of u_j u_k, root mean square: a pair that the log hardly loads together gets no term
 FREE_RIDGE = 1e-5  # of quadratic terms that no geometry gives
@@ -54,6 +55,11 @@ class Terms:
 def rms(errors: Array) -> Array:
     """Of each axis, (6,)."""
     return np.asarray(np.sqrt(np.nanmean(errors**2, axis=0)))
+
+
+def mean_abs(errors: Array) -> Array:
+    """Of each axis, (6,)."""
+    return np.asarray(np.nanmean(np.abs(errors), axis=0))
 
 
 def solve(features: Array, wrench: Array, ridge: float | Array) -> Array:

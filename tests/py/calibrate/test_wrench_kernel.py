@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from ruffini.calibrate import wrench_kernel
+from ruffini.calibrate import wrench_bends, wrench_kernel
 from ruffini.calibrate.feature_log import FeatureRun
 from ruffini.calibrate.wrench_map import fit_wrench_map
-from ruffini.calibrate.wrench_model import frames_of
+from ruffini.calibrate.wrench_model import Frames, frames_of
 from ruffini.evaluate.wrench import on_board
 
 Array = npt.NDArray[np.float64]
@@ -23,7 +23,7 @@ N_FEATURES, N_TOUCHES, N_FRAMES = 40, 60, 8
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer frames to learn directions on, and fewer steps: what they cost, not what they find."""
-    monkeypatch.setattr(wrench_kernel, "N_SAMPLE", 150)
+    monkeypatch.setattr(wrench_kernel, "N_BLOCK", 150)
     monkeypatch.setattr(wrench_kernel, "MAX_STEPS", 15)
 
 
@@ -86,3 +86,72 @@ def test_recordings_and_blocks_of_time_are_left_out(holdout: str) -> None:
     fit = fit_wrench_map([pressed(1, 0.3), pressed(2, 0.3)], holdout=holdout, nonlinear=True)
     assert fit.kernel is not None
     assert (fit.rmse < fit.linear_rmse).all()
+
+
+def test_directions_that_bend_the_wrench_are_short_and_a_noisy_axis_is_smoothed_more() -> None:
+    rng, n = np.random.default_rng(5), 450
+    way = np.linalg.qr(rng.normal(size=(N_FEATURES, 3)))[0]
+    place = rng.uniform(-1, 1, (n, 3))
+    noise = np.array([0.02, 0.02, 0.02, 0.02, 0.02, 0.3])
+    wrench = np.sin(3 * place[:, :1]) + rng.normal(size=(n, 6)) * noise
+    features = place * [1e5, 2e5, 3e5] @ way.T + rng.normal(size=(n, N_FEATURES)) * 10
+    narrow = wrench_kernel.candidates(features, wrench, np.arange(n) // N_FRAMES)[1]
+    bending, *idle = np.linalg.norm(narrow.project @ way, axis=0)
+    assert bending > 3 * max(idle)
+    assert narrow.noise[5] > 20 * narrow.noise[:5].max()
+
+
+def test_the_narrow_curve_is_the_one_that_its_lengths_were_learned_with() -> None:
+    """Halving a Gaussian's length is its fourth power: the table has the same sum, to its steps."""
+    curve = wrench_kernel.candidates(*_few_frames())[1].curve
+    at = np.array([0.0, 0.25, 0.5, 1.0, 2.0, 5.0])
+    parts = [(4.0, 32.0), (2.0, 5.65685425), (1.0, 1.0), (0.5, 0.176776695), (0.25, 0.03125)]
+    sum_ = sum(part * np.exp(-((at / length) ** 2) / 2) for length, part in parts)
+    assert curve[(wrench_kernel.STEPS * at).astype(int)] == pytest.approx(sum_ / 38.8648809, abs=1e-6)
+    assert wrench_kernel._bells(at[:, None])[0][0] == pytest.approx(sum_ / 38.8648809, abs=1e-6)
+
+
+def _few_frames() -> tuple[Array, Array, npt.NDArray[np.intp]]:
+    frames = frames_of([pressed(1, 0.3)], 0.0)
+    return frames.features, frames.wrench, frames.touch
+
+
+def test_each_axis_is_smoothed_by_its_own_noise() -> None:
+    features, wrench, touch = _few_frames()
+    shape = wrench_kernel.candidates(features, wrench, touch)[1]
+    gain, kernel = wrench_kernel.solve(features, wrench, replace(shape, noise=np.array([1e-4] * 5 + [1e6])))
+    said = features @ gain.T + kernel.added(features)
+    error = np.abs(said - wrench).mean(axis=0) / wrench.std(axis=0)
+    assert (error[:5] < 0.1).all()
+    assert said[:, 5].std() < 0.1 * wrench[:, 5].std()
+
+
+def test_touches_beyond_half_of_the_largest_force_are_heavy() -> None:
+    frames = frames_of([pressed(1, 0.1)], 0.0)
+    force, left = np.linalg.norm(frames.wrench[:, :3], axis=1), wrench_bends.heavy(frames, frames.touch)
+    assert force[~left].max() <= 0.5 * force.max() < force[left].max()
+    assert not set(frames.touch[left]) & set(frames.touch[~left])
+    assert (force[left] < 0.5 * force.max()).any()  # the touch goes as a whole
+
+
+@pytest.mark.parametrize(("hides_loads", "name"), [(False, "narrow"), (True, "wide")])
+def test_where_no_fold_presses_harder_the_heaviest_touches_choose(
+    hides_loads: bool, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The narrow kernel errs less on the folds, the wide one beyond the loads that it was fitted on."""
+    frames = frames_of([pressed(1, 0.1)], 0.0)
+    is_heavy = wrench_bends.heavy(frames, frames.touch)
+
+    def left_out(_: Frames, __: object, folds: list[npt.NDArray[np.bool_]]) -> tuple[list[Array], list[Array]]:
+        parts = (0.1, 0.3) if len(folds) == 1 and (folds[0] == is_heavy).all() else (0.2, 0.1)
+        return [part * frames.wrench for part in parts], [np.ones(len(frames.wrench)) for _ in parts]
+
+    monkeypatch.setattr(wrench_bends, "_left_out", left_out)
+    folds = [frames.touch % 2 == 0, frames.touch % 2 == 1]
+    linear = 0.5 * frames.wrench
+    chosen = wrench_bends.kernel_that_pays(frames, frames.touch, folds, linear, hides_loads=hides_loads)
+    assert chosen is not None
+    assert chosen.name == name
+    assert chosen.errors == pytest.approx((0.2 if hides_loads else 0.1) * frames.wrench)  # of the folds
+    worse = wrench_bends.kernel_that_pays(frames, frames.touch, folds, 0.05 * frames.wrench, hides_loads=hides_loads)
+    assert worse is None
