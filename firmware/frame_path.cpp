@@ -142,6 +142,7 @@ void FramePath::learn_features() {
                     printed_.n_dots_at_rest() > 2 * board_.markers.lattice.count();
   }
   if (!board_.markers.has_views) displacement_.learn(markers());
+  if (corner_motion_) corner_motion_->learn(markers(), *feature_wrench_);
   if (!fingertip_) return;
   fingertip_->learn(markers());
   const auto eyes = seeing([&](size_t eye) { return printed_.was_seen_at_rest(eye); });
@@ -311,7 +312,8 @@ void FramePath::run_feature_wrench(uint64_t capture_us) {
     state_.wrench = said.wrench;
     state_.uncertainty.wrench = said.covariance;
     state_.uncertainty.is_of_wrench = true;
-    if (!said.is_in_agreement) state_.flags |= kFlagFeatures;
+    const bool has_moved = corner_motion_ && corner_motion_->has_moved(markers(), said.wrench);
+    if (!said.is_in_agreement || has_moved) state_.flags |= kFlagFeatures;
     if (!said.is_in_range) state_.flags |= kFlagOverRange;
     if (!said.is_warmth_known) state_.flags |= kFlagTemperature;
   });

@@ -11,6 +11,7 @@
 #include "estimators/contact_depth.h"
 #include "estimators/contact_model.h"
 #include "estimators/contact_profile.h"
+#include "estimators/corner_motion.h"
 #include "estimators/depth_gauge.h"
 #include "estimators/feature_wrench.h"
 #include "estimators/fingertip.h"
@@ -76,11 +77,9 @@ class FramePath {
   [[nodiscard]] const std::optional<ViewMaps>& views() const { return views_; }
   [[nodiscard]] bool are_markers_graded() const { return has(Stage::kMarkers); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
-  // By the last frame something presses on the pad.
-  [[nodiscard]] bool is_touched() const;
+  [[nodiscard]] bool is_touched() const;  // by the last frame something presses on the pad
   [[nodiscard]] const ZeroFollower& zero_follower() const { return zero_follower_; }
-  // Which calibration this path computes with: goes into every stamp. 0 = none.
-  void set_calibration_id(uint32_t id) { calibration_id_ = id; }
+  void set_calibration_id(uint32_t id) { calibration_id_ = id; }  // what this path computes with, for stamps; 0: none
   [[nodiscard]] uint32_t calibration_id() const { return calibration_id_; }
   [[nodiscard]] std::span<const uint16_t> rest_image() const { return rest_.image(); }
   [[nodiscard]] const BoardSettings& board() const { return board_; }
@@ -183,6 +182,7 @@ class FramePath {
   ForceField forces_;
   std::optional<FeatureWrench> feature_wrench_;
   std::vector<int32_t> features_;
+  std::optional<CornerMotion> corner_motion_;  // where the features are markers of one lattice
   std::optional<ContactProfile> contact_profile_;
   std::optional<ContactModel> contact_model_;
   std::optional<Helmholtz> helmholtz_;

@@ -28,6 +28,9 @@ Status FramePath::load_photometric(const Calibration& c) {
 Status FramePath::load_feature_wrench(const Calibration& c) {
   if (!has(Stage::kFeatureWrench) || !c.has_kind("wrench")) return Unit{};
   features_.resize(static_cast<size_t>(n_features()));
+  if (!has_targets() && !board_.markers.has_views && !board_.markers.is_scattered) {
+    corner_motion_.emplace(board_.markers.lattice);
+  }
   return keep(FeatureWrench::load(c, has_targets() ? "targets" : "markers", n_features()), feature_wrench_);
 }
 

@@ -20,7 +20,8 @@ void FramePath::watch(const FrameView& frame) {
   const FrameWatch::Verdict seen = picture_watch_.frame.run(frame);
   if (picture_watch_.old.run(frame)) state_.flags |= kFlagRepeated;
   const PixelStatistics::Verdict pixels = picture_watch_.pixels.run(frame, light_.gain());
-  if (seen.is_broken || pixels.is_coarse) state_.flags |= kFlagPicture;
+  const bool has_blocks = picture_watch_.blocks.run(frame);
+  if (seen.is_broken || pixels.is_coarse || has_blocks) state_.flags |= kFlagPicture;
   if (photometric_ && pixels.is_off_curve) state_.flags |= kFlagLight;  // where colours become numbers
   if (seen.is_lamp_off) state_.flags |= kFlagLight;
   state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;
@@ -68,9 +69,10 @@ bool FramePath::are_markers_lost() {
   if (!board_.markers.has_views) {
     const GridSize size = board_.markers.lattice;
     const int count = size.count(), n_missing = count - n_markers_at_rest_;
-    const bool is_lattice = !flow_ && !board_.markers.is_scattered;
-    if (is_lattice && has_slipped_rows(markers(), size)) state_.flags |= kFlagPicture;
-    if (is_lattice && has_hole(markers(), size, board_.camera.width_px, board_.camera.height_px)) return true;
+    const bool is_lattice = !board_.markers.is_scattered;
+    const RowsOf rows_of = flow_ ? RowsOf::kPatches : RowsOf::kDots;
+    if (is_lattice && has_slipped_rows(markers(), size, rows_of)) state_.flags |= kFlagPicture;
+    if (is_lattice && !flow_ && has_hole(markers(), size, board_.camera.width_px, board_.camera.height_px)) return true;
     return state_.markers.n_lost > board_.markers.max_lost || 100 * n_missing > (100 - kMinMarkersPercent) * count;
   }
   size_t n_blind = 0;

@@ -4,6 +4,7 @@
 #include <cstdlib>
 
 #include "base/fixed.h"
+#include "estimators/common_part.h"
 #include "solve/support_solver.h"
 
 namespace ruffini {
@@ -20,13 +21,6 @@ constexpr int64_t kTornPerN = 8 * kSigma;
 constexpr int kCoveredSides = 3;
 constexpr int64_t kUnPerN = 1'000'000;
 constexpr int64_t kMostUn = 1'000 * kUnPerN;  // of each component: what is beyond does not matter
-
-// The second smallest of the sides where three agree in sign, else 0.
-int64_t common(std::array<int64_t, kSides> of_side) {
-  std::sort(of_side.begin(), of_side.end());
-  if (of_side[1] > 0) return of_side[1];
-  return of_side[2] < 0 ? -of_side[2] : 0;
-}
 
 }  // namespace
 
@@ -69,8 +63,8 @@ bool CameraMotion::is_moved(std::span<const int32_t> residual, std::span<const u
   const int64_t moved = kMoved + kMovedPerN * force_un / kUnPerN;
   const int64_t zoomed = kZoomed + kZoomedPerN * force_un / kUnPerN;
   if (n_covered >= kCoveredSides || largest > kTorn + kTornPerN * force_un / kUnPerN) return true;
-  return common(x) > moved || common(y) > moved || common({-y[0], y[1], x[2], -x[3]}) > moved ||
-         common({-x[0], x[1], -y[2], y[3]}) > zoomed;
+  return common_part(x) > moved || common_part(y) > moved || common_part({-y[0], y[1], x[2], -x[3]}) > moved ||
+         common_part({-x[0], x[1], -y[2], y[3]}) > zoomed;
 }
 
 }  // namespace ruffini

@@ -4,8 +4,8 @@
 // quarter of the side from its ends and kFromBorder nodes from the border. With r averaged over each side, and n and t
 // the side's outward normal and tangent:
 //   shift x, y   r_x, r_y of the four sides        zoom   r . n        turn   r . t
-// Each of these is the second smallest of the four sides if at least three agree in sign, else 0: a contact that the
-// model does not fit disturbs one side, and its border the next. With F = |F_x| + |F_y| + |F_z| in newtons, the camera
+// Each of these is what three of the four sides have in common (estimators/common_part.h): a contact that the model
+// does not fit disturbs one side, and its border the next. With F = |F_x| + |F_y| + |F_z| in newtons, the camera
 // counts as moved if
 //   |shift| or |turn| > kMoved + kMovedPerN F,    |zoom| > kZoomed + kZoomedPerN F
 //   |r_x| or |r_y| of any side > kTorn + kTornPerN F: a part of the picture has moved, or markers were mismatched

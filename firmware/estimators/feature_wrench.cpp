@@ -179,6 +179,13 @@ FeatureWrench::Axes FeatureWrench::linear(std::span<const int32_t> features, Sat
   return y;
 }
 
+Wrench FeatureWrench::linear_part(std::span<const int32_t> features) const {
+  SaturationCounter saturations;  // its own: no force is the worse
+  const Axes y = linear(features, saturations);
+  const auto force = [&](size_t i) { return measures(i) ? round_shift(y[i], kFine) : 0; };
+  return {force(0), force(1), force(2), 0, 0, 0};
+}
+
 FeatureWrench::Axes FeatureWrench::scaled_q14(const Axes& y) const {
   Axes u{};
   for (size_t i = 0; i < kAxes; ++i) {

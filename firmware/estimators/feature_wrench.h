@@ -55,6 +55,8 @@ class FeatureWrench {
                             SaturationCounter& saturations);
   // Nothing was ever loaded.
   void forget();
+  // Force that the linear part alone makes of features; no torque. For what does not come from a load.
+  [[nodiscard]] Wrench linear_part(std::span<const int32_t> features) const;
 
   [[nodiscard]] bool measures(size_t axis) const { return full_scale_[axis] > 0; }
 

@@ -5,30 +5,33 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kLeastQ16 = 26'214;  // 0.4 px
+constexpr int64_t kLeastQ16 = 26'214;    // 0.4 px
+constexpr int64_t kOfPatchQ16 = 13'107;  // 0.2 px
 constexpr int64_t kPitches = 32;
 constexpr int kLeastRows = 4;
 constexpr int kMost = 10;  // one column of ten may differ
 
 }  // namespace
 
-bool has_slipped_rows(std::span<const Marker> markers, GridSize size) {
-  if (size.n_y < kLeastRows || size.n_x < 2) return false;
+bool has_slipped_rows(std::span<const Marker> markers, GridSize size, RowsOf what) {
+  const int s = what == RowsOf::kPatches ? 2 : 1;
+  if (size.n_y < kLeastRows * s || size.n_x < 2) return false;
   const auto at = [&](int i, int j) -> const Marker& { return markers[static_cast<size_t>(j * size.n_x + i)]; };
   const auto is_known = [&](int i, int j) { return !at(i, j).is_lost && !at(i, j).is_absent; };
   const int64_t height_q16 = int64_t{at(0, size.n_y - 1).rest_y.raw()} - at(0, 0).rest_y.raw();
-  const int64_t limit_q16 = std::max(kLeastQ16, height_q16 / (size.n_y - 1) / kPitches);
+  const int64_t limit_q16 =
+      what == RowsOf::kPatches ? kOfPatchQ16 : std::max(kLeastQ16, height_q16 / (size.n_y - 1) / kPitches);
   const auto is_slipped = [&](int j, ImagePx Marker::* axis) {
-    const auto jump = [&](int i, int row) { return int64_t{(at(i, row + 1).*axis).raw()} - (at(i, row).*axis).raw(); };
+    const auto jump = [&](int i, int row) { return int64_t{(at(i, row + s).*axis).raw()} - (at(i, row).*axis).raw(); };
     int n_known = 0;
     int n_more = 0;
     int n_less = 0;
     for (int i = 0; i < size.n_x; ++i) {
-      if (!is_known(i, j) || !is_known(i, j + 1)) continue;
+      if (!is_known(i, j) || !is_known(i, j + s)) continue;
       int64_t beside = 0;  // times n_beside
       int64_t n_beside = 0;
-      for (const int row : {j - 1, j + 1}) {
-        if (row < 0 || row + 1 >= size.n_y || !is_known(i, row) || !is_known(i, row + 1)) continue;
+      for (const int row : {j - s, j + s}) {
+        if (row < 0 || row + s >= size.n_y || !is_known(i, row) || !is_known(i, row + s)) continue;
         beside += jump(i, row);
         ++n_beside;
       }
@@ -40,7 +43,16 @@ bool has_slipped_rows(std::span<const Marker> markers, GridSize size) {
     }
     return 2 * n_known >= size.n_x && kMost * std::max(n_more, n_less) >= (kMost - 1) * n_known;
   };
-  for (int j = 0; j + 1 < size.n_y; ++j) {
+  for (int j = 0; j < size.n_y && what == RowsOf::kPatches; ++j) {
+    int n_lost = 0;
+    int n_there = 0;
+    for (int i = 0; i < size.n_x; ++i) {
+      n_there += at(i, j).is_absent ? 0 : 1;
+      n_lost += is_known(i, j) || at(i, j).is_absent ? 0 : 1;
+    }
+    if (2 * n_there >= size.n_x && kMost * n_lost >= (kMost - 1) * n_there) return true;
+  }
+  for (int j = 0; j + s < size.n_y; ++j) {
     if (is_slipped(j, &Marker::displacement_x) || is_slipped(j, &Marker::displacement_y)) return true;
   }
   return false;

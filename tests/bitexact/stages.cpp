@@ -3,6 +3,7 @@
 // The product's own door (firmware/capi) gives whole frames; here each stage takes arbitrary inputs.
 // Arrays are dense and row-major; fixed-point values travel as their raw integers.
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <memory>
 #include <optional>
@@ -12,7 +13,11 @@
 #include "board/parse.h"
 #include "estimators/camera_motion.h"
 #include "estimators/contacts.h"
+#include "estimators/corner_motion.h"
+#include "estimators/feature_wrench.h"
 #include "estimators/slip.h"
+#include "frame_calibration.h"
+#include "image/block_edges.h"
 #include "image/difference.h"
 #include "image/displacement.h"
 #include "image/dots.h"
@@ -301,8 +306,9 @@ int stages_slip(void* handle, const uint8_t* mask, const int32_t* force, const i
   return list.n_listed;
 }
 
-int stages_slipped_rows(int n_x, int n_y, const int32_t* markers) {
-  return has_slipped_rows(get_markers(markers, n_x * n_y), {n_x, n_y}) ? 1 : 0;
+int stages_slipped_rows(int n_x, int n_y, const int32_t* markers, int are_patches) {
+  const RowsOf what = are_patches != 0 ? RowsOf::kPatches : RowsOf::kDots;
+  return has_slipped_rows(get_markers(markers, n_x * n_y), {n_x, n_y}, what) ? 1 : 0;
 }
 
 // Of each of `n` frames: 1 coarse, 2 off the curve. `rest`: the image; `rest_frames`: whose ties count.
@@ -319,6 +325,16 @@ void stages_pixel_statistics(int width, int height, const uint8_t* rest_frames, 
   }
 }
 
+// Of each of `n` frames: 1 with blocks that the rest frames did not have.
+void stages_block_edges(int width, int height, const uint8_t* rest_frames, int n_rest, const uint8_t* frames, int n,
+                        int32_t* out) {
+  const size_t n_values = size_t{3} * static_cast<size_t>(width * height);
+  const auto view = [&](const uint8_t* pixels) { return FrameView{pixels, width, height, 3, ptrdiff_t{3} * width}; };
+  BlockEdges blocks(width, height);
+  for (int i = 0; i < n_rest; ++i) blocks.add_rest(view(rest_frames + static_cast<size_t>(i) * n_values));
+  for (int i = 0; i < n; ++i) out[i] = blocks.run(view(frames + static_cast<size_t>(i) * n_values)) ? 1 : 0;
+}
+
 // `residual`: of every unknown; `force_un`: x, y and z.
 int stages_camera_moved(int n_x, int n_y, const int32_t* residual, const uint8_t* mask, const int64_t* force_un) {
   const GridSize size{n_x, n_y};
@@ -327,6 +343,23 @@ int stages_camera_moved(int n_x, int n_y, const int32_t* residual, const uint8_t
   for (const uint32_t j : motion.unknowns()) at_sides.push_back(residual[j]);
   const Wrench wrench{.force_x_un = force_un[0], .force_y_un = force_un[1], .force_z_un = force_un[2]};
   return motion.is_moved(at_sides, {mask, static_cast<size_t>(size.count())}, wrench) ? 1 : 0;
+}
+
+// `out`: shift x, y (px Q16), turn, zoom (Q20) that the corners have in common, and whether that counts as moved; -1 where
+// the calibration has no wrench of such markers. The places at rest are those of `markers`.
+int stages_corner_motion(const uint8_t* calibration, int n_bytes, int n_x, int n_y, const int32_t* markers,
+                         const int64_t* force_un, int64_t* out) {
+  const auto file = CalibrationFile::load({calibration, static_cast<size_t>(n_bytes)});
+  if (!file) return -1;
+  const auto wrench = FeatureWrench::load(file.value()->get(), "markers", 2 * n_x * n_y);
+  if (!wrench) return -1;
+  const auto shown = get_markers(markers, n_x * n_y);
+  CornerMotion corners({n_x, n_y});
+  corners.learn(shown, wrench.value());
+  const CornerMotion::Motion seen = corners.motion(shown);
+  std::copy_n(std::array{seen.shift_x_q16, seen.shift_y_q16, seen.turn_q20, seen.zoom_q20}.begin(), 4, out);
+  const Wrench forces{.force_x_un = force_un[0], .force_y_un = force_un[1], .force_z_un = force_un[2]};
+  return corners.has_moved(shown, forces) ? 1 : 0;
 }
 
 void stages_slip_forget(void* handle) { static_cast<Stages*>(handle)->slip.forget(); }

@@ -37,7 +37,7 @@ Picture = npt.NDArray[np.uint8]
 Array = npt.NDArray[np.float64]
 Show = Callable[[Picture], Frame]
 
-N_RENDERS, N_GOOD, N_BAD, MOST_BETWEEN, N_OLD = 8, 3, 4, 12, 9
+N_RENDERS, N_GOOD, N_BAD, MOST_BETWEEN, N_OLD = 24, 3, 4, 12, 9
 UNCALIBRATED, VALID = 2 | 4, 1
 LEAST_N, SHARE = 0.1, 0.1
 MOST_TRIES, STEPS = 6, 3

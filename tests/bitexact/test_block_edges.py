@@ -1,0 +1,55 @@
+"""Edges of compression's blocks against the mirror, on drawn pictures, some of them through a JPEG coder."""
+
+from __future__ import annotations
+
+import ctypes
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter
+
+from ruffini.core import native_folder
+
+ROWS, MOST = 16, 24
+Picture = npt.NDArray[np.uint8]
+
+
+def sums(picture: Picture) -> tuple[int, int]:
+    """firmware/image/block_edges.h: steps at the blocks' edges and elsewhere."""
+    height, width = picture.shape[:2]
+    if height < ROWS or width < 24:
+        return 0, 0
+    line = picture[[(2 * i + 1) * height // (2 * ROWS) for i in range(ROWS)]].astype(np.int64)
+    rough = np.minimum(np.abs(line[:, :-3] - 3 * line[:, 1:-2] + 3 * line[:, 2:-1] - line[:, 3:]), MOST)
+    is_edge = (np.arange(width - 3) + 2) % 8 == 0
+    return int(rough[:, is_edge].sum()), int(rough[:, ~is_edge].sum())
+
+
+def test_the_verdicts_are_the_mirrors() -> None:
+    door = ctypes.CDLL(str(native_folder() / "libruffini_stages.so")).stages_block_edges
+    rng, said = np.random.default_rng(3), []
+    for turn in range(40):
+        width, height = (int(n) for n in rng.integers((20, 12), (150, 90)))
+        smooth = gaussian_filter(rng.normal(size=(height, width, 3)), (1.5, 1.5, 0))
+        light = 120 + rng.uniform(2, 30) * smooth / smooth.std()
+
+        def picture(light: npt.NDArray[np.float64] = light) -> Picture:
+            return np.clip(np.round(light + rng.normal(0, 1, light.shape)), 0, 255).astype(np.uint8)
+
+        def coded(quality: int, draw: object = picture) -> Picture:
+            _is_ok, data = cv2.imencode(".jpg", draw(), [cv2.IMWRITE_JPEG_QUALITY, quality])  # type: ignore[operator]
+            return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
+
+        is_coded_at_rest = turn % 5 == 4
+        frames = np.array([coded(40) if is_coded_at_rest else picture() for _ in range(turn % 4)])
+        shown = np.array([coded(int(rng.integers(15, 99))) if rng.random() < 0.5 else picture() for _ in range(10)])
+        out = np.zeros(len(shown), np.int32)
+        door(width, height, frames.ctypes.data_as(ctypes.c_void_p), len(frames),
+             shown.ctypes.data_as(ctypes.c_void_p), len(shown), out.ctypes.data_as(ctypes.c_void_p))  # fmt: skip
+        rest = np.sum([sums(f) for f in frames], axis=0) if len(frames) else (0, 0)
+        now = [sums(p) for p in shown]
+        expected = [int(100 * at * int(rest[1]) > 120 * int(rest[0]) * beside) for at, beside in now]
+        assert out.tolist() == expected, turn
+        said += expected
+    assert 60 < sum(said) < len(said) - 60, sum(said)

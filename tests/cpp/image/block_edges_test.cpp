@@ -1,0 +1,66 @@
+#include "image/block_edges.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+namespace ruffini {
+namespace {
+
+using Pixels = std::vector<uint8_t>;
+constexpr int kWidth = 320;
+constexpr int kHeight = 240;
+
+// A wave with noise; every block of 8 x 8 a little brighter or darker than it should be.
+Pixels picture(unsigned seed, double block_levels, double phase = 0) {
+  std::minstd_rand lot(seed);
+  std::normal_distribution<double> noise;
+  std::vector<double> block(size_t{kWidth} * kHeight / 64);
+  for (double& level : block) level = block_levels * noise(lot);
+  Pixels pixels;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const double level = block[static_cast<size_t>(y / 8 * (kWidth / 8) + x / 8)];
+      for (int c = 0; c < 3; ++c) {
+        pixels.push_back(static_cast<uint8_t>(std::lround(100 + 30 * std::sin(0.3 * x + phase) + level + noise(lot))));
+      }
+    }
+  }
+  return pixels;
+}
+
+FrameView view(const Pixels& pixels) { return {pixels.data(), kWidth, kHeight, 3, ptrdiff_t{3} * kWidth}; }
+
+TEST(BlockEdges, BlocksThatRestDidNotHave) {
+  BlockEdges blocks(kWidth, kHeight);
+  for (unsigned seed = 1; seed <= 4; ++seed) blocks.add_rest(view(picture(seed, 0)));
+  for (unsigned seed = 10; seed < 40; ++seed) {
+    EXPECT_FALSE(blocks.run(view(picture(seed, 0, 0.1 * seed)))) << seed;
+    EXPECT_TRUE(blocks.run(view(picture(seed, 1.5)))) << seed;
+  }
+}
+
+TEST(BlockEdges, ACameraThatCompressesIsComparedWithItself) {
+  BlockEdges blocks(kWidth, kHeight);
+  EXPECT_FALSE(blocks.run(view(picture(1, 3)))) << "no rest yet";
+  blocks.add_rest(view(picture(2, 3)));
+  EXPECT_FALSE(blocks.run(view(picture(3, 3))));
+  EXPECT_TRUE(blocks.run(view(picture(4, 9))));
+  blocks.add_rest(view(picture(5, 9)));
+  blocks.begin_rest();
+  blocks.add_rest(view(picture(6, 0)));
+  EXPECT_TRUE(blocks.run(view(picture(7, 1.5)))) << "a new rest";
+}
+
+TEST(BlockEdges, APictureTooSmallIsNotJudged) {
+  const Pixels pixels(size_t{3} * 20 * 20, 100);
+  BlockEdges blocks(20, 20);
+  const FrameView small{pixels.data(), 20, 20, 3, 60};
+  blocks.add_rest(small);
+  EXPECT_FALSE(blocks.run(small));
+}
+
+}  // namespace
+}  // namespace ruffini
