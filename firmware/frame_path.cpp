@@ -385,6 +385,7 @@ void FramePath::run_fingertip() {
     s.tip = fingertip_->run(markers(), *eyes, s.saturations);
     const int n_contradicted = fingertip_->n_contradicted();
     if (are_pins_doubtful(printed_, n_contradicted, board_.markers.max_lost, *eyes)) s.flags |= kFlagMarkersLost;
+    if (s.tip.has_camera_moved) s.flags |= kFlagFeatures;
     if (!s.tip.is_touched) return;
     if (!s.tip.is_known) s.flags |= kFlagFeatures;
     if (!s.tip.is_in_range) s.flags |= kFlagOverRange;

@@ -41,6 +41,12 @@ int64_t held(int64_t value, int64_t limit, SaturationCounter& saturations) {
   return std::clamp(value, -limit, limit);
 }
 
+// Those of the left eye come first.
+std::span<const Marker> of_eye(std::span<const Marker> markers, size_t eye) {
+  const size_t n = markers.size() / TipField::kEyes;
+  return markers.subspan(eye * n, n);
+}
+
 int64_t rounded_div(int64_t top, int64_t bottom) { return floor_div(2 * top + bottom, 2 * bottom); }
 
 int64_t root_left(int64_t a, int64_t b) {
@@ -111,7 +117,22 @@ void Fingertip::turn_back(const Numbers& value, TipTouch& touch) const {
   touch.y_um = rounded_div(cos_roll * at[1] - t[1] * level, kMillion);
 }
 
+void Fingertip::learn(std::span<const Marker> markers) {
+  field_.learn(markers);
+  for (size_t eye = 0; eye < rim_.size(); ++eye) rim_[eye].learn(of_eye(markers, eye));
+}
+
 TipTouch Fingertip::run(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations) {
+  TipTouch touch = tell(markers, eyes, saturations);
+  for (size_t eye = 0; eye < rim_.size(); ++eye) {
+    const bool is_blind = eyes == (eye == 0 ? Eyes::kRight : Eyes::kLeft);
+    const bool has_moved = !is_blind && rim_[eye].has_moved(of_eye(markers, eye), touch.force_un, most_un_);
+    touch.has_camera_moved = touch.has_camera_moved || has_moved;
+  }
+  return touch;
+}
+
+TipTouch Fingertip::tell(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations) {
   TipTouch touch;
   if (!field_.run(markers, eyes)) return touch;
   TipNet& net = nets_[static_cast<size_t>(eyes)];

@@ -16,6 +16,7 @@
 
 #include "base/fixed.h"
 #include "base/result.h"
+#include "estimators/rim_motion.h"
 #include "estimators/tip_area.h"
 #include "estimators/tip_field.h"
 #include "estimators/tip_net.h"
@@ -27,9 +28,10 @@ struct TipTouch {
   bool is_touched = false;
   bool is_known = true;     // like what it was fitted on
   bool is_in_range = true;  // no harder than what it was fitted on
-  int64_t force_un = 0;     // along the tool's axis, into the fingertip
-  int64_t way_um = 0;       // of the tool since it touched
-  int64_t x_um = 0;         // of the tool's axis from the fingertip's, in the tool's axes
+  bool has_camera_moved = false;
+  int64_t force_un = 0;  // along the tool's axis, into the fingertip
+  int64_t way_um = 0;    // of the tool since it touched
+  int64_t x_um = 0;      // of the tool's axis from the fingertip's, in the tool's axes
   int64_t y_um = 0;
   int64_t roll_urad = 0;  // of the fingertip under the tool, about x, then pitch about y
   int64_t pitch_urad = 0;
@@ -46,7 +48,7 @@ class Fingertip {
   // Kind "fingertip" of the calibration. Errors: kBadInput.
   [[nodiscard]] static Result<Fingertip> load(const Calibration& calibration);
 
-  void learn(std::span<const Marker> markers) { field_.learn(markers); }
+  void learn(std::span<const Marker> markers);
   // The eyes that saw anything at rest have fewer than half of the calibrated pins: another fingertip.
   [[nodiscard]] bool is_other_pad(Eyes eyes) const { return 2 * field_.n_pins_there(eyes) < field_.n_pins(); }
   [[nodiscard]] size_t n_pins() const { return static_cast<size_t>(field_.n_pins()); }
@@ -61,8 +63,10 @@ class Fingertip {
   void turn_back(const Numbers& value, TipTouch& touch) const;
 
   void tell_areas(TipTouch& touch);
+  [[nodiscard]] TipTouch tell(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations);
 
   TipField field_;
+  std::array<RimMotion, TipField::kEyes> rim_;
   std::optional<TipArea> area_;
   std::vector<TipNet> nets_;  // one for each of Eyes
   Numbers zero_{};            // uN, um, um, um, 1e-6, 1e-6, um

@@ -15,6 +15,7 @@
 #include "estimators/contacts.h"
 #include "estimators/corner_motion.h"
 #include "estimators/feature_wrench.h"
+#include "estimators/rim_motion.h"
 #include "estimators/slip.h"
 #include "frame_calibration.h"
 #include "image/block_edges.h"
@@ -360,6 +361,16 @@ int stages_corner_motion(const uint8_t* calibration, int n_bytes, int n_x, int n
   std::copy_n(std::array{seen.shift_x_q16, seen.shift_y_q16, seen.turn_q20, seen.zoom_q20}.begin(), 4, out);
   const Wrench forces{.force_x_un = force_un[0], .force_y_un = force_un[1], .force_z_un = force_un[2]};
   return corners.has_moved(shown, forces) ? 1 : 0;
+}
+
+// `out`: shift x, y, zoom and turn (px Q16) that the sectors of a view's rim have in common.
+int stages_rim_motion(int n, const int32_t* rest, const int32_t* now, int64_t force_un, int64_t most_un, int64_t* out) {
+  RimMotion rim;
+  rim.learn(get_markers(rest, n));
+  const auto shown = get_markers(now, n);
+  const RimMotion::Motion seen = rim.motion(shown);
+  std::copy_n(std::array{seen.shift_x_q16, seen.shift_y_q16, seen.zoom_q16, seen.turn_q16}.begin(), 4, out);
+  return rim.has_moved(shown, force_un, most_un) ? 1 : 0;
 }
 
 void stages_slip_forget(void* handle) { static_cast<Stages*>(handle)->slip.forget(); }

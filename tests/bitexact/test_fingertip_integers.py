@@ -278,6 +278,14 @@ def test_features_unlike_those_of_the_fit_are_flagged(limit: tuple[int, int], *,
         assert not path.process(frame(0, 0, 0)).flags & FEATURES
 
 
+def test_a_camera_that_moved_is_flagged() -> None:
+    still = frame(0, 0, 0)
+    with opened(tensors(np.random.default_rng(7))) as path:
+        learn(path)
+        assert not path.process(still).flags & FEATURES
+        assert path.process(np.roll(still, 2, axis=1)).flags & FEATURES  # no load moves the rim so far
+
+
 def test_pins_of_another_fingertip_are_another_pad() -> None:
     tables = tensors(np.random.default_rng(4))
     tables["fingertip.rest"] = tables["fingertip.rest"] + np.int32(1400)

@@ -23,6 +23,7 @@ from row import Row
 
 from ruffini.bench import picture_faults as faults
 from ruffini.boards import find_board
+from ruffini.calibrate.skin_presses import skin_of
 from ruffini.core import Pipeline
 from ruffini.core.pipeline import Frame
 from ruffini.sim.indenters import Indenter
@@ -110,7 +111,15 @@ def states_of(unit: Unit, name: str, press: Press, seed: int) -> Iterator[State]
             rig.advance(Pose(float(x), float(y), float(depth) * (i + 1) / STEPS))
         if shear:
             rig.advance(Pose(float(x + shear), float(y), float(depth)))
-        yield state(rig.displacement.copy(), rig.tray, np.asarray(rig.wrench())[:3])
+        yield state(rig.displacement.copy(), rig.tray, _force_n(unit, np.asarray(rig.wrench()), x))
+
+
+def _force_n(unit: Unit, wrench: Array, x_m: float) -> Array:
+    """What the board measures of a wrench: a tube tells the force into its skin as -z."""
+    if unit.twin.shape.kind != "tube":
+        return np.asarray(wrench[:3])
+    angle = x_m * 1e6 / skin_of(unit.board).radius_um
+    return np.array([0.0, 0.0, wrench[:2] @ np.array([np.cos(angle), np.sin(angle)])])
 
 
 # A fault's pictures: of the state that is shown, and of one that was shown before.

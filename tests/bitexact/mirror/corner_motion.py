@@ -27,7 +27,8 @@ def _corner(moved: I64, lost: npt.NDArray[np.bool_], pitch: tuple[int, int]) -> 
     return x, y, turn, slope(int(along_x[0]), pitch[0]) + slope(int(along_y[1]), pitch[1])
 
 
-def _common(parts: list[int]) -> int:
+def common_part(parts: list[int]) -> int:
+    """firmware/estimators/common_part.h."""
     ordered = sorted(parts)
     return ordered[1] if ordered[1] > 0 else max(-ordered[2], 0)
 
@@ -48,7 +49,7 @@ def motion(rest: I64, moved: I64, lost: npt.NDArray[np.bool_]) -> tuple[int, int
             more = 7 * (small[3] - wide[3])
             beyond = small[3] + (more // 4 if more >= 0 else -(-more // 4))  # as C++ divides
             found.append((*small[:3], min(max(beyond, 0), small[3]) if small[3] > 0 else max(min(beyond, 0), small[3])))
-    return tuple(_common([f[k] for f in found]) for k in range(4))  # type: ignore[return-value]
+    return tuple(common_part([f[k] for f in found]) for k in range(4))  # type: ignore[return-value]
 
 
 def has_moved(rest: I64, moved: I64, lost: npt.NDArray[np.bool_], force_un: I64, gain: I64, shift: I64,
