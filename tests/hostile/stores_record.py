@@ -1,4 +1,4 @@
-"""Hostile ends of a recording: a daemon that is killed or stopped, a medium that is full; and requests to the viewer."""
+"""Hostile ends of a recording: a daemon that is killed or stopped, a full medium; and requests to the viewer."""
 
 from __future__ import annotations
 
