@@ -21,7 +21,7 @@ namespace ruffini {
 class BlockEdges {
  public:
   static constexpr int kRows = 8;
-  static constexpr int kLeastColumns = 24;
+  static constexpr int kLeastColumns = 128;  // of fewer blocks a mark that moves changes the ratio
 
   BlockEdges(int width_px, int height_px);
 

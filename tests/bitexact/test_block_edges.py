@@ -11,14 +11,14 @@ from scipy.ndimage import gaussian_filter
 
 from ruffini.core import native_folder
 
-ROWS, MOST = 8, 24
+ROWS, MOST, LEAST_COLUMNS = 8, 24, 128
 Picture = npt.NDArray[np.uint8]
 
 
 def sums(picture: Picture) -> tuple[int, int]:
     """firmware/image/block_edges.h: steps at the blocks' edges and in their middles."""
     height, width = picture.shape[:2]
-    if height < ROWS or width < 24:
+    if height < ROWS or width < LEAST_COLUMNS:
         return 0, 0
     line = picture[[(2 * i + 1) * height // (2 * ROWS) for i in range(ROWS)]].astype(np.int64)
     rough = np.minimum(np.abs(line[:, :-3] - 3 * line[:, 1:-2] + 3 * line[:, 2:-1] - line[:, 3:]), MOST)
@@ -30,7 +30,7 @@ def test_the_verdicts_are_the_mirrors() -> None:
     door = ctypes.CDLL(str(native_folder() / "libruffini_stages.so")).stages_block_edges
     rng, said = np.random.default_rng(3), []
     for turn in range(40):
-        width, height = (int(n) for n in rng.integers((20, 12), (150, 90)))
+        width, height = (int(n) for n in rng.integers((110, 7), (260, 90)))
         smooth = gaussian_filter(rng.normal(size=(height, width, 3)), (1.5, 1.5, 0))
         light = 120 + rng.uniform(2, 30) * smooth / smooth.std()
 

@@ -55,11 +55,14 @@ TEST(BlockEdges, ACameraThatCompressesIsComparedWithItself) {
 }
 
 TEST(BlockEdges, APictureTooSmallIsNotJudged) {
-  const Pixels pixels(size_t{3} * 20 * 20, 100);
-  BlockEdges blocks(20, 20);
-  const FrameView small{pixels.data(), 20, 20, 3, 60};
-  blocks.add_rest(small);
-  EXPECT_FALSE(blocks.run(small));
+  const Pixels smooth = picture(1, 0);
+  const Pixels coded = picture(2, 9);
+  for (const int width : {BlockEdges::kLeastColumns - 1, BlockEdges::kLeastColumns}) {
+    BlockEdges blocks(width, kHeight);
+    blocks.add_rest({smooth.data(), width, kHeight, 3, ptrdiff_t{3} * kWidth});
+    const bool has_blocks = blocks.run({coded.data(), width, kHeight, 3, ptrdiff_t{3} * kWidth});
+    EXPECT_EQ(has_blocks, width == BlockEdges::kLeastColumns) << width;
+  }
 }
 
 }  // namespace
