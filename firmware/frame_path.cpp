@@ -121,7 +121,7 @@ void FramePath::learn(const FrameView& frame) {
 void FramePath::learn_features() {
   picture_watch_.learn(rest_.image());
   zero_follower_.forget();
-  light_.learn(rest_.image());
+  light_.learn(rest_.image(), photometric_.has_value());
   if (skin_) skin_->learn(rest_.image());
   if (!has(Stage::kMarkers) && !has(Stage::kTargets)) return;
   const std::span<const uint16_t> rest = rest_.image();

@@ -66,7 +66,7 @@ LightTracker::LightTracker(int width_px, int height_px)
   side_.resize(sample_at_.size());
 }
 
-void LightTracker::learn(std::span<const uint16_t> rest) {
+void LightTracker::learn(std::span<const uint16_t> rest, bool has_map) {
   n_samples_ = 0;
   const auto row = [&](int x, int y) {
     return rest.subspan(size_t{3} * static_cast<size_t>(y * width_px_ + x), size_t{3} * kSamplePx);
@@ -83,7 +83,7 @@ void LightTracker::learn(std::span<const uint16_t> rest) {
   n_still_ = 0;
   is_off_ = false;
   gain_ = in_force_ = Rest::unit_gain();
-  map_.learn({sample_at_.data(), n_samples_});
+  map_.learn({sample_at_.data(), has_map ? n_samples_ : 0});
 }
 
 void LightTracker::sample(std::span<const RelativeChange> change) {

@@ -146,6 +146,23 @@ TEST(LightTracker, WeakDaylightFromOneSideIsToldUnderAContactToo) {
   EXPECT_FALSE(is_one_sided(pad, {200, 200, 200}));
 }
 
+TEST(LightTracker, OnlyAMapSaysThatTheLightIsTilted) {
+  constexpr int kWide = 320;
+  constexpr int kHigh = 240;
+  std::vector<RelativeChange> tilted(size_t{3} * kWide * kHigh);
+  for (size_t i = 0; i < tilted.size(); ++i) {
+    tilted[i] = RelativeChange::from_raw(static_cast<int16_t>((static_cast<int>(i % kWide) - kWide / 2) / 4));  // +-1 %
+  }
+  for (const bool has_map : {true, false}) {
+    Rest rest{kWide, kHigh, 1};
+    rest.load(std::vector<uint16_t>(tilted.size(), 16 * 100));
+    LightTracker light{kWide, kHigh};
+    light.learn(rest.image(), has_map);
+    for (int i = 0; i < 3 * LightMap::kWindowFrames; ++i) light.run(tilted, {}, rest);
+    EXPECT_EQ(light.is_off(), has_map);
+  }
+}
+
 TEST(LightTracker, StopsAtAQuarterAndGoesOnSayingSo) {
   Pad pad;
   for (int i = 0; i < 1'200; ++i) pad.show({4096 * 3 / 2, 4096 * 3 / 2, 4096 * 3 / 2});
