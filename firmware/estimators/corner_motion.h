@@ -13,7 +13,8 @@
 // moved: dF > kLeastUn + (|F_x| + |F_y| + |F_z|) / kPart along any axis. turn^2 / 2: a turned picture is a smaller one.
 //
 // Presses of 0.05 to 70 N on the twin of a soft pad, discs, balls and squares of 6 to 20 mm, sheared and turned, leave at
-// most 0.06 of their force, or 0.05 N. Limit: a contact that reaches two corners, and what has less effect.
+// most 0.06 of their force, or 0.05 N. Limits: a contact that reaches two corners; a smaller effect; what a kernel adds
+// to the gain (estimators/kernel_map.h) is not counted.
 // Frame thread; no allocation after the constructor but in learn(). Not in the papers.
 #pragma once
 

@@ -39,9 +39,9 @@ class LightTracker {
  public:
   LightTracker(int width_px, int height_px);
 
-  // A new rest image is in force: which samples tell anything. Without a map the gain alone is followed: where colours become
-  // no numbers, a map has no use, and a tray that tilts under a load is no lamp that drifts.
-  void learn(std::span<const uint16_t> rest, bool has_map = true);
+  // A new rest image is in force: selects the usable samples. Without a map only the gain is followed, for boards that
+  // do not turn colours into depth: on these a tray that tilts under a load looks like lamps that drift.
+  void learn(std::span<const uint16_t> rest, bool has_map);
   // `change`: planes of B, G and R against `rest`, whose gain this sets when it has moved by 1/4096, and its map.
   void run(std::span<const RelativeChange> change, std::span<const Marker> markers, Rest& rest);
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.calibrate.feature_log import FeatureRun
-from ruffini.calibrate.wrench_bends import kernel_fitted, kernel_that_pays
+from ruffini.calibrate.wrench_kernel_choice import choose_kernel, kernel_fitted
 from ruffini.calibrate.wrench_model import (
     AXES,
     Frames,
@@ -171,7 +171,7 @@ def _fit_at(
     route = _route(frames, folds, bend, prior)
     chosen, linear, errors = route.terms, route.linear, route.errors
     touch = _touches(frames)
-    kernel = kernel_that_pays(frames, touch, folds, errors, hides_loads=holdout == "block") if nonlinear else None
+    kernel = choose_kernel(frames, touch, folds, errors, must_extrapolate=holdout == "block") if nonlinear else None
     if kernel is not None:
         chosen, errors = _plain(None), kernel.errors
     spread = frames.wrench.std(axis=0)

@@ -82,7 +82,7 @@ def record_stream(
             held.append((sensor.decoder.n_fed, clock_us * 1000, time.monotonic_ns(), data))
 
         def keep_gap(gap: LineGap) -> None:
-            write_raw()  # the bytes of a new line are counted anew
+            write_raw()  # a new line counts its bytes from 0
             writer.add_metadata("gap", gap.words())
             on_gap(gap)
 

@@ -174,7 +174,7 @@ def _is_ours(record: logging.LogRecord) -> bool:
 def make_runner(app: web.Application) -> web.AppRunner:
     """What runs the app."""
     logger = logging.getLogger("ruffini.view")
-    logger.filters = [_is_ours]
+    logger.addFilter(_is_ours)
     return web.AppRunner(app, access_log=None, logger=logger, shutdown_timeout=1)
 
 

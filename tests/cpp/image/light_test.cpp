@@ -13,7 +13,7 @@ constexpr size_t kPixels = size_t{kWidth} * kHeight;
 struct Pad {
   Pad() {
     rest.load(std::vector<uint16_t>(3 * kPixels, 16 * 100));
-    light.learn(rest.image());
+    light.learn(rest.image(), true);
   }
   // One frame with B, G, R times `gain` (1/4096), its left `n_touched` columns darker by 20 %.
   void show(std::array<int, 3> gain, int n_touched = 0, std::span<const Marker> markers = {}) {
@@ -114,7 +114,7 @@ TEST(LightTracker, DaylightFromOneSideIsToldFromASlope) {
   EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kTiltedQ12, {}));
   EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, pad.light.level())) << "everywhere alike";
   pad.rest.load(std::vector<uint16_t>(3 * kPixels, 16 * 20));  // too dark to tell
-  pad.light.learn(pad.rest.image());
+  pad.light.learn(pad.rest.image(), true);
   pad.show({5222, 5222, 5222});
   EXPECT_FALSE(pad.light.is_lit_from_outside(LightTracker::kDaylightQ12, {}));
 }
@@ -142,7 +142,7 @@ TEST(LightTracker, WeakDaylightFromOneSideIsToldUnderAContactToo) {
   EXPECT_FALSE(is_one_sided(pad, {200, -200, 200})) << "a slope takes from one lamp what it gives to another";
   EXPECT_FALSE(is_one_sided(pad, {200, 200, 0}));
   pad.rest.load(std::vector<uint16_t>(3 * kPixels, 16 * 20));  // too dark to tell
-  pad.light.learn(pad.rest.image());
+  pad.light.learn(pad.rest.image(), true);
   EXPECT_FALSE(is_one_sided(pad, {200, 200, 200}));
 }
 
@@ -168,14 +168,14 @@ TEST(LightTracker, StopsAtAQuarterAndGoesOnSayingSo) {
   for (int i = 0; i < 1'200; ++i) pad.show({4096 * 3 / 2, 4096 * 3 / 2, 4096 * 3 / 2});
   EXPECT_EQ(pad.gain(1), 1.25);
   EXPECT_TRUE(pad.light.is_off());
-  pad.light.learn(pad.rest.image());
+  pad.light.learn(pad.rest.image(), true);
   EXPECT_EQ(pad.gain(1), 1.0);
 }
 
 TEST(LightTracker, WithoutAPixelThatTellsAnythingItSaysNothing) {
   Pad pad;
   pad.rest.load(std::vector<uint16_t>(3 * kPixels, 16 * 20));  // too dark
-  pad.light.learn(pad.rest.image());
+  pad.light.learn(pad.rest.image(), true);
   for (int i = 0; i < 100; ++i) pad.show(kBluer);
   EXPECT_EQ(pad.light.gain(), Rest::unit_gain());
   EXPECT_FALSE(pad.light.is_off());

@@ -50,6 +50,16 @@ def test_a_load_is_no_fault(board: Board) -> None:
     assert flags_after(board, shown(board, n_rest=n_rest, n_loaded=4), n_rest) == [0] * 4
 
 
+def test_light_that_tilts_as_under_a_tilted_tray_is_no_fault(board: Board) -> None:
+    """1 % brighter on one side, 1 % darker on the other, for four windows of the lamps' map of other boards."""
+    n_rest = board.pipeline.n_rest_frames
+    rest = list(shown(board, n_rest=n_rest, n_loaded=0))
+    tilt = 1 + 0.01 * np.linspace(-1, 1, board.camera.width_px)[None, :, None]
+    tilted = [np.clip(np.rint(picture * tilt), 0, 255).astype(np.uint8) for picture in rest]
+    pictures = [*rest, *(tilted[i % n_rest] for i in range(64))]
+    assert flags_after(board, iter(pictures), n_rest) == [0] * 64
+
+
 @pytest.mark.parametrize(
     ("fault", "flag"),
     [

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from ruffini.calibrate import wrench_bends, wrench_kernel
+from ruffini.calibrate import wrench_kernel, wrench_kernel_choice
 from ruffini.calibrate.feature_log import FeatureRun
 from ruffini.calibrate.wrench_map import fit_wrench_map
 from ruffini.calibrate.wrench_model import Frames, frames_of
@@ -128,30 +128,32 @@ def test_each_axis_is_smoothed_by_its_own_noise() -> None:
 
 def test_touches_beyond_half_of_the_largest_force_are_heavy() -> None:
     frames = frames_of([pressed(1, 0.1)], 0.0)
-    force, left = np.linalg.norm(frames.wrench[:, :3], axis=1), wrench_bends.heavy(frames, frames.touch)
+    force, left = np.linalg.norm(frames.wrench[:, :3], axis=1), wrench_kernel_choice.heavy(frames, frames.touch)
     assert force[~left].max() <= 0.5 * force.max() < force[left].max()
     assert not set(frames.touch[left]) & set(frames.touch[~left])
     assert (force[left] < 0.5 * force.max()).any()  # the touch goes as a whole
 
 
-@pytest.mark.parametrize(("hides_loads", "name"), [(False, "narrow"), (True, "wide")])
+@pytest.mark.parametrize(("must_extrapolate", "name"), [(False, "narrow"), (True, "wide")])
 def test_where_no_fold_presses_harder_the_heaviest_touches_choose(
-    hides_loads: bool, name: str, monkeypatch: pytest.MonkeyPatch
+    must_extrapolate: bool, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The narrow kernel errs less on the folds, the wide one beyond the loads that it was fitted on."""
     frames = frames_of([pressed(1, 0.1)], 0.0)
-    is_heavy = wrench_bends.heavy(frames, frames.touch)
+    is_heavy = wrench_kernel_choice.heavy(frames, frames.touch)
 
     def left_out(_: Frames, __: object, folds: list[npt.NDArray[np.bool_]]) -> tuple[list[Array], list[Array]]:
         parts = (0.1, 0.3) if len(folds) == 1 and (folds[0] == is_heavy).all() else (0.2, 0.1)
         return [part * frames.wrench for part in parts], [np.ones(len(frames.wrench)) for _ in parts]
 
-    monkeypatch.setattr(wrench_bends, "_left_out", left_out)
+    monkeypatch.setattr(wrench_kernel_choice, "_left_out", left_out)
     folds = [frames.touch % 2 == 0, frames.touch % 2 == 1]
     linear = 0.5 * frames.wrench
-    chosen = wrench_bends.kernel_that_pays(frames, frames.touch, folds, linear, hides_loads=hides_loads)
+    chosen = wrench_kernel_choice.choose_kernel(frames, frames.touch, folds, linear, must_extrapolate=must_extrapolate)
     assert chosen is not None
     assert chosen.name == name
-    assert chosen.errors == pytest.approx((0.2 if hides_loads else 0.1) * frames.wrench)  # of the folds
-    worse = wrench_bends.kernel_that_pays(frames, frames.touch, folds, 0.05 * frames.wrench, hides_loads=hides_loads)
+    assert chosen.errors == pytest.approx((0.2 if must_extrapolate else 0.1) * frames.wrench)  # of the folds
+    worse = wrench_kernel_choice.choose_kernel(
+        frames, frames.touch, folds, 0.05 * frames.wrench, must_extrapolate=must_extrapolate
+    )
     assert worse is None

@@ -27,16 +27,16 @@ class Kernel(NamedTuple):
     nearest: Array
 
 
-def kernel_that_pays(
-    frames: Frames, touch: Numbers, folds: Folds, errors: Array, *, hides_loads: bool
+def choose_kernel(
+    frames: Frames, touch: Numbers, folds: Folds, errors: Array, *, must_extrapolate: bool
 ) -> Kernel | None:
     """The kernel that errs less than `errors` on what was not fitted, if any; each fold learns its own directions.
 
-    hides_loads : the folds stand for another recording, but none presses harder than the rest: the kernel is the one
-        that errs least on the heaviest touches, by a fit without them.
+    must_extrapolate : the map is for other recordings, which may press harder, and no fold does: then the kernel is the
+        one that errs least on the heaviest touches, by a fit without them.
     """
     found, nearest = _left_out(frames, touch, folds)
-    judged = _left_out(frames, touch, [heavy(frames, touch)])[0] if hides_loads else found
+    judged = _left_out(frames, touch, [heavy(frames, touch)])[0] if must_extrapolate else found
     spread = frames.wrench.std(axis=0)
     best = int(np.argmin([_unexplained(each, spread) for each in judged]))
     if _unexplained(found[best], spread) > (1 - LEAST_GAIN) ** 2 * _unexplained(errors, spread):
