@@ -5,8 +5,6 @@ Many more of them, with the forces that they make: `make hostile`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -65,15 +63,6 @@ class Scene:
 @pytest.fixture(scope="module")
 def scene(board: Board) -> Scene:
     return Scene(board)
-
-
-@pytest.fixture
-def core(board: Board, calibration: bytes, scene: Scene) -> Iterator[Pipeline]:
-    with Pipeline(board, calibration) as pipeline:
-        pipeline.set_live()
-        while not pipeline.process(scene.frame("untouched")).has_reference:
-            pass
-        yield pipeline
 
 
 @pytest.mark.parametrize("state", ["untouched", "pressed"])

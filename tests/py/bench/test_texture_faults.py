@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -73,13 +71,9 @@ def scene(board: Board) -> Scene:
     return Scene(board)
 
 
-@pytest.fixture
-def core(board: Board, scene: Scene) -> Iterator[Pipeline]:
-    with Pipeline(board, outward_wrench(board)) as pipeline:
-        pipeline.set_live()
-        while not pipeline.process(scene.frame("untouched")).has_reference:
-            pass
-        yield pipeline
+@pytest.fixture(scope="module")
+def calibration(board: Board) -> bytes:
+    return outward_wrench(board)
 
 
 @pytest.mark.parametrize("state", ["untouched", "pressed"])
