@@ -61,7 +61,7 @@ bool is_rim_pressed(GridSize nodes, std::span<const NodeForce> force, int64_t th
       n_pressed += force[static_cast<size_t>(y * nodes.n_x + x)].z < -threshold_lsb / 4 ? 1 : 0;
     }
   }
-  return 4 * n_pressed > n_rim;
+  return 8 * n_pressed > n_rim;
 }
 
 }  // namespace ruffini

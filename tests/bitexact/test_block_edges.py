@@ -11,26 +11,38 @@ from scipy.ndimage import gaussian_filter
 
 from ruffini.core import native_folder
 
-ROWS, MOST, LEAST_COLUMNS = 8, 24, 128
+ROWS, LEAST_COLUMNS = 16, 128
 Picture = npt.NDArray[np.uint8]
 
 
-def sums(picture: Picture) -> tuple[int, int]:
-    """firmware/image/block_edges.h: steps at the blocks' edges and in their middles."""
+def roughness(picture: Picture) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """firmware/image/block_edges.h: at the blocks' edges and in their middles."""
     height, width = picture.shape[:2]
     if height < ROWS or width < LEAST_COLUMNS:
-        return 0, 0
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     line = picture[[(2 * i + 1) * height // (2 * ROWS) for i in range(ROWS)]].astype(np.int64)
-    rough = np.minimum(np.abs(line[:, :-3] - 3 * line[:, 1:-2] + 3 * line[:, 2:-1] - line[:, 3:]), MOST)
+    rough = np.abs(line[:, :-3] - 3 * line[:, 1:-2] + 3 * line[:, 2:-1] - line[:, 3:])
     edge, middle = (rough[:, first : 8 * ((width - 2) // 8) : 8] for first in (6, 2))
-    return int(edge.sum()), int(middle.sum())
+    return edge, middle
+
+
+def verdicts(rest: Picture, shown: Picture) -> list[int]:
+    """1 for each shown picture with blocks that the rest pictures did not have."""
+    first = np.stack(roughness(rest[0])) if len(rest) else np.zeros(0, np.int64)
+    most = 2 * int(first.sum()) // first.size if first.size else 0
+
+    def sums(picture: Picture) -> list[int]:
+        return [int(np.minimum(part, most).sum()) for part in roughness(picture)]
+
+    at_rest = np.sum([sums(picture) for picture in rest], axis=0).tolist() if len(rest) else [0, 0]
+    return [int(100 * at * at_rest[1] > 120 * at_rest[0] * beside) for at, beside in map(sums, shown)]
 
 
 def test_the_verdicts_are_the_mirrors() -> None:
     door = ctypes.CDLL(str(native_folder() / "libruffini_stages.so")).stages_block_edges
     rng, said = np.random.default_rng(3), []
     for turn in range(40):
-        width, height = (int(n) for n in rng.integers((110, 7), (260, 90)))
+        width, height = (int(n) for n in rng.integers((110, 14), (260, 90)))
         smooth = gaussian_filter(rng.normal(size=(height, width, 3)), (1.5, 1.5, 0))
         light = 120 + rng.uniform(2, 30) * smooth / smooth.std()
 
@@ -47,9 +59,7 @@ def test_the_verdicts_are_the_mirrors() -> None:
         out = np.zeros(len(shown), np.int32)
         door(width, height, frames.ctypes.data_as(ctypes.c_void_p), len(frames),
              shown.ctypes.data_as(ctypes.c_void_p), len(shown), out.ctypes.data_as(ctypes.c_void_p))  # fmt: skip
-        rest = np.sum([sums(f) for f in frames], axis=0) if len(frames) else (0, 0)
-        now = [sums(p) for p in shown]
-        expected = [int(100 * at * int(rest[1]) > 120 * int(rest[0]) * beside) for at, beside in now]
+        expected = verdicts(frames, shown)
         assert out.tolist() == expected, turn
         said += expected
     assert 60 < sum(said) < len(said) - 60, sum(said)

@@ -18,8 +18,8 @@ def is_explained(places: list[tuple[int, int]], u: I64, force: I64, spread: I64,
 
 
 def is_rim_pressed(force: I64, shape: tuple[int, int], threshold_lsb: int) -> bool:
-    """More than a quarter of the outermost nodes press harder than a quarter of the threshold."""
+    """More than an eighth of the outermost nodes press harder than a quarter of the threshold."""
     pressed = force.reshape(*shape, 3)[..., 2] < -(threshold_lsb // 4)
     is_rim = np.ones(shape, bool)
     is_rim[1:-1, 1:-1] = False
-    return bool(4 * np.count_nonzero(pressed & is_rim) > np.count_nonzero(is_rim))
+    return bool(8 * np.count_nonzero(pressed & is_rim) > np.count_nonzero(is_rim))

@@ -38,8 +38,18 @@ TEST(BlockEdges, BlocksThatRestDidNotHave) {
   for (unsigned seed = 1; seed <= 4; ++seed) blocks.add_rest(view(picture(seed, 0)));
   for (unsigned seed = 10; seed < 40; ++seed) {
     EXPECT_FALSE(blocks.run(view(picture(seed, 0, 0.1 * seed)))) << seed;
-    EXPECT_TRUE(blocks.run(view(picture(seed, 1.5)))) << seed;
+    EXPECT_TRUE(blocks.run(view(picture(seed, 2)))) << seed;
   }
+}
+
+TEST(BlockEdges, SharpEdgesAtTheBlocksEdgesAreNotCompression) {
+  BlockEdges blocks(kWidth, kHeight);
+  for (unsigned seed = 1; seed <= 4; ++seed) blocks.add_rest(view(picture(seed, 0)));
+  Pixels face = picture(9, 0);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 80; x < 160; ++x) face[size_t{3} * static_cast<size_t>(y * kWidth + x)] += 60;
+  }
+  EXPECT_FALSE(blocks.run(view(face))) << "a face with a sharp rim";
 }
 
 TEST(BlockEdges, ACameraThatCompressesIsComparedWithItself) {
@@ -51,7 +61,7 @@ TEST(BlockEdges, ACameraThatCompressesIsComparedWithItself) {
   blocks.add_rest(view(picture(5, 9)));
   blocks.begin_rest();
   blocks.add_rest(view(picture(6, 0)));
-  EXPECT_TRUE(blocks.run(view(picture(7, 1.5)))) << "a new rest";
+  EXPECT_TRUE(blocks.run(view(picture(7, 2)))) << "a new rest";
 }
 
 TEST(BlockEdges, APictureTooSmallIsNotJudged) {

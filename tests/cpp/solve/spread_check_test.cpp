@@ -66,11 +66,11 @@ TEST(SpreadCheck, RefusesTablesThatCouldOverflowOrSayNothing) {
   EXPECT_FALSE(File(100, SpreadCheck::kMaxSpread + 1).load().has_value());
 }
 
-TEST(SpreadCheck, AQuarterOfTheRimIsTheMostThatMayPress) {
+TEST(SpreadCheck, AnEighthOfTheRimIsTheMostThatMayPress) {
   constexpr GridSize kGrid{5, 5};  // 16 nodes of rim
   std::vector<NodeForce> force(25);
   force[12].z = -9'000;  // the middle is none
-  for (const size_t i : {0U, 4U, 9U, 20U}) force[i].z = -26;
+  for (const size_t i : {0U, 20U}) force[i].z = -26;
   EXPECT_FALSE(is_rim_pressed(kGrid, force, 100));
   force[15].z = -26;
   EXPECT_TRUE(is_rim_pressed(kGrid, force, 100));

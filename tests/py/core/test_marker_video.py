@@ -20,8 +20,7 @@ from ruffini.core import Pipeline
 DATA = os.environ.get("RUFFINI_RECORDED_DATA", "")
 VIDEO = Path(DATA) / "marker-shear-video" / "mini_example.avi"
 BOARD = Path(__file__).parents[3] / "boards" / "gelsight-mini"
-FLAG_MARKERS_LOST, FLAG_PICTURE = 8, 1 << 16
-LEARNING, UNCALIBRATED = 1, 2 | 4
+LEARNING, UNCALIBRATED, FLAG_MARKERS_LOST = 1, 2 | 4, 8
 
 pytestmark = pytest.mark.skipif(
     not DATA or not VIDEO.is_file(), reason="RUFFINI_RECORDED_DATA does not name the recorded data"
@@ -74,9 +73,7 @@ def test_every_dot_keeps_its_identity_and_comes_back() -> None:
 
 
 def test_a_live_camera_s_own_compression_is_no_fault() -> None:
-    """Except in one frame of a fast motion, where the codec gave up detail: block edges 1.34 times those at rest."""
     with Pipeline(find_board(BOARD)) as pipeline:
         pipeline.set_live()
         flags = [pipeline.process(picture).flags & ~(LEARNING | UNCALIBRATED) for picture in frames()]
-    assert [f for f in flags if f] == [FLAG_PICTURE]
-    assert np.flatnonzero(flags).tolist() == [84]
+    assert not any(flags)
