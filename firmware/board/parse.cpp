@@ -33,7 +33,8 @@ void read_pad(BoardReader& in, BoardSettings& board) {
   board.pad.thickness_um = in.integer("thickness_um", 100, kMaxLengthUm);
   board.pad.modulus_pa = in.integer("modulus_pa", 1'000, 1'000'000'000);
   board.pad.poisson_1e4 = in.integer("poisson_1e4", 0, 4'999);
-  if (in.has("stiffness_sigma_1e3")) board.pad.stiffness_sigma_1e3 = in.integer("stiffness_sigma_1e3", 0, 500);
+  in.otherwise("stiffness_sigma_1e3", board.pad.stiffness_sigma_1e3);
+  board.pad.stiffness_sigma_1e3 = in.integer("stiffness_sigma_1e3", 0, 500);
   in.section("grid");
   board.grid.n_x = static_cast<int>(in.integer("n_x", 2, 255));
   board.grid.n_y = static_cast<int>(in.integer("n_y", 2, 255));
@@ -51,7 +52,8 @@ void read_markers(BoardReader& in, MarkerSettings& markers) {
   in.section("markers");
   const int polarity = in.choice("polarity", {"dark", "light", "texture"});
   markers.polarity = polarity == 0 ? Polarity::kDark : polarity == 1 ? Polarity::kLight : Polarity::kTexture;
-  const int layout = in.has("layout") ? in.choice("layout", {"lattice", "scattered", "views"}) : 0;
+  in.otherwise("layout", "lattice");
+  const int layout = in.choice("layout", {"lattice", "scattered", "views"});
   markers.is_scattered = layout > 0;
   markers.has_views = layout == 2;
   if (in.has("places_um")) markers.places = in.places("places_um", 0, kMaxLengthUm);
@@ -95,7 +97,8 @@ void read_skin(BoardReader& in, SkinSettings& skin) {
 
 void read_rest(BoardReader& in, BoardSettings& board) {
   in.section("depth");
-  if (in.has("source") && in.choice("source", {"light", "markers"}) == 1) board.depth.source = DepthSource::kMarkers;
+  in.otherwise("source", "light");
+  if (in.choice("source", {"light", "markers"}) == 1) board.depth.source = DepthSource::kMarkers;
   constexpr Gauge kGauges[] = {Gauge::kMargin, Gauge::kMean, Gauge::kSpacing, Gauge::kVolume, Gauge::kBoth};
   board.depth.gauge = kGauges[in.choice("gauge", {"margin", "mean", "spacing", "volume", "both"})];
   board.depth.margin_um = in.integer("margin_um", 0, kMaxLengthUm);
@@ -105,10 +108,8 @@ void read_rest(BoardReader& in, BoardSettings& board) {
   board.contact.min_nodes = in.integer("min_nodes", 1, 10'000);
   in.section("field");
   board.force_lsb_un = in.integer("force_lsb_un", 1, 1'000);
-  if (in.has_section("memory")) {
-    in.section("memory");
-    board.calibration_kb = in.integer("calibration_kb", 64, kMaxCalibrationKb);
-  }
+  in.section_or("memory", toml::table{{"calibration_kb", board.calibration_kb}});
+  board.calibration_kb = in.integer("calibration_kb", 64, kMaxCalibrationKb);
   if (in.has_section("learned")) {
     in.section("learned");
     board.learned.network = in.text("network");
@@ -119,18 +120,20 @@ void read_rest(BoardReader& in, BoardSettings& board) {
   board.stages = in.texts("stages", known_stages().size());
 }
 
-}  // namespace
+struct ReadBoard {
+  BoardSettings settings;
+  toml::table table;
+};
 
-Result<BoardSettings> parse_board(std::string_view text, const std::string& where) {
+Result<ReadBoard> read_board(std::string_view text, const std::string& where) {
   if (text.size() > kMaxBoardBytes) {
     return Error{ErrorKind::kBadInput, where + ": has more than " + std::to_string(kMaxBoardBytes) +
                                            " bytes: move comments into the board's README.md"};
   }
-  const Result<toml::table> parsed = parse_plain_toml(text, where);
+  Result<toml::table> parsed = parse_plain_toml(text, where);
   if (!parsed) return parsed.error();
-  const toml::table& root = parsed.value();
-  BoardReader in(root, where);
-  if (root["schema"].value_exact<int64_t>() != int64_t{1}) in.fail("schema must be 1");
+  BoardReader in(std::move(parsed).value(), where);
+  if (in.root()["schema"].value_exact<int64_t>() != int64_t{1}) in.fail("schema must be 1");
   BoardSettings board;
   in.section("board");
   board.name = in.text("name");
@@ -147,7 +150,23 @@ Result<BoardSettings> parse_board(std::string_view text, const std::string& wher
   if (in.error().empty()) cross_check(in, board);
   if (!in.error().empty()) return Error{ErrorKind::kBadInput, in.error()};
   board.toml = std::string(text);
-  return board;
+  return ReadBoard{std::move(board), in.root()};
+}
+
+}  // namespace
+
+Result<BoardSettings> parse_board(std::string_view text, const std::string& where) {
+  Result<ReadBoard> read = read_board(text, where);
+  if (!read) return read.error();
+  return std::move(read).value().settings;
+}
+
+Result<std::string> board_json(std::string_view text, const std::string& where) {
+  const Result<ReadBoard> read = read_board(text, where);
+  if (!read) return read.error();
+  std::ostringstream json;
+  json << toml::json_formatter(read.value().table, toml::format_flags::none);
+  return json.str();
 }
 
 Result<BoardSettings> load_board(const std::string& folder) {

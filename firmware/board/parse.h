@@ -1,4 +1,4 @@
-// board.toml text -> BoardSettings. Strict: an unknown, missing, mistyped or out-of-range key is an error.
+// board.toml text -> BoardSettings, or JSON. Strict: an unknown, missing, mistyped or out-of-range key is an error.
 #pragma once
 
 #include <string>
@@ -11,6 +11,10 @@ namespace ruffini {
 
 // `where` names the file in messages. Errors: kBadInput with file, key and remedy.
 [[nodiscard]] Result<BoardSettings> parse_board(std::string_view toml_text, const std::string& where);
+
+// The same file as JSON for programs in other languages: keys sorted, numbers as decimal integers, the defaults of
+// absent keys filled in (absent optional sections stay absent). Same errors.
+[[nodiscard]] Result<std::string> board_json(std::string_view toml_text, const std::string& where);
 
 // Reads FOLDER/board.toml and checks that [board] name equals the folder's name.
 [[nodiscard]] Result<BoardSettings> load_board(const std::string& folder);

@@ -29,7 +29,8 @@ void read_light(BoardReader& in, LightSettings& light) {
   in.section("light");
   light.chip = in.text("chip", kMaxPathLength);
   light.line = in.text("line", kMaxLineLength);
-  if (in.has("alternation")) light.alternates = in.choice("alternation", {"none", "lit_dark"}) == 1;
+  in.otherwise("alternation", "none");
+  light.alternates = in.choice("alternation", {"none", "lit_dark"}) == 1;
 }
 
 // The most that a current may be is 255 steps (hw/led_driver.h) with the smallest resistor for 57 mA.

@@ -14,7 +14,10 @@ namespace ruffini {
 // Reads the keys of one file; remembers the first error and which keys were asked for.
 class BoardReader {
  public:
-  BoardReader(const toml::table& root, std::string where) : root_(root), where_(std::move(where)) {}
+  BoardReader(toml::table root, std::string where) : root_(std::move(root)), where_(std::move(where)) {}
+
+  // The file, with the defaults of absent keys added by otherwise().
+  [[nodiscard]] const toml::table& root() const { return root_; }
 
   [[nodiscard]] bool has_section(const char* name) const { return root_.contains(name); }
 
@@ -23,6 +26,18 @@ class BoardReader {
     asked_sections_.insert(name);
     table_ = root_.get_as<toml::table>(name);
     if (table_ == nullptr) fail("section [" + section_ + "] is missing");
+  }
+
+  // As section(), with what it holds where it is absent.
+  void section_or(const char* name, toml::table otherwise) {
+    if (!has_section(name)) root_.insert(name, std::move(otherwise));
+    section(name);
+  }
+
+  // Default of a key of this section.
+  template <typename T>
+  void otherwise(const char* key, const T& value) {
+    if (table_ != nullptr && !table_->contains(key)) table_->insert(key, value);
   }
 
   int64_t integer(const char* key, int64_t low, int64_t high) {
@@ -155,8 +170,8 @@ class BoardReader {
   }
   [[nodiscard]] std::string path(const char* key) const { return section_ + "." + key; }
 
-  const toml::table& root_;
-  const toml::table* table_ = nullptr;
+  toml::table root_;
+  toml::table* table_ = nullptr;
   std::string where_;
   std::string section_;
   std::string error_;

@@ -50,9 +50,12 @@ int copy_raw(const Range& range, Out* out) {
 const char* ruffini_version(void) { return RUFFINI_VERSION; }
 const char* ruffini_error(void) { return last_error.c_str(); }
 
-int ruffini_check_board(const char* toml, size_t toml_bytes, const char* where) {
-  const auto board = ruffini::parse_board({toml, toml_bytes}, where);
-  return board ? 0 : fail(board.error().message);
+const char* ruffini_board_json(const char* toml, size_t toml_bytes, const char* where) {
+  thread_local std::string json;
+  auto board = ruffini::board_json({toml, toml_bytes}, where);
+  if (!board) return fail(board.error().message), nullptr;
+  json = std::move(board).value();
+  return json.c_str();
 }
 
 ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* where, const uint8_t* calibration,

@@ -41,8 +41,9 @@ typedef struct {
 RUFFINI_API const char* ruffini_version(void);
 /* Of the last failed call on this thread. */
 RUFFINI_API const char* ruffini_error(void);
-/* Parse a board.toml: 0 or 1 with ruffini_error(). `where` names the file in messages. */
-RUFFINI_API int ruffini_check_board(const char* toml, size_t toml_bytes, const char* where);
+/* A board.toml as JSON: keys sorted, decimal integers, defaults of absent keys filled in. NULL with ruffini_error() if
+ * the parser refuses the file, which `where` names. The text is valid until the next call on this thread. */
+RUFFINI_API const char* ruffini_board_json(const char* toml, size_t toml_bytes, const char* where);
 
 /* `calibration` may be NULL. The signature is not checked here: files from this machine are the caller's. */
 RUFFINI_API ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* where,

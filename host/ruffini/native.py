@@ -1,8 +1,10 @@
-"""Where the compiled library and the compiled schema are."""
+"""Where the compiled library and the compiled schema are, and the library itself."""
 
 from __future__ import annotations
 
+import ctypes
 import os
+from functools import cache
 from pathlib import Path
 
 from ruffini.errors import RuffiniError
@@ -17,3 +19,23 @@ def native_folder() -> Path:
         if (folder / "libruffini.so").is_file():
             return folder
     raise RuffiniError("libruffini.so was not found: run `make build`, or set RUFFINI_NATIVE_DIR to its folder")
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """libruffini, loaded at its first use; its functions: firmware/capi/ruffini_core.h.
+
+    Raises
+    ------
+    RuffiniError
+        It is missing, made for another machine, or older than this package.
+    """
+    path = native_folder() / "libruffini.so"
+    try:
+        loaded = ctypes.CDLL(str(path))
+        for name in ("ruffini_error", "ruffini_version", "ruffini_board_json"):
+            getattr(loaded, name).restype = ctypes.c_char_p
+        loaded.ruffini_open.restype = loaded.ruffini_wrench_open.restype = ctypes.c_void_p
+    except (OSError, AttributeError) as error:
+        raise RuffiniError(f"{path} cannot be used on this machine: {error}: run `make build`") from error
+    return loaded

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.core.pipeline import N_COVARIANCE, _library
+from ruffini.core.pipeline import N_COVARIANCE
 from ruffini.errors import InputError
+from ruffini.native import library
 
 Array = npt.NDArray[np.float64]
 UPPER = np.triu_indices(6)
@@ -41,14 +42,13 @@ def wrench_on_board(calibration: bytes, features: str, raw: Array, time_s: Array
     InputError
         The core refuses the file.
     """
-    library = _library()
-    library.ruffini_wrench_open.restype = ctypes.c_void_p
+    core = library()
     rows = np.ascontiguousarray(np.clip(np.round(raw), -(2**31), 2**31 - 1), np.int32)
-    handle = library.ruffini_wrench_open(
+    handle = core.ruffini_wrench_open(
         calibration, ctypes.c_size_t(len(calibration)), features.encode(), ctypes.c_int32(rows.shape[1])
     )
     if not handle:
-        raise InputError(library.ruffini_error().decode())
+        raise InputError(core.ruffini_error().decode())
     capture_us = np.round(1e6 * (time_s - time_s[0])).astype(np.uint64) + 1
     wrench = np.zeros((len(rows), 6), np.int64)
     covariance = np.zeros((len(rows), N_COVARIANCE), np.int64)
@@ -58,12 +58,12 @@ def wrench_on_board(calibration: bytes, features: str, raw: Array, time_s: Array
         return array.ctypes.data_as(ctypes.c_void_p)
 
     try:
-        library.ruffini_wrench_run(
+        core.ruffini_wrench_run(
             ctypes.c_void_p(handle), pointer(rows), pointer(capture_us), ctypes.c_int32(len(rows)), pointer(wrench),
             pointer(covariance), pointer(state),
         )  # fmt: skip
     finally:
-        library.ruffini_wrench_close(ctypes.c_void_p(handle))
+        core.ruffini_wrench_close(ctypes.c_void_p(handle))
     diagonal = covariance[:, UPPER[0] == UPPER[1]]
     return Stated(wrench * np.array([1e-6] * 3 + [1e-9] * 3), 1e-6 * np.sqrt(diagonal), (state & 1) == 0,
                   (state & 2) == 0)  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -33,7 +32,7 @@ from ruffini.core.rows import (
     TouchRow as TouchRow,
 )
 from ruffini.errors import InputError
-from ruffini.native import native_folder
+from ruffini.native import library
 
 N_COVARIANCE = 21  # upper triangle of 6 x 6
 DISPLACEMENT_LSB_M = 125e-9
@@ -118,22 +117,6 @@ MAX_CONTACTS = 8
 N_RINGS = 16
 
 
-@cache
-def _library() -> Any:
-    library = ctypes.CDLL(str(native_folder() / "libruffini.so"))
-    library.ruffini_error.restype = ctypes.c_char_p
-    library.ruffini_version.restype = ctypes.c_char_p
-    library.ruffini_open.restype = ctypes.c_void_p
-    return library
-
-
-def check_board_text(text: bytes, where: str) -> str | None:
-    """What the firmware's parser says of a board.toml: None when it is accepted."""
-    library = _library()
-    failed = library.ruffini_check_board(text, ctypes.c_size_t(len(text)), where.encode())
-    return library.ruffini_error().decode() if failed else None
-
-
 class Pipeline:
     """One sensor's frame path. Not thread-safe; close it or use it as a context manager.
 
@@ -150,7 +133,7 @@ class Pipeline:
     """
 
     def __init__(self, board: Board, calibration: bytes | None = None) -> None:
-        self._lib = _library()
+        self._lib = library()
         text = board.text.encode()
         self._handle = self._lib.ruffini_open(
             text, ctypes.c_size_t(len(text)), board.name.encode(),

@@ -211,6 +211,7 @@ def digest(board: Board, bench: str = PAPER_BENCH) -> str:
     if not settings.rig.ring_force_un:
         unused["rig"] = {"ring_force_un"}
     seen = board.model_dump(mode="json", exclude=NO_PICTURE)
+    seen["memory"] = None  # room for a calibration changes no recording; as it was when the boards were frozen
     del seen["pad"]["stiffness_sigma_1e3"]  # enters the stated uncertainty, not a recording
     seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ONLY_READ]
     if board.depth.source == "light":  # the only one when they were frozen

@@ -1,0 +1,233 @@
+"""The tables of board.toml. Keys, units and ranges: boards/README.md; the firmware's parser checks them."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Section(BaseModel):
+    """A table of a settings file: unknown keys are errors, nothing is converted."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class BoardIdentity(Section):
+    """[board]."""
+
+    name: str
+    product: str
+    not_measured: list[str]
+
+
+class Camera(Section):
+    """[camera]: pinhole, 1/1000 pixel and micrometres."""
+
+    optics: str
+    width_px: int
+    height_px: int
+    rate_mhz: int
+    focal_mpx: int
+    center_x_mpx: int
+    center_y_mpx: int
+    standoff_um: int
+
+
+class Pad(Section):
+    """[pad]."""
+
+    size_x_um: int
+    size_y_um: int
+    thickness_um: int
+    modulus_pa: int
+    poisson_1e4: int
+    stiffness_sigma_1e3: int
+
+
+class Grid(Section):
+    """[grid]: nodes of the inverse FEM over the whole pad."""
+
+    n_x: int
+    n_y: int
+    n_layers: int
+
+
+class Window(Section):
+    """[window]: what the camera observes, from the pad's corner."""
+
+    min_x_um: int
+    min_y_um: int
+    max_x_um: int
+    max_y_um: int
+
+
+class Markers(Section):
+    """[markers]: the printed lattice, or scattered markers: listed, or found in the rest picture.
+
+    views : the frame is n_y views side by side, with n_x markers in each, found in the rest picture.
+    """
+
+    polarity: str
+    layout: str
+    places_um: list[list[int]] | None = None
+    n_x: int
+    n_y: int
+    pitch_x_um: int
+    pitch_y_um: int
+    first_x_um: int
+    first_y_um: int
+    diameter_um: int
+    threshold_1e3: int
+    max_lost: int
+
+
+class Targets(Section):
+    """[targets]: dark discs on what carries the pad."""
+
+    places_um: list[list[int]]
+    below_um: int
+    diameter_um: int
+    threshold_1e3: int
+
+
+class Depth(Section):
+    """[depth]."""
+
+    source: str
+    gauge: str
+    margin_um: int
+    step_px: int
+
+    @property
+    def has_gauge_table(self) -> bool:
+        """Whether the free constant comes from a calibration's kind `gauge`."""
+        return self.gauge not in ("margin", "mean")
+
+
+class Contact(Section):
+    """[contact]."""
+
+    threshold_un: int
+    min_nodes: int
+
+
+class Skin(Section):
+    """[skin]: a surface that gets brighter where it is pressed."""
+
+    shape: str
+    radius_um: int
+    n_panels: int
+    mode: str
+    weight_b: int
+    weight_g: int
+    weight_r: int
+    level: int
+    min_area_px: int
+    averaged_frames: int
+
+    @property
+    def weights(self) -> tuple[int, int, int]:
+        """Of B, G, R."""
+        return self.weight_b, self.weight_g, self.weight_r
+
+
+class FieldSettings(Section):
+    """[field]."""
+
+    force_lsb_un: int
+
+
+class Memory(Section):
+    """[memory]."""
+
+    calibration_kb: int
+
+
+class Pipeline(Section):
+    """[pipeline]."""
+
+    n_rest_frames: int
+    stages: list[str]
+
+
+class Exposure(Section):
+    """[exposure]: what the camera is told instead of its automatics."""
+
+    time_us: int
+    gain_1e3: int
+    red_1e3: int | None = None
+    blue_1e3: int | None = None
+    white_kelvin: int | None = None
+
+
+class Light(Section):
+    """[light]: the GPIO line of the pad's lamps; lit_dark: every second frame of the camera is taken without them."""
+
+    chip: str
+    line: str
+    alternation: str
+
+    @property
+    def alternates(self) -> bool:
+        """Whether it is lit_dark."""
+        return self.alternation == "lit_dark"
+
+
+class LedDriver(Section):
+    """[led_driver]: the PCA9955B that the lamps hang on."""
+
+    bus: str
+    address: int
+    resistor_ohm: int
+    currents_ua: list[int]
+    ramp_ms: int
+    max_milli_celsius: int | None = None
+
+
+class Stereo(Section):
+    """[stereo]: two cameras, each of half the picture, side by side."""
+
+    tolerance_us: int
+
+
+class Eeprom(Section):
+    """[eeprom]: memories that say which board and which gel these are."""
+
+    bus: str
+    board_address: int | None = None
+    gel_address: int | None = None
+    address_bytes: int
+
+
+class Threads(Section):
+    """[threads]: what the daemon's threads go before, and where they run."""
+
+    capture_priority: int | None = None
+    capture_cpus: list[int] | None = None
+    frame_priority: int | None = None
+    frame_cpus: list[int] | None = None
+    link_priority: int | None = None
+    link_cpus: list[int] | None = None
+    inference_cpus: list[int] | None = None
+
+
+class Temperature(Section):
+    """[temperature]: a thermometer of Linux."""
+
+    place: str
+    path: str
+
+
+class Learned(Section):
+    """[learned]: a network beside the frame path, by its file in the device's store."""
+
+    network: str
+
+
+class Reflex(Section):
+    """[reflex]: an output line of the device that switches on a force or slip limit."""
+
+    chip: str
+    line: str
+    force_un: int
+    slip: str
+    when_invalid: str
