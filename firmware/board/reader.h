@@ -25,7 +25,8 @@ class BoardReader {
     section_ = name;
     asked_sections_.insert(name);
     table_ = root_.get_as<toml::table>(name);
-    if (table_ == nullptr) fail("section [" + section_ + "] is missing");
+    if (!has_section(name)) return fail("section [" + section_ + "] is missing");
+    if (table_ == nullptr) fail(section_ + " must be a section [" + section_ + "]", root_.get(name));
   }
 
   // As section(), with what it holds where it is absent.
@@ -43,11 +44,12 @@ class BoardReader {
   int64_t integer(const char* key, int64_t low, int64_t high) {
     const toml::node* node = find(key);
     if (node == nullptr) return low;
-    if (!node->is_integer()) return fail(path(key) + " must be an integer"), low;
+    if (!node->is_integer()) return fail(path(key) + " must be an integer", node), low;
     const int64_t value = node->as_integer()->get();
     if (value < low || value > high) {
       fail(path(key) + " = " + std::to_string(value) + " is outside " + std::to_string(low) + " to " +
-           std::to_string(high));
+               std::to_string(high),
+           node);
     }
     return value;
   }
@@ -55,10 +57,10 @@ class BoardReader {
   std::string text(const char* key, size_t max_length = 64) {
     const toml::node* node = find(key);
     if (node == nullptr) return {};
-    if (!node->is_string()) return fail(path(key) + " must be a string"), std::string{};
+    if (!node->is_string()) return fail(path(key) + " must be a string", node), std::string{};
     const std::string value = node->as_string()->get();
     if (!is_plain(value, max_length)) {
-      fail(path(key) + " must have 1 to " + std::to_string(max_length) + " printable ASCII characters");
+      fail(path(key) + " must have 1 to " + std::to_string(max_length) + " printable ASCII characters", node);
     }
     return value;
   }
@@ -67,13 +69,14 @@ class BoardReader {
     std::vector<std::string> values;
     const toml::node* node = find(key);
     if (node == nullptr) return values;
-    if (!node->is_array()) return fail(path(key) + " must be a list of strings"), values;
+    if (!node->is_array()) return fail(path(key) + " must be a list of strings", node), values;
     for (const toml::node& item : *node->as_array()) {
-      if (!item.is_string()) return fail(path(key) + " must be a list of strings"), values;
+      if (!item.is_string()) return fail(path(key) + " must be a list of strings", node), values;
       values.push_back(item.as_string()->get());
       if (!is_plain(values.back(), kMaxListedLength) || values.size() > max_count) {
         fail(path(key) + " must hold at most " + std::to_string(max_count) + " texts of 1 to " +
-             std::to_string(kMaxListedLength) + " printable ASCII characters");
+                 std::to_string(kMaxListedLength) + " printable ASCII characters",
+             node);
         return values;
       }
     }
@@ -88,8 +91,9 @@ class BoardReader {
     const toml::node* node = find(key);
     const toml::array* list = node == nullptr ? nullptr : node->as_array();
     const auto refuse = [&] {
-      fail(path(key) + " must be a list of [x, y], integers from " + std::to_string(low) + " to " +
-           std::to_string(high));
+      fail(
+          path(key) + " must be a list of [x, y], integers from " + std::to_string(low) + " to " + std::to_string(high),
+          node);
     };
     if (list == nullptr || list->empty()) return refuse(), values;
     for (const toml::node& item : *list) {
@@ -109,7 +113,7 @@ class BoardReader {
     const toml::node* node = find(key);
     const toml::array* list = node == nullptr ? nullptr : node->as_array();
     const auto refuse = [&] {
-      fail(path(key) + " must be a list of integers from " + std::to_string(low) + " to " + std::to_string(high));
+      fail(path(key) + " must be a list of integers from " + std::to_string(low) + " to " + std::to_string(high), node);
     };
     if (list == nullptr || list->empty()) return refuse(), values;
     for (const toml::node& item : *list) {
@@ -126,7 +130,7 @@ class BoardReader {
     if (found != allowed.end()) return static_cast<int>(found - allowed.begin());
     std::string list;
     for (const std::string& name : allowed) list += (list.empty() ? "" : ", ") + name;
-    fail(path(key) + " = \"" + value + "\" must be one of " + list);
+    fail(path(key) + " = \"" + value + "\" must be one of " + list, table_ == nullptr ? nullptr : table_->get(key));
     return 0;
   }
 
@@ -136,21 +140,24 @@ class BoardReader {
       const std::string name(key.str());
       if (name == "schema") continue;
       if (!asked_sections_.contains(name)) {
-        fail("unknown section [" + name + "]: check the spelling, or remove it");
+        fail("unknown section [" + name + "]: check the spelling, or remove it", &node);
         continue;
       }
       const toml::table* table = node.as_table();
       if (table == nullptr) continue;
-      for (const auto& [inner, unused] : *table) {
+      for (const auto& [inner, value] : *table) {
         if (!asked_keys_.contains(name + "." + std::string(inner.str()))) {
-          fail("unknown key " + name + "." + std::string(inner.str()) + ": check the spelling, or remove it");
+          fail("unknown key " + name + "." + std::string(inner.str()) + ": check the spelling, or remove it", &value);
         }
       }
     }
   }
 
-  void fail(const std::string& what) {
-    if (error_.empty()) error_ = where_ + ": " + what + " (boards/README.md lists the keys)";
+  // `at`: what stands in the file; its line is named.
+  void fail(const std::string& what, const toml::node* at = nullptr) {
+    if (!error_.empty()) return;
+    const std::string line = at == nullptr ? "" : ":" + std::to_string(at->source().begin.line);
+    error_ = where_ + line + ": " + what + " (boards/README.md lists the keys)";
   }
   [[nodiscard]] const std::string& error() const { return error_; }
 
@@ -165,7 +172,7 @@ class BoardReader {
     asked_keys_.insert(section_ + "." + key);
     if (table_ == nullptr) return nullptr;
     const toml::node* node = table_->get(key);
-    if (node == nullptr) fail("key " + path(key) + " is missing");
+    if (node == nullptr) fail("key " + path(key) + " is missing", table_);
     return node;
   }
   [[nodiscard]] std::string path(const char* key) const { return section_ + "." + key; }
