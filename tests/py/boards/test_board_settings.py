@@ -121,12 +121,18 @@ def test_boards_are_found_by_name_and_by_folder(tmp_path: Path) -> None:
 
 def run_without_library(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """A verb in a package that was installed without its library."""
-    code = "import ruffini.native as n; n.__file__ = '/nowhere/at/all/native.py'; from ruffini.cli import main; sys.exit(main())"
+    code = """
+import sys
+import ruffini.native
+from ruffini.cli import main
+ruffini.native.__file__ = "/nowhere/at/all/native.py"
+sys.argv[0] = "ruffini"
+sys.exit(main())
+"""
     environment = {**os.environ, "RUFFINI_NATIVE_DIR": str(folder)}
     return subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.argv[0] = 'ruffini'; {code}", *words],
-        env=environment, capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
+        [sys.executable, "-c", code, *words], env=environment, capture_output=True, text=True, timeout=60, check=False
+    )
 
 
 def test_without_the_library_one_sentence_says_so_and_other_verbs_work(tmp_path: Path) -> None:

@@ -1,8 +1,10 @@
-"""The tables of board.toml. Keys, units and ranges: boards/README.md; the firmware's parser checks them."""
+"""What board.toml holds. Keys, units and ranges: boards/README.md; the firmware's parser checks them."""
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field
 
 
 class Section(BaseModel):
@@ -231,3 +233,74 @@ class Reflex(Section):
     force_un: int
     slip: str
     when_invalid: str
+
+
+def observed_range(n: int, size_um: int, low_um: int, high_um: int) -> tuple[int, int]:
+    """First node and number of nodes of [0, size] in n - 1 steps that lie in [low, high]."""
+    first = -(-low_um * (n - 1) // size_um)
+    return first, high_um * (n - 1) // size_um - first + 1
+
+
+class Board(Section):
+    """A whole board.toml; `folder` and `text` say where it came from."""
+
+    schema_version: int = Field(alias="schema")
+    board: BoardIdentity
+    camera: Camera
+    exposure: Exposure | None = None
+    light: Light | None = None
+    led_driver: LedDriver | None = None
+    stereo: Stereo | None = None
+    eeprom: Eeprom | None = None
+    pad: Pad
+    grid: Grid
+    window: Window
+    markers: Markers | None = None  # a pipeline without the stage needs none
+    targets: Targets | None = None
+    depth: Depth
+    contact: Contact
+    skin: Skin | None = None
+    field: FieldSettings
+    temperature: Temperature | None = None
+    learned: Learned | None = None
+    reflex: Reflex | None = None
+    threads: Threads | None = None
+    memory: Memory
+    pipeline: Pipeline
+
+    _text: str = ""
+    _folder: Path | None = None
+
+    @property
+    def name(self) -> str:
+        return self.board.name
+
+    @property
+    def text(self) -> str:
+        """The file as it stands."""
+        return self._text
+
+    @property
+    def folder(self) -> Path | None:
+        return self._folder
+
+    @property
+    def resolution(self) -> str:
+        return f"{self.camera.width_px}x{self.camera.height_px}"
+
+    @property
+    def calibration_bytes(self) -> int:
+        """Room for the calibration file."""
+        return 1024 * self.memory.calibration_kb
+
+    @property
+    def observed(self) -> tuple[slice, slice]:
+        """Node rows and columns inside the window."""
+        y = observed_range(self.grid.n_y, self.pad.size_y_um, self.window.min_y_um, self.window.max_y_um)
+        x = observed_range(self.grid.n_x, self.pad.size_x_um, self.window.min_x_um, self.window.max_x_um)
+        return slice(y[0], y[0] + y[1]), slice(x[0], x[0] + x[1])
+
+    @property
+    def alternates(self) -> bool:
+        """Whether every second frame of the camera is taken with the lamps off; camera.rate_mhz counts pairs."""
+        return self.light is not None and self.light.alternates
