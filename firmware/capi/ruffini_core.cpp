@@ -27,6 +27,7 @@ struct ruffini_wrench {
 namespace {
 
 thread_local std::string last_error;
+thread_local std::string last_board;  // as JSON
 
 int fail(const std::string& message) {
   last_error = message;
@@ -51,11 +52,10 @@ const char* ruffini_version(void) { return RUFFINI_VERSION; }
 const char* ruffini_error(void) { return last_error.c_str(); }
 
 const char* ruffini_board_json(const char* toml, size_t toml_bytes, const char* where) {
-  thread_local std::string json;
   auto board = ruffini::board_json({toml, toml_bytes}, where);
   if (!board) return fail(board.error().message), nullptr;
-  json = std::move(board).value();
-  return json.c_str();
+  last_board = std::move(board).value();
+  return last_board.c_str();
 }
 
 ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* where, const uint8_t* calibration,
