@@ -47,7 +47,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
 }
 
 template <typename Work>
-void FramePath::timed(Stage stage, Work work) {
+void FramePath::timed(StageId stage, Work work) {
   if (!has(stage)) return;
   const uint64_t start = clock_();
   work();
@@ -58,23 +58,23 @@ void FramePath::timed(Stage stage, Work work) {
 void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
   make_grey(frame);
   watch(frame);
-  timed(Stage::kMarkers, [&] { run_markers(frame); });
-  timed(Stage::kTargets, [&] { run_targets(); });
+  timed(StageId::kMarkers, [&] { run_markers(frame); });
+  timed(StageId::kTargets, [&] { run_targets(); });
   follow_light();
   run_depth();
-  timed(Stage::kDisplacement, [&] { run_displacement(); });
+  timed(StageId::kDisplacement, [&] { run_displacement(); });
   judge_input();
   follow_zero(capture_us);
   run_solve(depth_is_trusted());
   run_memory(capture_us);
   run_estimators();
   run_uncertainty();
-  timed(Stage::kSkin, [&] { run_skin(frame, capture_us); });
+  timed(StageId::kSkin, [&] { run_skin(frame, capture_us); });
   run_feature_wrench(capture_us);
-  timed(Stage::kContactModel, [&] { run_contact_model(capture_us); });
+  timed(StageId::kContactModel, [&] { run_contact_model(capture_us); });
   run_fingertip();
-  timed(Stage::kHelmholtz, [&] { run_helmholtz(); });
-  timed(Stage::kContactDepth, [&] { run_contact_depth(); });
+  timed(StageId::kHelmholtz, [&] { run_helmholtz(); });
+  timed(StageId::kContactDepth, [&] { run_contact_depth(); });
 }
 
 // After measure() by the rest of before, where there is one.
@@ -123,7 +123,7 @@ void FramePath::learn_features() {
   zero_follower_.forget();
   light_.learn(rest_.image(), photometric_.has_value());
   if (skin_) skin_->learn(rest_.image());
-  if (!has(Stage::kMarkers) && !has(Stage::kTargets)) return;
+  if (!has(StageId::kMarkers) && !has(StageId::kTargets)) return;
   const std::span<const uint16_t> rest = rest_.image();
   for (size_t i = 0; i < state_.difference.grey.size(); ++i) {
     // As of a frame (image/difference.h), from 1/16 levels.
@@ -131,8 +131,8 @@ void FramePath::learn_features() {
     state_.difference.grey[i] = static_cast<uint16_t>((3 * sum + 2) >> 2);
   }
   const std::span<const uint16_t> grey = state_.difference.grey;
-  if (has(Stage::kTargets)) targets_.learn(grey);
-  if (!has(Stage::kMarkers)) return;
+  if (has(StageId::kTargets)) targets_.learn(grey);
+  if (!has(StageId::kMarkers)) return;
   if (flow_) {
     n_markers_at_rest_ = flow_->learn(grey, rest);
   } else {
@@ -155,9 +155,9 @@ void FramePath::run_difference(const FrameView& frame) {
 
 // The difference makes it.
 void FramePath::make_grey(const FrameView& frame) {
-  timed(Stage::kDifference, [&] { run_difference(frame); });
-  const bool is_needed = has(Stage::kMarkers) || has(Stage::kTargets);
-  if (!has(Stage::kDifference) && is_needed) run_difference(frame);
+  timed(StageId::kDifference, [&] { run_difference(frame); });
+  const bool is_needed = has(StageId::kMarkers) || has(StageId::kTargets);
+  if (!has(StageId::kDifference) && is_needed) run_difference(frame);
 }
 
 void FramePath::run_markers(const FrameView& frame) {
@@ -180,7 +180,7 @@ void FramePath::run_targets() {
 
 // From the next frame on; this one is as it was compared. Its time counts as the difference's.
 void FramePath::follow_light() {
-  if (!photometric_ && !has(Stage::kTargets)) return;
+  if (!photometric_ && !has(StageId::kTargets)) return;
   const uint64_t start = clock_();
   const Rest::Gain before = light_.gain();
   light_.run(state_.difference.change, hidden(), rest_);
@@ -196,22 +196,22 @@ void FramePath::follow_light() {
   const LightLevel usual = is_balanced ? light_.level() : LightLevel{};
   if (light_.is_lit_from_outside(daylight_q12, usual)) state_.flags |= kFlagLight;
   if (photometric_ && !photometric_->is_of_depth() && light_.is_lit_from_one_side()) state_.flags |= kFlagLight;
-  state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;
+  state_.stage_ns[static_cast<size_t>(StageId::kDifference)] += clock_() - start;
 }
 
 void FramePath::run_depth() {
   if (!photometric_) return;
   if (photometric_->is_of_depth()) {
-    timed(Stage::kPhotometric,
+    timed(StageId::kPhotometric,
           [&] { photometric_->run_depth(state_.difference.change, light_.level(), state_.poisson.depth); });
     return;
   }
-  timed(Stage::kPhotometric, [&] {
+  timed(StageId::kPhotometric, [&] {
     photometric_->run(state_.difference.change, hidden(), light_.level(), state_.photometric.slope);
     if (camera_map_) camera_map_->rectify(state_.photometric.slope);
   });
   SaturationCounter& saturations = light_is_trusted() ? state_.saturations : untrusted_saturations_;
-  timed(Stage::kPoisson, [&] { poisson_.run(state_.photometric.slope, state_.poisson.depth, saturations); });
+  timed(StageId::kPoisson, [&] { poisson_.run(state_.photometric.slope, state_.poisson.depth, saturations); });
 }
 
 void FramePath::run_displacement() {
@@ -236,17 +236,17 @@ void FramePath::run_uncertainty() {
   const std::span<const uint8_t> is_filled = state_.displacement.is_filled;
   forces_.state_sigma(state_.solve, is_filled, state_.uncertainty.node);
   state_.uncertainty.wrench = forces_.state_covariance(state_.solve, is_filled, state_.wrench, state_.contacts);
-  state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
+  state_.stage_ns[static_cast<size_t>(StageId::kSupport)] += clock_() - start;
 }
 
 void FramePath::run_solve(bool with_second_pass) {
   state_.uncertainty.is_stated = with_second_pass && forces_.has_error_model();
   if (!forces_.is_measured()) return;
-  timed(Stage::kOperator,
+  timed(StageId::kOperator,
         [&] { forces_.estimate(state_.displacement.node, is_light_steady_, state_.solve, state_.saturations); });
   if (!with_second_pass || !forces_.has_second_pass()) return;
-  timed(Stage::kSupport, [&] { forces_.refine(is_light_steady_, state_.solve, state_.saturations); });
-  state_.solve.is_refined = has(Stage::kSupport);
+  timed(StageId::kSupport, [&] { forces_.refine(is_light_steady_, state_.solve, state_.saturations); });
+  state_.solve.is_refined = has(StageId::kSupport);
   if (!state_.solve.is_explained) state_.flags |= kFlagFeatures;
 }
 
@@ -258,7 +258,7 @@ void FramePath::find_residual() {
   SaturationCounter saturations;  // its own: the forces are none the worse
   forces_.leave(state_.solve, residual.node, saturations);
   residual.validity = is_wrong() || saturations.count != 0 ? Validity::kInvalid : Validity::kValid;
-  state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
+  state_.stage_ns[static_cast<size_t>(StageId::kSupport)] += clock_() - start;
 }
 
 // A frame that is not to be believed is not remembered. Its time counts as the second pass's.
@@ -266,17 +266,17 @@ void FramePath::run_memory(uint64_t capture_us) {
   if (!forces_.has_memory() || !depth_is_trusted() || capture_us == 0 || is_wrong()) return;
   const uint64_t start = clock_();
   forces_.remember(capture_us, state_.solve, state_.saturations);
-  state_.stage_ns[static_cast<size_t>(Stage::kSupport)] += clock_() - start;
+  state_.stage_ns[static_cast<size_t>(StageId::kSupport)] += clock_() - start;
 }
 
 void FramePath::run_estimators() {
   if (!forces_.is_measured()) return;
-  timed(Stage::kWrench, [&] {
+  timed(StageId::kWrench, [&] {
     state_.wrench = sum_wrench(nodes_, state_.solve.force, board_.force_lsb_un);
     if (!forces_.is_at_finite_strain()) return;
     move_arms(state_.solve.force, state_.displacement.node, board_.force_lsb_un, state_.wrench, state_.saturations);
   });
-  timed(Stage::kContacts, [&] {
+  timed(StageId::kContacts, [&] {
     state_.contacts = contacts_.find(state_.solve.mask, state_.solve.force, state_.displacement.node);
     slip_.track(state_.contacts, contacts_.component(), state_.solve.force, state_.displacement.node);
     state_.slip.contact = slip_.contacts();
@@ -290,7 +290,7 @@ int FramePath::n_features() const {
 // Shifts in px Q16, changes of area in px^2 Q8.
 void FramePath::run_feature_wrench(uint64_t capture_us) {
   if (!feature_wrench_) return;
-  timed(Stage::kFeatureWrench, [&] {
+  timed(StageId::kFeatureWrench, [&] {
     auto out = features_.begin();
     const auto put = [&](int64_t value) { *out++ = saturate_raw<int32_t>(value, state_.saturations); };
     if (has_targets()) {
@@ -374,7 +374,7 @@ void FramePath::run_skin(const FrameView& frame, uint64_t capture_us) {
 // By the eyes that see. Its touch is a contact on the undeformed dome, seen from above.
 void FramePath::run_fingertip() {
   if (!fingertip_) return;
-  timed(Stage::kFingertip, [&] {
+  timed(StageId::kFingertip, [&] {
     FrameState& s = state_;
     s.tip = {};
     s.contacts = {};
@@ -480,9 +480,9 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
     is_on_[static_cast<size_t>(at)] = true;
   }
   if (has_targets()) target_marks_.resize(targets().size());
-  if (has(Stage::kMarkers) && board.markers.polarity == Polarity::kTexture) flow_.emplace(board);
-  if (has(Stage::kContactModel)) contact_profile_.emplace(board);
-  if (has(Stage::kHelmholtz)) helmholtz_.emplace(board);
+  if (has(StageId::kMarkers) && board.markers.polarity == Polarity::kTexture) flow_.emplace(board);
+  if (has(StageId::kContactModel)) contact_profile_.emplace(board);
+  if (has(StageId::kHelmholtz)) helmholtz_.emplace(board);
   const auto n_pixels = static_cast<size_t>(board.camera.width_px * board.camera.height_px);
   const auto n_nodes = static_cast<size_t>(nodes_.size().count());
   state_.difference.change.resize(n_pixels * 3);

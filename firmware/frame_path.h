@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/result.h"
+#include "core/slots.h"
 #include "estimators/contact_depth.h"
 #include "estimators/contact_model.h"
 #include "estimators/contact_profile.h"
@@ -18,9 +19,10 @@
 #include "estimators/force_field.h"
 #include "estimators/helmholtz.h"
 #include "estimators/marker_depth.h"
+#include "estimators/skin.h"
+#include "estimators/slip.h"
 #include "estimators/zero_follower.h"
 #include "frame_calibration.h"
-#include "frame_state.h"
 #include "image/camera_map.h"
 #include "image/light.h"
 #include "image/picture_watch.h"
@@ -73,9 +75,9 @@ class FramePath {
   [[nodiscard]] const FrameState& state() const { return state_; }
   [[nodiscard]] std::span<const Marker> markers() const { return flow_ ? flow_->markers() : printed_.markers(); }
   [[nodiscard]] std::span<const Target> targets() const { return targets_.targets(); }
-  [[nodiscard]] bool has_targets() const { return has(Stage::kTargets) && !targets().empty(); }
+  [[nodiscard]] bool has_targets() const { return has(StageId::kTargets) && !targets().empty(); }
   [[nodiscard]] const std::optional<ViewMaps>& views() const { return views_; }
-  [[nodiscard]] bool are_markers_graded() const { return has(Stage::kMarkers); }
+  [[nodiscard]] bool are_markers_graded() const { return has(StageId::kMarkers); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
   [[nodiscard]] bool is_touched() const;  // by the last frame something presses on the pad
   [[nodiscard]] const ZeroFollower& zero_follower() const { return zero_follower_; }
@@ -106,7 +108,7 @@ class FramePath {
   [[nodiscard]] bool has_gauge() const { return !board_.depth.has_gauge_table() || depth_gauge_; }
   [[nodiscard]] bool light_is_trusted() const;
   [[nodiscard]] bool depth_is_trusted() const { return marker_depth_ || light_is_trusted(); }
-  [[nodiscard]] bool has(Stage stage) const { return is_on_[static_cast<size_t>(stage)]; }
+  [[nodiscard]] bool has(StageId stage) const { return is_on_[static_cast<size_t>(stage)]; }
 
   // What hides the surface, and tells whether the pad is at rest.
   [[nodiscard]] std::span<const Marker> hidden() const { return target_marks_.empty() ? markers() : target_marks_; }
@@ -147,7 +149,7 @@ class FramePath {
   void judge_fingertip();
   [[nodiscard]] bool is_wrong() const;
   template <typename Work>
-  void timed(Stage stage, Work work);
+  void timed(StageId stage, Work work);
 
   BoardSettings board_;
   std::shared_ptr<const CalibrationFile> calibration_;

@@ -17,7 +17,7 @@ Status FramePath::load_camera_map(const Calibration& c) {
 }
 
 Status FramePath::load_photometric(const Calibration& c) {
-  if (!has(Stage::kPhotometric) || !c.has_kind("photometric")) return Unit{};
+  if (!has(StageId::kPhotometric) || !c.has_kind("photometric")) return Unit{};
   const auto table = PhotometricTable::load(c);
   if (!table) return table.error();
   photometric_.emplace(board_, table.value());
@@ -26,7 +26,7 @@ Status FramePath::load_photometric(const Calibration& c) {
 }
 
 Status FramePath::load_feature_wrench(const Calibration& c) {
-  if (!has(Stage::kFeatureWrench) || !c.has_kind("wrench")) return Unit{};
+  if (!has(StageId::kFeatureWrench) || !c.has_kind("wrench")) return Unit{};
   features_.resize(static_cast<size_t>(n_features()));
   if (!has_targets() && !board_.markers.has_views && !board_.markers.is_scattered) {
     corner_motion_.emplace(board_.markers.lattice);
@@ -35,7 +35,7 @@ Status FramePath::load_feature_wrench(const Calibration& c) {
 }
 
 Status FramePath::load_contact_model(const Calibration& c) {
-  if (!has(Stage::kContactModel) || !c.has_kind("contact_model")) return Unit{};
+  if (!has(StageId::kContactModel) || !c.has_kind("contact_model")) return Unit{};
   if (!feature_wrench_) {
     return Error{ErrorKind::kBadInput,
                  "calibration file: contact_model without wrench: make it again with `ruffini cal contact --log`"};
@@ -48,7 +48,7 @@ Status FramePath::load_contact_model(const Calibration& c) {
 // Which tables the calibration brings, and whether they fit this board.
 Status FramePath::load_tables() {
   const Calibration* calibration = calibration_ ? &calibration_->get() : nullptr;
-  if (has(Stage::kSkin)) {
+  if (has(StageId::kSkin)) {
     if (Status skin = keep(Skin::load(board_, calibration), skin_); !skin) return skin;
   }
   if (calibration == nullptr) return Unit{};
@@ -76,10 +76,10 @@ Status FramePath::load_tables() {
   if (board_.depth.source == DepthSource::kMarkers && c.has_kind("marker_depth")) {
     if (Status depth = keep(MarkerDepth::load(c, board_), marker_depth_); !depth) return depth;
   }
-  if (Status forces = forces_.load(c, has(Stage::kOperator), has(Stage::kSupport)); !forces) return forces;
+  if (Status forces = forces_.load(c, has(StageId::kOperator), has(StageId::kSupport)); !forces) return forces;
   if (Status wrench = load_feature_wrench(c); !wrench) return wrench;
   if (Status model = load_contact_model(c); !model) return model;
-  if (has(Stage::kFingertip) && c.has_kind("fingertip")) {
+  if (has(StageId::kFingertip) && c.has_kind("fingertip")) {
     if (Status tip = keep(Fingertip::load(c), fingertip_); !tip) return tip;
   }
   if (c.has_kind("rest")) {

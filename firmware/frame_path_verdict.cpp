@@ -24,7 +24,7 @@ void FramePath::watch(const FrameView& frame) {
   if (seen.is_broken || pixels.is_coarse || has_blocks) state_.flags |= kFlagPicture;
   if (photometric_ && pixels.is_off_curve) state_.flags |= kFlagLight;  // where colours become numbers
   if (seen.is_lamp_off) state_.flags |= kFlagLight;
-  state_.stage_ns[static_cast<size_t>(Stage::kDifference)] += clock_() - start;
+  state_.stage_ns[static_cast<size_t>(StageId::kDifference)] += clock_() - start;
 }
 
 // Nothing pressed by the frame before, and nothing is wrong with this one. Contacts are still those of the frame before.
@@ -55,7 +55,7 @@ bool FramePath::presses(uint32_t flags) const {
 }
 
 bool FramePath::light_is_trusted() const {
-  return photometric_ && has(Stage::kPoisson) && !is_foreign_optics_ && has_gauge();
+  return photometric_ && has(StageId::kPoisson) && !is_foreign_optics_ && has_gauge();
 }
 
 bool FramePath::is_wrong() const { return (state_.flags & kWrongFlags) != 0; }
@@ -91,7 +91,7 @@ void FramePath::judge_input() {
   const int n_views = static_cast<int>(printed_.n_views());
   if (s.difference.exposure.dark * 2 > n_pixels * (2 * n_views - 1) / n_views) s.flags |= kFlagDark;
   if (s.difference.exposure.full * 20 > n_pixels) s.flags |= kFlagOverexposed;
-  if (has(Stage::kMarkers) && are_markers_lost()) s.flags |= kFlagMarkersLost;
+  if (has(StageId::kMarkers) && are_markers_lost()) s.flags |= kFlagMarkersLost;
   if (is_other_pad_) s.flags |= kFlagOtherPad;
   if (s.targets.n_lost > 0) s.flags |= kFlagMarkersLost;
   const int64_t limit_q3 = board_.pad.thickness_um * 8 / 2;
@@ -117,7 +117,7 @@ void FramePath::judge() {
     if (is_wrong) return Validity::kInvalid;
     return is_calibrated ? Validity::kValid : Validity::kUncalibrated;
   };
-  const bool has_depth = photometric_ && has(Stage::kPoisson);
+  const bool has_depth = photometric_ && has(StageId::kPoisson);
   s.depth_validity = verdict(has_depth, !is_foreign_optics_);
   s.force_xy = verdict(forces_.is_measured(), true);
   s.force_z = verdict(forces_.is_measured() && depth_is_trusted(), true);

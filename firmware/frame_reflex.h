@@ -11,7 +11,7 @@
 #include <cstdint>
 
 #include "board/settings.h"
-#include "frame_state.h"
+#include "core/slots.h"
 
 namespace ruffini {
 

@@ -27,35 +27,13 @@
 
 #include "base/fixed.h"
 #include "base/result.h"
+#include "core/results.h"
 #include "estimators/contact_profile.h"
 #include "estimators/perceptron.h"
 #include "estimators/wrench.h"
 #include "store/calibration.h"
 
 namespace ruffini {
-
-// Numbers are those of ContactKind in ruffini.proto.
-enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
-
-struct ModelledContact {
-  bool is_touched = false;
-  bool is_covered = false;     // too many patches are lost
-  bool is_over_range = false;  // too deep
-  bool is_strange = false;     // no model holds: depth, area and hardness are wrong
-  bool has_hardness = false;
-  ContactKind kind = ContactKind::kNotTold;
-  int64_t sure_1e3 = 0;  // of the kind, 500 to 1000
-  int64_t gel_depth_um = 0;
-  int64_t press_depth_um = 0;
-  int64_t depth_sigma_um = 0;
-  int64_t area_um2 = 0;
-  int64_t effective_area_um2 = 0;
-  int64_t stiffness_pa_um = 0;  // H_m, pascal a micrometre
-  int64_t shore_q4 = 0;
-  int64_t shore_sigma_q4 = 0;
-  int64_t mean_flow_um = 0;         // S_t over the number of patches
-  int64_t moment_by_flow_unmm = 0;  // its size
-};
 
 class ContactModel {
  public:

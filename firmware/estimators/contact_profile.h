@@ -20,26 +20,10 @@
 #include <vector>
 
 #include "board/settings.h"
+#include "core/results.h"
 #include "image/markers.h"
 
 namespace ruffini {
-
-// Of a patch, or where one is: from the pad's centre.
-struct FlowPoint {
-  int64_t x_q4 = 0;  // um
-  int64_t y_q4 = 0;
-};
-
-struct Profile {
-  static constexpr size_t kRings = 16;
-  int64_t fall_q16 = 0;
-  int64_t center_x_um = 0;
-  int64_t center_y_um = 0;
-  std::array<int64_t, kRings> radial_q4{};  // um
-  int64_t size_q4 = 0;                      // um
-  int64_t lost_1e3 = 0;
-  int64_t flow_q4 = 0;  // um
-};
 
 class ContactProfile {
  public:

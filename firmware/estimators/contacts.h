@@ -11,33 +11,12 @@
 #include <vector>
 
 #include "base/fixed.h"
+#include "core/results.h"
 #include "estimators/wrench.h"
 #include "image/displacement.h"
 #include "solve/components.h"
 
 namespace ruffini {
-
-struct Contact {
-  int n_nodes = 0;
-  int64_t area_um2 = 0;
-  int64_t center_x_um = 0;
-  int64_t center_y_um = 0;
-  int64_t force_x_un = 0;
-  int64_t force_y_un = 0;
-  int64_t force_z_un = 0;
-  int64_t peak_depth_nm = 0;  // lowest u_z
-  int first_node = 0;
-  uint16_t component = 0;  // its number in ContactFinder::component()
-  bool reaches_border = false;
-};
-
-struct ContactList {
-  static constexpr int kMax = 8;
-  std::array<Contact, kMax> contacts{};
-  int n_listed = 0;
-  int n_found = 0;
-  bool reaches_border = false;  // any of those found
-};
 
 class ContactFinder {
  public:

@@ -16,6 +16,7 @@
 
 #include "base/fixed.h"
 #include "base/result.h"
+#include "core/results.h"
 #include "estimators/rim_motion.h"
 #include "estimators/tip_area.h"
 #include "estimators/tip_field.h"
@@ -23,25 +24,6 @@
 #include "store/calibration.h"
 
 namespace ruffini {
-
-struct TipTouch {
-  bool is_touched = false;
-  bool is_known = true;     // like what it was fitted on
-  bool is_in_range = true;  // no harder than what it was fitted on
-  bool has_camera_moved = false;
-  int64_t force_un = 0;  // along the tool's axis, into the fingertip
-  int64_t way_um = 0;    // of the tool since it touched
-  int64_t x_um = 0;      // of the tool's axis from the fingertip's, in the tool's axes
-  int64_t y_um = 0;
-  int64_t roll_urad = 0;  // of the fingertip under the tool, about x, then pitch about y
-  int64_t pitch_urad = 0;
-  int64_t area_um2 = 0;  // of the tool's face; 0: not known, its deviation is above a fifth
-  int64_t flat_um2 = 0;  // of the wall that lies in the tool's plane; 0: not measured
-  int64_t flat_sigma_um2 = 0;
-  std::array<int64_t, 7> sigma{};      // of the above; of the area um^2
-  std::array<int64_t, 3> axis_1e6{};   // t, out of the fingertip
-  std::array<int64_t, 3> place_q14{};  // the middle of what is pressed, as a direction from the sphere's
-};
 
 class Fingertip {
  public:

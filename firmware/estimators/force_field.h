@@ -20,6 +20,7 @@
 
 #include "base/result.h"
 #include "board/settings.h"
+#include "core/results.h"
 #include "estimators/camera_motion.h"
 #include "estimators/contacts.h"
 #include "estimators/wrench.h"
@@ -36,16 +37,6 @@
 #include "store/calibration.h"
 
 namespace ruffini {
-
-// Of the observed nodes.
-struct SolvedForces {
-  std::vector<int16_t> u;         // displacement, xyz interleaved
-  std::vector<int64_t> wide;      // force before it is held to 32 bits
-  std::vector<NodeForce> force;   // the second pass overwrites it
-  std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
-  bool is_refined = false;        // in this frame
-  bool is_explained = true;       // by refine(): the forces are all that presses (solve/spread_check.h)
-};
 
 class ForceField {
  public:

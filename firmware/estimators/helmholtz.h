@@ -24,16 +24,11 @@
 
 #include "base/fixed.h"
 #include "board/settings.h"
+#include "core/results.h"
 #include "estimators/contact_profile.h"
 #include "image/cosine_transform.h"
 
 namespace ruffini {
-
-struct HelmholtzSums {
-  int64_t curl_free_q4 = 0;        // S_n over the number of patches, um
-  int64_t divergence_free_q4 = 0;  // S_t over the number of patches, um
-  int64_t twist_urad = 0;          // from x towards y
-};
 
 class Helmholtz {
  public:

@@ -17,8 +17,8 @@
 
 #include "base/image_view.h"
 #include "board/settings.h"
+#include "core/results.h"
 #include "estimators/skin_image.h"
-#include "estimators/skin_touch.h"
 #include "estimators/skin_track.h"
 #include "estimators/taxel_touches.h"
 #include "image/glow.h"
@@ -26,14 +26,6 @@
 #include "image/taxels.h"
 
 namespace ruffini {
-
-struct SkinFrame {
-  SkinTouchList touches;
-  bool is_dark = false;
-  bool is_light_off = false;
-  int64_t light_q12 = 0;  // of all taxels, over rest less 1
-  int64_t age_q12 = 0;    // light at rest over the calibration's; 0: not known
-};
 
 class Skin {
  public:

@@ -16,7 +16,7 @@
 
 #include "base/result.h"
 #include "board/settings.h"
-#include "estimators/skin_touch.h"
+#include "core/results.h"
 #include "image/glow_regions.h"
 #include "store/calibration.h"
 

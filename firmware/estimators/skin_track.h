@@ -9,7 +9,7 @@
 #include <cstdint>
 
 #include "board/settings.h"
-#include "estimators/skin_touch.h"
+#include "core/results.h"
 
 namespace ruffini {
 

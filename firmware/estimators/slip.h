@@ -20,24 +20,12 @@
 #include <span>
 #include <vector>
 
+#include "core/results.h"
 #include "estimators/contacts.h"
 #include "estimators/wrench.h"
 #include "image/displacement.h"
 
 namespace ruffini {
-
-// Numbers are those of SlipState in ruffini.proto.
-enum class SlipState : uint8_t { kUnknown = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
-enum class NodeSlip : uint8_t { kFree = 0, kSticks = 1, kSlips = 2 };
-
-struct ContactSlip {
-  SlipState state = SlipState::kUnknown;
-  int32_t ratio_1e3 = 0;           // |F_t| / F_n
-  int32_t friction_1e3 = 0;        // mu; 0: not measured yet
-  int32_t friction_sigma_1e3 = 0;  // 20 % from the rim, 3 % from a contact that slid
-  int32_t share_1e3 = 0;           // of the contact's nodes that slip
-  int64_t margin_un = 0;           // mu F_n - |F_t|; with friction only
-};
 
 class SlipTracker {
  public:

@@ -26,7 +26,7 @@
 #include <vector>
 
 #include "base/fixed.h"
-#include "estimators/skin_touch.h"
+#include "core/results.h"
 #include "estimators/taxel_tables.h"
 #include "estimators/touch_pair.h"
 #include "solve/relaxation.h"

@@ -13,21 +13,12 @@
 
 #include "base/fixed.h"
 #include "board/settings.h"
+#include "core/results.h"
 #include "image/displacement.h"
 #include "solve/contact_mask.h"
 #include "solve/shear_modes.h"
 
 namespace ruffini {
-
-struct Wrench {
-  int64_t force_x_un = 0;
-  int64_t force_y_un = 0;
-  int64_t force_z_un = 0;
-  int64_t torque_x_un_um = 0;
-  int64_t torque_y_un_um = 0;
-  int64_t torque_z_un_um = 0;
-  bool operator==(const Wrench&) const = default;
-};
 
 // The observed nodes within the pad's grid, and where they are.
 class NodeGrid {

@@ -20,17 +20,12 @@
 #include <span>
 
 #include "base/result.h"
+#include "core/results.h"
 #include "estimators/contacts.h"
 #include "estimators/wrench.h"
 #include "store/calibration.h"
 
 namespace ruffini {
-
-struct WrenchCovariance {
-  static constexpr size_t kSize = 21;
-  std::array<int64_t, kSize> upper{};
-  bool operator==(const WrenchCovariance&) const = default;
-};
 
 // sum += times v v^T. Precondition: nothing leaves 63 bits.
 void add_outer(WrenchCovariance& sum, const std::array<int64_t, 6>& v, int64_t times = 1);

@@ -13,15 +13,10 @@
 #include <optional>
 
 #include "base/result.h"
+#include "core/results.h"
 #include "store/calibration.h"
 
 namespace ruffini {
-
-// Thousandths of a degree Celsius; empty: not measured.
-struct Warmth {
-  std::optional<int32_t> now_mc{};
-  std::optional<int32_t> rest_mc{};
-};
 
 class WrenchWarmth {
  public:

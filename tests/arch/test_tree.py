@@ -36,8 +36,6 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
     (tree_gates.host_layers, {"host/ruffini/sim/a.py": "from ruffini.fem import slab\n"}, "sim must not know fem"),
     (tree_gates.host_layers, {"host/ruffini/fem/a.py": "def f():\n    import ruffini.sim.pad\n"}, "must not know sim"),
     (tree_gates.board_names, {"boards/toy/board.toml": "", "firmware/a.cpp": 'if (board == "toy") {}\n'}, "'toy'"),
-    (tree_gates.file_sizes, {"firmware/base/a.h": "\n" * 201}, "201 lines"),
-    (tree_gates.file_sizes, {"host/ruffini/a.py": "\n" * 501}, "501 lines"),
     (tree_gates.test_module_names, {"tests/a/test_x.py": "", "tests/b/test_x.py": ""}, "of its own"),
     (tree_gates.workplace_paths, {"tests/a.py": 'open("/wo' + 'rk/main/x")\n'}, "workplace"),
     (tree_gates.generated_files, {"host/ruffini/ruffini_pb2.py": ""}, "generated"),

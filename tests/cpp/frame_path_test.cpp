@@ -348,9 +348,9 @@ TEST(FramePath, TimesEveryStageThatRan) {
   Sensor sensor;
   sensor.learn();
   const FrameState& s = sensor.show_dots(0);
-  EXPECT_EQ(s.stage_ns[static_cast<size_t>(Stage::kDifference)], 1'000U);
-  EXPECT_EQ(s.stage_ns[static_cast<size_t>(Stage::kMarkers)], 1'000U);
-  EXPECT_EQ(s.stage_ns[static_cast<size_t>(Stage::kPoisson)], 0U);
+  EXPECT_EQ(s.stage_ns[static_cast<size_t>(StageId::kDifference)], 1'000U);
+  EXPECT_EQ(s.stage_ns[static_cast<size_t>(StageId::kMarkers)], 1'000U);
+  EXPECT_EQ(s.stage_ns[static_cast<size_t>(StageId::kPoisson)], 0U);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
-// What one frame leaves behind, stage by stage. Each part is written by the stage it is named after and
-// read by later stages and by the encoders; it holds until the next frame. All buffers are sized in
-// FramePath::configure.
+// The data of one frame: what the stages hand to each other and to the encoders.
+//
+// A slot has one writer among a board's stages (core/stages.cpp lists who reads and who writes what); everybody else has
+// a const view of it. A slot is valid until the next frame. All buffers are sized in FramePath::configure.
 #pragma once
 
 #include <array>
@@ -10,15 +11,7 @@
 
 #include "base/fixed.h"
 #include "board/settings.h"
-#include "estimators/contact_model.h"
-#include "estimators/contacts.h"
-#include "estimators/fingertip.h"
-#include "estimators/force_field.h"
-#include "estimators/helmholtz.h"
-#include "estimators/skin.h"
-#include "estimators/slip.h"
-#include "estimators/wrench.h"
-#include "estimators/wrench_covariance.h"
+#include "core/results.h"
 #include "image/difference.h"
 #include "image/displacement.h"
 #include "image/markers.h"
@@ -56,7 +49,8 @@ inline constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kF
 // Numbers are those of Validity in ruffini.proto.
 enum class Validity : uint8_t { kNotMeasured = 0, kValid = 1, kUncalibrated = 2, kInvalid = 3 };
 
-enum class Stage : uint8_t {
+// In the order of the table (core/stages.cpp).
+enum class StageId : uint8_t {
   kDifference,
   kMarkers,
   kTargets,
@@ -75,7 +69,7 @@ enum class Stage : uint8_t {
   kContactDepth,
   kCount
 };
-inline constexpr size_t kStageCount = static_cast<size_t>(Stage::kCount);
+inline constexpr size_t kStageCount = static_cast<size_t>(StageId::kCount);
 
 struct FrameState {
   uint32_t flags = 0;

@@ -1,0 +1,176 @@
+// Results of the estimators: the plain data of the slots (slots.h).
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "image/displacement.h"
+#include "solve/contact_mask.h"
+
+namespace ruffini {
+
+// Of the observed nodes.
+struct SolvedForces {
+  std::vector<int16_t> u;         // displacement, xyz interleaved
+  std::vector<int64_t> wide;      // force before it is held to 32 bits
+  std::vector<NodeForce> force;   // the second pass overwrites it
+  std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
+  bool is_refined = false;        // in this frame
+  bool is_explained = true;       // by refine(): the forces are all that presses (solve/spread_check.h)
+};
+
+struct Wrench {
+  int64_t force_x_un = 0;
+  int64_t force_y_un = 0;
+  int64_t force_z_un = 0;
+  int64_t torque_x_un_um = 0;
+  int64_t torque_y_un_um = 0;
+  int64_t torque_z_un_um = 0;
+  bool operator==(const Wrench&) const = default;
+};
+
+struct WrenchCovariance {
+  static constexpr size_t kSize = 21;
+  std::array<int64_t, kSize> upper{};
+  bool operator==(const WrenchCovariance&) const = default;
+};
+
+// Thousandths of a degree Celsius; empty: not measured.
+struct Warmth {
+  std::optional<int32_t> now_mc{};
+  std::optional<int32_t> rest_mc{};
+};
+
+struct Contact {
+  int n_nodes = 0;
+  int64_t area_um2 = 0;
+  int64_t center_x_um = 0;
+  int64_t center_y_um = 0;
+  int64_t force_x_un = 0;
+  int64_t force_y_un = 0;
+  int64_t force_z_un = 0;
+  int64_t peak_depth_nm = 0;  // lowest u_z
+  int first_node = 0;
+  uint16_t component = 0;  // its number in ContactFinder::component()
+  bool reaches_border = false;
+};
+
+struct ContactList {
+  static constexpr int kMax = 8;
+  std::array<Contact, kMax> contacts{};
+  int n_listed = 0;
+  int n_found = 0;
+  bool reaches_border = false;  // any of those found
+};
+
+// Numbers are those of SlipState in ruffini.proto.
+enum class SlipState : uint8_t { kUnknown = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
+enum class NodeSlip : uint8_t { kFree = 0, kSticks = 1, kSlips = 2 };
+
+struct ContactSlip {
+  SlipState state = SlipState::kUnknown;
+  int32_t ratio_1e3 = 0;           // |F_t| / F_n
+  int32_t friction_1e3 = 0;        // mu; 0: not measured yet
+  int32_t friction_sigma_1e3 = 0;  // 20 % from the rim, 3 % from a contact that slid
+  int32_t share_1e3 = 0;           // of the contact's nodes that slip
+  int64_t margin_un = 0;           // mu F_n - |F_t|; with friction only
+};
+
+// A touch of a skin that gets brighter where it is pressed. The skin is unrolled: x and y along the undeformed surface
+// from its middle. Only the force along the local normal is measured. Touches are listed in the order of force.
+struct SkinTouch {
+  uint32_t id = 0;  // the same from frame to frame (skin_track.h); 0: not known yet
+  int64_t x_um = 0;
+  int64_t y_um = 0;
+  int64_t area_um2 = 0;        // of the taxels that it lights up; 0: not known
+  int64_t brightness_q2 = 0;   // 1/4 levels of the weighted channels; of taxels 1/4096 of rest
+  int64_t press_un = 0;        // into the skin
+  int64_t press_sigma_un = 0;  // standard deviations; 0: not stated
+  int64_t place_sigma_um = 0;  // of x and of y
+};
+
+struct SkinTouchList {
+  static constexpr int kMax = 8;
+  std::array<SkinTouch, kMax> touch{};
+  int n_listed = 0;
+  int n_found = 0;
+};
+
+struct SkinFrame {
+  SkinTouchList touches;
+  bool is_dark = false;
+  bool is_light_off = false;
+  int64_t light_q12 = 0;  // of all taxels, over rest less 1
+  int64_t age_q12 = 0;    // light at rest over the calibration's; 0: not known
+};
+
+// Of a patch, or where one is: from the pad's centre.
+struct FlowPoint {
+  int64_t x_q4 = 0;  // um
+  int64_t y_q4 = 0;
+};
+
+struct Profile {
+  static constexpr size_t kRings = 16;
+  int64_t fall_q16 = 0;
+  int64_t center_x_um = 0;
+  int64_t center_y_um = 0;
+  std::array<int64_t, kRings> radial_q4{};  // um
+  int64_t size_q4 = 0;                      // um
+  int64_t lost_1e3 = 0;
+  int64_t flow_q4 = 0;  // um
+};
+
+// Numbers are those of ContactKind in ruffini.proto.
+enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
+
+struct ModelledContact {
+  bool is_touched = false;
+  bool is_covered = false;     // too many patches are lost
+  bool is_over_range = false;  // too deep
+  bool is_strange = false;     // no model holds: depth, area and hardness are wrong
+  bool has_hardness = false;
+  ContactKind kind = ContactKind::kNotTold;
+  int64_t sure_1e3 = 0;  // of the kind, 500 to 1000
+  int64_t gel_depth_um = 0;
+  int64_t press_depth_um = 0;
+  int64_t depth_sigma_um = 0;
+  int64_t area_um2 = 0;
+  int64_t effective_area_um2 = 0;
+  int64_t stiffness_pa_um = 0;  // H_m, pascal a micrometre
+  int64_t shore_q4 = 0;
+  int64_t shore_sigma_q4 = 0;
+  int64_t mean_flow_um = 0;         // S_t over the number of patches
+  int64_t moment_by_flow_unmm = 0;  // its size
+};
+
+struct HelmholtzSums {
+  int64_t curl_free_q4 = 0;        // S_n over the number of patches, um
+  int64_t divergence_free_q4 = 0;  // S_t over the number of patches, um
+  int64_t twist_urad = 0;          // from x towards y
+};
+
+struct TipTouch {
+  bool is_touched = false;
+  bool is_known = true;     // like what it was fitted on
+  bool is_in_range = true;  // no harder than what it was fitted on
+  bool has_camera_moved = false;
+  int64_t force_un = 0;  // along the tool's axis, into the fingertip
+  int64_t way_um = 0;    // of the tool since it touched
+  int64_t x_um = 0;      // of the tool's axis from the fingertip's, in the tool's axes
+  int64_t y_um = 0;
+  int64_t roll_urad = 0;  // of the fingertip under the tool, about x, then pitch about y
+  int64_t pitch_urad = 0;
+  int64_t area_um2 = 0;  // of the tool's face; 0: not known, its deviation is above a fifth
+  int64_t flat_um2 = 0;  // of the wall that lies in the tool's plane; 0: not measured
+  int64_t flat_sigma_um2 = 0;
+  std::array<int64_t, 7> sigma{};      // of the above; of the area um^2
+  std::array<int64_t, 3> axis_1e6{};   // t, out of the fingertip
+  std::array<int64_t, 3> place_q14{};  // the middle of what is pressed, as a direction from the sphere's
+};
+
+}  // namespace ruffini
