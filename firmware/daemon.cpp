@@ -217,15 +217,15 @@ void Daemon::process(const FrameLease& lease) {
   }
   exchange_.flags = state.flags;
   uint32_t validity = 0;
-  for (size_t i = 0; i < state.wrench_validity.size(); ++i) {
-    validity |= static_cast<uint32_t>(state.wrench_validity[i]) << (4 * i);
+  for (size_t i = 0; i < state.wrench.validity.size(); ++i) {
+    validity |= static_cast<uint32_t>(state.wrench.validity[i]) << (4 * i);
   }
   exchange_.last_frame.capture_us = lease.capture_us();
   exchange_.last_frame.number = lease.number();
   exchange_.last_frame.calibration_id = path_->calibration_id();
   exchange_.last_frame.wrench_validity = validity;
   count(state.flags);
-  exchange_.skin_light_1e3 = static_cast<uint32_t>(state.skin.age_q12 * 1'000 / Taxels::kOne);
+  exchange_.skin_light_1e3 = static_cast<uint32_t>(state.skin.age_q12 * 1'000 / SkinFrame::kOneQ12);
   exchange_.saturations = state.saturations.count;
   exchange_.is_touched = path_->is_touched();
   exchange_.is_zeroing = path_->is_zeroing();

@@ -17,13 +17,13 @@ constexpr int kDriftFrames = 8;
 // What a strong press can do to a frame. Where one of these comes up while rest is learned, something has come onto the pad.
 constexpr uint32_t kByPress = kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagFeatures | kFlagLight;
 
-constexpr size_t kForceZAlone = 11;  // of the covariance's upper triangle by rows: (2, 2)
-constexpr int kMostUnsureAlone = 1;  // pins of an eye that sees alone, e.g. one at the edge of its view
-
-// Where some pins are known to be seen wrong there may be more; an eye alone has less to contradict it.
-bool are_pins_doubtful(const PrintedMarkers& printed, int n_contradicted, int64_t most, Eyes eyes) {
-  if (eyes == Eyes::kBoth) return printed.n_unsure(0) + printed.n_unsure(1) + n_contradicted > most;
-  return printed.n_unsure(eyes == Eyes::kLeft ? 0 : 1) > kMostUnsureAlone || n_contradicted > most;
+// The grid of depth is that of [depth], unless a stage has its own.
+FrameState first_state(const BoardSettings& board) {
+  FrameState state;
+  state.depth.step_px = board.depth.step_px;
+  state.depth.grid = {board.camera.width_px / board.depth.step_px, board.camera.height_px / board.depth.step_px};
+  state.depth.cell.resize(static_cast<size_t>(state.depth.grid.count()));
+  return state;
 }
 
 }  // namespace
@@ -32,7 +32,7 @@ bool are_pins_doubtful(const PrintedMarkers& printed, int n_contradicted, int64_
 const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us) {
   state_.flags = capture_flags_;
   state_.stage_ns.fill(0);
-  state_.uncertainty.is_stated = state_.uncertainty.is_of_wrench = false;
+  state_.uncertainty.is_stated = state_.covariance.is_stated = false;
   state_.solve.is_refined = false;
   state_.solve.is_explained = true;
   state_.residual.validity = Validity::kNotMeasured;
@@ -67,14 +67,17 @@ void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
   follow_zero(capture_us);
   run_solve(depth_is_trusted());
   run_memory(capture_us);
-  run_estimators();
+  Frame on_its_way = frame_of(frame, capture_us);
+  pipeline_.run(on_its_way);
   run_uncertainty();
-  timed(StageId::kSkin, [&] { run_skin(frame, capture_us); });
-  run_feature_wrench(capture_us);
-  timed(StageId::kContactModel, [&] { run_contact_model(capture_us); });
-  run_fingertip();
-  timed(StageId::kHelmholtz, [&] { run_helmholtz(); });
-  timed(StageId::kContactDepth, [&] { run_contact_depth(); });
+}
+
+Frame FramePath::frame_of(const FrameView& view, uint64_t capture_us) {
+  return {.view = view,
+          .capture_us = capture_us,
+          .warmth = warmth_,
+          .flags = state_.flags,
+          .saturations = state_.saturations};
 }
 
 // After measure() by the rest of before, where there is one.
@@ -88,7 +91,7 @@ void FramePath::learn_watched(const FrameView& frame) {
     forget();
     return;
   }
-  const bool can_feel = forces_.is_measured() || feature_wrench_ || skin_ || fingertip_;
+  const bool can_feel = forces_.is_measured() || writes(Slot::kWrench);
   rest_watch_.is_seen = rest_watch_.is_seen && can_feel && rest_.is_learned_anew() && (seen_flags & kWrongFlags) == 0;
   learn(frame);
   if (!rest_.is_ready()) return;
@@ -122,8 +125,11 @@ void FramePath::learn_features() {
   picture_watch_.learn(rest_.image());
   zero_follower_.forget();
   light_.learn(rest_.image(), photometric_.has_value());
-  if (skin_) skin_->learn(rest_.image());
-  if (!has(StageId::kMarkers) && !has(StageId::kTargets)) return;
+  if (has(StageId::kMarkers) || has(StageId::kTargets)) learn_markers();
+  pipeline_.learn(rest_.image());
+}
+
+void FramePath::learn_markers() {
   const std::span<const uint16_t> rest = rest_.image();
   for (size_t i = 0; i < state_.difference.grey.size(); ++i) {
     // As of a frame (image/difference.h), from 1/16 levels.
@@ -134,19 +140,24 @@ void FramePath::learn_features() {
   if (has(StageId::kTargets)) targets_.learn(grey);
   if (!has(StageId::kMarkers)) return;
   if (flow_) {
-    n_markers_at_rest_ = flow_->learn(grey, rest);
+    state_.markers.n_at_rest = flow_->learn(grey, rest);
   } else {
-    n_markers_at_rest_ = printed_.learn(grey, rest);
+    state_.markers.n_at_rest = printed_.learn(grey, rest);
     // Of twice as many dots, every second one would do.
     is_other_pad_ = (!camera_map_ && !pitch_fits(markers(), board_)) ||
                     printed_.n_dots_at_rest() > 2 * board_.markers.lattice.count();
   }
   if (!board_.markers.has_views) displacement_.learn(markers());
-  if (corner_motion_) corner_motion_->learn(markers(), *feature_wrench_);
-  if (!fingertip_) return;
-  fingertip_->learn(markers());
-  const auto eyes = seeing([&](size_t eye) { return printed_.was_seen_at_rest(eye); });
-  is_other_pad_ = is_other_pad_ || (eyes && fingertip_->is_other_pad(*eyes));
+  for (size_t i = 0; i < state_.markers.view.size(); ++i) {
+    state_.markers.view[i].was_seen_at_rest = printed_.was_seen_at_rest(i);
+  }
+  publish_markers();
+}
+
+void FramePath::publish_markers() {
+  state_.markers.marker = markers();
+  if (!board_.markers.has_views) return;
+  for (size_t i = 0; i < state_.markers.view.size(); ++i) state_.markers.view[i].n_unsure = printed_.n_unsure(i);
 }
 
 void FramePath::run_difference(const FrameView& frame) {
@@ -163,6 +174,7 @@ void FramePath::make_grey(const FrameView& frame) {
 void FramePath::run_markers(const FrameView& frame) {
   const std::span<const uint16_t> grey = state_.difference.grey;
   state_.markers.n_lost = flow_ ? flow_->track(grey, frame) : printed_.track(grey, frame);
+  publish_markers();
 }
 
 void FramePath::run_targets() {
@@ -203,7 +215,7 @@ void FramePath::run_depth() {
   if (!photometric_) return;
   if (photometric_->is_of_depth()) {
     timed(StageId::kPhotometric,
-          [&] { photometric_->run_depth(state_.difference.change, light_.level(), state_.poisson.depth); });
+          [&] { photometric_->run_depth(state_.difference.change, light_.level(), state_.depth.cell); });
     return;
   }
   timed(StageId::kPhotometric, [&] {
@@ -211,18 +223,17 @@ void FramePath::run_depth() {
     if (camera_map_) camera_map_->rectify(state_.photometric.slope);
   });
   SaturationCounter& saturations = light_is_trusted() ? state_.saturations : untrusted_saturations_;
-  timed(StageId::kPoisson, [&] { poisson_.run(state_.photometric.slope, state_.poisson.depth, saturations); });
+  timed(StageId::kPoisson, [&] { poisson_.run(state_.photometric.slope, state_.depth.cell, saturations); });
 }
 
 void FramePath::run_displacement() {
   // A table of other optics gives a depth to look at, not one to make forces of.
   const bool is_measured = light_is_trusted();
   displacement_.run(
-      markers(),
-      is_measured ? std::span<const DisplacementUm>(state_.poisson.depth) : std::span<const DisplacementUm>(),
+      markers(), is_measured ? std::span<const DisplacementUm>(state_.depth.cell) : std::span<const DisplacementUm>(),
       state_.displacement.node, state_.saturations);
   if (depth_gauge_ && is_measured) {
-    depth_gauge_->run(state_.displacement.node, state_.poisson.depth, state_.saturations);
+    depth_gauge_->run(state_.displacement.node, state_.depth.cell, state_.saturations);
   }
   if (marker_depth_) marker_depth_->run(state_.displacement.node, state_.saturations);
   displacement_.mark_filled(markers(), state_.displacement.is_filled);
@@ -232,10 +243,11 @@ void FramePath::run_displacement() {
 void FramePath::run_uncertainty() {
   if (!state_.uncertainty.is_stated) return;
   const uint64_t start = clock_();
-  if (state_.solve.is_refined && forces_.has_camera_moved(state_.solve, state_.wrench)) state_.flags |= kFlagFeatures;
+  if (state_.solve.is_refined && forces_.has_camera_moved(state_.solve, state_.wrench.sum))
+    state_.flags |= kFlagFeatures;
   const std::span<const uint8_t> is_filled = state_.displacement.is_filled;
   forces_.state_sigma(state_.solve, is_filled, state_.uncertainty.node);
-  state_.uncertainty.wrench = forces_.state_covariance(state_.solve, is_filled, state_.wrench, state_.contacts);
+  state_.covariance.wrench = forces_.state_covariance(state_.solve, is_filled, state_.wrench.sum, state_.contacts);
   state_.stage_ns[static_cast<size_t>(StageId::kSupport)] += clock_() - start;
 }
 
@@ -269,145 +281,13 @@ void FramePath::run_memory(uint64_t capture_us) {
   state_.stage_ns[static_cast<size_t>(StageId::kSupport)] += clock_() - start;
 }
 
-void FramePath::run_estimators() {
-  if (!forces_.is_measured()) return;
-  timed(StageId::kWrench, [&] {
-    state_.wrench = sum_wrench(nodes_, state_.solve.force, board_.force_lsb_un);
-    if (!forces_.is_at_finite_strain()) return;
-    move_arms(state_.solve.force, state_.displacement.node, board_.force_lsb_un, state_.wrench, state_.saturations);
-  });
-  timed(StageId::kContacts, [&] {
-    state_.contacts = contacts_.find(state_.solve.mask, state_.solve.force, state_.displacement.node);
-    slip_.track(state_.contacts, contacts_.component(), state_.solve.force, state_.displacement.node);
-    state_.slip.contact = slip_.contacts();
-  });
-}
-
-int FramePath::n_features() const {
-  return static_cast<int>(has_targets() ? 3 * targets().size() : 2 * markers().size());
-}
-
-// Shifts in px Q16, changes of area in px^2 Q8.
-void FramePath::run_feature_wrench(uint64_t capture_us) {
-  if (!feature_wrench_) return;
-  timed(StageId::kFeatureWrench, [&] {
-    auto out = features_.begin();
-    const auto put = [&](int64_t value) { *out++ = saturate_raw<int32_t>(value, state_.saturations); };
-    if (has_targets()) {
-      for (const Target& t : targets()) {
-        put(t.now.x_q16 - t.rest.x_q16);
-        put(t.now.y_q16 - t.rest.y_q16);
-        put(t.now.area_q8 - t.rest.area_q8);
-      }
-    } else {
-      for (const Marker& m : markers()) {
-        put(m.displacement_x.raw());
-        put(m.displacement_y.raw());
-      }
-    }
-    // A frame that is not to be believed is not remembered.
-    const bool is_wrong = this->is_wrong();
-    const FeatureWrench::Outcome said =
-        feature_wrench_->run(features_, warmth_, is_wrong ? 0 : capture_us, state_.saturations);
-    state_.wrench = said.wrench;
-    state_.uncertainty.wrench = said.covariance;
-    state_.uncertainty.is_of_wrench = true;
-    const bool has_moved = corner_motion_ && corner_motion_->has_moved(markers(), said.wrench);
-    if (!said.is_in_agreement || has_moved) state_.flags |= kFlagFeatures;
-    if (!said.is_in_range) state_.flags |= kFlagOverRange;
-    if (!said.is_warmth_known) state_.flags |= kFlagTemperature;
-  });
-}
-
-// The one contact that the flow of a texture is of.
-void FramePath::run_contact_model(uint64_t capture_us) {
-  FrameState& s = state_;
-  s.profile = contact_profile_->run(markers());
-  if (!contact_model_) return;
-  s.contacts = {};
-  s.modelled = contact_model_->run(s.profile, s.wrench, !is_wrong(), capture_us, s.saturations);
-  const ModelledContact& c = s.modelled;
-  if (c.is_covered) s.flags |= kFlagMarkersLost;
-  if (c.is_over_range) s.flags |= kFlagOverRange;
-  if (!c.is_touched) return;
-  s.contacts.n_listed = s.contacts.n_found = 1;
-  s.contacts.contacts[0] = {.area_um2 = c.area_um2,
-                            .center_x_um = s.profile.center_x_um,
-                            .center_y_um = s.profile.center_y_um,
-                            .force_x_un = s.wrench.force_x_un,
-                            .force_y_un = s.wrench.force_y_un,
-                            .force_z_un = s.wrench.force_z_un,
-                            .peak_depth_nm = -1'000 * c.gel_depth_um};
-}
-
-void FramePath::run_helmholtz() {
-  state_.helmholtz = helmholtz_->run(contact_profile_->flow(), state_.profile, state_.saturations);
-}
-
-// Zero where nothing touches.
-void FramePath::run_contact_depth() {
-  if (!contact_depth_) return;
-  FrameState& s = state_;
-  if (s.modelled.is_touched) {
-    contact_depth_->run(*contact_profile_, s.profile, contact_model_->inputs(), s.poisson.depth, s.saturations);
-  } else {
-    std::fill(s.poisson.depth.begin(), s.poisson.depth.end(), DisplacementUm{});
-  }
-}
-
-// Touches are contacts of an unrolled skin, whose z is out of it everywhere.
-void FramePath::run_skin(const FrameView& frame, uint64_t capture_us) {
-  state_.skin = skin_->run(frame, capture_us, state_.saturations);
-  if (state_.skin.is_dark) state_.flags |= kFlagDark;
-  if (state_.skin.is_light_off) state_.flags |= kFlagLight;
-  const SkinTouchList& touches = state_.skin.touches;
-  state_.contacts = {.n_listed = touches.n_listed, .n_found = touches.n_found};
-  state_.wrench = {};
-  for (size_t i = 0; i < static_cast<size_t>(touches.n_listed); ++i) {
-    const SkinTouch& t = touches.touch[i];
-    state_.contacts.contacts[i] = {
-        .area_um2 = t.area_um2, .center_x_um = t.x_um, .center_y_um = t.y_um, .force_z_un = -t.press_un};
-    state_.wrench.force_z_un -= t.press_un;
-  }
-}
-
-// By the eyes that see. Its touch is a contact on the undeformed dome, seen from above.
-void FramePath::run_fingertip() {
-  if (!fingertip_) return;
-  timed(StageId::kFingertip, [&] {
-    FrameState& s = state_;
-    s.tip = {};
-    s.contacts = {};
-    s.wrench = {};
-    s.uncertainty.wrench = {};
-    const auto eyes = seeing([&](size_t eye) { return !is_blind(eye); });
-    if (!eyes) return;
-    s.tip = fingertip_->run(markers(), *eyes, s.saturations);
-    const int n_contradicted = fingertip_->n_contradicted();
-    if (are_pins_doubtful(printed_, n_contradicted, board_.markers.max_lost, *eyes)) s.flags |= kFlagMarkersLost;
-    if (s.tip.has_camera_moved) s.flags |= kFlagFeatures;
-    if (!s.tip.is_touched) return;
-    if (!s.tip.is_known) s.flags |= kFlagFeatures;
-    if (!s.tip.is_in_range) s.flags |= kFlagOverRange;
-    const int64_t radius_um = board_.pad.size_x_um / 2;
-    s.wrench.force_z_un = -(s.tip.force_un * s.tip.axis_1e6[2] / 1'000'000);
-    const int64_t sigma_un = s.tip.sigma[0] * s.tip.axis_1e6[2] / 1'000'000;
-    s.uncertainty.wrench.upper[kForceZAlone] = sigma_un * sigma_un;
-    s.contacts = {.n_listed = 1, .n_found = 1};
-    s.contacts.contacts[0] = {.area_um2 = s.tip.area_um2,
-                              .center_x_um = round_shift(radius_um * s.tip.place_q14[0], 14),
-                              .center_y_um = round_shift(radius_um * s.tip.place_q14[1], 14),
-                              .force_z_un = s.wrench.force_z_un,
-                              .peak_depth_nm = -1'000 * s.tip.way_um};
-  });
-}
-
 void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   state_.flags = 0;
   std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
   forces_.repair(state_.displacement.node, state_.displacement.is_filled);
   run_solve(true);
-  run_estimators();
+  Frame given = frame_of({}, 0);
+  pipeline_.run_from(Slot::kNodeForces, given);
   run_uncertainty();
 }
 
@@ -431,10 +311,7 @@ void FramePath::expect_rest(std::span<const uint16_t> known) {
 // What was done to the pad before.
 void FramePath::forget() {
   forces_.forget();
-  slip_.forget();
-  if (feature_wrench_) feature_wrench_->forget();
-  if (contact_model_) contact_model_->forget();
-  state_.modelled = {};
+  pipeline_.forget();
 }
 
 void FramePath::set_rest(std::span<const uint16_t> image) {
@@ -461,8 +338,6 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
     : board_(board),
       calibration_(std::move(calibration)),
       clock_(clock),
-      depth_step_px_(ContactDepth::is_of(board) ? ContactDepth::step_px(board) : board.depth.step_px),
-      depth_grid_{board.camera.width_px / depth_step_px_, board.camera.height_px / depth_step_px_},
       nodes_(board),
       rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
       picture_watch_(board.camera.width_px, board.camera.height_px),
@@ -473,28 +348,27 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       poisson_(board),
       displacement_(board),
       forces_(board, nodes_),
-      contacts_(nodes_, board.force_lsb_un, forces_.contact_threshold_lsb()),
-      slip_(nodes_, board.force_lsb_un) {
+      state_(first_state(board)),
+      pipeline_(board, state_, clock) {
   for (const std::string& stage : board.stages) {
     const auto at = std::find(known_stages().begin(), known_stages().end(), stage) - known_stages().begin();
     is_on_[static_cast<size_t>(at)] = true;
   }
   if (has_targets()) target_marks_.resize(targets().size());
   if (has(StageId::kMarkers) && board.markers.polarity == Polarity::kTexture) flow_.emplace(board);
-  if (has(StageId::kContactModel)) contact_profile_.emplace(board);
-  if (has(StageId::kHelmholtz)) helmholtz_.emplace(board);
   const auto n_pixels = static_cast<size_t>(board.camera.width_px * board.camera.height_px);
   const auto n_nodes = static_cast<size_t>(nodes_.size().count());
   state_.difference.change.resize(n_pixels * 3);
   state_.difference.grey.resize(n_pixels);
-  state_.photometric.slope.resize(static_cast<size_t>(depth_grid_.count()));
-  state_.poisson.depth.resize(static_cast<size_t>(depth_grid_.count()));
+  state_.photometric.slope.resize(state_.depth.cell.size());
   state_.displacement.node.resize(n_nodes);
   state_.displacement.is_filled.resize(n_nodes);
   forces_.prepare(state_.solve);
   state_.uncertainty.node.resize(n_nodes);
   state_.residual.node.resize(3 * n_nodes);
-  state_.slip.node = slip_.nodes();
+  state_.markers.view.resize(printed_.n_views());
+  state_.markers.marker = markers();
+  if (has(StageId::kTargets)) state_.targets.target = targets();
 }
 
 }  // namespace ruffini

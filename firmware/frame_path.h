@@ -8,19 +8,11 @@
 #include <vector>
 
 #include "base/result.h"
+#include "core/pipeline.h"
 #include "core/slots.h"
-#include "estimators/contact_depth.h"
-#include "estimators/contact_model.h"
-#include "estimators/contact_profile.h"
-#include "estimators/corner_motion.h"
 #include "estimators/depth_gauge.h"
-#include "estimators/feature_wrench.h"
-#include "estimators/fingertip.h"
 #include "estimators/force_field.h"
-#include "estimators/helmholtz.h"
 #include "estimators/marker_depth.h"
-#include "estimators/skin.h"
-#include "estimators/slip.h"
 #include "estimators/zero_follower.h"
 #include "frame_calibration.h"
 #include "image/camera_map.h"
@@ -36,9 +28,6 @@
 #include "store/calibration.h"
 
 namespace ruffini {
-
-// Monotonic nanoseconds; the core itself makes no system call.
-using ClockFunction = uint64_t (*)();
 
 class FramePath {
  public:
@@ -86,16 +75,9 @@ class FramePath {
   [[nodiscard]] std::span<const uint16_t> rest_image() const { return rest_.image(); }
   [[nodiscard]] const BoardSettings& board() const { return board_; }
   [[nodiscard]] const NodeGrid& nodes() const { return nodes_; }
-  [[nodiscard]] GridSize depth_grid() const { return depth_grid_; }
-  [[nodiscard]] int depth_step_px() const { return depth_step_px_; }
-  // Of a depth map that is touched; 0: not stated.
-  [[nodiscard]] int64_t depth_sigma_um() const { return contact_depth_ ? contact_depth_->sigma_um() : 0; }
-  [[nodiscard]] const Skin* skin() const { return skin_ ? &*skin_ : nullptr; }
-  [[nodiscard]] bool has_contact_model() const { return contact_model_.has_value(); }
-  [[nodiscard]] const Helmholtz* helmholtz() const { return helmholtz_ ? &*helmholtz_ : nullptr; }
-  [[nodiscard]] bool has_contact_profile() const { return contact_profile_.has_value(); }
-  [[nodiscard]] bool has_fingertip() const { return fingertip_.has_value(); }
-  [[nodiscard]] int n_markers_at_rest() const { return n_markers_at_rest_; }
+  // Some stage of this board writes the slot, and the calibration has the tables that it needs.
+  [[nodiscard]] bool writes(Slot slot) const { return pipeline_.writes(slot); }
+  [[nodiscard]] int n_markers_at_rest() const { return state_.markers.n_at_rest; }
 
  private:
   FramePath(const BoardSettings& board, std::shared_ptr<const CalibrationFile> calibration, ClockFunction clock);
@@ -103,8 +85,7 @@ class FramePath {
   Status load_tables();
   Status load_camera_map(const Calibration& c);
   Status load_photometric(const Calibration& c);
-  Status load_feature_wrench(const Calibration& c);
-  Status load_contact_model(const Calibration& c);
+  [[nodiscard]] SlotSet written() const;
   [[nodiscard]] bool has_gauge() const { return !board_.depth.has_gauge_table() || depth_gauge_; }
   [[nodiscard]] bool light_is_trusted() const;
   [[nodiscard]] bool depth_is_trusted() const { return marker_depth_ || light_is_trusted(); }
@@ -118,6 +99,7 @@ class FramePath {
   void verify_rest();
   void measure(const FrameView& frame, uint64_t capture_us);
   void learn_features();
+  void learn_markers();
   void run_difference(const FrameView& frame);
   void make_grey(const FrameView& frame);
   void run_markers(const FrameView& frame);
@@ -127,16 +109,9 @@ class FramePath {
   void run_displacement();
   void run_solve(bool with_second_pass);
   void run_memory(uint64_t capture_us);
-  void run_estimators();
   void run_uncertainty();
-  void run_skin(const FrameView& frame, uint64_t capture_us);
-  void run_feature_wrench(uint64_t capture_us);
-  void run_fingertip();
-  [[nodiscard]] bool is_blind(size_t view) const;
-  [[nodiscard]] int n_features() const;
-  void run_contact_model(uint64_t capture_us);
-  void run_helmholtz();
-  void run_contact_depth();
+  void publish_markers();
+  [[nodiscard]] Frame frame_of(const FrameView& view, uint64_t capture_us);
   // frame_path_verdict.cpp
   [[nodiscard]] bool presses(uint32_t flags) const;
   void watch(const FrameView& frame);
@@ -144,9 +119,6 @@ class FramePath {
   void judge_input();
   bool are_markers_lost();
   void judge();
-  void judge_skin();
-  void judge_contact_model();
-  void judge_fingertip();
   [[nodiscard]] bool is_wrong() const;
   template <typename Work>
   void timed(StageId stage, Work work);
@@ -155,8 +127,6 @@ class FramePath {
   std::shared_ptr<const CalibrationFile> calibration_;
   ClockFunction clock_;
   std::array<bool, kStageCount> is_on_{};
-  int depth_step_px_;
-  GridSize depth_grid_;
   NodeGrid nodes_;
   Rest rest_;
   RestWatch rest_watch_;
@@ -169,7 +139,6 @@ class FramePath {
   bool is_light_steady_ = true;
   PrintedMarkers printed_;
   std::optional<TextureFlow> flow_;  // in place of the printed ones where the board's markers are patches of a texture
-  int n_markers_at_rest_ = 0;
   bool is_other_pad_ = false;
   TargetTracker targets_;
   std::vector<Marker> target_marks_;  // targets as what hides the surface
@@ -182,21 +151,11 @@ class FramePath {
   std::optional<DepthGauge> depth_gauge_;    // of boards whose gauge is a table
   std::optional<MarkerDepth> marker_depth_;  // of boards whose depth comes from the markers
   ForceField forces_;
-  std::optional<FeatureWrench> feature_wrench_;
-  std::vector<int32_t> features_;
-  std::optional<CornerMotion> corner_motion_;  // where the features are markers of one lattice
-  std::optional<ContactProfile> contact_profile_;
-  std::optional<ContactModel> contact_model_;
-  std::optional<Helmholtz> helmholtz_;
-  std::optional<ContactDepth> contact_depth_;
   Warmth warmth_;
   uint32_t calibration_id_ = 0;
-  ContactFinder contacts_;
-  SlipTracker slip_;
-  std::optional<Skin> skin_;
-  std::optional<Fingertip> fingertip_;
   SaturationCounter untrusted_saturations_;  // of a depth that no force is made of
   FrameState state_;
+  Pipeline pipeline_;  // of the stages that have a room of their own
 };
 
 }  // namespace ruffini

@@ -25,33 +25,21 @@ Status FramePath::load_photometric(const Calibration& c) {
   return Unit{};
 }
 
-Status FramePath::load_feature_wrench(const Calibration& c) {
-  if (!has(StageId::kFeatureWrench) || !c.has_kind("wrench")) return Unit{};
-  features_.resize(static_cast<size_t>(n_features()));
-  if (!has_targets() && !board_.markers.has_views && !board_.markers.is_scattered) {
-    corner_motion_.emplace(board_.markers.lattice);
+// Slots of the stages that have no room of their own yet.
+SlotSet FramePath::written() const {
+  SlotSet out;
+  for (const StageEntry& stage : stage_table()) {
+    const bool is_ours =
+        stage.make == nullptr && std::count(board_.stages.begin(), board_.stages.end(), stage.name) > 0;
+    if (is_ours && (!stage.writes.has(Slot::kNodeForces) || forces_.is_measured())) out = out | stage.writes;
   }
-  return keep(FeatureWrench::load(c, has_targets() ? "targets" : "markers", n_features()), feature_wrench_);
-}
-
-Status FramePath::load_contact_model(const Calibration& c) {
-  if (!has(StageId::kContactModel) || !c.has_kind("contact_model")) return Unit{};
-  if (!feature_wrench_) {
-    return Error{ErrorKind::kBadInput,
-                 "calibration file: contact_model without wrench: make it again with `ruffini cal contact --log`"};
-  }
-  if (Status model = keep(ContactModel::load(c), contact_model_); !model) return model;
-  if (!ContactDepth::is_of(board_) || !c.has_kind("contact_depth")) return Unit{};
-  return keep(ContactDepth::load(c, board_), contact_depth_);
+  return out;
 }
 
 // Which tables the calibration brings, and whether they fit this board.
 Status FramePath::load_tables() {
   const Calibration* calibration = calibration_ ? &calibration_->get() : nullptr;
-  if (has(StageId::kSkin)) {
-    if (Status skin = keep(Skin::load(board_, calibration), skin_); !skin) return skin;
-  }
-  if (calibration == nullptr) return Unit{};
+  if (calibration == nullptr) return pipeline_.load(nullptr, written());
   const Calibration& c = *calibration;
   if (std::ssize(calibration_->bytes()) > board_.calibration_kb * 1024) {
     return Error{ErrorKind::kBadInput, "calibration file: larger than the " + std::to_string(board_.calibration_kb) +
@@ -77,11 +65,8 @@ Status FramePath::load_tables() {
     if (Status depth = keep(MarkerDepth::load(c, board_), marker_depth_); !depth) return depth;
   }
   if (Status forces = forces_.load(c, has(StageId::kOperator), has(StageId::kSupport)); !forces) return forces;
-  if (Status wrench = load_feature_wrench(c); !wrench) return wrench;
-  if (Status model = load_contact_model(c); !model) return model;
-  if (has(StageId::kFingertip) && c.has_kind("fingertip")) {
-    if (Status tip = keep(Fingertip::load(c), fingertip_); !tip) return tip;
-  }
+  state_.solve.is_at_finite_strain = forces_.is_at_finite_strain();
+  if (Status stages = pipeline_.load(calibration, written()); !stages) return stages;
   if (c.has_kind("rest")) {
     const auto rest = picture("rest.image");
     if (!rest) return rest.error();

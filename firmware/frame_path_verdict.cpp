@@ -8,8 +8,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kMaxForceUn = 2'000'000'000;  // its square fits
-constexpr int kMinMarkersPercent = 50;          // fewer at rest: this is not the board's pad
+constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board's pad
 
 }  // namespace
 
@@ -43,15 +42,7 @@ bool FramePath::presses(uint32_t flags) const {
   if ((flags & kWrongFlags & ~may_press) != 0) return false;
   if (!s.solve.is_explained) return true;
   if (s.contacts.n_found > 0 || s.tip.is_touched) return true;
-  if (!feature_wrench_) return false;
-  // A wrench without contacts: beyond five standard deviations.
-  const auto& variance = s.uncertainty.wrench.upper;
-  const auto is_beyond = [](int64_t force_un, int64_t variance_un2) {
-    const int64_t f = std::clamp<int64_t>(force_un, -kMaxForceUn, kMaxForceUn);
-    return f * f / 25 > variance_un2;
-  };
-  return is_beyond(s.wrench.force_x_un, variance[0]) || is_beyond(s.wrench.force_y_un, variance[6]) ||
-         is_beyond(s.wrench.force_z_un, variance[11]);
+  return s.wrench.is_beyond_noise;
 }
 
 bool FramePath::light_is_trusted() const {
@@ -60,15 +51,11 @@ bool FramePath::light_is_trusted() const {
 
 bool FramePath::is_wrong() const { return (state_.flags & kWrongFlags) != 0; }
 
-bool FramePath::is_blind(size_t view) const {
-  return !printed_.was_seen_at_rest(view) || printed_.n_unsure(view) > board_.markers.max_lost;
-}
-
 // A view of several that has lost too many, or that never saw them, counts as blind; the others see.
 bool FramePath::are_markers_lost() {
   if (!board_.markers.has_views) {
     const GridSize size = board_.markers.lattice;
-    const int count = size.count(), n_missing = count - n_markers_at_rest_;
+    const int count = size.count(), n_missing = count - state_.markers.n_at_rest;
     const bool is_lattice = !board_.markers.is_scattered;
     const RowsOf rows_of = flow_ ? RowsOf::kPatches : RowsOf::kDots;
     if (is_lattice && has_slipped_rows(markers(), size, rows_of)) state_.flags |= kFlagPicture;
@@ -77,7 +64,7 @@ bool FramePath::are_markers_lost() {
   }
   size_t n_blind = 0;
   for (size_t view = 0; view < printed_.n_views(); ++view) {
-    if (is_blind(view)) ++n_blind;
+    if (state_.markers.is_blind(view, board_.markers.max_lost)) ++n_blind;
   }
   if (n_blind > 0) state_.flags |= kFlagViewLost;
   return n_blind == printed_.n_views();
@@ -107,71 +94,18 @@ void FramePath::judge_input() {
 // Validity of everything that this frame says.
 void FramePath::judge() {
   FrameState& s = state_;
-  if (!forces_.is_measured() && !feature_wrench_) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
+  if (!forces_.is_measured()) s.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
   const bool has_light = photometric_ && !is_foreign_optics_ && has_gauge();
-  if (!feature_wrench_ && !marker_depth_ && !has_light) s.flags |= kFlagUncalibratedZ;
-  const bool is_wrong = this->is_wrong();
-  if (is_wrong) slip_.forget();
-  const auto verdict = [&](bool is_measured, bool is_calibrated) {
-    if (!is_measured) return Validity::kNotMeasured;
-    if (is_wrong) return Validity::kInvalid;
-    return is_calibrated ? Validity::kValid : Validity::kUncalibrated;
-  };
+  if (!marker_depth_ && !has_light) s.flags |= kFlagUncalibratedZ;
   const bool has_depth = photometric_ && has(StageId::kPoisson);
-  s.depth_validity = verdict(has_depth, !is_foreign_optics_);
-  s.force_xy = verdict(forces_.is_measured(), true);
-  s.force_z = verdict(forces_.is_measured() && depth_is_trusted(), true);
-  s.uncertainty.validity = verdict(s.uncertainty.is_stated, true);
-  s.wrench_validity = {s.force_xy, s.force_xy, s.force_z, s.force_z, s.force_z, s.force_xy};
-  if (feature_wrench_) {
-    for (size_t i = 0; i < s.wrench_validity.size(); ++i) {
-      s.wrench_validity[i] = verdict(feature_wrench_->measures(i), (s.flags & kFlagTemperature) == 0);
-    }
-  } else {
-    s.uncertainty.is_of_wrench = s.uncertainty.is_stated;
-  }
-  s.uncertainty.wrench_validity = verdict(s.uncertainty.is_of_wrench, true);
-  if (skin_) judge_skin();
-  if (contact_model_) judge_contact_model();
-  if (fingertip_) judge_fingertip();
-  if (s.force_z == Validity::kValid && s.contacts.reaches_border) s.flags |= kFlagWindowBorder;
-}
-
-// Forces of the contact are those of the wrench: there is no field of them.
-void FramePath::judge_contact_model() {
-  FrameState& s = state_;
-  const ModelledContact& c = s.modelled;
-  const auto verdict = [&](bool is_told) {
-    if (!is_told) return Validity::kNotMeasured;
-    return is_wrong() || c.is_strange ? Validity::kInvalid : Validity::kValid;
-  };
-  s.contact_depth = verdict(c.is_touched);
-  if (contact_depth_) s.depth_validity = verdict(true);
-  s.hardness = verdict(c.is_touched && c.has_hardness);
-}
-
-// The force along z is all of the wrench that a fingertip measures.
-void FramePath::judge_fingertip() {
-  FrameState& s = state_;
-  s.flags &= ~(kFlagUncalibratedXy | kFlagUncalibratedZ);
-  // What one eye does not feel may be there.
-  const bool is_unseen = !s.tip.is_touched && (s.flags & kFlagViewLost) != 0;
-  s.force_z = is_wrong() || is_unseen ? Validity::kInvalid : Validity::kValid;
-  s.wrench_validity.fill(Validity::kNotMeasured);
-  s.wrench_validity[2] = s.force_z;
-  s.uncertainty.is_of_wrench = s.tip.is_touched;
-  s.uncertainty.wrench_validity = s.tip.is_touched ? s.force_z : Validity::kNotMeasured;
-}
-
-// Pressing is all that a skin measures.
-void FramePath::judge_skin() {
-  FrameState& s = state_;
-  if (skin_->is_calibrated()) s.flags &= ~(kFlagUncalibratedXy | kFlagUncalibratedZ);
-  const bool is_wrong = this->is_wrong();
-  s.force_xy = Validity::kNotMeasured;
-  s.force_z = !skin_->is_calibrated() ? Validity::kNotMeasured : is_wrong ? Validity::kInvalid : Validity::kValid;
-  s.wrench_validity.fill(Validity::kNotMeasured);
-  s.wrench_validity[2] = s.force_z;
+  s.depth.validity = validity_of(s.flags, has_depth, !is_foreign_optics_);
+  s.force.xy = validity_of(s.flags, forces_.is_measured());
+  s.force.z = validity_of(s.flags, forces_.is_measured() && depth_is_trusted());
+  s.uncertainty.validity = validity_of(s.flags, s.uncertainty.is_stated);
+  s.wrench.validity.fill(Validity::kNotMeasured);
+  if (s.uncertainty.is_stated) s.covariance.is_stated = true;
+  s.covariance.validity = s.uncertainty.validity;
+  pipeline_.judge(s.flags);
 }
 
 }  // namespace ruffini

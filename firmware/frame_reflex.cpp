@@ -11,15 +11,16 @@ constexpr int64_t kMaxForceUn = 2'000'000'000;  // squares of three fit 64 bits
 }  // namespace
 
 bool Reflex::update(const FrameState& state) {
-  const std::array<int64_t, 3> force = {state.wrench.force_x_un, state.wrench.force_y_un, state.wrench.force_z_un};
+  const std::array<int64_t, 3> force = {state.wrench.sum.force_x_un, state.wrench.sum.force_y_un,
+                                        state.wrench.sum.force_z_un};
   int64_t square = 0;
   bool is_known = false;
   for (size_t i = 0; i < force.size(); ++i) {
-    if (state.wrench_validity[i] == Validity::kInvalid) {
+    if (state.wrench.validity[i] == Validity::kInvalid) {
       is_known = false;
       break;
     }
-    if (state.wrench_validity[i] != Validity::kValid) continue;
+    if (state.wrench.validity[i] != Validity::kValid) continue;
     is_known = true;
     const int64_t f = std::clamp(force[i], -kMaxForceUn, kMaxForceUn);
     square += f * f / 4;  // a quarter: three full squares leave 63 bits
@@ -35,7 +36,7 @@ bool Reflex::update(const FrameState& state) {
 
 bool Reflex::slips(const FrameState& state) const {
   if (settings_.slip == ReflexSlip::kNone) return false;
-  if (state.force_xy != Validity::kValid || state.force_z != Validity::kValid) return false;
+  if (state.force.xy != Validity::kValid || state.force.z != Validity::kValid) return false;
   const SlipState least = settings_.slip == ReflexSlip::kSlides ? SlipState::kSlides : SlipState::kIncipient;
   const auto end = state.slip.contact.begin() + state.contacts.n_listed;
   return std::any_of(state.slip.contact.begin(), end, [&](const ContactSlip& c) { return c.state >= least; });

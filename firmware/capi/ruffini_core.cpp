@@ -88,9 +88,9 @@ int ruffini_layout(const ruffini_pipeline* pipeline, ruffini_layout_t* out) {
       ruffini::observed_nodes(board.grid.n_y, board.pad.size_y_um, board.window.min_y_um, board.window.max_y_um);
   *out = {.width_px = board.camera.width_px,
           .height_px = board.camera.height_px,
-          .depth_n_x = path.depth_grid().n_x,
-          .depth_n_y = path.depth_grid().n_y,
-          .depth_step_px = path.depth_step_px(),
+          .depth_n_x = path.state().depth.grid.n_x,
+          .depth_n_y = path.state().depth.grid.n_y,
+          .depth_step_px = path.state().depth.step_px,
           .node_n_x = x.count,
           .node_n_y = y.count,
           .node_first_x = x.first,
@@ -112,11 +112,11 @@ int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t widt
                 ": use the right board or resolution");
   }
   const ruffini::FrameState& s = path.process({bgr, width_px, height_px, 3, ptrdiff_t{3} * width_px}, capture_us);
-  const ruffini::Wrench& w = s.wrench;
+  const ruffini::Wrench& w = s.wrench.sum;
   *out = {.flags = s.flags,
-          .force_xy = static_cast<int32_t>(s.force_xy),
-          .force_z = static_cast<int32_t>(s.force_z),
-          .depth = static_cast<int32_t>(s.depth_validity),
+          .force_xy = static_cast<int32_t>(s.force.xy),
+          .force_z = static_cast<int32_t>(s.force.z),
+          .depth = static_cast<int32_t>(s.depth.validity),
           .wrench_validity = {},
           .n_markers_lost = s.markers.n_lost + s.targets.n_lost,
           .n_markers_at_rest = path.n_markers_at_rest(),
@@ -126,7 +126,7 @@ int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t widt
           .stage_ns = {}};
   static_assert(sizeof out->stage_ns == sizeof s.stage_ns);
   std::copy(s.stage_ns.begin(), s.stage_ns.end(), out->stage_ns);
-  std::transform(s.wrench_validity.begin(), s.wrench_validity.end(), out->wrench_validity,
+  std::transform(s.wrench.validity.begin(), s.wrench.validity.end(), out->wrench_validity,
                  [](ruffini::Validity v) { return static_cast<int32_t>(v); });
   return 0;
 }
@@ -243,7 +243,7 @@ int ruffini_get_slope(const ruffini_pipeline* pipeline, int16_t* out) {
 }
 
 int ruffini_get_depth(const ruffini_pipeline* pipeline, int16_t* out) {
-  return copy_raw(pipeline->path->state().poisson.depth, out);
+  return copy_raw(pipeline->path->state().depth.cell, out);
 }
 
 int ruffini_get_displacement(const ruffini_pipeline* pipeline, int16_t* out) {
@@ -272,7 +272,8 @@ int ruffini_get_sigma(const ruffini_pipeline* pipeline, int32_t* sigma, int64_t*
     *sigma++ = s.y;
     *sigma++ = s.z;
   }
-  std::copy(uncertainty.wrench.upper.begin(), uncertainty.wrench.upper.end(), covariance);
+  const auto& stated = pipeline->path->state().covariance.wrench;
+  std::copy(stated.upper.begin(), stated.upper.end(), covariance);
   return 0;
 }
 
@@ -288,9 +289,9 @@ int ruffini_get_residual(ruffini_pipeline* pipeline, int32_t* out, int32_t* vali
 }
 
 int ruffini_get_covariance(const ruffini_pipeline* pipeline, int64_t* covariance) {
-  const auto& uncertainty = pipeline->path->state().uncertainty;
-  if (!uncertainty.is_of_wrench) return fail("no covariance is stated: the calibration has no error model");
-  std::copy(uncertainty.wrench.upper.begin(), uncertainty.wrench.upper.end(), covariance);
+  const auto& stated = pipeline->path->state().covariance;
+  if (!stated.is_stated) return fail("no covariance is stated: the calibration has no error model");
+  std::copy(stated.wrench.upper.begin(), stated.wrench.upper.end(), covariance);
   return 0;
 }
 
@@ -306,7 +307,7 @@ int ruffini_get_targets(const ruffini_pipeline* pipeline, int64_t* out) {
 
 int ruffini_get_touches(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n) {
   const FramePath& path = *pipeline->path;
-  if (path.skin() == nullptr) return fail("this board has no glowing skin: see [skin] in boards/README.md");
+  if (!path.writes(ruffini::Slot::kSkin)) return fail("this board has no glowing skin: see [skin] in boards/README.md");
   const ruffini::SkinTouchList& list = path.state().skin.touches;
   *n = list.n_listed;
   for (size_t i = 0; i < static_cast<size_t>(*n); ++i) {
@@ -320,7 +321,8 @@ int ruffini_get_touches(const ruffini_pipeline* pipeline, int64_t* out, int32_t*
 }
 
 int ruffini_get_tip(const ruffini_pipeline* pipeline, int64_t* row) {
-  if (!pipeline->path->has_fingertip()) return fail("no fingertip is calibrated: see ruffini cal fingertip");
+  if (!pipeline->path->writes(ruffini::Slot::kToolTouch))
+    return fail("no fingertip is calibrated: see ruffini cal fingertip");
   const ruffini::TipTouch& t = pipeline->path->state().tip;
   for (const bool each : {t.is_touched, t.is_known, t.is_in_range}) *row++ = each ? 1 : 0;
   for (const int64_t each : {t.force_un, t.way_um, t.x_um, t.y_um, t.roll_urad, t.pitch_urad, t.area_um2})
@@ -333,15 +335,15 @@ int ruffini_get_tip(const ruffini_pipeline* pipeline, int64_t* row) {
 
 int ruffini_skin_state(const ruffini_pipeline* pipeline, int32_t* n_taxels, int64_t* light_age) {
   const FramePath& path = *pipeline->path;
-  if (path.skin() == nullptr) return fail("this board has no glowing skin: see [skin] in boards/README.md");
-  *n_taxels = static_cast<int32_t>(path.skin()->ratio().size());
+  if (!path.writes(ruffini::Slot::kSkin)) return fail("this board has no glowing skin: see [skin] in boards/README.md");
+  *n_taxels = static_cast<int32_t>(path.state().skin.ratio.size());
   light_age[0] = path.state().skin.light_q12;
   light_age[1] = path.state().skin.age_q12;
   return 0;
 }
 
 int ruffini_get_profile(const ruffini_pipeline* pipeline, int64_t* out) {
-  if (!pipeline->path->has_contact_profile())
+  if (!pipeline->path->writes(ruffini::Slot::kProfile))
     return fail("this board has no stage contact_model: see boards/README.md");
   const ruffini::Profile& p = pipeline->path->state().profile;
   out = std::copy(p.radial_q4.begin(), p.radial_q4.end(), out);
@@ -350,12 +352,12 @@ int ruffini_get_profile(const ruffini_pipeline* pipeline, int64_t* out) {
 }
 
 int ruffini_get_helmholtz(const ruffini_pipeline* pipeline, int64_t* out, int64_t* flow) {
-  const ruffini::Helmholtz* helmholtz = pipeline->path->helmholtz();
-  if (helmholtz == nullptr) return fail("this board has no stage helmholtz: see boards/README.md");
-  const ruffini::HelmholtzSums& s = helmholtz->sums();
+  if (!pipeline->path->writes(ruffini::Slot::kHelmholtz))
+    return fail("this board has no stage helmholtz: see boards/README.md");
+  const ruffini::HelmholtzSums& s = pipeline->path->state().helmholtz;
   for (const int64_t each : {s.curl_free_q4, s.divergence_free_q4, s.twist_urad}) *out++ = each;
   if (flow == nullptr) return 0;
-  for (const ruffini::FlowPoint& g : helmholtz->curl_free()) {
+  for (const ruffini::FlowPoint& g : s.curl_free) {
     *flow++ = g.x_q4;
     *flow++ = g.y_q4;
   }
@@ -363,7 +365,7 @@ int ruffini_get_helmholtz(const ruffini_pipeline* pipeline, int64_t* out, int64_
 }
 
 int ruffini_get_contact_model(const ruffini_pipeline* pipeline, int64_t* out) {
-  if (!pipeline->path->has_contact_model())
+  if (!pipeline->path->writes(ruffini::Slot::kContactModel))
     return fail("the calibration has no contact model: make one with `ruffini cal contact`");
   const ruffini::FrameState& s = pipeline->path->state();
   const ruffini::ModelledContact& c = s.modelled;
@@ -379,8 +381,8 @@ int ruffini_get_contact_model(const ruffini_pipeline* pipeline, int64_t* out) {
                          c.shore_q4,
                          c.shore_sigma_q4,
                          c.is_strange ? 1 : 0,
-                         static_cast<int64_t>(s.contact_depth),
-                         static_cast<int64_t>(s.hardness),
+                         static_cast<int64_t>(s.modelled.depth_validity),
+                         static_cast<int64_t>(s.modelled.hardness_validity),
                          c.mean_flow_um,
                          c.moment_by_flow_unmm};
   std::copy(std::begin(row), std::end(row), out);
@@ -388,16 +390,17 @@ int ruffini_get_contact_model(const ruffini_pipeline* pipeline, int64_t* out) {
 }
 
 int ruffini_get_taxels(const ruffini_pipeline* pipeline, int32_t* ratio) {
-  if (pipeline->path->skin() == nullptr) return fail("this board has no glowing skin: see [skin] in boards/README.md");
-  const auto taxels = pipeline->path->skin()->ratio();
+  if (!pipeline->path->writes(ruffini::Slot::kSkin))
+    return fail("this board has no glowing skin: see [skin] in boards/README.md");
+  const auto taxels = pipeline->path->state().skin.ratio;
   std::copy(taxels.begin(), taxels.end(), ratio);
   return 0;
 }
 
 int ruffini_get_glow(const ruffini_pipeline* pipeline, int16_t* out) {
-  const ruffini::Skin* skin = pipeline->path->skin();
-  if (skin == nullptr) return fail("this board has no glowing skin: see [skin] in boards/README.md");
-  const auto plane = skin->has_taxels() ? skin->glow() : skin->smoothed();
+  if (!pipeline->path->writes(ruffini::Slot::kSkin))
+    return fail("this board has no glowing skin: see [skin] in boards/README.md");
+  const auto plane = pipeline->path->state().skin.glow;
   std::copy(plane.begin(), plane.end(), out);
   return 0;
 }

@@ -13,6 +13,9 @@
 
 namespace ruffini {
 
+// Numbers are those of Validity in ruffini.proto.
+enum class Validity : uint8_t { kNotMeasured = 0, kValid = 1, kUncalibrated = 2, kInvalid = 3 };
+
 // Of the observed nodes.
 struct SolvedForces {
   std::vector<int16_t> u;         // displacement, xyz interleaved
@@ -20,7 +23,8 @@ struct SolvedForces {
   std::vector<NodeForce> force;   // the second pass overwrites it
   std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
   bool is_refined = false;        // in this frame
-  bool is_explained = true;       // by refine(): the forces are all that presses (solve/spread_check.h)
+  bool is_at_finite_strain = false;
+  bool is_explained = true;  // by refine(): the forces are all that presses (solve/spread_check.h)
 };
 
 struct Wrench {
@@ -101,11 +105,14 @@ struct SkinTouchList {
 };
 
 struct SkinFrame {
+  static constexpr int64_t kOneQ12 = 4096;
   SkinTouchList touches;
   bool is_dark = false;
   bool is_light_off = false;
-  int64_t light_q12 = 0;  // of all taxels, over rest less 1
-  int64_t age_q12 = 0;    // light at rest over the calibration's; 0: not known
+  int64_t light_q12 = 0;             // of all taxels, over rest less 1
+  int64_t age_q12 = 0;               // light at rest over the calibration's; 0: not known
+  std::span<const int32_t> ratio{};  // of each taxel; empty without taxels
+  std::span<const int16_t> glow{};   // brightness over rest; without taxels smoothed
 };
 
 // Of a patch, or where one is: from the pad's centre.
@@ -122,13 +129,16 @@ struct Profile {
   std::array<int64_t, kRings> radial_q4{};  // um
   int64_t size_q4 = 0;                      // um
   int64_t lost_1e3 = 0;
-  int64_t flow_q4 = 0;  // um
+  int64_t flow_q4 = 0;                // um
+  std::span<const FlowPoint> flow{};  // displacement of each patch
+  std::span<const int32_t> fall{};    // smoothed fall of the density at each patch, Q16
 };
 
 // Numbers are those of ContactKind in ruffini.proto.
 enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
 
 struct ModelledContact {
+  static constexpr size_t kInputs = Profile::kRings + 2;
   bool is_touched = false;
   bool is_covered = false;     // too many patches are lost
   bool is_over_range = false;  // too deep
@@ -144,14 +154,18 @@ struct ModelledContact {
   int64_t stiffness_pa_um = 0;  // H_m, pascal a micrometre
   int64_t shore_q4 = 0;
   int64_t shore_sigma_q4 = 0;
-  int64_t mean_flow_um = 0;         // S_t over the number of patches
-  int64_t moment_by_flow_unmm = 0;  // its size
+  int64_t mean_flow_um = 0;                          // S_t over the number of patches
+  int64_t moment_by_flow_unmm = 0;                   // its size
+  Validity depth_validity = Validity::kNotMeasured;  // of depths and areas
+  Validity hardness_validity = Validity::kNotMeasured;
+  std::array<int64_t, kInputs> inputs{};  // of the models (estimators/contact_model.h), in the last touched frame
 };
 
 struct HelmholtzSums {
-  int64_t curl_free_q4 = 0;        // S_n over the number of patches, um
-  int64_t divergence_free_q4 = 0;  // S_t over the number of patches, um
-  int64_t twist_urad = 0;          // from x towards y
+  int64_t curl_free_q4 = 0;                // S_n over the number of patches, um
+  int64_t divergence_free_q4 = 0;          // S_t over the number of patches, um
+  int64_t twist_urad = 0;                  // from x towards y
+  std::span<const FlowPoint> curl_free{};  // of each patch
 };
 
 struct TipTouch {

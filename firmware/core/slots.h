@@ -6,7 +6,10 @@
 
 #include <array>
 #include <cstdint>
+#include <initializer_list>
 #include <span>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "base/fixed.h"
@@ -16,6 +19,7 @@
 #include "image/displacement.h"
 #include "image/markers.h"
 #include "image/photometric.h"
+#include "image/targets.h"
 #include "solve/node_sigma.h"
 
 namespace ruffini {
@@ -46,8 +50,12 @@ inline constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kF
                                         kFlagDark | kFlagOverexposed | kFlagLight | kFlagFeatures | kFlagOtherPad |
                                         kFlagRepeated | kFlagPicture;
 
-// Numbers are those of Validity in ruffini.proto.
-enum class Validity : uint8_t { kNotMeasured = 0, kValid = 1, kUncalibrated = 2, kInvalid = 3 };
+// Of a result of a frame with these flags. Not calibrated: its unit is not that of the calibrated quantity.
+[[nodiscard]] constexpr Validity validity_of(uint32_t flags, bool is_measured, bool is_calibrated = true) {
+  if (!is_measured) return Validity::kNotMeasured;
+  if ((flags & kWrongFlags) != 0) return Validity::kInvalid;
+  return is_calibrated ? Validity::kValid : Validity::kUncalibrated;
+}
 
 // In the order of the table (core/stages.cpp).
 enum class StageId : uint8_t {
@@ -75,12 +83,6 @@ struct FrameState {
   uint32_t flags = 0;
   SaturationCounter saturations;                 // since configure
   std::array<uint64_t, kStageCount> stage_ns{};  // of this frame
-  Validity force_xy = Validity::kNotMeasured;
-  Validity force_z = Validity::kNotMeasured;
-  Validity depth_validity = Validity::kNotMeasured;
-  Validity contact_depth = Validity::kNotMeasured;  // of the stage contact_model: depths and areas
-  Validity hardness = Validity::kNotMeasured;
-  std::array<Validity, 6> wrench_validity{};  // of each component
 
   struct {
     std::vector<RelativeChange> change;  // planes of B, G and R, height x width each
@@ -88,45 +90,169 @@ struct FrameState {
     ExposureCounts exposure;
   } difference;
   struct {
+    // Of several views in one frame ([markers] layout "views").
+    struct View {
+      int n_unsure = 0;  // markers that were there at rest and are lost, or not sure
+      bool was_seen_at_rest = false;
+    };
+    std::span<const Marker> marker;
+    std::vector<View> view;
     int n_lost = 0;
-  } markers;  // the markers themselves: FramePath::markers()
+    int n_at_rest = 0;
+
+    // A view that has lost too many, or that never saw them.
+    [[nodiscard]] bool is_blind(size_t i, int64_t max_lost) const {
+      return !view[i].was_seen_at_rest || view[i].n_unsure > max_lost;
+    }
+  } markers;
   struct {
+    std::span<const Target> target;  // empty without the stage
     int n_lost = 0;
-  } targets;  // the targets themselves: FramePath::targets()
+  } targets;
   struct {
     std::vector<CellSlope> slope;  // depth grid
   } photometric;
   struct {
-    std::vector<DisplacementUm> depth;  // depth grid; of the stage contact_depth, where there is that
-  } poisson;
+    std::vector<DisplacementUm> cell;
+    GridSize grid;
+    int step_px = 1;       // of the image, from one cell to the next
+    int64_t sigma_um = 0;  // of a cell that is touched; 0: not stated
+    Validity validity = Validity::kNotMeasured;
+  } depth;
   struct {
     std::vector<NodeDisplacement> node;  // observed nodes
     std::vector<uint8_t> is_filled;      // 1: x and y rest on lost markers (image/displacement.h)
   } displacement;
   SolvedForces solve;
+  // Of forces along the surface and normal to it: of the nodes, or of the touches of a skin or a fingertip.
+  struct {
+    Validity xy = Validity::kNotMeasured;
+    Validity z = Validity::kNotMeasured;
+  } force;
   struct {
     std::vector<NodeSigma> node;  // observed nodes
-    WrenchCovariance wrench;
-    bool is_stated = false;     // in this frame: there is an error model, and the second pass ran
-    bool is_of_wrench = false;  // the covariance is stated in this frame
+    bool is_stated = false;       // in this frame: there is an error model, and the second pass ran
     Validity validity = Validity::kNotMeasured;
-    Validity wrench_validity = Validity::kNotMeasured;
   } uncertainty;
   struct {
     std::vector<int32_t> node;  // observed nodes, xyz interleaved, 1/64 standard deviation
     Validity validity = Validity::kNotMeasured;
   } residual;  // not measured unless FramePath::find_residual was called
-  Wrench wrench;
+  struct {
+    Wrench sum;
+    std::array<Validity, 6> validity{};  // of each component
+    bool is_beyond_noise = false;        // by features without a field: further from zero than 5 standard deviations
+  } wrench;
+  struct {
+    WrenchCovariance wrench;
+    bool is_stated = false;  // in this frame
+    Validity validity = Validity::kNotMeasured;
+  } covariance;
   ContactList contacts;
-  SkinFrame skin;
-  Profile profile;  // of the flow, where there is the stage contact_model
-  ModelledContact modelled;
-  HelmholtzSums helmholtz;  // of the flow, where there is the stage helmholtz
-  TipTouch tip;
   struct {
     std::span<const NodeSlip> node;                      // observed nodes
     std::array<ContactSlip, ContactList::kMax> contact;  // in the order of `contacts`
   } slip;
+  SkinFrame skin;
+  Profile profile;
+  ModelledContact modelled;
+  HelmholtzSums helmholtz;
+  TipTouch tip;
+};
+
+enum class Slot : uint8_t {
+  kDifference,
+  kMarkers,
+  kTargets,
+  kSlope,
+  kDepth,
+  kDisplacement,
+  kNodeForces,
+  kForceValidity,
+  kNodeSigma,
+  kWrench,
+  kCovariance,
+  kContacts,
+  kSlip,
+  kSkin,
+  kProfile,
+  kContactModel,
+  kHelmholtz,
+  kToolTouch,
+  kCount
+};
+inline constexpr size_t kSlotCount = static_cast<size_t>(Slot::kCount);
+
+class SlotSet {
+ public:
+  constexpr SlotSet() = default;
+  constexpr SlotSet(std::initializer_list<Slot> slots) {
+    for (const Slot slot : slots) add(slot);
+  }
+  constexpr void add(Slot slot) { bits_ |= bit(slot); }
+  [[nodiscard]] constexpr bool has(Slot slot) const { return (bits_ & bit(slot)) != 0; }
+  [[nodiscard]] constexpr bool has_all(SlotSet other) const { return (other.bits_ & ~bits_) == 0; }
+  [[nodiscard]] constexpr bool has_any(SlotSet other) const { return (other.bits_ & bits_) != 0; }
+  [[nodiscard]] constexpr SlotSet operator|(SlotSet other) const { return SlotSet(bits_ | other.bits_); }
+  [[nodiscard]] constexpr SlotSet operator&(SlotSet other) const { return SlotSet(bits_ & other.bits_); }
+  bool operator==(const SlotSet&) const = default;
+
+ private:
+  constexpr explicit SlotSet(uint32_t bits) : bits_(bits) {}
+  static constexpr uint32_t bit(Slot slot) { return uint32_t{1} << static_cast<unsigned>(slot); }
+  uint32_t bits_ = 0;
+};
+static_assert(kSlotCount <= 32);
+
+// The slot's data; const if `state` is.
+template <Slot slot, typename State>
+[[nodiscard]] constexpr auto& slot_of(State& state) {
+  if constexpr (slot == Slot::kDifference) return state.difference;
+  if constexpr (slot == Slot::kMarkers) return state.markers;
+  if constexpr (slot == Slot::kTargets) return state.targets;
+  if constexpr (slot == Slot::kSlope) return state.photometric;
+  if constexpr (slot == Slot::kDepth) return state.depth;
+  if constexpr (slot == Slot::kDisplacement) return state.displacement;
+  if constexpr (slot == Slot::kNodeForces) return state.solve;
+  if constexpr (slot == Slot::kForceValidity) return state.force;
+  if constexpr (slot == Slot::kNodeSigma) return state.uncertainty;
+  if constexpr (slot == Slot::kWrench) return state.wrench;
+  if constexpr (slot == Slot::kCovariance) return state.covariance;
+  if constexpr (slot == Slot::kContacts) return state.contacts;
+  if constexpr (slot == Slot::kSlip) return state.slip;
+  if constexpr (slot == Slot::kSkin) return state.skin;
+  if constexpr (slot == Slot::kProfile) return state.profile;
+  if constexpr (slot == Slot::kContactModel) return state.modelled;
+  if constexpr (slot == Slot::kHelmholtz) return state.helmholtz;
+  if constexpr (slot == Slot::kToolTouch) return state.tip;
+}
+
+template <Slot slot>
+using SlotData = std::remove_reference_t<decltype(slot_of<slot>(std::declval<FrameState&>()))>;
+
+// Hands a stage the slots that it asks for when it is made: const to read, mutable to write. What was asked for must be
+// what the table declares (tests/cpp/core/stages_test.cpp).
+class SlotAccess {
+ public:
+  explicit SlotAccess(FrameState& state) : state_(state) {}
+
+  template <Slot slot>
+  [[nodiscard]] const auto& read() {
+    read_.add(slot);
+    return slot_of<slot>(std::as_const(state_));
+  }
+  template <Slot slot>
+  [[nodiscard]] auto& write() {
+    written_.add(slot);
+    return slot_of<slot>(state_);
+  }
+  [[nodiscard]] SlotSet all_read() const { return read_; }
+  [[nodiscard]] SlotSet all_written() const { return written_; }
+
+ private:
+  FrameState& state_;
+  SlotSet read_;
+  SlotSet written_;
 };
 
 }  // namespace ruffini

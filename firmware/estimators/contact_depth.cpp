@@ -172,11 +172,11 @@ void ContactDepth::look(std::span<const FlowPoint> flow, std::span<DisplacementU
   }
 }
 
-void ContactDepth::run(const ContactProfile& contact, const Profile& profile, const ContactModel::Inputs& inputs,
-                       std::span<DisplacementUm> out, SaturationCounter& saturations) {
-  estimate(contact.flow(), saturations);
-  refine(contact.fall(), profile, inputs, saturations);
-  look(contact.flow(), out, saturations);
+void ContactDepth::run(const Profile& profile, const ContactModel::Inputs& inputs, std::span<DisplacementUm> out,
+                       SaturationCounter& saturations) {
+  estimate(profile.flow, saturations);
+  refine(profile.fall, profile, inputs, saturations);
+  look(profile.flow, out, saturations);
 }
 
 }  // namespace ruffini

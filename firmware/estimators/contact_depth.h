@@ -45,8 +45,8 @@ class ContactDepth {
   [[nodiscard]] static Result<ContactDepth> load(const Calibration& calibration, const BoardSettings& board);
 
   // out: u_z of each cell, negative where pressed. `inputs`: those of the contact model in this frame.
-  void run(const ContactProfile& contact, const Profile& profile, const ContactModel::Inputs& inputs,
-           std::span<DisplacementUm> out, SaturationCounter& saturations);
+  void run(const Profile& profile, const ContactModel::Inputs& inputs, std::span<DisplacementUm> out,
+           SaturationCounter& saturations);
   // Standard deviation of a cell that is touched, as found on presses that were not fitted.
   [[nodiscard]] int64_t sigma_um() const { return sigma_um_; }
 

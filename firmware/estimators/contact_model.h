@@ -37,7 +37,7 @@ namespace ruffini {
 
 class ContactModel {
  public:
-  static constexpr size_t kInputs = Profile::kRings + 2;
+  static constexpr size_t kInputs = ModelledContact::kInputs;
   static constexpr int64_t kLeastDepthUm = 400;  // where hardness is measured (paper, section V-B)
   static constexpr int64_t kMostDepthUm = 1'800;
   static constexpr int64_t kRangeUm = 2'500;  // paper, section V-A

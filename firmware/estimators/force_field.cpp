@@ -23,8 +23,6 @@ bool covers_pad(std::span<const uint8_t> mask) {
   return 16 * std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; }) > 5 * std::ssize(mask);
 }
 
-int64_t whole_steps(int64_t un, int64_t lsb_un) { return std::max<int64_t>(un / lsb_un, 1); }
-
 }  // namespace
 
 ForceField::ForceField(const BoardSettings& board, const NodeGrid& nodes)
@@ -32,7 +30,7 @@ ForceField::ForceField(const BoardSettings& board, const NodeGrid& nodes)
       nodes_(nodes.size()),
       places_(nodes.places()),
       force_lsb_un_(board.force_lsb_un),
-      contact_threshold_lsb_(whole_steps(board.contact.threshold_un, board.force_lsb_un)),
+      contact_threshold_lsb_(contact_threshold_lsb(board.contact.threshold_un, board.force_lsb_un)),
       mask_(nodes_, contact_threshold_lsb_, board.contact.min_nodes),
       repair_(nodes_),
       least_outlier_q3_(FieldRepair::least_q3(board.pad.size_x_um / (board.grid.n_x - 1),

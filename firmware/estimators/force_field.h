@@ -50,7 +50,6 @@ class ForceField {
   [[nodiscard]] bool has_memory() const { return relaxation_.has_value(); }
   [[nodiscard]] bool has_error_model() const { return node_error_.has_value(); }
   [[nodiscard]] bool is_at_finite_strain() const { return finite_strain_.has_value(); }
-  [[nodiscard]] int64_t contact_threshold_lsb() const { return contact_threshold_lsb_; }
 
   // Buffers for `out`; untouched.
   void prepare(SolvedForces& out);

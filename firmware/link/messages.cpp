@@ -24,7 +24,7 @@ ruffini_Stamp to_proto(const FrameStamp& stamp, uint32_t flags) {
 ruffini_Validity to_proto(Validity v) { return static_cast<ruffini_Validity>(v); }
 
 // Stick and slip are read off shear and pressure: without both in newtons they are not measured.
-bool is_force(const FrameState& s) { return s.force_xy == Validity::kValid && s.force_z == Validity::kValid; }
+bool is_force(const FrameState& s) { return s.force.xy == Validity::kValid && s.force.z == Validity::kValid; }
 
 }  // namespace
 
@@ -45,7 +45,7 @@ size_t write_frames(ruffini_MessageType type, uint8_t flags, uint8_t sensor, uin
 
 MessageEncoder::MessageEncoder(const FramePath& path, uint8_t sensor) : sensor_(sensor) {
   const auto n_nodes = static_cast<size_t>(path.nodes().size().count());
-  const auto n_depth = static_cast<size_t>(path.depth_grid().count());
+  const auto n_depth = static_cast<size_t>(path.state().depth.grid.count());
   const size_t n_values = std::max({3 * n_nodes, n_depth, 2 * path.markers().size(), 2 * path.targets().size()});
   const auto n_image = static_cast<size_t>(path.board().camera.width_px * path.board().camera.height_px) * 3;
   values_.resize(n_values);
@@ -83,18 +83,18 @@ size_t MessageEncoder::wrench(const FramePath& path, const FrameStamp& stamp) {
   m.has_stamp = true;
   m.stamp = to_proto(stamp, s.flags);
   m.validity_count = 6;
-  std::transform(s.wrench_validity.begin(), s.wrench_validity.end(), m.validity,
+  std::transform(s.wrench.validity.begin(), s.wrench.validity.end(), m.validity,
                  [](Validity v) { return to_proto(v); });
-  m.force_x_un = s.wrench.force_x_un;
-  m.force_y_un = s.wrench.force_y_un;
-  m.force_z_un = s.wrench.force_z_un;
-  m.torque_x_un_um = s.wrench.torque_x_un_um;
-  m.torque_y_un_um = s.wrench.torque_y_un_um;
-  m.torque_z_un_um = s.wrench.torque_z_un_um;
-  m.covariance_validity = to_proto(s.uncertainty.wrench_validity);
-  if (s.uncertainty.is_of_wrench) {
+  m.force_x_un = s.wrench.sum.force_x_un;
+  m.force_y_un = s.wrench.sum.force_y_un;
+  m.force_z_un = s.wrench.sum.force_z_un;
+  m.torque_x_un_um = s.wrench.sum.torque_x_un_um;
+  m.torque_y_un_um = s.wrench.sum.torque_y_un_um;
+  m.torque_z_un_um = s.wrench.sum.torque_z_un_um;
+  m.covariance_validity = to_proto(s.covariance.validity);
+  if (s.covariance.is_stated) {
     m.covariance_count = WrenchCovariance::kSize;
-    std::copy(s.uncertainty.wrench.upper.begin(), s.uncertainty.wrench.upper.end(), m.covariance);
+    std::copy(s.covariance.wrench.upper.begin(), s.covariance.wrench.upper.end(), m.covariance);
   }
   return serialise(ruffini_Wrench_fields, &m);
 }
@@ -107,8 +107,8 @@ size_t MessageEncoder::field(const FramePath& path, const FrameStamp& stamp) {
   m.force_lsb_un = static_cast<uint32_t>(path.board().force_lsb_un);
   m.displacement_lsb_nm = kDisplacementLsbNm;
   m.validity_count = 3;
-  m.validity[0] = m.validity[1] = to_proto(s.force_xy);
-  m.validity[2] = to_proto(s.force_z);
+  m.validity[0] = m.validity[1] = to_proto(s.force.xy);
+  m.validity[2] = to_proto(s.force.z);
   for (size_t i = 0; i < s.solve.force.size(); ++i) {
     values_[3 * i] = s.solve.force[i].x;
     values_[3 * i + 1] = s.solve.force[i].y;
@@ -123,7 +123,7 @@ size_t MessageEncoder::field(const FramePath& path, const FrameStamp& stamp) {
   }
   m.has_displacement = true;
   pack(m.displacement, path.nodes().size(), 3, 1);
-  if (is_force(s)) {
+  if (is_force(s) && !s.slip.node.empty()) {
     std::transform(s.slip.node.begin(), s.slip.node.end(), values_.begin(),
                    [](NodeSlip slip) { return static_cast<int32_t>(slip); });
     m.has_slip = true;
@@ -163,13 +163,13 @@ size_t MessageEncoder::depth(const FramePath& path, const FrameStamp& stamp) {
   m.has_stamp = true;
   m.stamp = to_proto(stamp, s.flags);
   m.depth_lsb_nm = kDisplacementLsbNm;
-  m.step_px = static_cast<uint32_t>(path.depth_step_px());
-  m.validity = to_proto(s.depth_validity);
-  m.sigma_um = static_cast<uint32_t>(path.depth_sigma_um());
-  std::transform(s.poisson.depth.begin(), s.poisson.depth.end(), values_.begin(),
+  m.step_px = static_cast<uint32_t>(s.depth.step_px);
+  m.validity = to_proto(s.depth.validity);
+  m.sigma_um = static_cast<uint32_t>(s.depth.sigma_um);
+  std::transform(s.depth.cell.begin(), s.depth.cell.end(), values_.begin(),
                  [](DisplacementUm d) { return int32_t{d.raw()}; });
   m.has_depth = true;
-  pack(m.depth, path.depth_grid(), 1, 0);
+  pack(m.depth, s.depth.grid, 1, 0);
   return serialise(ruffini_Depth_fields, &m);
 }
 
@@ -181,8 +181,8 @@ void MessageEncoder::tell_touches(const FramePath& path, ruffini_Contacts& m) {
     ruffini_Contact& out = m.contacts[i];
     out.id = touch.id;
     out.force_validity_count = out.normal_force_un_count = out.place_um_count = 3;
-    out.force_validity[0] = out.force_validity[1] = to_proto(s.force_xy);
-    out.force_validity[2] = to_proto(s.force_z);
+    out.force_validity[0] = out.force_validity[1] = to_proto(s.force.xy);
+    out.force_validity[2] = to_proto(s.force.z);
     out.force_sigma_un = static_cast<uint64_t>(touch.press_sigma_un);
     out.center_sigma_um = static_cast<uint32_t>(touch.place_sigma_um);
     const SkinPoint point = on_skin(path.board().skin, touch.x_um, touch.y_um);
@@ -195,18 +195,18 @@ void MessageEncoder::tell_touches(const FramePath& path, ruffini_Contacts& m) {
 
 void MessageEncoder::tell_model(const FrameState& s, bool has_helmholtz, ruffini_Contact& out) {
   const ModelledContact& c = s.modelled;
-  out.validity = to_proto(s.wrench_validity[2]);
+  out.validity = to_proto(s.wrench.validity[2]);
   out.kind = static_cast<ruffini_ContactKind>(c.kind);
   out.kind_sure_1e3 = static_cast<uint32_t>(c.sure_1e3);
   out.gel_depth_um = static_cast<uint32_t>(c.gel_depth_um);
   out.press_depth_um = static_cast<uint32_t>(c.press_depth_um);
   out.depth_sigma_um = static_cast<uint32_t>(c.depth_sigma_um);
-  out.depth_validity = to_proto(s.contact_depth);
+  out.depth_validity = to_proto(s.modelled.depth_validity);
   out.effective_area_um2_k = static_cast<uint32_t>(c.effective_area_um2 / 1'000);
   out.stiffness_pa_um = static_cast<int32_t>(c.stiffness_pa_um);
   out.shore_a_1e1 = static_cast<uint32_t>(10 * c.shore_q4 / 16);
   out.shore_a_sigma_1e1 = static_cast<uint32_t>(10 * c.shore_sigma_q4 / 16);
-  out.hardness_validity = to_proto(s.hardness);
+  out.hardness_validity = to_proto(s.modelled.hardness_validity);
   out.mean_flow_um = static_cast<uint32_t>(c.mean_flow_um);
   out.moment_by_flow_unmm = static_cast<uint64_t>(c.moment_by_flow_unmm);
   if (!has_helmholtz) return;
@@ -255,7 +255,7 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
     out.force_y_un = c.force_y_un;
     out.force_z_un = c.force_z_un;
     out.peak_depth_nm = static_cast<int32_t>(c.peak_depth_nm);
-    out.validity = to_proto(s.force_z);
+    out.validity = to_proto(s.force.z);
     out.slip_state = static_cast<ruffini_SlipState>(slip.state);
     out.shear_ratio_1e3 = static_cast<uint32_t>(slip.ratio_1e3);
     out.friction_1e3 = static_cast<uint32_t>(slip.friction_1e3);
@@ -264,8 +264,10 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
     out.slip_margin_un = slip.margin_un;
     out.reaches_border = c.reaches_border;
   }
-  if (path.skin() != nullptr) tell_touches(path, m);
-  if (path.has_contact_model() && m.contacts_count > 0) tell_model(s, path.helmholtz() != nullptr, m.contacts[0]);
+  if (path.writes(Slot::kSkin)) tell_touches(path, m);
+  if (path.writes(Slot::kContactModel) && m.contacts_count > 0) {
+    tell_model(s, path.writes(Slot::kHelmholtz), m.contacts[0]);
+  }
   if (s.tip.is_touched) tell_tip(s.tip, m.contacts[0]);
   return serialise(ruffini_Contacts_fields, &m);
 }

@@ -18,6 +18,7 @@
 // constructor.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -35,6 +36,11 @@ struct NodeForce {
   int32_t y = 0;
   int32_t z = 0;
 };
+
+// The board's threshold of a contact, in steps.
+[[nodiscard]] constexpr int64_t contact_threshold_lsb(int64_t threshold_un, int64_t force_lsb_un) {
+  return std::max<int64_t>(threshold_un / force_lsb_un, 1);
+}
 
 class ContactMask {
  public:

@@ -29,6 +29,11 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         {"firmware/image/a.cpp": '#include "store/slot_store.h"\n', "firmware/store/slot_store.h": ""},
         "image must not know store",
     ),
+    (
+        tree_gates.firmware_layers,
+        {"firmware/core/a.cpp": '#include "stages/skin/b.h"\n', "firmware/stages/skin/b.h": ""},
+        "core must not know stages",
+    ),
     (tree_gates.firmware_layers, {"firmware/vision/a.cpp": ""}, "no place in the order"),
     (tree_gates.core_headers, {"firmware/image/a.cpp": "#include <fstream>\n"}, "<fstream>"),
     (tree_gates.core_headers, {"firmware/store/calibration.cpp": "#include <unistd.h>\n"}, "<unistd.h>"),

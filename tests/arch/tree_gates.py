@@ -17,6 +17,7 @@ FIRMWARE_MAY_INCLUDE: dict[str, set[str]] = {
     "solve": {"base", "board", "store"},
     "core": {"base", "board", "image", "solve", "store"},
     "estimators": {"base", "board", "image", "solve", "core", "store"},
+    "stages": {"base", "board", "image", "solve", "core", "estimators", "store"},
     "frame_path": {"base", "board", "image", "solve", "core", "estimators", "store"},
     "capi": {"base", "board", "store", "frame_path", "image", "solve", "core", "estimators"},
     "capture": {"base", "board", "hw"},
@@ -118,11 +119,11 @@ def _room(name: str) -> str:
 
 def _is_core(name: str) -> bool:
     room = _room(name)
-    return room in ("base", "image", "solve", "core", "estimators", "frame_path") or name.startswith(CORE_IN_MIXED_ROOMS)
+    return room in ("base", "image", "solve", "core", "estimators", "stages", "frame_path") or name.startswith(CORE_IN_MIXED_ROOMS)
 
 
 def firmware_layers(root: Path) -> list[str]:
-    """Includes go one way: base <- image, solve <- core <- estimators <- frame_path <- daemon."""
+    """Includes go one way: base <- image, solve <- core <- estimators <- stages, frame_path <- daemon."""
     found = []
     for path in _sources(root, "firmware/"):
         name = path.relative_to(root / "firmware").as_posix()

@@ -52,14 +52,14 @@ TEST(FramePath, MeasuresDisplacementWithoutAnyCalibrationAndNoForce) {
   sensor.learn();
   const FrameState& s = sensor.show_dots(1.5);
   EXPECT_EQ(s.flags, kFlagUncalibratedXy | kFlagUncalibratedZ);
-  EXPECT_EQ(s.force_xy, Validity::kNotMeasured);
-  EXPECT_EQ(s.force_z, Validity::kNotMeasured);
-  EXPECT_EQ(s.depth_validity, Validity::kNotMeasured);
+  EXPECT_EQ(s.force.xy, Validity::kNotMeasured);
+  EXPECT_EQ(s.force.z, Validity::kNotMeasured);
+  EXPECT_EQ(s.depth.validity, Validity::kNotMeasured);
   for (const NodeDisplacement& u : s.displacement.node) {
     EXPECT_NEAR(u.x.raw() / 8.0, 150, 12);  // 1.5 px of 100 um; 0.1 px where extrapolated
     EXPECT_EQ(u.z.raw(), 0);
   }
-  EXPECT_EQ(s.wrench, Wrench{});
+  EXPECT_EQ(s.wrench.sum, Wrench{});
 }
 
 TEST(FramePath, ZeroLearnsAnew) {
@@ -186,9 +186,8 @@ struct PressedSensor {
 TEST(FramePath, WhatAWrongFrameSaysIsInvalidInEveryQuantity) {
   PressedSensor sensor;
   const auto all = [](const FrameState& s) {
-    std::vector<Validity> out(s.wrench_validity.begin(), s.wrench_validity.end());
-    out.insert(out.end(),
-               {s.force_xy, s.force_z, s.depth_validity, s.uncertainty.validity, s.uncertainty.wrench_validity});
+    std::vector<Validity> out(s.wrench.validity.begin(), s.wrench.validity.end());
+    out.insert(out.end(), {s.force.xy, s.force.z, s.depth.validity, s.uncertainty.validity, s.covariance.validity});
     return out;
   };
   const std::vector<Validity> valid(11, Validity::kValid);
@@ -213,7 +212,7 @@ TEST(FramePath, ARepeatedOrBrokenPictureOfACameraIsFlaggedAndNoForceIsValid) {
   (void)sensor.press(-1);
   const FrameState& again = sensor.press(-1);
   EXPECT_EQ(again.flags & kWrongFlags, uint32_t{kFlagRepeated});
-  EXPECT_EQ(again.force_z, Validity::kInvalid);
+  EXPECT_EQ(again.force.z, Validity::kInvalid);
   const FrameState& blank = sensor.show_level(40);
   EXPECT_TRUE(blank.flags & kFlagLight);
   EXPECT_FALSE(blank.flags & kFlagRepeated);
@@ -233,20 +232,20 @@ TEST(FramePath, ATouchIsKnownAsOneAndAFrameThatIsWrongIsNone) {
 
 TEST(FramePath, AZeroIsRefusedWhereSomethingPressesWhileItLearns) {
   PressedSensor sensor;
-  const int64_t pressed = sensor.press(-1).wrench.force_z_un;
+  const int64_t pressed = sensor.press(-1).wrench.sum.force_z_un;
   sensor.still();
   sensor.path->zero(9);
   for (int i = 0; i < 4; ++i) EXPECT_TRUE(sensor.still().flags & kFlagNoReference);
   EXPECT_EQ(sensor.path->rest_watch().n_refused, 0U);
-  EXPECT_EQ(sensor.press(-1).force_z, Validity::kInvalid);
+  EXPECT_EQ(sensor.press(-1).force.z, Validity::kInvalid);
   EXPECT_EQ(sensor.path->rest_watch().n_refused, 1U);
   EXPECT_FALSE(sensor.path->is_zeroing());
   const FrameState& s = sensor.press(-1);
-  EXPECT_EQ(s.force_z, Validity::kValid);
-  EXPECT_EQ(s.wrench.force_z_un, pressed) << "rest is what it was";
+  EXPECT_EQ(s.force.z, Validity::kValid);
+  EXPECT_EQ(s.wrench.sum.force_z_un, pressed) << "rest is what it was";
   sensor.path->zero(2, false);
   for (int i = 0; i < 2; ++i) sensor.press(-1);
-  EXPECT_NEAR(static_cast<double>(sensor.press(-1).wrench.force_z_un), 0, 1'000) << "as somebody asked";
+  EXPECT_NEAR(static_cast<double>(sensor.press(-1).wrench.sum.force_z_un), 0, 1'000) << "as somebody asked";
 }
 
 TEST(FramePath, AZeroIsRefusedWhereMarkersVanishWhileItLearns) {
@@ -276,7 +275,7 @@ TEST(FramePath, AZeroThatAPressEndedDoesNotVerifyTheStart) {
 
 TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
   PressedSensor before;
-  const int64_t pressed = before.press(-1).wrench.force_z_un;
+  const int64_t pressed = before.press(-1).wrench.sum.force_z_un;
   const auto start = [&](bool is_pressed) {
     PressedSensor sensor(false, false);
     sensor.path->expect_rest(before.path->rest_image());
@@ -284,7 +283,7 @@ TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
     const FrameState& s = sensor.press(-1);
     EXPECT_FALSE(s.flags & kFlagNoReference);
     EXPECT_EQ((s.flags & kFlagRestUnverified) != 0, is_pressed) << "a load, or no longer that pad";
-    EXPECT_NEAR(static_cast<double>(s.wrench.force_z_un), static_cast<double>(pressed), 1'000);
+    EXPECT_NEAR(static_cast<double>(s.wrench.sum.force_z_un), static_cast<double>(pressed), 1'000);
     for (int i = 0; i < sensor.board.n_rest_frames; ++i) (void)sensor.still();
     EXPECT_FALSE(sensor.press(-1).flags & kFlagRestUnverified) << "untouched it reads zero: it was a load";
     return std::pair{sensor.path->rest_watch().n_refused, sensor.path->rest_watch().n_known};
@@ -301,7 +300,7 @@ TEST(FramePath, AStartIsComparedWithTheRestOfTheRunBefore) {
 TEST(FramePath, ANewRestForgetsWhatThePadWentThrough) {
   const auto relearnt = [](PressedSensor& sensor) {
     sensor.learn();
-    return sensor.press(-1).wrench.force_x_un;
+    return sensor.press(-1).wrench.sum.force_x_un;
   };
   PressedSensor fresh(true);
   fresh.path->zero(fresh.board.n_rest_frames);
@@ -309,14 +308,14 @@ TEST(FramePath, ANewRestForgetsWhatThePadWentThrough) {
   ASSERT_GT(rested, 0);
   PressedSensor held(true);
   for (int i = 0; i < 60; ++i) held.press(-1);
-  EXPECT_LT(held.press(-1).wrench.force_x_un, rested * 9 / 10) << "it relaxes while held";
+  EXPECT_LT(held.press(-1).wrench.sum.force_x_un, rested * 9 / 10) << "it relaxes while held";
   held.path->zero(held.board.n_rest_frames);
   EXPECT_EQ(relearnt(held), rested);
   for (int i = 0; i < 60; ++i) held.press(-1);
   const std::vector<uint16_t> rest(fresh.path->rest_image().begin(), fresh.path->rest_image().end());
   held.path->set_rest(rest);
   fresh.path->set_rest(rest);
-  EXPECT_EQ(held.press(-1).wrench.force_x_un, fresh.press(-1).wrench.force_x_un);
+  EXPECT_EQ(held.press(-1).wrench.sum.force_x_un, fresh.press(-1).wrench.sum.force_x_un);
 }
 
 TEST(FramePath, ALostMarkerMakesShearLessSureThereAndLeavesTheForceNearWhatItWas) {
@@ -339,9 +338,9 @@ TEST(FramePath, ALostMarkerMakesShearLessSureThereAndLeavesTheForceNearWhatItWas
     EXPECT_NEAR(growth, is_there ? 2 : 1, 0.1) << i;
   }
   EXPECT_GT(whole.solve.force[middle].x, 20'000);  // 200 um x 8 x 20
-  EXPECT_GT(fewer.uncertainty.wrench.upper[0], whole.uncertainty.wrench.upper[0]);
+  EXPECT_GT(fewer.covariance.wrench.upper[0], whole.covariance.wrench.upper[0]);
   sensor.press(-1);
-  EXPECT_EQ(fewer.uncertainty.wrench.upper[0], whole.uncertainty.wrench.upper[0]) << "it must recover";
+  EXPECT_EQ(fewer.covariance.wrench.upper[0], whole.covariance.wrench.upper[0]) << "it must recover";
 }
 
 TEST(FramePath, TimesEveryStageThatRan) {

@@ -9,9 +9,9 @@ namespace {
 
 FrameState pressed(int64_t x_un, int64_t y_un, int64_t z_un, Validity validity = Validity::kValid) {
   FrameState state;
-  state.wrench = {.force_x_un = x_un, .force_y_un = y_un, .force_z_un = z_un};
-  state.wrench_validity.fill(validity);
-  state.force_xy = state.force_z = validity;
+  state.wrench.sum = {.force_x_un = x_un, .force_y_un = y_un, .force_z_un = z_un};
+  state.wrench.validity.fill(validity);
+  state.force.xy = state.force.z = validity;
   return state;
 }
 
@@ -36,7 +36,7 @@ TEST(Reflex, IsOnAboveTheLimitInTheSameFrameAndOffBelowSevenEighths) {
 TEST(Reflex, ForcesThatAreNotMeasuredDoNotCount) {
   Reflex reflex({.chip = "c", .line = "l", .force_un = 1'000'000});
   FrameState state = pressed(5'000'000, 0, -10);
-  state.wrench_validity[0] = Validity::kNotMeasured;
+  state.wrench.validity[0] = Validity::kNotMeasured;
   EXPECT_FALSE(reflex.update(state));
 }
 
@@ -53,7 +53,7 @@ TEST(Reflex, AnInvalidFrameHoldsOrSwitchesAsTheBoardWants) {
   }
   Reflex reflex({.chip = "c", .line = "l", .force_un = 1'000'000, .when_invalid = WhenInvalid::kOn});
   FrameState half = pressed(0, 0, 0);
-  half.wrench_validity[2] = Validity::kInvalid;
+  half.wrench.validity[2] = Validity::kInvalid;
   EXPECT_TRUE(reflex.update(half)) << "one component that is wrong makes the force unknown";
 }
 

@@ -164,13 +164,13 @@ void TinySensor::measure(Table& table) const {
   for (int i = 0; i < board.n_rest_frames; ++i) show(0);
   for (uint64_t touch = 0; touch < kTouches; ++touch) {
     const FrameState& state = show(touch);
-    table.force_un[touch] = state.wrench.force_x_un;
-    table.is_valid[touch] = state.wrench_validity[0] == Validity::kValid;
+    table.force_un[touch] = state.wrench.sum.force_x_un;
+    table.is_valid[touch] = state.wrench.validity[0] == Validity::kValid;
   }
   want(table.is_valid[0] && table.force_un[0] == 0, table.name + ": untouched, it must say a valid nothing");
   want(table.force_un[4] > 4 * kForceLimitUn, table.name + ": its touches cannot be told apart");
   for (uint64_t wrong = kDarkPicture; wrong < kPictures; ++wrong) {
-    want(show(wrong).wrench_validity[0] == Validity::kInvalid, table.name + ": a wrong picture must be seen");
+    want(show(wrong).wrench.validity[0] == Validity::kInvalid, table.name + ": a wrong picture must be seen");
   }
 }
 

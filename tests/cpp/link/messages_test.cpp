@@ -213,7 +213,7 @@ TEST_F(MessagesTest, DepthIsTheStatesOwn) {
   EXPECT_EQ(depth.validity, ruffini_Validity_VALIDITY_VALID);
   EXPECT_EQ(depth.sigma_um, 0U) << "light states none";
   const std::vector<int32_t> z = values_of(depth.depth, data);
-  const auto& state = path_->state().poisson.depth;
+  const auto& state = path_->state().depth.cell;
   ASSERT_EQ(z.size(), state.size());
   for (size_t i = 0; i < z.size(); ++i) ASSERT_EQ(z[i], state[i].raw());
   EXPECT_NE(*std::min_element(z.begin(), z.end()), 0);
@@ -234,7 +234,7 @@ TEST_F(MessagesTest, ATexturesDepthMapHasItsOwnStepAndSigma) {
     EXPECT_EQ(depth.sigma_um, 95U);
     const std::vector<int32_t> z = values_of(depth.depth, data);
     ASSERT_EQ(z.size(), 80U);
-    for (size_t i = 0; i < z.size(); ++i) ASSERT_EQ(z[i], path_->state().poisson.depth[i].raw());
+    for (size_t i = 0; i < z.size(); ++i) ASSERT_EQ(z[i], path_->state().depth.cell[i].raw());
     EXPECT_EQ(*std::min_element(z.begin(), z.end()) < -100, out_px > 0) << "nothing touches: zeros";
     if (out_px > 0) {
       EXPECT_EQ(depth.validity, ruffini_Validity_VALIDITY_VALID);
@@ -411,7 +411,8 @@ TEST_F(MessagesTest, HowSureTravelsAsItIs) {
   decode(encode(ruffini_MessageType_MESSAGE_TYPE_WRENCH), ruffini_Wrench_fields, wrench);
   EXPECT_EQ(wrench.covariance_validity, ruffini_Validity_VALIDITY_VALID);
   ASSERT_EQ(wrench.covariance_count, WrenchCovariance::kSize);
-  EXPECT_TRUE(std::equal(stated.wrench.upper.begin(), stated.wrench.upper.end(), wrench.covariance));
+  const auto& upper = path_->state().covariance.wrench.upper;
+  EXPECT_TRUE(std::equal(upper.begin(), upper.end(), wrench.covariance));
   EXPECT_GT(wrench.covariance[0], 0);
   ruffini_Field field = ruffini_Field_init_zero;
   Bytes data;

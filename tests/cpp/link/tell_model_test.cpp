@@ -10,10 +10,8 @@ namespace {
 // Every number differs from every other, so that none can stand in another's field.
 FrameState modelled() {
   FrameState s;
-  s.wrench_validity.fill(Validity::kNotMeasured);
-  s.wrench_validity[2] = Validity::kValid;
-  s.contact_depth = Validity::kInvalid;
-  s.hardness = Validity::kUncalibrated;
+  s.wrench.validity.fill(Validity::kNotMeasured);
+  s.wrench.validity[2] = Validity::kValid;
   s.modelled = {.is_touched = true,
                 .has_hardness = true,
                 .kind = ContactKind::kHertzian,
@@ -27,7 +25,9 @@ FrameState modelled() {
                 .shore_q4 = 45 * 16 + 8,
                 .shore_sigma_q4 = 6 * 16 + 4,
                 .mean_flow_um = 37,
-                .moment_by_flow_unmm = 5'000'000'000};
+                .moment_by_flow_unmm = 5'000'000'000,
+                .depth_validity = Validity::kInvalid,
+                .hardness_validity = Validity::kUncalibrated};
   s.helmholtz = {.curl_free_q4 = 16 * 21 + 8, .divergence_free_q4 = 16 * 4 + 1, .twist_urad = -59'000};
   return s;
 }
@@ -68,7 +68,6 @@ TEST(TellModel, PartsOfTheFlowAreThereWithTheirStage) {
 TEST(TellModel, BeforeAPressIsToldNeitherKindNorHardnessStands) {
   FrameState s = modelled();
   s.modelled = {.is_touched = true, .gel_depth_um = 150};
-  s.hardness = Validity::kNotMeasured;
   ruffini_Contact said = ruffini_Contact_init_zero;
   MessageEncoder::tell_model(s, false, said);
   EXPECT_EQ(said.kind, ruffini_ContactKind_CONTACT_KIND_NOT_TOLD);

@@ -1,0 +1,94 @@
+#include "core/pipeline.h"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "frame_calibration.h"
+#include "support/calibration_bytes.h"
+#include "support/texture_calibration.h"
+
+namespace ruffini {
+namespace {
+
+uint64_t ticking_clock() {
+  static uint64_t now_ns = 0;
+  return now_ns += 10;
+}
+
+class PipelineTest : public testing::Test {
+ protected:
+  void load(bool with_tables, SlotSet written) {
+    file_ = CalibrationFile::load(test::contact_calibration(board_)).value();
+    ASSERT_TRUE(pipeline_.load(with_tables ? &file_->get() : nullptr, written));
+  }
+  [[nodiscard]] uint64_t time_of(StageId stage) const { return state_.stage_ns[static_cast<size_t>(stage)]; }
+  Frame frame() {
+    return {.view = {}, .capture_us = 0, .warmth = {}, .flags = state_.flags, .saturations = state_.saturations};
+  }
+
+  BoardSettings board_ = test::contact_board();
+  FrameState state_;
+  std::vector<Marker> markers_ = std::vector<Marker>(static_cast<size_t>(board_.markers.lattice.count()));
+  std::shared_ptr<const CalibrationFile> file_;
+  Pipeline pipeline_{board_, state_, ticking_clock};
+
+  PipelineTest() { state_.markers.marker = markers_; }
+};
+
+TEST_F(PipelineTest, WithoutTablesRunsOnlyWhatNeedsNone) {
+  load(false, {Slot::kMarkers});
+  EXPECT_FALSE(pipeline_.writes(Slot::kWrench));
+  EXPECT_TRUE(pipeline_.writes(Slot::kProfile));
+  EXPECT_FALSE(pipeline_.writes(Slot::kContactModel));
+  EXPECT_TRUE(pipeline_.writes(Slot::kHelmholtz));
+  EXPECT_FALSE(pipeline_.writes(Slot::kDepth)) << "of a contact that no model describes";
+  Frame now = frame();
+  pipeline_.run(now);
+  EXPECT_EQ(time_of(StageId::kFeatureWrench), 0U);
+  EXPECT_EQ(time_of(StageId::kContactModel), 10U);
+  EXPECT_EQ(time_of(StageId::kHelmholtz), 10U);
+  EXPECT_EQ(time_of(StageId::kContactDepth), 0U);
+}
+
+TEST_F(PipelineTest, WithTablesRunsEveryStageOfTheBoard) {
+  load(true, {Slot::kMarkers});
+  for (const Slot slot : {Slot::kWrench, Slot::kContactModel, Slot::kContacts, Slot::kDepth}) {
+    EXPECT_TRUE(pipeline_.writes(slot)) << static_cast<int>(slot);
+  }
+  EXPECT_FALSE(pipeline_.writes(Slot::kSkin)) << "not a stage of this board";
+}
+
+TEST_F(PipelineTest, RunsFromASlotWhatDependsOnIt) {
+  load(true, {Slot::kMarkers});
+  Frame now = frame();
+  pipeline_.run_from(Slot::kWrench, now);
+  EXPECT_EQ(time_of(StageId::kFeatureWrench), 0U) << "it writes the wrench, and does not read it";
+  EXPECT_EQ(time_of(StageId::kContactModel), 10U);
+  EXPECT_EQ(time_of(StageId::kContactDepth), 10U) << "through the model";
+}
+
+TEST_F(PipelineTest, AStageWhoseInputNobodyWritesIsNotRun) {
+  board_.stages = {"wrench", "contacts"};
+  Pipeline without(board_, state_, ticking_clock);
+  ASSERT_TRUE(without.load(nullptr, {Slot::kDisplacement}));
+  EXPECT_FALSE(without.writes(Slot::kWrench));
+  EXPECT_FALSE(without.writes(Slot::kContacts));
+  Pipeline with(board_, state_, ticking_clock);
+  ASSERT_TRUE(with.load(nullptr, {Slot::kDisplacement, Slot::kNodeForces}));
+  EXPECT_TRUE(with.writes(Slot::kWrench));
+  EXPECT_TRUE(with.writes(Slot::kContacts));
+}
+
+TEST_F(PipelineTest, AContactModelWithoutAWrenchIsRefused) {
+  test::CalibrationBytes file;
+  file_ = CalibrationFile::load(file.meta("kinds", "contact_model").bytes()).value();
+  const Status loaded = pipeline_.load(&file_->get(), {Slot::kMarkers});
+  ASSERT_FALSE(loaded);
+  EXPECT_NE(loaded.error().message.find("contact_model without wrench"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace ruffini
