@@ -5,9 +5,9 @@
 #include <string>
 
 #include "board/parse.h"
-#include "estimators/feature_wrench.h"
-#include "estimators/skin_shape.h"
 #include "frame_path.h"
+#include "stages/feature_wrench/feature_wrench.h"
+#include "stages/skin/skin_shape.h"
 
 #ifndef RUFFINI_VERSION
 #define RUFFINI_VERSION "0"

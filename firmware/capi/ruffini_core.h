@@ -58,7 +58,7 @@ RUFFINI_API int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, 
  * second, to [n][4] um Q8: x, y, z, and the gap between the two rays; INT32_MIN four times where they do not meet. */
 RUFFINI_API int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_q16, int32_t n,
                                     int32_t* out);
-/* The wrench of features alone, as the frame path has it (estimators/feature_wrench.h): kind `wrench` of a calibration
+/* The wrench of features alone, as the frame path has it (stages/feature_wrench/feature_wrench.h): kind `wrench` of a calibration
  * for `n` features of this sort, without a board. NULL on failure. */
 typedef struct ruffini_wrench ruffini_wrench;
 RUFFINI_API ruffini_wrench* ruffini_wrench_open(const uint8_t* calibration, size_t calibration_bytes,

@@ -139,6 +139,7 @@ enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
 
 struct ModelledContact {
   static constexpr size_t kInputs = Profile::kRings + 2;
+  using Inputs = std::array<int64_t, kInputs>;
   bool is_touched = false;
   bool is_covered = false;     // too many patches are lost
   bool is_over_range = false;  // too deep
@@ -158,7 +159,7 @@ struct ModelledContact {
   int64_t moment_by_flow_unmm = 0;                   // its size
   Validity depth_validity = Validity::kNotMeasured;  // of depths and areas
   Validity hardness_validity = Validity::kNotMeasured;
-  std::array<int64_t, kInputs> inputs{};  // of the models (estimators/contact_model.h), in the last touched frame
+  Inputs inputs{};  // of the models (stages/contact_model/contact_model.h), in the last touched frame
 };
 
 struct HelmholtzSums {

@@ -22,7 +22,6 @@
 #include "board/settings.h"
 #include "core/results.h"
 #include "estimators/camera_motion.h"
-#include "estimators/contacts.h"
 #include "estimators/wrench.h"
 #include "estimators/wrench_covariance.h"
 #include "image/displacement.h"

@@ -21,7 +21,6 @@
 
 #include "base/result.h"
 #include "core/results.h"
-#include "estimators/contacts.h"
 #include "estimators/wrench.h"
 #include "store/calibration.h"
 

@@ -4,8 +4,8 @@
 
 #include <algorithm>
 
-#include "estimators/skin_shape.h"
 #include "link/proto_text.h"
+#include "stages/skin/skin_shape.h"
 
 namespace ruffini {
 namespace {

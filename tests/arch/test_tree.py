@@ -34,6 +34,11 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         {"firmware/core/a.cpp": '#include "stages/skin/b.h"\n', "firmware/stages/skin/b.h": ""},
         "core must not know stages",
     ),
+    (
+        tree_gates.firmware_layers,
+        {"firmware/stages/slip/a.cpp": '#include "stages/skin/b.h"\n', "firmware/stages/skin/b.h": ""},
+        "a stage must not know another one",
+    ),
     (tree_gates.firmware_layers, {"firmware/vision/a.cpp": ""}, "no place in the order"),
     (tree_gates.core_headers, {"firmware/image/a.cpp": "#include <fstream>\n"}, "<fstream>"),
     (tree_gates.core_headers, {"firmware/store/calibration.cpp": "#include <unistd.h>\n"}, "<unistd.h>"),

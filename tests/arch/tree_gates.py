@@ -19,12 +19,12 @@ FIRMWARE_MAY_INCLUDE: dict[str, set[str]] = {
     "estimators": {"base", "board", "image", "solve", "core", "store"},
     "stages": {"base", "board", "image", "solve", "core", "estimators", "store"},
     "frame_path": {"base", "board", "image", "solve", "core", "estimators", "store"},
-    "capi": {"base", "board", "store", "frame_path", "image", "solve", "core", "estimators"},
+    "capi": {"base", "board", "store", "frame_path", "image", "solve", "core", "estimators", "stages"},
     "capture": {"base", "board", "hw"},
     "store": {"base", "board"},
     "hw": {"base", "board"},
     "infer": {"base", "board", "capture"},
-    "link": {"base", "board", "store", "infer", "frame_path", "image", "solve", "core", "estimators"},
+    "link": {"base", "board", "store", "infer", "frame_path", "image", "solve", "core", "estimators", "stages"},
     "daemon": {
         "base",
         "board",
@@ -40,6 +40,7 @@ FIRMWARE_MAY_INCLUDE: dict[str, set[str]] = {
         "estimators",
     },
 }
+CORE_ROOMS = ("base", "image", "solve", "core", "estimators", "stages", "frame_path")
 # These sources are part of the core although their rooms hold more.
 CORE_IN_MIXED_ROOMS = ("link/frame_codec", "link/dense_codec", "store/calibration")
 # Headers that the core may take from the system: no file, no clock, no thread, no library of floats.
@@ -118,8 +119,7 @@ def _room(name: str) -> str:
 
 
 def _is_core(name: str) -> bool:
-    room = _room(name)
-    return room in ("base", "image", "solve", "core", "estimators", "stages", "frame_path") or name.startswith(CORE_IN_MIXED_ROOMS)
+    return _room(name) in CORE_ROOMS or name.startswith(CORE_IN_MIXED_ROOMS)
 
 
 def firmware_layers(root: Path) -> list[str]:
@@ -135,6 +135,8 @@ def firmware_layers(root: Path) -> list[str]:
             if not (root / "firmware" / included).exists():
                 continue
             target = _room(included)
+            if {room, target} == {"stages"} and included.split("/")[1] != name.split("/")[1]:
+                found.append(f"firmware/{name} includes {included}: a stage must not know another one")
             is_allowed = target == room or target in FIRMWARE_MAY_INCLUDE[room]
             if _is_core(name) and room != "base":
                 is_allowed = is_allowed and (_is_core(included) or included == "board/settings.h")

@@ -12,11 +12,6 @@
 #include "base/ambient.h"
 #include "board/parse.h"
 #include "estimators/camera_motion.h"
-#include "estimators/contacts.h"
-#include "estimators/corner_motion.h"
-#include "estimators/feature_wrench.h"
-#include "estimators/rim_motion.h"
-#include "estimators/slip.h"
 #include "frame_calibration.h"
 #include "image/block_edges.h"
 #include "image/difference.h"
@@ -31,6 +26,11 @@
 #include "image/slipped_rows.h"
 #include "image/texture_flow.h"
 #include "image/trigonometry.h"
+#include "stages/contacts/contacts.h"
+#include "stages/contacts/slip.h"
+#include "stages/feature_wrench/corner_motion.h"
+#include "stages/feature_wrench/feature_wrench.h"
+#include "stages/fingertip/rim_motion.h"
 
 namespace {
 

@@ -1,10 +1,10 @@
-// Map of depth from the flow of a texture under one contact (estimators/contact_depth.h); zero where nothing touches.
+// Map of depth from the flow of a texture under one contact (stages/contact_depth/contact_depth.h); zero where nothing touches.
 // Not of boards whose depth comes from light.
 #include <algorithm>
 #include <optional>
 
 #include "core/stages.h"
-#include "estimators/contact_depth.h"
+#include "stages/contact_depth/contact_depth.h"
 
 namespace ruffini {
 namespace {

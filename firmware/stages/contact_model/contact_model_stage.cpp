@@ -1,10 +1,10 @@
-// One contact out of the flow of a texture: its profile (estimators/contact_profile.h), and with the tables how deep, how
-// wide and how hard (estimators/contact_model.h). Its forces are those of the wrench: there is no field of them.
+// One contact out of the flow of a texture: its profile (stages/contact_model/contact_profile.h), and with the tables how deep, how
+// wide and how hard (stages/contact_model/contact_model.h). Its forces are those of the wrench: there is no field of them.
 #include <optional>
 
 #include "core/stages.h"
-#include "estimators/contact_model.h"
-#include "estimators/contact_profile.h"
+#include "stages/contact_model/contact_model.h"
+#include "stages/contact_model/contact_profile.h"
 
 namespace ruffini {
 namespace {

@@ -1,8 +1,8 @@
-// The separate contacts of a field of nodal forces (estimators/contacts.h), and stick or slip of each (estimators/slip.h).
+// The separate contacts of a field of nodal forces (stages/contacts/contacts.h), and stick or slip of each (stages/contacts/slip.h).
 #include "core/stages.h"
-#include "estimators/contacts.h"
-#include "estimators/slip.h"
 #include "solve/contact_mask.h"
+#include "stages/contacts/contacts.h"
+#include "stages/contacts/slip.h"
 
 namespace ruffini {
 namespace {

@@ -1,12 +1,12 @@
-// Wrench of the shifts of targets or markers (estimators/feature_wrench.h), for boards without a field of forces; and
-// whether the camera has moved against the pad (estimators/corner_motion.h).
+// Wrench of the shifts of targets or markers (stages/feature_wrench/feature_wrench.h), for boards without a field of forces; and
+// whether the camera has moved against the pad (stages/feature_wrench/corner_motion.h).
 #include <algorithm>
 #include <optional>
 #include <vector>
 
 #include "core/stages.h"
-#include "estimators/corner_motion.h"
-#include "estimators/feature_wrench.h"
+#include "stages/feature_wrench/corner_motion.h"
+#include "stages/feature_wrench/feature_wrench.h"
 
 namespace ruffini {
 namespace {

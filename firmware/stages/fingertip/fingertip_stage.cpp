@@ -1,10 +1,10 @@
-// What presses on a round fingertip (estimators/fingertip.h), by the eyes that see. Its touch is a contact on the
+// What presses on a round fingertip (stages/fingertip/fingertip.h), by the eyes that see. Its touch is a contact on the
 // undeformed dome, seen from above; the force along z is all of the wrench that it measures.
 #include <array>
 #include <optional>
 
 #include "core/stages.h"
-#include "estimators/fingertip.h"
+#include "stages/fingertip/fingertip.h"
 
 namespace ruffini {
 namespace {

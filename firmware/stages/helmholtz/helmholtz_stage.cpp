@@ -1,6 +1,6 @@
-// Curl-free and divergence-free part of the flow of a texture (estimators/helmholtz.h).
+// Curl-free and divergence-free part of the flow of a texture (stages/helmholtz/helmholtz.h).
 #include "core/stages.h"
-#include "estimators/helmholtz.h"
+#include "stages/helmholtz/helmholtz.h"
 
 namespace ruffini {
 namespace {

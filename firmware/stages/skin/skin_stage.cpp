@@ -1,9 +1,9 @@
-// Touches of a skin that gets brighter where it is pressed (estimators/skin.h). Touches are contacts of an unrolled skin,
+// Touches of a skin that gets brighter where it is pressed (stages/skin/skin.h). Touches are contacts of an unrolled skin,
 // whose z is out of it everywhere; pressing is all that it measures.
 #include <utility>
 
 #include "core/stages.h"
-#include "estimators/skin.h"
+#include "stages/skin/skin.h"
 
 namespace ruffini {
 namespace {

@@ -1,6 +1,6 @@
 """Stick and slip on the twin: a contact sheared until it slides, every node's truth known. SIMULATED.
 
-What is judged is what the board computes (firmware/estimators/slip.h) on the default operator's forces, frame by
+What is judged is what the board computes (firmware/stages/contacts/slip.h) on the default operator's forces, frame by
 frame, with noise on the displacement. Its constants were chosen on other radii, loads, frictions and places.
 """
 

@@ -1,7 +1,7 @@
 """How deep each patch of a texture is pressed: kind `contact_depth` of proto/CALIBRATION.md.
 
-firmware/estimators/contact_depth.h has the equations. Two steps, each fitted on presses whose log knows the gel's
-surface, which a twin's does (SIMULATED) and a bench's does not:
+firmware/stages/contact_depth/contact_depth.h has the equations. Two steps, each fitted on presses whose log knows
+the gel's surface, which a twin's does (SIMULATED) and a bench's does not:
 
     linear   the best linear estimate of u_z from the flow (ridge), the same for a press and its mirror images
     net      a perceptron of what that says about a patch, of the density there and of what the contact model sees; of

@@ -1,4 +1,4 @@
-"""What the board sees in a flow, in float: firmware/estimators/contact_profile.h has the equations."""
+"""What the board sees in a flow, in float: firmware/stages/contact_model/contact_profile.h has the equations."""
 
 from __future__ import annotations
 

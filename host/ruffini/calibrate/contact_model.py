@@ -1,7 +1,7 @@
 """Depth, area, kind and hardness out of a flow's profile: kind `contact_model` of proto/CALIBRATION.md.
 
-firmware/estimators/contact_model.h has the equations. What is fitted, each by perceptrons of ten units (the mean of
-N_SEEDS of them, side by side):
+firmware/stages/contact_model/contact_model.h has the equations. What is fitted, each by perceptrons of ten units (the
+mean of N_SEEDS of them, side by side):
 
     size       gel and press depth over the profile's size, roots of contact and effective area; of every shape
     kind       1 of planar contact, -1 of Hertzian; over a press, with how force and radius grow with the profile's

@@ -1,4 +1,4 @@
-"""Radial profile of a flow about a given middle, in float: firmware/estimators/contact_profile.h has the equations.
+"""Radial profile of a flow about a given middle, in float (firmware/stages/contact_model/contact_profile.h).
 
 What the core says of its own middle is what is fitted; this one is for middles a little beside, which the fit sees too,
 since on the board the middle is off by a quarter of a millimetre.

@@ -50,8 +50,8 @@ from ruffini.frames import Frames
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
-RATIO_STEP, RATIO_SIZE = 64, 577  # of firmware/estimators/taxel_tables.h
-CURVE_STEP_Q2, CURVE_SIZE = 16, 513  # of firmware/estimators/skin_image.h
+RATIO_STEP, RATIO_SIZE = 64, 577  # of firmware/stages/skin/taxel_tables.h
+CURVE_STEP_Q2, CURVE_SIZE = 16, 513  # of firmware/stages/skin/skin_image.h
 PLACE_STEP_LOG2 = 2
 STRAY_LIMIT_Q6 = (
     32  # light from outside: half a level of the weighted sum, ten times a patch's noise and JPEG's ringing

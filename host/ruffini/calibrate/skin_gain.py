@@ -16,7 +16,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.intp]
 
-LOADS_N = np.array([0.5, 1, 2, 4, 8, 16])  # of firmware/estimators/taxel_tables.h
+LOADS_N = np.array([0.5, 1, 2, 4, 8, 16])  # of firmware/stages/skin/taxel_tables.h
 LEANS = np.linspace(0, 1, 9)
 COLUMNS = 3  # kinds of columns: beside a seam, next to it, others
 LEAST, MOST = 0.25, 4.0  # the firmware's limits
@@ -34,7 +34,7 @@ class Gain:
     table: Array
 
     def at(self, kind: Numbers, elastic_n: Array, q: Array) -> Array:
-        """Gain of touches on taxels of a kind (t,), as firmware/estimators/taxel_tables.h reads it."""
+        """Gain of touches on taxels of a kind (t,), as firmware/stages/skin/taxel_tables.h reads it."""
         load = np.clip(elastic_n, LOADS_N[0], LOADS_N[-1])
         k = np.clip(np.searchsorted(LOADS_N, load, side="right") - 1, 0, len(LOADS_N) - 2)
         beyond = (load - LOADS_N[k]) / (LOADS_N[k + 1] - LOADS_N[k])

@@ -1,4 +1,4 @@
-"""How much better two places explain a single touch of a glowing skin than one: firmware/estimators/touch_pair.h.
+"""How much better two places explain a single touch of a glowing skin than one: firmware/stages/skin/touch_pair.h.
 
 The firmware tells two fingers where that is more than of any single touch of the fit. In float.
 """

@@ -102,7 +102,7 @@ def inward(skin: Skin, wrench: Array, place_mm: Array) -> Array:
 
 
 def out_of(skin: Skin, place_mm: Array) -> Array:
-    """Which way is out at a place of the unrolled skin, (3,), as firmware/estimators/skin_shape.h has it."""
+    """Which way is out at a place of the unrolled skin, (3,), as firmware/stages/skin/skin_shape.h has it."""
     if skin.shape == "plane":
         return np.array([0.0, 0.0, 1.0])
     if skin.shape == "tube":

@@ -25,7 +25,7 @@ ROUNDS = 6  # of strengths by the table and the table by strengths
 START_MM = (9.0, 18.0)  # along x and y a touch falls off to 1 / e: where the rounds begin
 APART_MARGIN = 1.0  # over what a single touch leaves unexplained, one frame of 200 excepted
 APART_LEAST = 0.15
-BEYOND = 3  # a touch beyond the table may be fainter by that (firmware/estimators/taxel_touches.h)
+BEYOND = 3  # a touch beyond the table may be fainter by that (firmware/stages/skin/taxel_touches.h)
 PEAK = 6  # of is_peak, there
 
 

@@ -99,7 +99,7 @@ class Peak:
 
 
 def peaks(u: Array, layout: Layout) -> Peak:
-    """As firmware/estimators/taxel_touches.h has them, of one touch."""
+    """As firmware/stages/skin/taxel_touches.h has them, of one touch."""
     frames, taxel = np.arange(len(u)), u.argmax(axis=1)
     here = u[frames, taxel]
     q = np.zeros((len(u), 2))

@@ -1,8 +1,8 @@
 """A tool's face by key points of the wall under it: radii, force and way to its area by a Gaussian process, tabulated.
 
-The key points are those of firmware/estimators/tip_area.h: on each of 24 rays about the touched place the highest ring
-and the one where the wall bends most. Three processes share one kernel: log area of presses whose whole edge bears, log
-of what presses left out are off by, and whether the whole edge bears, which says whether the area is told.
+The key points are those of firmware/stages/fingertip/tip_area.h: on each of 24 rays about the touched place the highest
+ring and the one where the wall bends most. Three processes share one kernel: log area of presses whose whole edge
+bears, log of what presses left out are off by, and whether the whole edge bears, which says whether the area is told.
 """
 
 from __future__ import annotations

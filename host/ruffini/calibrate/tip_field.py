@@ -1,4 +1,4 @@
-"""The field of displacement about the touched place of a fingertip: firmware/estimators/tip_field.h in floats.
+"""The field of displacement about the touched place of a fingertip: firmware/stages/fingertip/tip_field.h in floats.
 
 What a calibration is fitted on; the firmware computes the same in integers, to 1/16 um. Millimetres.
 """

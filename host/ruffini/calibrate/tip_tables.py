@@ -49,7 +49,7 @@ def tables(fit: TipFit) -> dict[str, npt.NDArray[Any]]:
 
 
 def face_tables(face: FaceTable, radius_mm: float, tip_mm: float) -> dict[str, npt.ArrayLike]:
-    """Those of firmware/estimators/tip_area.h."""
+    """Those of firmware/stages/fingertip/tip_area.h."""
     to_board = np.array([1e6, 1e3, 256, 256])[:, None] * [1, 1, 0] + [0, 0, 1]
     return {
         "ray": rays(radius_mm) * Q14, "cell": cells() * 1e6, "tip": [tip_mm * PER_MM],

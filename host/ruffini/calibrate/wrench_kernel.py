@@ -1,10 +1,10 @@
 """What of a wrench is not linear in its features: landmarks of the log and a kernel of the distance to them.
 
-Fitted together with K by robust least squares; firmware/estimators/kernel_map.h has the equations. Two shapes are tried
-(`candidates`): a wide one that bends K a little, and a narrow one whose directions are weighted by how fast the wrench
-changes along them (automatic relevance: largest marginal likelihood of a Gaussian process, of blocks of touches). The
-narrow one is the better where all kinds of touches were fitted, the wide one beyond their loads: which is used is
-decided by errors on what was left out (`wrench_map`). Units here: N and N mm.
+Fitted together with K by robust least squares; firmware/stages/feature_wrench/kernel_map.h has the equations. Two
+shapes are tried (`candidates`): a wide one that bends K a little, and a narrow one whose directions are weighted by how
+fast the wrench changes along them (automatic relevance: largest marginal likelihood of a Gaussian process, of blocks of
+touches). The narrow one is the better where all kinds of touches were fitted, the wide one beyond their loads: which is
+used is decided by errors on what was left out (`wrench_map`). Units here: N and N mm.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 K by least squares is the paper's (F-TOUCH, eq. 2). Temperature, quadratic terms and what the structure forgets under a
 held load are taken in where they lessen the error on recordings (or touches) that were not fitted; the reference's lag
 is found first.
-firmware/estimators/feature_wrench.h has the equations; `predicted` is the same in float. Units here: N and N mm.
+firmware/stages/feature_wrench/feature_wrench.h has the equations; `predicted` is the same in float. Units here: N
+and N mm.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A wrench of features in float, and the frames of a log: firmware/estimators/feature_wrench.h has the equations.
+"""A wrench of features in float, and the frames of a log: firmware/stages/feature_wrench/feature_wrench.h.
 
 Units here: N and N mm.
 """

@@ -21,7 +21,7 @@ MICRO = 1e6
 MAX_ENTRY, MAX_SUM, MAX_SHIFT, MAX_SIGMA = 1 << 26, 1 << 36, 40, 1 << 25
 MAX_FULL, MAX_SQUARE_SHIFT = 1 << 30, 13
 PART = 1 << 20
-MILLI, GAIN, MAX_GAIN, OFFSET = 1e-3, 1 << 30, 1 << 15, 1 << 10  # firmware/estimators/wrench_warmth.cpp
+MILLI, GAIN, MAX_GAIN, OFFSET = 1e-3, 1 << 30, 1 << 15, 1 << 10  # firmware/stages/feature_wrench/wrench_warmth.cpp
 
 I32 = npt.NDArray[np.int32]
 

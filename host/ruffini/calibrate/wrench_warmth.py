@@ -1,6 +1,6 @@
 """What temperature does to a wrench of features: an offset and a gain a kelvin for each axis.
 
-firmware/estimators/wrench_warmth.h has the equation. Units here: N and N mm, degrees Celsius.
+firmware/stages/feature_wrench/wrench_warmth.h has the equation. Units here: N and N mm, degrees Celsius.
 """
 
 from __future__ import annotations

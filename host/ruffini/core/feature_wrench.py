@@ -1,4 +1,4 @@
-"""The board's wrench of features, in its own integers, without a board (firmware/estimators/feature_wrench.h)."""
+"""The board's wrench of features in its integers, without a board (firmware/stages/feature_wrench/feature_wrench.h)."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ class TipRow(NamedTuple):
 
 
 class ProfileRow(NamedTuple):
-    """What the stage contact_model sees in the flow (firmware/estimators/contact_profile.h): integers."""
+    """What the stage contact_model sees in the flow (firmware/stages/contact_model/contact_profile.h): integers."""
 
     radial_q4: npt.NDArray[np.int64]
     size_q4: int
@@ -94,7 +94,7 @@ class ProfileRow(NamedTuple):
 
 
 class HelmholtzRow(NamedTuple):
-    """Sums of the parts of the flow (firmware/estimators/helmholtz.h): integers."""
+    """Sums of the parts of the flow (firmware/stages/helmholtz/helmholtz.h): integers."""
 
     curl_free_q4: int
     divergence_free_q4: int
@@ -102,7 +102,7 @@ class HelmholtzRow(NamedTuple):
 
 
 class ModelledRow(NamedTuple):
-    """What the stage contact_model says of the last frame (firmware/estimators/contact_model.h): integers."""
+    """What the stage contact_model says of the last frame (firmware/stages/contact_model/contact_model.h): integers."""
 
     is_touched: int
     kind: int

@@ -1,4 +1,4 @@
-"""Map of how deep the gel is pressed (firmware/estimators/contact_depth.h)."""
+"""Map of how deep the gel is pressed (firmware/stages/contact_depth/contact_depth.h)."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ SINE = np.roll(COSINE, N_ANGLES // 4)
 
 @dataclass(frozen=True)
 class Profile:
-    """As firmware/estimators/contact_profile.h has it."""
+    """As firmware/stages/contact_model/contact_profile.h has it."""
 
     radial: list[int]
     size: int

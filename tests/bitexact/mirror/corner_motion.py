@@ -1,4 +1,4 @@
-"""Motion of the camera by the pad's corners: firmware/estimators/corner_motion.h."""
+"""Motion of the camera by the pad's corners: firmware/stages/feature_wrench/corner_motion.h."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class FeatureWrench:
         return [_round_shift(u[j] * u[k], 14) for j in range(6) for k in range(j, 6)]
 
     def _kernel(self, features: list[int], e: list[int]) -> tuple[list[int], int]:
-        """`e` with what estimators/kernel_map.h adds, and how far outside of what was fitted, Q8."""
+        """`e` with what stages/feature_wrench/kernel_map.h adds, and how far outside of what was fitted, Q8."""
         table = {name.removeprefix("wrench.kernel_"): v for name, v in self._table.items() if "kernel" in name}
         if not table:
             return e, 0

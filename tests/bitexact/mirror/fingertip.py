@@ -37,7 +37,7 @@ def atan2_urad(y: int, x: int) -> int:
 
 
 def areas(t: dict[str, Ints], field: Callable[[Ints], Ints], axis: Ints, force: int, way: int) -> list[int]:
-    """Flat area and its deviation, face's area and its deviation, um^2: firmware/estimators/tip_area.h."""
+    """Flat area and its deviation, face's area and its deviation, um^2: firmware/stages/fingertip/tip_area.h."""
     rays, tip, cell = t["ray"], int(t["tip"][0]), t["cell"]
     n_rays, n_rings = rays.shape[:2]
     h = np.array([

@@ -1,4 +1,4 @@
-"""A flow's curl-free part, what is left, and how far the object has turned (firmware/estimators/helmholtz.h)."""
+"""A flow's curl-free part, what is left, and how far the object has turned (firmware/stages/helmholtz/helmholtz.h)."""
 
 from __future__ import annotations
 

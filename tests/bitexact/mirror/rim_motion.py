@@ -1,4 +1,4 @@
-"""Motion of the camera by a fingertip's outermost pins: firmware/estimators/rim_motion.h."""
+"""Motion of the camera by a fingertip's outermost pins: firmware/stages/fingertip/rim_motion.h."""
 
 from __future__ import annotations
 

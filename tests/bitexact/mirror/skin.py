@@ -1,4 +1,4 @@
-"""A glowing skin: firmware/image/glow.h, image/taxels.h, estimators/taxel_touches.h and skin_image.h."""
+"""A glowing skin: firmware/image/glow.h, image/taxels.h, stages/skin/taxel_touches.h and skin_image.h."""
 
 from __future__ import annotations
 
@@ -250,7 +250,7 @@ class TaxelTouches:
 
 
 def image_force(curve: I64, brightness: int) -> int:
-    """firmware/estimators/skin_image.h."""
+    """firmware/stages/skin/skin_image.h."""
     at = min(max(brightness, 0), CURVE_STEP * (CURVE_SIZE - 1))
     i = min(at // CURVE_STEP, CURVE_SIZE - 2)
     part = at - CURVE_STEP * i

@@ -1,4 +1,4 @@
-"""Stick and slip of each contact: carried places, rim against core, friction. As firmware/estimators/slip.h says."""
+"""Stick and slip of each contact: carried places, rim against core, friction. As firmware/stages/contacts/slip.h."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two fingers or one: firmware/estimators/touch_pair.h."""
+"""Two fingers or one: firmware/stages/skin/touch_pair.h."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "estimators/contact_depth.h"
+#include "stages/contact_depth/contact_depth.h"
 #include "support/calibration_bytes.h"
 #include "support/test_board.h"
 
