@@ -63,6 +63,15 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         "2 times in firmware/a.cpp",
     ),
     (tree_gates.readme_commands, {"README.md": "```sh\nmake test\n```\n", "Makefile": "test:\n"}, "first"),
+    (
+        tree_gates.stage_drawing,
+        {
+            "firmware/core/stages.cpp": '{.name = "skin", .reads = {kDepth}, .reads_if_written = {}, '
+            '.writes = {kSkin}, .sections = "skin", .kind = ""}',
+            "firmware/README.md": "| skin | | | Skin | skin | |\n",
+        },
+        "does not draw the stage 'skin'",
+    ),
 ]
 GATES: list[Gate] = list(dict.fromkeys(gate for gate, _, _ in PLANTED))
 

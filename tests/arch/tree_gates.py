@@ -276,3 +276,26 @@ def seeded_bugs(root: Path) -> list[str]:
         for bug in bugs
         if (n := _text(root / bug["file"]).count(bug["find"])) != 1
     ]
+
+
+STAGE_ROW = re.compile(
+    r'\.name = "(?P<name>\w+)",\s*\.reads = \{(?P<reads>[^}]*)\},\s*\.reads_if_written = \{(?P<optional>[^}]*)\},\s*'
+    r'\.writes = \{(?P<writes>[^}]*)\},\s*\.sections = "(?P<sections>[^"]*)",\s*\.kind = "(?P<kind>[^"]*)"'
+)
+
+
+def stage_drawing(root: Path) -> list[str]:
+    """Each row of the stages' table in core/stages.cpp is drawn in firmware/README.md."""
+    table, readme = root / "firmware/core/stages.cpp", root / "firmware/README.md"
+    if not table.is_file():
+        return []
+    drawn = readme.read_text().splitlines()
+    found = []
+    for row in STAGE_ROW.finditer(_text(table)):
+        slots = [re.sub(r"\bk(\w+)", r"\1", row[column]) for column in ("reads", "optional", "writes")]
+        line = "| " + " | ".join([row["name"], *slots, row["sections"], row["kind"]]).replace("|  ", "| ") + " |"
+        if re.sub(r" +", " ", line) not in drawn:
+            found.append(
+                f"firmware/README.md does not draw the stage {row['name']!r}: its row is {re.sub(r' +', ' ', line)}"
+            )
+    return found
