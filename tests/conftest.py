@@ -14,6 +14,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 from kept import cache_folder
 
@@ -36,6 +37,8 @@ def pytest_configure() -> None:
     """
     os.environ["RUFFINI_TEST_CACHE"] = str(cache_folder())
     os.environ["XDG_CACHE_HOME"] = str(cache_folder() / "product")
+    hypothesis.settings.register_profile("tests", deadline=None)  # no real time judges a test
+    hypothesis.settings.load_profile("tests")
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -16,7 +16,9 @@ from ruffini.view.guided import serving
 from ruffini.view.line import SharedLine
 
 CHROMIUM = "/usr/bin/chromium"
-SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# WebGL by the processor, as without a graphics card; what else the page is put together of needs no WebGL there, which
+# would take twice the processor's time.
+SOFTWARE_GL = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing"]
 LOOK_MS = 20  # between two looks at the page's state
 KINDS = ("wrench", "field")
 

@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 ROOT = Path(__file__).resolve().parents[2]
 SHA_BYTES = 32
-MAX_BYTES = 2 << 30  # the least recently used go first; an operator with its tables takes up to 210 MB
+MAX_BYTES = 4 << 30  # of four versions of the code; the least recently used go first. An operator takes up to 210 MB
 
 
 def cache_folder() -> Path:

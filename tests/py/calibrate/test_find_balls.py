@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 
 from ruffini.calibrate import find_balls as find_balls_module
 from ruffini.calibrate.contact_circle import Circle
@@ -97,7 +98,7 @@ def presses(n: int, spoil: Spoil = as_it_is, power: int = 2) -> tuple[list[Image
 
 def found_in(images: list[Image], reference: Image, ball_px: float = BALL_PX) -> list[Circle | NotFound]:
     rest = Rest(reference)
-    return find_balls([rest.change(image) for image in images], ball_px)
+    return kept(find_balls, [rest.change(image) for image in images], ball_px)
 
 
 # The bounds are in pixels of a contact of 18 to 30: of the centre's, and of the radius's largest error.

@@ -32,7 +32,7 @@ def with_gauge(text: str, gauge: str) -> Board:
 def test_the_twins_rim_sinks_as_much_as_stated(board) -> None:
     rim = gauge_nodes(board)
     sunk = [float(s.displacement[rim, 2].mean()) for s in kept(make_states, board, TUNED, (0.6, 1.0))]
-    stated = gauge_uncertainty_m(board)
+    stated = kept(gauge_uncertainty_m, board)
     assert 0.4 < np.sqrt(np.mean(np.square(sunk))) / stated < 2.0
 
 
@@ -46,13 +46,13 @@ def test_rim_is_the_margin_of_the_window(board) -> None:
 def test_all_of_the_pad_sinks_more_than_its_rim(board) -> None:
     whole = parse_board(board.text.replace('gauge = "margin"', 'gauge = "mean"'), "test")
     assert gauge_nodes(whole).all()
-    assert gauge_uncertainty_m(whole) > 2 * gauge_uncertainty_m(board)
+    assert kept(gauge_uncertainty_m, whole) > 2 * kept(gauge_uncertainty_m, board)
 
 
 def test_softness_does_not_matter_thickness_does(board) -> None:
-    stated = gauge_uncertainty_m(board, Material(2e5, 0.48, 4e-3))
-    assert gauge_uncertainty_m(board, Material(4e5, 0.48, 4e-3)) == pytest.approx(stated, rel=0.05)
-    assert gauge_uncertainty_m(board, Material(2e5, 0.48, 6e-3)) != pytest.approx(stated, rel=0.2)
+    stated = kept(gauge_uncertainty_m, board, Material(2e5, 0.48, 4e-3))
+    assert kept(gauge_uncertainty_m, board, Material(4e5, 0.48, 4e-3)) == pytest.approx(stated, rel=0.05)
+    assert kept(gauge_uncertainty_m, board, Material(2e5, 0.48, 6e-3)) != pytest.approx(stated, rel=0.2)
 
 
 def coarse(gauge: str) -> Board:
@@ -64,7 +64,7 @@ def coarse(gauge: str) -> Board:
 def test_a_table_is_off_by_no_more_than_it_says(gauge: str) -> None:
     board = coarse(gauge)
     slab = board_slab(board)
-    table, lit = fit_depth_gauge(board, slab, USUAL), LitNodes(board, slab, USUAL)
+    table, lit = kept(fit_depth_gauge, board, slab, USUAL), LitNodes(board, slab, USUAL)
     maker = TouchMaker(slab, 3)
     u = np.array([maker.draw().displacement for _ in range(60)])
     seen, true = lit.seen(u, np.random.default_rng(1)), lit.mean(u)
@@ -83,7 +83,7 @@ def test_a_volume_is_as_unsure_as_light_is_of_a_dents_size() -> None:
     """Dents a fifth too deep or too flat, as the light sees steep walls (DENT_ERROR's reason)."""
     board = coarse("volume")
     slab = board_slab(board)
-    table, lit = fit_depth_gauge(board, slab, USUAL), LitNodes(board, slab, USUAL)
+    table, lit = kept(fit_depth_gauge, board, slab, USUAL), LitNodes(board, slab, USUAL)
     maker = TouchMaker(slab, 5)
     u = np.array([maker.draw().displacement for _ in range(60)])
     size = 1 + 0.2 * np.where(np.arange(60) % 2, 1, -1)
@@ -95,7 +95,8 @@ def test_a_volume_is_as_unsure_as_light_is_of_a_dents_size() -> None:
 
 def test_spacing_knows_the_twins_mean_depth_better_than_its_rim_does(board: Board) -> None:
     other = with_gauge(board.text, "spacing")
-    table, lit = fit_depth_gauge(other, board_slab(other), USUAL), LitNodes(other, board_slab(other), USUAL)
+    slab = board_slab(other)
+    table, lit = kept(fit_depth_gauge, other, slab, USUAL), LitNodes(other, slab, USUAL)
     u = np.array([s.displacement for s in kept(make_states, board, FRESH, (0.4, 0.8))])
     off = table.constant(lit.seen(u, np.random.default_rng(1))) - lit.mean(u)
     assert 0.3 < np.sqrt(np.mean(off**2)) / table.gauge_m < 1.15
@@ -105,7 +106,7 @@ def test_spacing_knows_the_twins_mean_depth_better_than_its_rim_does(board: Boar
 @pytest.mark.parametrize("gauge", ["margin", "both"])
 def test_what_a_gauge_is_off_by_reaches_the_operator(gauge: str) -> None:
     board, margin = coarse(gauge), coarse("margin")
-    stated = replace(USUAL, gauge_m=gauge_uncertainty_m(board))
+    stated = replace(USUAL, gauge_m=kept(gauge_uncertainty_m, board))
     given = stated if gauge == "margin" else USUAL  # a table says it itself
     matrix = kept(make_operator, board, method="optimal", noise=given).matrix
     assert np.allclose(matrix, make_operator(margin, method="optimal", noise=stated).matrix, rtol=1e-9, atol=0)

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
+from kept import kept
 
 from ruffini.calibrate import wrench_kernel, wrench_kernel_choice
 from ruffini.calibrate.feature_log import FeatureRun
-from ruffini.calibrate.wrench_map import fit_wrench_map
+from ruffini.calibrate.wrench_map import Fit, fit_wrench_map
 from ruffini.calibrate.wrench_model import Frames, frames_of
 from ruffini.evaluate.wrench import on_board
 
@@ -43,11 +44,16 @@ def pressed(seed: int, bend: float, size: float = 1.0) -> FeatureRun:
                       touch=touch)  # fmt: skip
 
 
+def fitted(runs: list[FeatureRun], holdout: str, *, nonlinear: bool) -> Fit:
+    """With what `_small` says, which is of this file: `kept` knows it."""
+    return fit_wrench_map(runs, holdout=holdout, nonlinear=nonlinear)
+
+
 def test_a_kernel_is_used_where_it_pays_and_the_board_says_the_same() -> None:
-    fit = fit_wrench_map([pressed(1, 0.3), pressed(2, 0.3)], holdout="touch", nonlinear=True)
+    fit = kept(fitted, [pressed(1, 0.3), pressed(2, 0.3)], "touch", nonlinear=True)
     assert fit.kernel is not None
     new = frames_of([pressed(3, 0.3, 0.9)], 0.0)
-    said, linear = on_board(fit, new), fit_wrench_map([pressed(1, 0.3), pressed(2, 0.3)], holdout="touch")
+    said, linear = on_board(fit, new), kept(fitted, [pressed(1, 0.3), pressed(2, 0.3)], "touch", nonlinear=False)
     error = np.abs(said.wrench - new.wrench).mean(axis=0)
     assert (error < 0.8 * np.abs(linear.map.predicted(new) - new.wrench).mean(axis=0)).all()
     # Tables and integers: a thousandth of full scale.
@@ -56,7 +62,7 @@ def test_a_kernel_is_used_where_it_pays_and_the_board_says_the_same() -> None:
 
 
 def test_twice_the_load_is_flagged_and_less_certain() -> None:
-    fit = fit_wrench_map([pressed(1, 0.1), pressed(2, 0.1)], holdout="touch", nonlinear=True)
+    fit = kept(fitted, [pressed(1, 0.1), pressed(2, 0.1)], "touch", nonlinear=True)
     assert fit.kernel is not None
     inside, beyond = pressed(3, 0.1, 0.9), frames_of([pressed(4, 0.1, 2.0)], 0.0)
     is_beyond = np.abs(beyond.wrench[:, 2]) > 1.3 * FULL[2]
@@ -67,7 +73,7 @@ def test_twice_the_load_is_flagged_and_less_certain() -> None:
 
 
 def test_a_linear_sensor_gets_none() -> None:
-    fit = fit_wrench_map([pressed(1, 0.0), pressed(2, 0.0)], holdout="touch", nonlinear=True)
+    fit = kept(fitted, [pressed(1, 0.0), pressed(2, 0.0)], "touch", nonlinear=True)
     assert fit.kernel is None
 
 
@@ -83,7 +89,7 @@ def test_a_curve_that_is_no_covariance_is_solved_all_the_same() -> None:
 
 @pytest.mark.parametrize("holdout", ["recording", "block"])
 def test_recordings_and_blocks_of_time_are_left_out(holdout: str) -> None:
-    fit = fit_wrench_map([pressed(1, 0.3), pressed(2, 0.3)], holdout=holdout, nonlinear=True)
+    fit = kept(fitted, [pressed(1, 0.3), pressed(2, 0.3)], holdout, nonlinear=True)
     assert fit.kernel is not None
     assert (fit.rmse < fit.linear_rmse).all()
 
