@@ -148,7 +148,7 @@ def main() -> None:
         parser.error("--board needs --calibration FILE")
     with tempfile.TemporaryDirectory() as folder:
         if given.coarse:
-            sys.path.insert(0, str(Path(__file__).parents[1] / "e2e"))
+            sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("e2e", "support")]
             from tiny_sensor import make_sensor
             from tiny_twin import make_twin
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from PIL import Image
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "e2e"))
+sys.path[:0] = [str(ROOT / "tests" / folder) for folder in ("e2e", "support")]
 from tiny_sensor import Sensor, make_calibration, write_board  # noqa: E402
 from tiny_twin import CHANGES, make_twin  # noqa: E402
 
