@@ -13,6 +13,7 @@ import pytest
 from kept import kept
 
 from ruffini.boards import find_board
+from ruffini.sim.indenters import Indenter
 
 
 @pytest.fixture(autouse=True)
@@ -52,17 +53,55 @@ def test_a_spoilt_file_is_made_again(folder: Path) -> None:
 def test_other_code_makes_its_own(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept(square, 7.0)
     calls.clear()
-    monkeypatch.setattr(module, "code_version", lambda: b"other")
+    monkeypatch.setattr(module, "code_version", lambda _: b"other")
     assert kept(square, 7.0) == 49
     assert calls == [7]
-    monkeypatch.setattr(module, "_sources_beside", lambda _: b"other")  # the function is one of a test's
-    assert kept(square, 7.0) == 49
-    assert calls == [7, 7]
 
 
-def test_sources_beside_a_function_of_a_test_count_and_no_library_s() -> None:
-    assert module._sources_beside(__name__) != module._sources_beside("ruffini.boards")
-    assert module._sources_beside("ruffini.boards") == module._sources_beside("builtins")
+def test_the_code_of_what_is_given_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[str] = []
+    monkeypatch.setattr(module, "code_version", lambda of: seen.append(of) or of.encode())
+    kept(str, Indenter("sphere", 0.004))
+    kept(str, find_board)
+    kept(str, find_board("gelslim"))
+    assert seen == [
+        "builtins",
+        "ruffini.sim.indenters",
+        "builtins",
+        "ruffini.boards",
+        "builtins",
+        "ruffini.boards.settings",
+    ]
+
+
+def test_what_a_module_imports_counts_and_nothing_else() -> None:
+    """Directly, through another module, and in a function's body; packages on the way; of the tests what is in them."""
+
+    def names(of: str) -> set[str]:
+        return {str(path.relative_to(module.ROOT)) for path in module.sources(of)}
+
+    contact = names("ruffini.sim.contact")
+    assert "host/ruffini/sim/contact.py" in contact
+    assert "host/ruffini/errors.py" in contact
+    assert not any("/view/" in name or "/cli/" in name for name in contact)
+    assert {"host/ruffini/sim/__init__.py", "host/ruffini/sim/pad.py"} <= contact
+    assert {"tests/py/test_kept.py", "tests/support/kept.py", "host/ruffini/boards/settings.py"} <= names(__name__)
+    assert len(names("of nobody")) == len(list(module.PACKAGE.rglob("*.py")))
+
+
+def test_a_module_that_imports_what_nobody_can_list_counts_as_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    everything = set(module.PACKAGE.rglob("*.py"))
+    monkeypatch.setattr(module, "_file_of", lambda name: tmp_path / name if name in ("a", "b") else None)
+    for line in ("import ruffini", "from ruffini import connect", "import subprocess", "importlib.import_module(x)"):
+        (tmp_path / "a").write_text("def f():\n    import b\n")
+        (tmp_path / "b").write_text(f"def f():\n    {line}\n")
+        module._imports.cache_clear()
+        assert everything < set(module.sources("a")), line
+    (tmp_path / "b").write_text("from ruffini.errors import InputError\n")
+    module._imports.cache_clear()
+    assert set(module.sources("a")) == {tmp_path / "a", tmp_path / "b"}
 
 
 def test_the_oldest_go(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

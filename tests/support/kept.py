@@ -1,30 +1,37 @@
 """Results that are expensive and always the same, kept between runs and shared between the workers of one run.
 
-A result is found again by the hash of the function's name, its arguments and the code version: every source of the
-host package, the native library, the boards, the interpreter, numpy and scipy; of a function of the tests also all
-sources beside it. One worker makes it, the others wait for it. A file whose checksum does not fit is made again.
-RUFFINI_TEST_CACHE names the folder; an empty one costs time only.
+A result is found again by the hash of the function's name, its arguments and the code version: the native library, the
+boards, the interpreter, numpy, scipy, and the project's sources that the module of the function, or of an argument's
+class, imports, directly or not. One worker makes it, the others wait for it. A file whose checksum does not fit is made
+again. RUFFINI_TEST_CACHE names the folder; an empty one costs time only.
 """
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import fcntl
 import functools
 import hashlib
+import importlib.util
 import io
 import os
 import pickle
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import FunctionType
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
+import ruffini
+
 T = TypeVar("T")
 
 ROOT = Path(__file__).resolve().parents[2]
+TESTS, PACKAGE = ROOT / "tests", Path(ruffini.__file__).resolve().parent
 SHA_BYTES = 32
 MAX_BYTES = 4 << 30  # of four versions of the code; the least recently used go first. An operator takes up to 210 MB
 
@@ -38,39 +45,92 @@ def cache_folder() -> Path:
 
 
 @functools.cache
-def code_version() -> bytes:
-    """Hash of all that a result may depend on beside its arguments."""
+def code_version(module: str) -> bytes:
+    """Hash of all that a result of this module's functions may depend on beside their arguments."""
     import numpy
     import scipy
 
-    import ruffini
     from ruffini.native import native_folder
 
-    package = Path(ruffini.__file__).parent
     found = hashlib.sha256(f"{sys.version} {numpy.__version__} {scipy.__version__}".encode())
     boards = sorted((ROOT / "boards").rglob("*.toml"))
-    for path in [*sorted(package.rglob("*.py")), *boards, native_folder() / "libruffini.so"]:
+    for path in [*sources(module), *boards, native_folder() / "libruffini.so"]:
         found.update(str(path.name).encode() + b"\0" + path.read_bytes())
     return found.digest()
 
 
+def sources(module: str) -> list[Path]:
+    """The project's sources that a module imports, directly or not, wherever the import stands; its own among them.
+
+    All of the host package where one of them imports by a name made at run time or starts a process, and where the
+    module's own source is not known.
+    """
+    found = set() if _file_of(module) else set(PACKAGE.rglob("*.py"))
+    to_read = [_file_of(module)]
+    while to_read:
+        path = to_read.pop()
+        if path is None or path in found:
+            continue
+        found.add(path)
+        names, is_open_ended = _imports(path)
+        if is_open_ended:
+            found.update(PACKAGE.rglob("*.py"))
+        to_read += [_file_of(name) for name in names]
+    return sorted(found)
+
+
 @functools.cache
-def _sources_beside(module: str) -> bytes:
-    """Hash of the sources in a module's folder, where it is one of the tests'."""
-    source = Path(getattr(sys.modules[module], "__file__", None) or sys.executable).resolve()
-    beside = sorted(source.parent.glob("*.py")) if ROOT / "tests" in source.parents else []
-    return hashlib.sha256(b"".join(path.read_bytes() for path in beside)).digest()
+def _file_of(module: str) -> Path | None:
+    """A module's source, where it is one of the project's."""
+    if module.partition(".")[0] == PACKAGE.name:
+        path = PACKAGE.parent.joinpath(*module.split("."))
+        return next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
+    loaded = sys.modules.get(module)
+    with contextlib.suppress(ValueError, ModuleNotFoundError):
+        spec = None if loaded or "." in module else importlib.util.find_spec(module)
+        origin = getattr(loaded, "__file__", None) or (spec and spec.origin)
+        if origin and TESTS in (path := Path(origin).resolve()).parents:
+            return path
+    return None
+
+
+@functools.cache
+def _imports(path: Path) -> tuple[set[str], bool]:
+    """What a source imports, with the packages that this imports; and whether that may not be all."""
+    if path == PACKAGE / "__init__.py":  # it imports the API when somebody asks for that
+        return set(), False
+    names: set[str] = set()
+    text = path.read_text()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
+    asks_for_api = PACKAGE.name in names and any(f"{PACKAGE.name}.{name}" in names for name in ruffini.__all__)
+    is_open_ended = (
+        asks_for_api or re.search(r"import_module|subprocess|^ *import ruffini$", text, re.MULTILINE) is not None
+    )
+    packages = {name.rsplit(".", n)[0] for name in names for n in range(1, name.count(".") + 1)}
+    return names | packages, is_open_ended
 
 
 class _KeyPickler(pickle.Pickler):
-    """Equal arguments give equal bytes in every process."""
+    """Equal arguments give equal bytes in every process; collects the modules of their classes and functions."""
+
+    def __init__(self, out: io.BytesIO) -> None:
+        super().__init__(out, protocol=5)
+        self.fast = True  # without a memo: whether two equal strings are one object must not matter
+        self.modules: set[str] = set()
 
     def reducer_override(self, value: object) -> Any:
         """A pydantic model by its fields and private attributes; it also holds sets, ordered by the hash seed.
 
         A board's folder counts by its content: the twin's settings are in it, and tests copy it to temporary folders.
         """
+        if isinstance(value, type | FunctionType):
+            self.modules.add(value.__module__)
         if isinstance(value, BaseModel):
+            self.modules.add(type(value).__module__)
             others = {name: said for name, said in vars(value).items() if name not in type(value).model_fields}
             private = sorted({**(value.__pydantic_private__ or {}), **others}.items())
             return tuple, ([type(value).__qualname__, value.model_dump_json(), private],)
@@ -80,12 +140,12 @@ class _KeyPickler(pickle.Pickler):
         return NotImplemented
 
 
-def _key_bytes(*parts: object) -> bytes:
+def _key_bytes(*parts: object) -> tuple[bytes, set[str]]:
+    """The parts as bytes, and the project's modules that their classes and functions are of."""
     out = io.BytesIO()
-    pickler = _KeyPickler(out, protocol=5)
-    pickler.fast = True  # without a memo: whether two equal strings are one object must not matter
+    pickler = _KeyPickler(out)
     pickler.dump(parts)
-    return out.getvalue()
+    return out.getvalue(), {module for module in pickler.modules if _file_of(module)}
 
 
 def kept(make: Callable[..., T], *arguments: Any, **options: Any) -> T:
@@ -94,9 +154,10 @@ def kept(make: Callable[..., T], *arguments: Any, **options: Any) -> T:
     For functions without side effects whose result does not depend on what a test has patched.
     """
     name = f"{make.__module__}.{make.__qualname__}"
-    said = _key_bytes(name, arguments, sorted(options.items()))
+    said, modules = _key_bytes(name, arguments, sorted(options.items()))
+    code = b"".join(code_version(module) for module in sorted(modules | {make.__module__}))
     folder = cache_folder()
-    key = hashlib.sha256(code_version() + _sources_beside(make.__module__) + said).hexdigest()[:32]
+    key = hashlib.sha256(code + said).hexdigest()[:32]
     path = folder / f"{name.rpartition('.')[2]}-{key}"
     folder.mkdir(parents=True, exist_ok=True)
     with path.with_suffix(".lock").open("w") as lock:
