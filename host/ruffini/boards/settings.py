@@ -152,7 +152,7 @@ class Pipeline(Section):
 
 
 class Exposure(Section):
-    """[exposure]: what the camera is told instead of its automatics."""
+    """[exposure]: fixed settings in place of the camera's automatic ones."""
 
     time_us: int
     gain_1e3: int
