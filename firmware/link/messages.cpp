@@ -4,8 +4,8 @@
 
 #include <algorithm>
 
+#include "link/contact_parts.h"
 #include "link/proto_text.h"
-#include "stages/skin/skin_shape.h"
 
 namespace ruffini {
 namespace {
@@ -20,8 +20,6 @@ bool write_span(pb_ostream_t* stream, const pb_field_t* field, void* const* arg)
 ruffini_Stamp to_proto(const FrameStamp& stamp, uint32_t flags) {
   return {.capture_us = stamp.capture_us, .frame = stamp.frame, .flags = flags, .calibration_id = stamp.calibration_id};
 }
-
-ruffini_Validity to_proto(Validity v) { return static_cast<ruffini_Validity>(v); }
 
 // Stick and slip are read off shear and pressure: without both in newtons they are not measured.
 bool is_force(const FrameState& s) { return s.force.xy == Validity::kValid && s.force.z == Validity::kValid; }
@@ -173,69 +171,6 @@ size_t MessageEncoder::depth(const FramePath& path, const FrameStamp& stamp) {
   return serialise(ruffini_Depth_fields, &m);
 }
 
-// What a skin's contacts say beyond those of a pad, in the same order.
-void MessageEncoder::tell_touches(const FramePath& path, ruffini_Contacts& m) {
-  const FrameState& s = path.state();
-  for (size_t i = 0; i < m.contacts_count; ++i) {
-    const SkinTouch& touch = s.skin.touches.touch[i];
-    ruffini_Contact& out = m.contacts[i];
-    out.id = touch.id;
-    out.force_validity_count = out.normal_force_un_count = out.place_um_count = 3;
-    out.force_validity[0] = out.force_validity[1] = to_proto(s.force.xy);
-    out.force_validity[2] = to_proto(s.force.z);
-    out.force_sigma_un = static_cast<uint64_t>(touch.press_sigma_un);
-    out.center_sigma_um = static_cast<uint32_t>(touch.place_sigma_um);
-    const SkinPoint point = on_skin(path.board().skin, touch.x_um, touch.y_um);
-    const std::array<int64_t, 3> force = pressing_vector_un(point, touch.press_un);
-    std::copy(force.begin(), force.end(), out.normal_force_un);
-    std::transform(point.place_um.begin(), point.place_um.end(), out.place_um,
-                   [](int64_t um) { return static_cast<int32_t>(um); });
-  }
-}
-
-void MessageEncoder::tell_model(const FrameState& s, bool has_helmholtz, ruffini_Contact& out) {
-  const ModelledContact& c = s.modelled;
-  out.validity = to_proto(s.wrench.validity[2]);
-  out.kind = static_cast<ruffini_ContactKind>(c.kind);
-  out.kind_sure_1e3 = static_cast<uint32_t>(c.sure_1e3);
-  out.gel_depth_um = static_cast<uint32_t>(c.gel_depth_um);
-  out.press_depth_um = static_cast<uint32_t>(c.press_depth_um);
-  out.depth_sigma_um = static_cast<uint32_t>(c.depth_sigma_um);
-  out.depth_validity = to_proto(s.modelled.depth_validity);
-  out.effective_area_um2_k = static_cast<uint32_t>(c.effective_area_um2 / 1'000);
-  out.stiffness_pa_um = static_cast<int32_t>(c.stiffness_pa_um);
-  out.shore_a_1e1 = static_cast<uint32_t>(10 * c.shore_q4 / 16);
-  out.shore_a_sigma_1e1 = static_cast<uint32_t>(10 * c.shore_sigma_q4 / 16);
-  out.hardness_validity = to_proto(s.modelled.hardness_validity);
-  out.mean_flow_um = static_cast<uint32_t>(c.mean_flow_um);
-  out.moment_by_flow_unmm = static_cast<uint64_t>(c.moment_by_flow_unmm);
-  if (!has_helmholtz) return;
-  out.has_helmholtz = true;
-  out.helmholtz = {.curl_free_nm = static_cast<uint32_t>(1'000 * s.helmholtz.curl_free_q4 / 16),
-                   .divergence_free_nm = static_cast<uint32_t>(1'000 * s.helmholtz.divergence_free_q4 / 16),
-                   .twist_urad = static_cast<int32_t>(s.helmholtz.twist_urad)};
-}
-
-void MessageEncoder::tell_tip(const TipTouch& tip, ruffini_Contact& out) {
-  const auto as_32 = [](int64_t v) { return static_cast<int32_t>(std::clamp<int64_t>(v, INT32_MIN, INT32_MAX)); };
-  out.force_sigma_un = static_cast<uint64_t>(tip.sigma[0]);
-  out.normal_force_un_count = out.tool_um_count = 3;
-  for (size_t i = 0; i < 3; ++i) out.normal_force_un[i] = -(tip.force_un * tip.axis_1e6[i] / 1'000'000);
-  out.tool_um[0] = as_32(tip.x_um);
-  out.tool_um[1] = as_32(tip.y_um);
-  out.tool_um[2] = as_32(tip.way_um);
-  out.turn_urad_count = 2;
-  out.turn_urad[0] = as_32(tip.roll_urad);
-  out.turn_urad[1] = as_32(tip.pitch_urad);
-  out.tool_sigma_count = 7;
-  const std::array<int64_t, 7> sigma{tip.sigma[0], tip.sigma[2], tip.sigma[3],        tip.sigma[1],
-                                     tip.sigma[4], tip.sigma[5], tip.sigma[6] / 1'000};
-  std::transform(sigma.begin(), sigma.end(), out.tool_sigma,
-                 [&](int64_t v) { return static_cast<uint32_t>(as_32(v)); });
-  out.flat_area_um2_k = static_cast<uint32_t>(tip.flat_um2 / 1'000);
-  out.flat_area_sigma_um2_k = static_cast<uint32_t>(tip.flat_sigma_um2 / 1'000);
-}
-
 size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) {
   const FrameState& s = path.state();
   ruffini_Contacts m = ruffini_Contacts_init_zero;
@@ -245,7 +180,6 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
   m.contacts_count = static_cast<pb_size_t>(s.contacts.n_listed);
   for (size_t i = 0; i < m.contacts_count; ++i) {
     const Contact& c = s.contacts.contacts[i];
-    const ContactSlip slip = is_force(s) ? s.slip.contact[i] : ContactSlip{};
     ruffini_Contact& out = m.contacts[i];
     out.id = static_cast<uint32_t>(i);
     out.area_um2_k = static_cast<uint32_t>(c.area_um2 / 1'000);
@@ -256,19 +190,11 @@ size_t MessageEncoder::contacts(const FramePath& path, const FrameStamp& stamp) 
     out.force_z_un = c.force_z_un;
     out.peak_depth_nm = static_cast<int32_t>(c.peak_depth_nm);
     out.validity = to_proto(s.force.z);
-    out.slip_state = static_cast<ruffini_SlipState>(slip.state);
-    out.shear_ratio_1e3 = static_cast<uint32_t>(slip.ratio_1e3);
-    out.friction_1e3 = static_cast<uint32_t>(slip.friction_1e3);
-    out.friction_sigma_1e3 = static_cast<uint32_t>(slip.friction_sigma_1e3);
-    out.slip_share_1e3 = static_cast<uint32_t>(slip.share_1e3);
-    out.slip_margin_un = slip.margin_un;
     out.reaches_border = c.reaches_border;
   }
-  if (path.writes(Slot::kSkin)) tell_touches(path, m);
-  if (path.writes(Slot::kContactModel) && m.contacts_count > 0) {
-    tell_model(s, path.writes(Slot::kHelmholtz), m.contacts[0]);
+  for (const ContactPart& part : contact_parts()) {
+    if (path.writes(part.slot)) part.encode(s, path.board(), m);
   }
-  if (s.tip.is_touched) tell_tip(s.tip, m.contacts[0]);
   return serialise(ruffini_Contacts_fields, &m);
 }
 

@@ -38,18 +38,12 @@ class MessageEncoder {
   // LEARNED: what the network said, with the names of its outputs; `flags` of the frames (FrameFlag).
   void encode(const LearnedResult& result, std::span<const std::string> names, uint8_t flags, const Sink& sink);
 
-  // What the contact of a fingertip says beyond that of a pad.
-  static void tell_tip(const TipTouch& tip, ruffini_Contact& out);
-  // What the contact models say of the only contact.
-  static void tell_model(const FrameState& s, bool has_helmholtz, ruffini_Contact& out);
-
  private:
   size_t wrench(const FramePath& path, const FrameStamp& stamp);
   size_t field(const FramePath& path, const FrameStamp& stamp);
   size_t residual(const FramePath& path, const FrameStamp& stamp);
   size_t depth(const FramePath& path, const FrameStamp& stamp);
   size_t contacts(const FramePath& path, const FrameStamp& stamp);
-  static void tell_touches(const FramePath& path, ruffini_Contacts& m);
   size_t markers(const FramePath& path, const FrameStamp& stamp);
   size_t targets(const FramePath& path, const FrameStamp& stamp);
   size_t image(const FrameView& frame, const FramePath& path, const FrameStamp& stamp);

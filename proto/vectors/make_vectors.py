@@ -72,8 +72,9 @@ def good_frames() -> list[tuple[str, bytes, str]]:
     add("subscribe", 11, bytes.fromhex("0807120c0a04080410010a0408051004"), flags=1, sensor=255, sequence=3)
     add("zero command", 11, bytes.fromhex("08081a00"), flags=1, sensor=255, sequence=4)
     add("wrench, simulated replay", 4, bytes.fromhex("0a0508e80710011013180f"), flags=6, sequence=5)
-    # Contacts{{slip_state=INCIPIENT, ratio 350, friction 500 +- 100, share 620, margin 25000}}, n_found=1
-    add("contact that begins to slip", 7, bytes.fromhex("1211500258de0260f403686470ec0478d086031801"), sequence=6)
+    # Contacts{{slip{slip_state=INCIPIENT, ratio 350, friction 500 +- 100, share 620, margin 25000}}}, n_found=1
+    add("contact that begins to slip", 7, bytes.fromhex("1214920311080210de0218f403206428ec0430d086031801"), sequence=6)
+    add("contact with all that stages add", 7, contact_of_all_stages(), sequence=6)
     add("wrench and how sure it is", 4, wrench_with_covariance(), sequence=7)
     add("field and how sure it is", 5, field_with_sigma(), sequence=8)
     add("what the forces do not explain", 16, residual_of_two_nodes(), sequence=9)
@@ -113,6 +114,23 @@ def varint(value: int) -> bytes:
 
 def zigzag(value: int) -> int:
     return 2 * value if value >= 0 else -2 * value - 1
+
+
+def repeated(number: int, values: tuple[int, ...], *, is_signed: bool = True) -> bytes:
+    """A repeated number."""
+    return part(number, b"".join(varint(zigzag(v) if is_signed else v) for v in values))
+
+
+def contact_of_all_stages() -> bytes:
+    """Every field of every stage's message, each number another one; no board has all the stages."""
+    skin = repeated(1, (1, -2, 3)) + repeated(2, (4, -5, 6)) + part(3, 7) + part(4, 8)
+    tool = repeated(1, (11, -12, 13)) + repeated(2, (14, -15)) + repeated(3, (16, -17, 18))
+    tool += repeated(4, (21, 22, 23, 24, 25, 26, 27), is_signed=False) + part(5, 28) + part(6, 29)
+    model = part(1, 1) + part(2, 2) + part(3, 870) + part(4, 31) + part(5, 32) + part(6, 33) + part(7, 34)
+    model += part(8, zigzag(-35)) + part(9, 360) + part(10, 37) + part(11, 1) + part(12, 38) + part(13, 39)
+    flow = part(1, 41) + part(2, 42) + part(3, zigzag(-43))
+    contact = part(7, zigzag(-3000)) + part(9, 1) + part(16, 1) + part(43, flow) + part(51, skin)
+    return part(2, contact + part(52, tool) + part(53, model)) + part(3, 1)
 
 
 # Contact at x = 0, y = -2 mm: sigma 2 uN of fx and fy, 7 uN of fz, carried to the origin; 8, 8 and 3 uN mm of its own.

@@ -113,7 +113,7 @@ def test_a_touch_arrives_with_place_force_and_age_and_a_covered_lens_is_flagged(
         assert message.stamp.flags == 0
         assert np.hypot(one.center_x_um * 1e-3 - PLACE_MM[0], one.center_y_um * 1e-3 - PLACE_MM[1]) < 2.0
         angle = one.center_x_um / BOARD.skin.radius_um
-        pressed = np.array(one.normal_force_un) * 1e-6
+        pressed = np.array(one.skin.normal_force_un) * 1e-6
         assert pressed @ [np.cos(angle), np.sin(angle), 0] == pytest.approx(one.force_z_un * 1e-6, rel=0.01)
         forces.append(-one.force_z_un * 1e-6)
     assert forces == sorted(forces)

@@ -198,9 +198,10 @@ def told_skin(radius_um: float) -> Teller:
             outward = np.array([np.cos(angle), np.sin(angle), 0])
             contacts.append(SCHEMA.new(
                 "Contact", id=number, center_x_um=round(angle * radius_um), center_y_um=along_um, force_z_un=-force_un,
-                validity=1, force_validity=[0, 0, 1], force_sigma_un=200_000, center_sigma_um=900,
-                normal_force_un=np.round(-force_un * outward).astype(int).tolist(),
-                place_um=np.round(radius_um * outward + [0, 0, along_um]).astype(int).tolist(),
+                validity=1, force_validity=[0, 0, 1],
+                skin={"place_um": np.round(radius_um * outward + [0, 0, along_um]).astype(int).tolist(),
+                      "normal_force_un": np.round(-force_un * outward).astype(int).tolist(),
+                      "force_sigma_un": 200_000, "center_sigma_um": 900},
             ))  # fmt: skip
         total = (0, 0, -9.0)
         return {"WRENCH": wrench(stamp, total, (0, 0, 0), (0, 0, 1, 0, 0, 0)),
@@ -217,9 +218,9 @@ def told_tip(frame: int, stamp: Any) -> Messages:
     contact = SCHEMA.new(
         "Contact", id=0, area_um2_k=28_000, center_x_um=round(axis[0] * 22_000), center_y_um=round(axis[1] * 22_000),
         force_z_un=-800_000, validity=1, force_validity=[0, 0, 1],
-        normal_force_un=np.round(-8e5 * axis).astype(int).tolist(),
-        tool_um=[300, -200, 900], turn_urad=[round(roll * 1e6), round(pitch * 1e6)],
-        tool_sigma=[9000, 400, 400, 20, 9000, 9000, 900],
+        tool={"tool_um": [300, -200, 900], "turn_urad": [round(roll * 1e6), round(pitch * 1e6)],
+              "normal_force_un": np.round(-8e5 * axis).astype(int).tolist(),
+              "tool_sigma": [9000, 400, 400, 20, 9000, 9000, 900]},
     )  # fmt: skip
     return {"WRENCH": wrench(stamp, (0, 0, -0.8), (0, 0, 0), (0, 0, 1, 0, 0, 0)),
             "CONTACTS": SCHEMA.new("Contacts", stamp=stamp, contacts=[contact], n_found=1)}  # fmt: skip

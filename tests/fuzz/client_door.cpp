@@ -99,7 +99,49 @@ class Said {
       put(static_cast<double>(one.slip_state));
       for (const double v : {one.shear_ratio, one.slip_share, one.friction, one.friction_sigma, one.slip_margin_n})
         put(v);
+      put(one.reaches_border ? 1 : 0);
+      if (one.skin) put(*one.skin);
+      if (one.tool) put(*one.tool);
+      if (one.model) put(*one.model);
+      if (one.flow_parts) {
+        for (const double v :
+             {one.flow_parts->curl_free_m, one.flow_parts->divergence_free_m, one.flow_parts->twist_rad})
+          put(v);
+      }
     }
+  }
+  void put(const client::SkinTouch& s) {
+    for (const double v : s.place_m) put(v);
+    for (const double v : s.normal_force_n) put(v);
+    for (const double v : {s.force_sigma_n, s.center_sigma_m}) put(v);
+  }
+  void put(const client::ToolTouch& t) {
+    for (const double v : {t.place_m[0], t.place_m[1], t.way_m, t.roll_rad, t.pitch_rad}) put(v);
+    for (const double v : t.normal_force_n) put(v);
+    for (const double v : {t.force_sigma_n, t.place_sigma_m[0], t.place_sigma_m[1], t.way_sigma_m, t.roll_sigma_rad,
+                           t.pitch_sigma_rad, t.face_area_sigma_m2, t.flat_area_m2, t.flat_area_sigma_m2})
+      put(v);
+  }
+  void put(const client::ContactModel& m) {
+    put(static_cast<double>(m.kind));
+    put(m.kind_confidence);
+    for (const double v : {m.gel_depth_m, m.gel_depth_sigma_m, m.press_depth_m, m.effective_area_m2}) put(v);
+    put(static_cast<double>(m.depth_validity));
+    for (const double v : {m.stiffness_pa_per_m, m.shore_a, m.shore_a_sigma}) put(v);
+    put(static_cast<double>(m.hardness_validity));
+    for (const double v : {m.mean_flow_m, m.moment_by_flow_nm}) put(v);
+  }
+  void operator()(const client::Markers& m) {
+    put(m.stamp);
+    put(m.step_px);
+    for (const client::Grid* grid : {&m.displacement, &m.rest, &m.quality, &m.area}) put(*grid);
+    for (const bool is_lost : m.is_lost) put(is_lost ? 1 : 0);
+  }
+  void operator()(const client::Learned& m) {
+    put(m.stamp);
+    put(m.is_valid ? 1 : 0);
+    for (const auto& [name, value] : m.quantities) put(static_cast<double>(value));
+    for (const double v : {m.took_s, m.latency_s, m.period_s}) put(v);
   }
   void operator()(const client::Event& e) {
     put(static_cast<double>(e.time_us));

@@ -1,6 +1,7 @@
 #include "ruffini/client/messages.h"
 
 #include <algorithm>
+#include <initializer_list>
 #include <utility>
 
 #include "reader.h"
@@ -8,7 +9,8 @@
 namespace ruffini::client {
 namespace {
 
-constexpr size_t kMaxContacts = 64, kMaxSensors = 16, kMaxTexts = 64, kMaxTemperatures = 64;  // no device sends so many
+constexpr size_t kMaxContacts = 64, kMaxSensors = 16, kMaxTexts = 64, kMaxTemperatures = 64,
+                 kMaxQuantities = 64;  // no device sends so many
 constexpr double kMicro = 1e-6, kNano = 1e-9, kMilli = 1e-3;
 
 // A validity or a flag that this library does not know makes a number invalid.
@@ -125,14 +127,185 @@ bool read(Reader r, Residual& out) {
   return is_good && r.ok() && (out.residual.values.empty() || out.residual.n_components == 3);
 }
 
+using Raw = std::vector<uint64_t>;  // a repeated field as it came
+
+constexpr size_t kToolSigmas = 7;
+
+struct RawSlip {
+  double ratio = 0, friction = 0, friction_sigma = 0, share = 0, margin = 0;
+  uint64_t state = 0;
+};
+
+bool read(Reader r, RawSlip& out) {
+  while (r.next()) {
+    const uint32_t n = r.number();
+    if (n == 1) out.state = r.u32();
+    if (n == 2) out.ratio = r.u32() * kMilli;
+    if (n == 3) out.friction = r.u32() * kMilli;
+    if (n == 4) out.friction_sigma = r.u32() * kMilli;
+    if (n == 5) out.share = r.u32() * kMilli;
+    if (n == 6) out.margin = static_cast<double>(r.s64()) * kMicro;
+  }
+  return r.ok();
+}
+
+double as_s64(uint64_t sent) { return static_cast<double>(unzigzag(sent)); }
+double as_s32(uint64_t sent) {
+  return static_cast<double>(static_cast<int32_t>(unzigzag(static_cast<uint32_t>(sent))));
+}
+double stated(double value) { return value > 0 ? value : kNaN; }
+
+struct RawSkin {
+  Raw place_um, force_un;
+  uint64_t force_sigma_un = 0;
+  uint32_t center_sigma_um = 0;
+};
+
+bool read(Reader r, RawSkin& out) {
+  while (r.next()) {
+    const uint32_t n = r.number();
+    if (n == 1) r.repeated(out.place_um, 3);
+    if (n == 2) r.repeated(out.force_un, 3);
+    if (n == 3) out.force_sigma_un = r.u64();
+    if (n == 4) out.center_sigma_um = r.u32();
+  }
+  return r.ok();
+}
+
+bool convert(const RawSkin& raw, bool is_valid, SkinTouch& out) {
+  if (raw.place_um.size() != 3 || raw.force_un.size() != 3) return false;
+  out.place_m.fill(kNaN);
+  out.normal_force_n.fill(kNaN);
+  if (!is_valid) return true;
+  for (size_t i = 0; i < 3; ++i) {
+    out.place_m[i] = as_s32(raw.place_um[i]) * kMicro;
+    out.normal_force_n[i] = as_s64(raw.force_un[i]) * kMicro;
+  }
+  out.force_sigma_n = stated(static_cast<double>(raw.force_sigma_un) * kMicro);
+  out.center_sigma_m = stated(raw.center_sigma_um * kMicro);
+  return true;
+}
+
+struct RawTool {
+  Raw tool_um, turn_urad, force_un, sigma;
+  double flat_area_m2 = 0, flat_area_sigma_m2 = 0;
+};
+
+bool read(Reader r, RawTool& out) {
+  while (r.next()) {
+    const uint32_t n = r.number();
+    if (n == 1) r.repeated(out.tool_um, 3);
+    if (n == 2) r.repeated(out.turn_urad, 2);
+    if (n == 3) r.repeated(out.force_un, 3);
+    if (n == 4) r.repeated(out.sigma, kToolSigmas);
+    if (n == 5) out.flat_area_m2 = r.u32() * kNano;
+    if (n == 6) out.flat_area_sigma_m2 = r.u32() * kNano;
+  }
+  return r.ok();
+}
+
+bool convert(const RawTool& raw, bool is_valid, ToolTouch& out) {
+  if (raw.tool_um.size() != 3 || raw.turn_urad.size() != 2 || raw.force_un.size() != 3) return false;
+  if (raw.sigma.size() != kToolSigmas) return false;
+  out.place_m.fill(kNaN);
+  out.normal_force_n.fill(kNaN);
+  out.place_sigma_m.fill(kNaN);
+  if (!is_valid) return true;
+  std::array<double, kToolSigmas> sigma{};
+  std::transform(raw.sigma.begin(), raw.sigma.end(), sigma.begin(),
+                 [](uint64_t sent) { return static_cast<uint32_t>(sent) * kMicro; });
+  out.place_m = {as_s32(raw.tool_um[0]) * kMicro, as_s32(raw.tool_um[1]) * kMicro};
+  out.way_m = as_s32(raw.tool_um[2]) * kMicro;
+  out.roll_rad = as_s32(raw.turn_urad[0]) * kMicro;
+  out.pitch_rad = as_s32(raw.turn_urad[1]) * kMicro;
+  for (size_t i = 0; i < 3; ++i) out.normal_force_n[i] = as_s64(raw.force_un[i]) * kMicro;
+  out.force_sigma_n = sigma[0];
+  out.place_sigma_m = {sigma[1], sigma[2]};
+  out.way_sigma_m = sigma[3];
+  out.roll_sigma_rad = sigma[4];
+  out.pitch_sigma_rad = sigma[5];
+  out.face_area_sigma_m2 = sigma[6] * kMilli;
+  if (raw.flat_area_m2 <= 0) return true;
+  out.flat_area_m2 = raw.flat_area_m2;
+  out.flat_area_sigma_m2 = stated(raw.flat_area_sigma_m2);
+  return true;
+}
+
+struct RawModel {
+  uint64_t depth_validity = 0, hardness_validity = 0, kind = 0;
+  double kind_confidence = 0;
+  ContactModel as_sent;
+};
+
+bool read(Reader r, RawModel& out) {
+  constexpr double kTenth = 0.1, kPerMicro = 1e6;
+  ContactModel& m = out.as_sent;
+  while (r.next()) {
+    const uint32_t n = r.number();
+    if (n == 1) out.depth_validity = r.u32();
+    if (n == 2) out.kind = r.u32();
+    if (n == 3) out.kind_confidence = r.u32() * kMilli;
+    if (n == 4) m.gel_depth_m = r.u32() * kMicro;
+    if (n == 5) m.press_depth_m = r.u32() * kMicro;
+    if (n == 6) m.gel_depth_sigma_m = r.u32() * kMicro;
+    if (n == 7) m.effective_area_m2 = r.u32() * kNano;
+    if (n == 8) m.stiffness_pa_per_m = r.s32() * kPerMicro;
+    if (n == 9) m.shore_a = r.u32() * kTenth;
+    if (n == 10) m.shore_a_sigma = r.u32() * kTenth;
+    if (n == 11) out.hardness_validity = r.u32();
+    if (n == 12) m.mean_flow_m = r.u32() * kMicro;
+    if (n == 13) m.moment_by_flow_nm = static_cast<double>(r.u64()) * kNano;
+  }
+  return r.ok();
+}
+
+// 0 is not sent: absent from the wire.
+void set_unless_valid(Validity validity, std::initializer_list<double*> numbers) {
+  for (double* number : numbers) *number = validity != Validity::kValid ? kNaN : *number != *number ? 0.0 : *number;
+}
+
+ContactModel model_of(const RawModel& raw, uint32_t flags) {
+  ContactModel out = raw.as_sent;
+  out.depth_validity = validity_of(raw.depth_validity, flags);
+  out.hardness_validity = validity_of(raw.hardness_validity, flags);
+  set_unless_valid(out.depth_validity,
+                   {&out.gel_depth_m, &out.gel_depth_sigma_m, &out.press_depth_m, &out.effective_area_m2});
+  set_unless_valid(out.hardness_validity, {&out.stiffness_pa_per_m, &out.shore_a, &out.shore_a_sigma});
+  if (raw.kind == 1 || raw.kind == 2) {
+    out.kind = static_cast<ContactKind>(raw.kind);
+    out.kind_confidence = raw.kind_confidence;
+  }
+  return out;
+}
+
+bool read(Reader r, FlowParts& out) {
+  while (r.next()) {
+    const uint32_t n = r.number();
+    if (n == 1) out.curl_free_m = r.u32() * kNano;
+    if (n == 2) out.divergence_free_m = r.u32() * kNano;
+    if (n == 3) out.twist_rad = r.s32() * kMicro;
+  }
+  return r.ok();
+}
+
+// The stage's message; parts of one that comes twice are one message.
+template <typename Part>
+bool read_part(Reader r, std::optional<Part>& out) {
+  return read(r, out ? *out : out.emplace());
+}
+
 // `flags` of the stamp that all contacts have.
 bool read(Reader r, Contact& out, uint32_t flags) {
   std::array<double, 3> force{};
   double peak_depth = 0;
   uint64_t validity = 0;
-  std::vector<uint64_t> by_axis;
-  double ratio = 0, friction = 0, friction_sigma = 0, share = 0, margin = 0;
-  while (r.next()) {
+  Raw by_axis;
+  RawSlip slip;
+  std::optional<RawSkin> skin;
+  std::optional<RawTool> tool;
+  std::optional<RawModel> model;
+  bool is_good = true;
+  while (is_good && r.next()) {
     const uint32_t n = r.number();
     if (n == 1) out.id = r.u32();
     if (n == 2) out.area_m2 = r.u32() * kNano;
@@ -140,28 +313,31 @@ bool read(Reader r, Contact& out, uint32_t flags) {
     if (n == 5 || n == 6 || n == 7) force[n - 5] = static_cast<double>(r.s64()) * kMicro;
     if (n == 8) peak_depth = r.s32() * kNano;
     if (n == 9) validity = r.u64();
-    if (n == 10) out.slip_state = static_cast<SlipState>(std::min<uint64_t>(r.u64(), 255));
-    if (n == 11) ratio = r.u32() * kMilli;
-    if (n == 12) friction = r.u32() * kMilli;
-    if (n == 13) friction_sigma = r.u32() * kMilli;
-    if (n == 14) share = r.u32() * kMilli;
-    if (n == 15) margin = static_cast<double>(r.s64()) * kMicro;
     if (n == 16) out.reaches_border = r.u64() != 0;
     if (n == 17) r.repeated(by_axis, 3);
+    if (n == 43) is_good = read_part(r.message(), out.flow_parts);
+    if (n == 50) is_good = read(r.message(), slip);
+    if (n == 51) is_good = read_part(r.message(), skin);
+    if (n == 52) is_good = read_part(r.message(), tool);
+    if (n == 53) is_good = read_part(r.message(), model);
   }
-  if (!r.ok() || (!by_axis.empty() && by_axis.size() != 3)) return false;
+  if (!is_good || !r.ok() || (!by_axis.empty() && by_axis.size() != 3)) return false;
   for (size_t i = 0; i < 3; ++i) {
     out.force_n[i] = measured(force[i], validity_of(by_axis.empty() ? validity : by_axis[i], flags));
   }
   out.peak_depth_m = measured(peak_depth, validity_of(validity, flags));
-  if ((flags & ~kKnownFlags) != 0 || out.slip_state > SlipState::kSlides) out.slip_state = SlipState::kNotMeasured;
-  if (out.slip_state == SlipState::kNotMeasured) return true;
-  out.shear_ratio = ratio;
-  out.slip_share = share;
-  if (friction > 0) {
-    out.friction = friction;
-    out.friction_sigma = friction_sigma;
-    out.slip_margin_n = margin;
+  const bool is_valid = out.force_n[2].validity == Validity::kValid;
+  if (skin && !convert(*skin, is_valid, out.skin.emplace())) return false;
+  if (tool && !convert(*tool, is_valid, out.tool.emplace())) return false;
+  if (model) out.model = model_of(*model, flags);
+  if ((flags & ~kKnownFlags) != 0 || slip.state == 0 || slip.state > 3) return true;
+  out.slip_state = static_cast<SlipState>(slip.state);
+  out.shear_ratio = slip.ratio;
+  out.slip_share = slip.share;
+  if (slip.friction > 0) {
+    out.friction = slip.friction;
+    out.friction_sigma = slip.friction_sigma;
+    out.slip_margin_n = slip.margin;
   }
   return true;
 }
@@ -178,6 +354,58 @@ bool read(Reader r, Contacts& out) {
   for (size_t i = 0; i < contacts.size(); ++i) {
     if (!read(contacts[i], out.contacts[i], out.stamp.flags)) return false;
   }
+  return r.ok();
+}
+
+bool read(Reader r, Markers& out) {
+  uint32_t n_x = 0, n_y = 0;
+  const uint8_t* lost = nullptr;
+  size_t n_lost = 0;
+  bool is_good = true;
+  while (is_good && r.next()) {
+    const uint32_t n = r.number();
+    if (n == 1) is_good = read(r.message(), out.stamp);
+    if (n == 2) n_x = r.u32();
+    if (n == 3) n_y = r.u32();
+    if (n == 4) out.step_px = r.u32() * kMicro;
+    if (n == 5) is_good = read_grid(r.message(), out.displacement);
+    if (n == 6) r.bytes(lost, n_lost);
+    if (n == 7) is_good = read_grid(r.message(), out.rest);
+    if (n == 8) is_good = read_grid(r.message(), out.quality);
+    if (n == 9) is_good = read_grid(r.message(), out.area);
+  }
+  const auto fits = [&](const Grid& grid, uint32_t n_components) {
+    return grid.values.empty() || (grid.n_x == n_x && grid.n_y == n_y && grid.n_components == n_components);
+  };
+  if (!is_good || !r.ok() || (out.displacement.values.empty() && n_x > 0 && n_y > 0)) return false;
+  if (!fits(out.displacement, 2) || !fits(out.rest, 2) || !fits(out.quality, 1) || !fits(out.area, 1)) return false;
+  out.is_lost.resize(out.displacement.n_nodes());
+  for (size_t i = 0; i < out.is_lost.size() && i / 8 < n_lost; ++i)
+    out.is_lost[i] = ((lost[i / 8] >> (i % 8)) & 1) != 0;
+  return true;
+}
+
+bool read(Reader r, Learned& out) {
+  uint64_t validity = 0;
+  while (r.next()) {
+    const uint32_t n = r.number();
+    if (n == 1 && !read(r.message(), out.stamp)) return false;
+    if (n == 2) validity = r.u64();
+    if (n == 3) {
+      if (out.quantities.size() == kMaxQuantities) return false;
+      auto& [name, value] = out.quantities.emplace_back();
+      Reader quantity = r.message();
+      while (quantity.next()) {
+        if (quantity.number() == 1) name = quantity.text();
+        if (quantity.number() == 2) value = quantity.s64();
+      }
+      if (!quantity.ok()) return false;
+    }
+    if (n == 4) out.took_s = r.u32() * kMicro;
+    if (n == 5) out.latency_s = r.u32() * kMicro;
+    if (n == 6) out.period_s = r.u32() * kMicro;
+  }
+  out.is_valid = validity_of(validity, out.stamp.flags) == Validity::kValid;
   return r.ok();
 }
 
@@ -330,6 +558,10 @@ bool read_message(Type type, const std::vector<uint8_t>& payload, Message& out) 
       return read(r, out.emplace<Residual>());
     case Type::kContacts:
       return read(r, out.emplace<Contacts>());
+    case Type::kMarkers:
+      return read(r, out.emplace<Markers>());
+    case Type::kLearned:
+      return read(r, out.emplace<Learned>());
     case Type::kEvent:
       return read(r, out.emplace<Event>());
     case Type::kReply:

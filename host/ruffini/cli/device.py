@@ -198,7 +198,8 @@ def snapshot(
                 raise NoDeviceError(f"{sensor.port}: no {' and no '.join(lacking)} came: does this sensor send it?")
             if name not in got:
                 continue
-            got[name][message.stamp.frame] = RESULTS[name].from_message(message)
+            result = RESULTS[name].from_message(message)
+            got[name][result.frame] = result
             both = sorted(got["FIELD"].keys() & got["IMAGE"].keys())
             if both:
                 break

@@ -31,7 +31,8 @@ from ruffini.calibrate.gates import MIN_PRESSES, Gate, failed
 from ruffini.calibrate.html_page import Page
 from ruffini.calibrate.tip_presses import AREA, FORCE, PITCH, ROLL, WAY, X, Y, axes
 from ruffini.demo.daemon import running_daemon
-from ruffini.device import Connection
+from ruffini.device import Connection, Contacts
+from ruffini.device.results import Contact
 from ruffini.errors import InputError, RefusedError
 from ruffini.files import write_whole
 from ruffini.sim.reproduce.make import reproduce
@@ -148,11 +149,14 @@ class TipAuto:
         ):
             sensor.subscribe(contacts=1)
             for frame, message in sensor.stream(timeout_s=FRAME_S):
-                if sensor.schema.type_name(frame.type) != "CONTACTS" or message.stamp.frame >= len(said):
+                if sensor.schema.type_name(frame.type) != "CONTACTS":
                     continue
-                if message.contacts:
-                    said[message.stamp.frame] = row_of(message.contacts[0])
-                if message.stamp.frame == len(said) - 1:
+                sent = Contacts.from_message(message)
+                if sent.frame >= len(said):
+                    continue
+                if sent.contacts:
+                    said[sent.frame] = row_of(sent.contacts[0])
+                if sent.frame == len(said) - 1:
                     break
         full_n = TOUCHES * self.board.contact.threshold_un * 1e-6
         keep = (true[:, FORCE] > LEAST * full_n) & (true[:, FORCE] < MOST * full_n)
@@ -242,12 +246,14 @@ def truth_of(pose: Array, wrench: Array) -> Array:
     return out
 
 
-def row_of(contact: Any) -> Array:
-    """The same of a contact of the line."""
-    force = float(np.linalg.norm(np.array(contact.normal_force_un, dtype=float))) * 1e-6
-    x, y, way = (1e-3 * v for v in contact.tool_um)
-    roll, pitch = (float(np.rad2deg(1e-6 * v)) for v in contact.turn_urad)
-    return np.array([force, way, x, y, roll, pitch, 1e-3 * contact.area_um2_k])
+def row_of(contact: Contact) -> Array:
+    """The same of a contact of the line, whatever its validity; NaN if it has no tool."""
+    tool = contact.raw_tool
+    if tool is None:
+        return np.full(7, np.nan)
+    force = float(np.linalg.norm(tool.normal_force_n))
+    x, y, way = (1e3 * v for v in (*tool.place_m, tool.way_m))
+    return np.array([force, way, x, y, np.rad2deg(tool.roll_rad), np.rad2deg(tool.pitch_rad), 1e6 * contact.area])
 
 
 def figures_of(said: Array, true: Array, n_presses: int) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from ruffini.demo.live import LiveField
 from ruffini.demo.pictures import depth_map, field_over_frame, wrench_over_time
 from ruffini.demo.view import depth_places, node_pixels
 from ruffini.device import Connection
-from ruffini.device.results import RESULTS, UNCALIBRATED, VALID
+from ruffini.device.results import RESULTS, UNCALIBRATED, VALID, Markers
 from ruffini.errors import InputError, NoDeviceError, RuffiniError
 from ruffini.fem.operators import Noise
 from ruffini.frames import read_frames
@@ -96,7 +96,6 @@ def _pinhole(board: Board) -> Pinhole:
 
 def _stream(board: Board, recording: Path, out: Path, calibration: bytes, truth: Array | None, *options: str) -> Run:
     """Play a recording through ruffinid, flash the calibration, and collect the stream."""
-    from ruffini.wire.dense import decode_dense
 
     run = Run()
     store = out / "store"
@@ -118,9 +117,8 @@ def _stream(board: Board, recording: Path, out: Path, calibration: bytes, truth:
                     if name == "STATUS":
                         run.status = message
                     elif name == "MARKERS":
-                        d = message.displacement
-                        steps = decode_dense(d.codec, d.n_x, d.n_y, d.n_components, d.data)
-                        run.results[name][message.stamp.frame] = steps * (message.position_lsb_upx * 1e-6)
+                        markers = Markers.from_message(message)
+                        run.results[name][markers.frame] = markers.displacement_px
                     elif name in RESULTS:
                         result = RESULTS[name].from_message(message)
                         if result.flags & stale:  # a busy machine's stall: the last wrench again, marked

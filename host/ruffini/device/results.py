@@ -10,7 +10,7 @@ Every `from_message` raises InputError where the parts of a message do not fit e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.errors import InputError
+from ruffini.wire.contact_parts import contact_part, number_of
 from ruffini.wire.covariance import COVARIANCE_SIZE, full_covariance
 from ruffini.wire.dense import decode_dense
 
@@ -26,6 +27,9 @@ NETWORK_STATES = {0: "loading", 1: "runs", 2: "failed"}
 NOT_MEASURED, VALID, UNCALIBRATED, INVALID = range(4)
 KNOWN_FLAGS = (1 << 19) - 1  # of FlagBit: a number with another one is not believed
 SLIP_STATES = {1: "sticks", 2: "incipient", 3: "slides"}
+AREA_STEPS = 256  # of a target's area in a square pixel
+CONTACT_KINDS = {1: "planar", 2: "hertzian"}
+Vector = tuple[float, float, float]
 
 
 def _dense(message: Any) -> npt.NDArray[np.int32]:
@@ -164,12 +168,129 @@ class FlowParts:
     twist: float
 
 
+def _vector(values: Sequence[int], n: int, unit: float, what: str) -> tuple[float, ...]:
+    _fits(len(values) == n, f"{what} of {len(values)} numbers")
+    return tuple(v * unit for v in values)
+
+
+def _or_none(value: int, unit: float) -> float | None:
+    """0 on the wire: not stated."""
+    return value * unit or None
+
+
+def _erased(part: Any) -> Any:
+    """The same dataclass with NaN in place of every number."""
+    return type(part)(**{f.name: _nan_like(getattr(part, f.name)) for f in fields(part)})
+
+
+def _nan_like(value: Any) -> Any:
+    return (float("nan"),) * len(value) if isinstance(value, tuple) else value if value is None else float("nan")
+
+
+@dataclass(frozen=True)
+class SkinTouch:
+    """A touch of a skin, in the camera's axes: centre on the undeformed skin and force along the local normal.
+
+    Standard deviations, of the force's size and of the contact's `center`, are None if they are not stated.
+    """
+
+    place_m: Vector
+    normal_force_n: Vector
+    force_sigma_n: float | None
+    center_sigma_m: float | None
+
+    @classmethod
+    def from_contact(cls, m: Any) -> SkinTouch | None:
+        if (part := contact_part(m, "skin")) is None:
+            return None
+        place: Any = _vector(part.place_um, 3, 1e-6, "a skin's place")
+        force: Any = _vector(part.normal_force_un, 3, 1e-6, "a skin's force")
+        return cls(place, force, _or_none(part.force_sigma_un, 1e-6), _or_none(part.center_sigma_um, 1e-6))
+
+
+@dataclass(frozen=True)
+class ToolTouch:
+    """A tool that came down along its own axis on a fingertip.
+
+    place_m : of the tool's axis, in its own axes; way_m : of the tool since it touched.
+    roll_rad, pitch_rad : turn of the fingertip under the tool, about x, then about y.
+    normal_force_n : along the tool's axis, in the camera's axes.
+    flat_area_m2 : of the wall that lies in the tool's plane; None: not measured. The face is the contact's `area`.
+    """
+
+    place_m: tuple[float, float]
+    way_m: float
+    roll_rad: float
+    pitch_rad: float
+    normal_force_n: Vector
+    force_sigma_n: float
+    place_sigma_m: tuple[float, float]
+    way_sigma_m: float
+    roll_sigma_rad: float
+    pitch_sigma_rad: float
+    face_area_sigma_m2: float
+    flat_area_m2: float | None
+    flat_area_sigma_m2: float | None
+
+    @classmethod
+    def from_contact(cls, m: Any) -> ToolTouch | None:
+        if (part := contact_part(m, "tool")) is None:
+            return None
+        x, y, way = _vector(part.tool_um, 3, 1e-6, "a tool's place")
+        roll, pitch = _vector(part.turn_urad, 2, 1e-6, "a tool's turn")
+        force: Any = _vector(part.normal_force_un, 3, 1e-6, "a tool's force")
+        sigma = _vector(part.tool_sigma, 7, 1e-6, "a tool's standard deviations")
+        flat, flat_sigma = (number_of(part, name) for name in ("flat_area_um2_k", "flat_area_sigma_um2_k"))
+        return cls((x, y), way, roll, pitch, force, sigma[0], (sigma[1], sigma[2]), sigma[3], sigma[4], sigma[5],
+                   1e-3 * sigma[6], _or_none(flat, 1e-9), _or_none(flat_sigma, 1e-9) if flat else None)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """What the contact models make of a texture's flow; NaN in each number whose validity is not VALID.
+
+    kind : "planar" or "hertzian", None before a press is told; kind_confidence 0.5 to 1.
+    gel_depth_m : of the gel; press_depth_m : of the object since it touched, with what itself gave way.
+    stiffness_pa_per_m : of this press, d(normal force / effective area) / d(gel depth).
+    moment_by_flow_nm : k S_t, which the paper takes for the moment about z; the integral is the wrench's.
+    """
+
+    kind: str | None
+    kind_confidence: float | None
+    gel_depth_m: float
+    gel_depth_sigma_m: float
+    press_depth_m: float
+    effective_area_m2: float
+    depth_validity: int
+    stiffness_pa_per_m: float
+    shore_a: float
+    shore_a_sigma: float
+    hardness_validity: int
+    mean_flow_m: float
+    moment_by_flow_nm: float
+
+    @classmethod
+    def from_contact(cls, m: Any, flags: int) -> ContactModel | None:
+        if (part := contact_part(m, "model")) is None:
+            return None
+        kind = CONTACT_KINDS.get(part.kind)
+        depths = np.array([part.gel_depth_um * 1e-6, part.depth_sigma_um * 1e-6, part.press_depth_um * 1e-6,
+                           part.effective_area_um2_k * 1e-9])  # fmt: skip
+        hardness = np.array([part.stiffness_pa_um * 1e6, part.shore_a_1e1 * 0.1, part.shore_a_sigma_1e1 * 0.1])
+        depths = believed(depths, (part.depth_validity,) * 4, flags)
+        hardness = believed(hardness, (part.hardness_validity,) * 3, flags)
+        return cls(kind, part.kind_sure_1e3 * 1e-3 if kind else None, *depths.tolist(), part.depth_validity,
+                   *hardness.tolist(), part.hardness_validity, part.mean_flow_um * 1e-6,
+                   part.moment_by_flow_unmm * 1e-9)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Contact:
     """One contact: newtons, metres, square metres; None where it is not measured.
 
     `slip_state` is "sticks", "incipient" or "slides"; `slip_share` of its area slips; `slip_margin_n` is the shear
-    that it still takes. `raw_force` as sent: see the validities; `force` is safe.
+    that it still takes. `raw_force`, `raw_skin` and `raw_tool` as sent: see the validities; `force`, `skin` and `tool`
+    are safe. With `reaches_border` the pad goes on beyond the camera's window, and all is of the seen part.
     """
 
     area: float
@@ -187,42 +308,67 @@ class Contact:
     id: int = 0  # the same while it lasts
     force_validity: tuple[int, ...] = ()  # x, y, z
     flags: int = 0
+    reaches_border: bool = False
+    raw_skin: SkinTouch | None = None
+    raw_tool: ToolTouch | None = None
+    model: ContactModel | None = None
 
     @property
     def force(self) -> Array:
         """(3,) newtons ON the pad; NaN where it is not VALID."""
-        return believed(self.raw_force, self.force_validity or (self.validity,) * 3, self.flags)
+        return believed(self.raw_force, self._axes, self.flags)
+
+    @property
+    def skin(self) -> SkinTouch | None:
+        """Of a skin, with NaN in place of every number unless the force along the normal is VALID."""
+        return self.raw_skin if self.raw_skin is None or self._is_normal_valid else _erased(self.raw_skin)
+
+    @property
+    def tool(self) -> ToolTouch | None:
+        """Of a fingertip, with NaN in place of every number unless the contact is VALID."""
+        return self.raw_tool if self.raw_tool is None or self._is_normal_valid else _erased(self.raw_tool)
+
+    @property
+    def _axes(self) -> tuple[int, ...]:
+        return self.force_validity or (self.validity,) * 3
+
+    @property
+    def _is_normal_valid(self) -> bool:
+        return self._axes[2] == VALID and not self.flags & ~KNOWN_FLAGS
 
     @classmethod
     def from_message(cls, m: Any, flags: int = 0) -> Contact:
-        state = None if flags & ~KNOWN_FLAGS else SLIP_STATES.get(getattr(m, "slip_state", 0))
+        slip = None if flags & ~KNOWN_FLAGS else contact_part(m, "slip")
+        state = None if slip is None else SLIP_STATES.get(slip.slip_state)
         told = state is not None
-        known = told and m.friction_1e3 > 0
-        parts = m.helmholtz if _has(m, "helmholtz") else None
+        known = told and slip.friction_1e3 > 0
+        parts = contact_part(m, "helmholtz")
         return cls(
             m.area_um2_k * 1e-9, (m.center_x_um * 1e-6, m.center_y_um * 1e-6),
             (m.force_x_un * 1e-6, m.force_y_un * 1e-6, m.force_z_un * 1e-6), m.peak_depth_nm * 1e-9, m.validity,
-            state, m.shear_ratio_1e3 * 1e-3 if told else None, m.slip_share_1e3 * 1e-3 if told else None,
-            m.friction_1e3 * 1e-3 if known else None, m.friction_sigma_1e3 * 1e-3 if known else None,
-            m.slip_margin_un * 1e-6 if known else None,
+            state, slip.shear_ratio_1e3 * 1e-3 if told else None, slip.slip_share_1e3 * 1e-3 if told else None,
+            slip.friction_1e3 * 1e-3 if known else None, slip.friction_sigma_1e3 * 1e-3 if known else None,
+            slip.slip_margin_un * 1e-6 if known else None,
             parts and FlowParts(parts.curl_free_nm * 1e-9, parts.divergence_free_nm * 1e-9, parts.twist_urad * 1e-6),
-            m.id, _three(getattr(m, "force_validity", ())), flags,
+            m.id, _three(getattr(m, "force_validity", ())), flags, bool(number_of(m, "reaches_border")),
+            SkinTouch.from_contact(m), ToolTouch.from_contact(m), ContactModel.from_contact(m, flags),
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """The separate contacts, largest first."""
+    """The separate contacts, largest first; `n_found` counts those that are too many to send as well."""
 
     capture_s: float
     frame: int
     flags: int
     contacts: tuple[Contact, ...]
+    n_found: int
 
     @classmethod
     def from_message(cls, m: Any) -> Contacts:
         contacts = tuple(Contact.from_message(c, m.stamp.flags) for c in m.contacts)
-        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, contacts)
+        return cls(m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, contacts, m.n_found)
 
 
 @dataclass(frozen=True)
@@ -287,6 +433,45 @@ class Residual:
         return cls(
             m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, values * (m.residual_lsb_1e6 * 1e-6),
             m.validity if m.HasField("residual") else NOT_MEASURED,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Markers, patches or targets in the image, row by row: displacement against rest, and rest, (n_y, n_x, 2) px.
+
+    `is_lost`: estimated from neighbours. `quality` 255 / (1 + (expected error / 0.1 px)^2), 0 lost. `area_px2`: of
+    targets, change against rest. None: not sent.
+    """
+
+    capture_s: float
+    frame: int
+    flags: int
+    displacement_px: Array
+    is_lost: npt.NDArray[np.bool_]
+    rest_px: Array | None
+    quality: npt.NDArray[np.int32] | None
+    area_px2: Array | None
+
+    @classmethod
+    def from_message(cls, m: Any) -> Markers:
+        pixel = m.position_lsb_upx * 1e-6
+        shape = (m.n_y, m.n_x)
+        parts = {name: _dense(getattr(m, name)) if _has(m, name) and getattr(m, name).n_x else None
+                 for name in ("displacement", "rest", "quality", "area")}  # fmt: skip
+        sizes = {"displacement": 2, "rest": 2, "quality": 1, "area": 1}
+        _fits(all(v is None or v.shape == (*shape, sizes[k]) for k, v in parts.items()), "a MARKERS of several sizes")
+        moved, rest, quality, area = parts.values()
+        _fits(moved is not None or 0 in shape, "a MARKERS without displacement")
+        moved = np.zeros((*shape, 2), np.int32) if moved is None else moved
+        lost = np.unpackbits(np.frombuffer(m.lost, np.uint8), bitorder="little")
+        n = m.n_x * m.n_y
+        is_lost = np.zeros(n, bool)
+        is_lost[: min(n, len(lost))] = lost[:n] != 0
+        return cls(
+            m.stamp.capture_us * 1e-6, m.stamp.frame, m.stamp.flags, moved * pixel, is_lost.reshape(shape),
+            None if rest is None else rest * pixel, None if quality is None else quality[..., 0],
+            None if area is None else area[..., 0] / AREA_STEPS,
         )  # fmt: skip
 
 
@@ -374,4 +559,4 @@ class NetworkState:
 
 
 RESULTS: dict[str, Any] = {"WRENCH": Wrench, "FIELD": Field, "DEPTH": Depth, "CONTACTS": Contacts, "IMAGE": Image,
-                           "LEARNED": Learned, "RESIDUAL": Residual}  # fmt: skip
+                           "LEARNED": Learned, "RESIDUAL": Residual, "MARKERS": Markers}  # fmt: skip

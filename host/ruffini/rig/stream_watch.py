@@ -12,16 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini import host_clock
-from ruffini.device import Connection, Field, Wrench
-from ruffini.device.results import NOT_MEASURED, VALID, Image
+from ruffini.device import Connection, Contacts, Field, Wrench
+from ruffini.device.results import NOT_MEASURED, RESULTS, Image, Markers
 from ruffini.errors import NoDeviceError, RuffiniError
-from ruffini.wire.dense import decode_dense
 
 Array = npt.NDArray[np.float64]
 
 STALL_S = 2.0
 WARM_S = 5.0  # for so long a temperature is believed; STATUS comes once a second
-AREA_STEPS = 256  # of a square pixel, in MARKERS
 START_S = 20.0  # until it has learned rest
 KEPT_S = 300.0  # of the stream: longer than any touch lasts, and a person may leave a question open for hours
 
@@ -139,7 +137,7 @@ class StreamWatch:
         schema = self._sensor.schema
         readers = {"WRENCH": _frame, "FIELD": _field, "MARKERS": _markers, "IMAGE": _image, "CONTACTS": _contacts}
         stale = schema.enum_number("FlagBit", "FLAG_STALE")
-        by_type = {schema.type_numbers[name]: read for name, read in readers.items()}
+        by_type = {schema.type_numbers[name]: (RESULTS[name], read) for name, read in readers.items()}
         try:
             while not self._stop.is_set():
                 for frame, message in self._sensor.stream(timeout_s=0.1):
@@ -147,8 +145,11 @@ class StreamWatch:
                     if frame.type == schema.type_numbers["STATUS"]:
                         celsius = {t.place: t.milli_celsius * 1e-3 for t in message.temperatures}
                         self._warmth = (time.monotonic(), celsius)
-                    is_result = frame.type in by_type and not message.stamp.flags & stale  # else nothing new
-                    made = by_type[frame.type](now, message) if is_result else []
+                    made: list[Sample] = []
+                    if frame.type in by_type:
+                        kind, read = by_type[frame.type]
+                        result = kind.from_message(message)
+                        made = [] if result.flags & stale else read(now, result)  # stale: nothing new
                     with self._lock:
                         self._samples += [(now, sample) for sample in made]
                         self._forget(now - KEPT_S)
@@ -230,45 +231,36 @@ class StreamWatch:
             self._samples.popleft()
 
 
-def _frame(now: float, message: Any) -> list[Sample]:
-    w = Wrench.from_message(message)
+def _frame(now: float, w: Wrench) -> list[Sample]:
     return [StreamSample(now, w.capture_s, w.frame, w.flags, w.values, w.validity)]
 
 
-def _field(_: float, message: Any) -> list[Sample]:
-    field = Field.from_message(message)
+def _field(_: float, field: Field) -> list[Sample]:
     return [] if field.displacement is None else [FieldSample(field.capture_s, field.displacement)]
 
 
-def _contacts(_: float, message: Any) -> list[Sample]:
+def _contacts(_: float, sent: Contacts) -> list[Sample]:
     """Contacts of a skin, whose z is out of it everywhere, or of a contact model."""
-    stream_s = message.stamp.capture_us * 1e-6
     made: list[Sample] = []
-    for c in message.contacts:
-        validity = c.force_validity[2] if len(c.force_validity) == 3 else c.validity
-        force_n = np.nan if validity == NOT_MEASURED else c.force_z_un * 1e-6
-        sigma = [c.force_sigma_un * 1e-6 or np.nan, c.center_sigma_um * 1e-6 or np.nan]  # 0: not stated
-        place = np.array([c.center_x_um, c.center_y_um]) * 1e-6
-        is_hard_known = getattr(c, "hardness_validity", NOT_MEASURED) == VALID
-        shore_a = c.shore_a_1e1 * 0.1 if is_hard_known else math.nan
-        made.append(ContactSample(stream_s, c.id, place, force_n, np.array(sigma), shore_a))
+    for c in sent.contacts:
+        validity = c.force_validity[2] if c.force_validity else c.validity
+        force_n = math.nan if validity == NOT_MEASURED else c.raw_force[2]
+        touch = c.raw_skin or c.raw_tool
+        center_sigma_m = None if c.raw_skin is None else c.raw_skin.center_sigma_m
+        sigma = [(touch and touch.force_sigma_n) or np.nan, center_sigma_m or np.nan]  # not stated: NaN
+        shore_a = math.nan if c.model is None else c.model.shore_a
+        made.append(ContactSample(sent.capture_s, c.id, np.array(c.center), force_n, np.array(sigma), shore_a))
     return made
 
 
-def _markers(_: float, message: Any) -> list[Sample]:
-    scale = message.position_lsb_upx * 1e-6
-    moved, rest, area = (
-        decode_dense(d.codec, d.n_x, d.n_y, d.n_components, d.data).reshape(-1, d.n_components)
-        if name in message.DESCRIPTOR.fields_by_name and message.HasField(name) and (d := getattr(message, name)).n_x
-        else None
-        for name in ("displacement", "rest", "area")
-    )
-    if moved is None:
+def _markers(_: float, m: Markers) -> list[Sample]:
+    moved = m.displacement_px.reshape(-1, 2)
+    if not len(moved):
         return []
-    displacement = moved * scale if area is None else np.hstack([moved * scale, area / AREA_STEPS])
-    return [MarkerSample(message.stamp.capture_us * 1e-6, displacement, None if rest is None else rest * scale)]
+    if m.area_px2 is not None:
+        moved = np.hstack([moved, m.area_px2.reshape(-1, 1)])
+    return [MarkerSample(m.capture_s, moved, None if m.rest_px is None else m.rest_px.reshape(-1, 2))]
 
 
-def _image(_: float, message: Any) -> list[Sample]:
-    image = Image.from_message(message)
+def _image(_: float, image: Image) -> list[Sample]:
     return [ImageSample(image.capture_s, image.pixels.copy(), image.step_px)]

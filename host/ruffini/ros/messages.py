@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
-from ruffini.device.results import VALID, Contact, Field, believed
+from ruffini.device.results import VALID, Contact, ContactModel, Field, Learned, SkinTouch, ToolTouch, believed
 from ruffini.wire import Frame
 
 Array = npt.NDArray[np.float64]
@@ -26,6 +26,7 @@ NAN = math.nan
 OK, WARN, ERROR, STALE = range(4)  # levels of a DiagnosticStatus
 FLOAT32, N_COVARIANCE = 7, 36  # sensor_msgs/PointField.FLOAT32
 BAD_HEALTH = ("HEALTH_CAMERA_STALLED", "HEALTH_SAFE_MODE", "HEALTH_UNCALIBRATED")
+KINDS = {None: 0, "planar": 1, "hertzian": 2}
 SLIP_STATES = {None: 0, "sticks": 1, "incipient": 2, "slides": 3}
 
 
@@ -56,6 +57,8 @@ TOPICS = (
     Topic("field", "sensor_msgs/msg/PointCloud2"),
     Topic("depth", "sensor_msgs/msg/Image", is_reliable=True),
     Topic("contacts", "ruffini_msgs/msg/ContactArray"),
+    Topic("learned", "ruffini_msgs/msg/Learned"),
+    Topic("residual", "sensor_msgs/msg/Image", is_reliable=True),
 )
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", is_reliable=True)
 
@@ -106,6 +109,8 @@ def _measurement(frame: SensorFrame, head: Message, stamp_error_s: float) -> Mes
             "capture_us": round(frame.capture_s * 1e6), "flags": frame.flag_bits, "flag_names": list(frame.flags),
             "is_simulated": frame.is_simulated, "is_replay": frame.is_replay,
             "validity": np.array(w.validity, np.uint8), "wrench": _wrench(frame), "covariance": covariance,
+            "covariance_validity": w.covariance_validity,
+            "depth_sigma": NAN if frame.depth is None else _or_nan(frame.depth.sigma),
         },
     )  # fmt: skip
 
@@ -143,19 +148,71 @@ def _cloud(field: Field, nodes: Array, head: Message) -> Message:
     )  # fmt: skip
 
 
-def _depth(depth: Array, head: Message) -> Message:
-    pixels = depth.astype("<f4")
+def _picture(values: Array, head: Message) -> Message:
+    """(n_y, n_x) or (n_y, n_x, 3) numbers."""
+    pixels = values.astype("<f4")
+    n_y, n_x, *n_components = values.shape
+    n = n_components[0] if n_components else 1
     return Message(
         "sensor_msgs/msg/Image",
         {
-            "header": head, "height": depth.shape[0], "width": depth.shape[1], "encoding": "32FC1",
-            "is_bigendian": 0, "step": 4 * depth.shape[1], "data": pixels.tobytes(),
+            "header": head, "height": n_y, "width": n_x, "encoding": f"32FC{n}",
+            "is_bigendian": 0, "step": 4 * n * n_x, "data": pixels.tobytes(),
         },
     )  # fmt: skip
 
 
 def _or_nan(value: float | None) -> float:
     return NAN if value is None else value
+
+
+def _skin(t: SkinTouch) -> Message:
+    return Message(
+        "ruffini_msgs/msg/SkinTouch",
+        {
+            "place": _vector(t.place_m, "geometry_msgs/msg/Point"), "normal_force": _vector(t.normal_force_n),
+            "force_sigma": _or_nan(t.force_sigma_n), "center_sigma": _or_nan(t.center_sigma_m),
+        },
+    )  # fmt: skip
+
+
+def _tool(t: ToolTouch) -> Message:
+    (x, y), (x_sigma, y_sigma) = t.place_m, t.place_sigma_m
+    return Message(
+        "ruffini_msgs/msg/ToolTouch",
+        {
+            "x": x, "y": y, "way": t.way_m, "roll": t.roll_rad, "pitch": t.pitch_rad,
+            "normal_force": _vector(t.normal_force_n), "flat_area": _or_nan(t.flat_area_m2),
+            "force_sigma": t.force_sigma_n, "x_sigma": x_sigma, "y_sigma": y_sigma, "way_sigma": t.way_sigma_m,
+            "roll_sigma": t.roll_sigma_rad, "pitch_sigma": t.pitch_sigma_rad,
+            "face_area_sigma": t.face_area_sigma_m2, "flat_area_sigma": _or_nan(t.flat_area_sigma_m2),
+        },
+    )  # fmt: skip
+
+
+def _model(c: ContactModel) -> Message:
+    return Message(
+        "ruffini_msgs/msg/ContactModel",
+        {
+            "kind": KINDS[c.kind], "kind_confidence": _or_nan(c.kind_confidence), "gel_depth": c.gel_depth_m,
+            "gel_depth_sigma": c.gel_depth_sigma_m, "press_depth": c.press_depth_m,
+            "effective_area": c.effective_area_m2, "depth_validity": c.depth_validity,
+            "stiffness": c.stiffness_pa_per_m, "shore_a": c.shore_a, "shore_a_sigma": c.shore_a_sigma,
+            "hardness_validity": c.hardness_validity, "mean_flow": c.mean_flow_m,
+            "moment_by_flow": c.moment_by_flow_nm,
+        },
+    )  # fmt: skip
+
+
+def _learned(result: Learned, head: Message) -> Message:
+    return Message(
+        "ruffini_msgs/msg/Learned",
+        {
+            "header": head, "frame": result.frame, "names": list(result.quantities),
+            "values": np.array(list(result.quantities.values()), np.int64), "is_valid": result.is_valid,
+            "took": result.took_s, "latency": result.latency_s, "rate": result.rate_hz,
+        },
+    )  # fmt: skip
 
 
 def _contact(c: Contact) -> Message:
@@ -167,6 +224,10 @@ def _contact(c: Contact) -> Message:
             "slip_state": SLIP_STATES[c.slip_state], "shear_ratio": _or_nan(c.shear_ratio),
             "friction": _or_nan(c.friction), "friction_sigma": _or_nan(c.friction_sigma),
             "slip_share": _or_nan(c.slip_share), "slip_margin": _or_nan(c.slip_margin_n),
+            "reaches_border": c.reaches_border, "skin": [] if c.skin is None else [_skin(c.skin)],
+            "tool": [] if c.tool is None else [_tool(c.tool)],
+            "model": [] if c.model is None else [_model(c.model)],
+            "flow_parts": [] if c.flow_parts is None else [Message("ruffini_msgs/msg/FlowParts", vars(c.flow_parts))],
         },
     )  # fmt: skip
 
@@ -174,7 +235,7 @@ def _contact(c: Contact) -> Message:
 def _contacts(frame: SensorFrame, head: Message) -> Message:
     assert frame.contacts is not None
     contacts = [_contact(c) for c in frame.contacts.contacts]
-    n_found = frame.messages["CONTACTS"].n_found
+    n_found = frame.contacts.n_found
     return Message("ruffini_msgs/msg/ContactArray", {"header": head, "n_found": n_found, "contacts": contacts})
 
 
@@ -196,9 +257,13 @@ def messages_of(
     if frame.field is not None and nodes is not None:
         yield "field", _cloud(frame.field, nodes, head)
     if frame.depth is not None:
-        yield "depth", _depth(frame.depth.depth, head)
+        yield "depth", _picture(frame.depth.depth, head)
     if frame.contacts is not None:
         yield "contacts", _contacts(frame, head)
+    if frame.learned is not None:
+        yield "learned", _learned(frame.learned, head)
+    if frame.residual is not None:
+        yield "residual", _picture(frame.residual.residual, head)
 
 
 def diagnostics(stamp_ns: int, serial: str, level: int, problems: Sequence[str], values: dict[str, str]) -> Message:

@@ -131,6 +131,40 @@ TEST(ClientMessages, AContactThatBeginsToSlip) {
   EXPECT_TRUE(std::isnan(untold.slip_margin_n));
 }
 
+TEST(ClientMessages, AContactWithAllThatStagesAdd) {
+  const Packet p = packet(7, golden("contact with all that stages add"));
+  const Contact& c = std::get<Contacts>(p.message).contacts.at(0);
+  EXPECT_TRUE(c.reaches_border);
+  ASSERT_TRUE(c.skin && c.tool && c.model && c.flow_parts);
+  EXPECT_DOUBLE_EQ(c.skin->place_m[1], -2e-6);
+  EXPECT_DOUBLE_EQ(c.skin->normal_force_n[2], 6e-6);
+  EXPECT_DOUBLE_EQ(c.skin->force_sigma_n, 7e-6);
+  EXPECT_DOUBLE_EQ(c.skin->center_sigma_m, 8e-6);
+  EXPECT_DOUBLE_EQ(c.tool->way_m, 13e-6);
+  EXPECT_DOUBLE_EQ(c.tool->pitch_rad, -15e-6);
+  EXPECT_DOUBLE_EQ(c.tool->normal_force_n[0], 16e-6);
+  EXPECT_DOUBLE_EQ(c.tool->way_sigma_m, 24e-6);
+  EXPECT_DOUBLE_EQ(c.tool->face_area_sigma_m2, 27e-9);
+  EXPECT_DOUBLE_EQ(c.tool->flat_area_m2, 28e-9);
+  EXPECT_EQ(c.model->kind, ContactKind::kHertzian);
+  EXPECT_DOUBLE_EQ(c.model->kind_confidence, 0.87);
+  EXPECT_DOUBLE_EQ(c.model->gel_depth_m, 31e-6);
+  EXPECT_DOUBLE_EQ(c.model->shore_a, 36.0);
+  EXPECT_DOUBLE_EQ(c.model->stiffness_pa_per_m, -35e6);
+  EXPECT_DOUBLE_EQ(c.flow_parts->twist_rad, -43e-6);
+  EXPECT_EQ(c.slip_state, SlipState::kNotMeasured) << "not sent";
+
+  Payload flagged = golden("contact with all that stages add");
+  const Payload stamp = {0x0A, 4, 0x18, 0x80, 0x80, 0x20};  // flags 1 << 19, which this library does not know
+  flagged.insert(flagged.end(), stamp.begin(), stamp.end());
+  const Packet unknown = packet(7, flagged);
+  const Contact& doubted = std::get<Contacts>(unknown.message).contacts.at(0);
+  EXPECT_TRUE(std::isnan(doubted.skin->place_m[0]));
+  EXPECT_TRUE(std::isnan(doubted.tool->roll_rad));
+  EXPECT_TRUE(std::isnan(doubted.model->shore_a));
+  EXPECT_EQ(doubted.model->hardness_validity, Validity::kInvalid);
+}
+
 void put_varint(Payload& out, uint64_t v) {
   for (; v > 127; v >>= 7) out.push_back(static_cast<uint8_t>(v | 128));
   out.push_back(static_cast<uint8_t>(v));

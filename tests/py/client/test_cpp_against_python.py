@@ -11,14 +11,15 @@ import ctypes
 import math
 import random
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
 import pytest
 from google.protobuf.message import DecodeError
 
-from ruffini.device.results import KNOWN_FLAGS, VALID, Contacts, Depth, Field, Residual, Wrench
+from ruffini.device.results import KNOWN_FLAGS, VALID, Contacts, Depth, Field, Markers, Residual, Wrench
 from ruffini.errors import InputError
 from ruffini.native import native_folder
 from ruffini.wire import Schema
@@ -26,7 +27,8 @@ from ruffini.wire.dense import decode_dense, encode_dense
 
 SCHEMA = Schema.own()
 CAPACITY = 1 << 16
-MADE = ("Hello", "Status", "Wrench", "Field", "Depth", "Contacts", "Event", "Reply", "Time", "Residual")
+MADE = ("Hello", "Status", "Wrench", "Field", "Depth", "Contacts", "Event", "Reply", "Time", "Residual", "Markers",
+        "Learned")  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +104,34 @@ def of_residual(m: Any) -> list[float]:
     return [*stamp(m), step, judged(r.validity, m.stamp.flags), *first, *grid(m, "residual")]
 
 
+def of_markers(m: Any) -> list[float]:
+    markers = Markers.from_message(m)
+    rest, quality, area = ([] if not m.HasField(name) or not getattr(m, name).n_x else [name]
+                           for name in ("rest", "quality", "area"))  # fmt: skip
+    grids = [v for name in ["displacement", "rest", "quality", "area"] for v in grid(m, name)]
+    assert all((part is None) != bool(there) for part, there in
+               ((markers.rest_px, rest), (markers.quality, quality), (markers.area_px2, area)))  # fmt: skip
+    return [*stamp(m), m.position_lsb_upx * 1e-6, *grids, *markers.is_lost.ravel().tolist()]
+
+
+def of_learned(m: Any) -> list[float]:
+    is_valid = judged(m.validity, m.stamp.flags) == VALID
+    return [*stamp(m), is_valid, *(q.value for q in m.quantities), m.took_us * 1e-6, m.latency_us * 1e-6,
+            m.period_us * 1e-6]  # fmt: skip
+
+
+def numbers(part: Any) -> list[Any]:
+    """Of a dataclass, those of a tuple one after the other."""
+    out: list[Any] = []
+    for value in () if part is None else astuple(part):
+        out += value if isinstance(value, tuple) else [value]
+    return out
+
+
+def plain(values: Iterable[float | None]) -> list[float]:
+    return [math.nan if v is None else v for v in values]
+
+
 def of_contacts(m: Any) -> list[float]:
     out, flags = [*stamp(m), m.n_found], m.stamp.flags
     for sent, c in zip(m.contacts, Contacts.from_message(m).contacts, strict=True):
@@ -110,7 +140,15 @@ def of_contacts(m: Any) -> list[float]:
             out += measured(force, v, flags)
         out += measured(c.peak_depth, c.validity, flags)
         told = [c.shear_ratio, c.slip_share, c.friction, c.friction_sigma, c.slip_margin_n]
-        out += [sent.slip_state if c.slip_state else 0, *(math.nan if v is None else v for v in told)]
+        out += [sent.slip.slip_state if c.slip_state else 0, *plain(told), c.reaches_border]
+        out += [*plain(numbers(c.skin)), *plain(numbers(c.tool))]
+        if c.model is not None:
+            row = list(astuple(c.model))
+            row[0] = {"planar": 1, "hertzian": 2}.get(row[0], 0)
+            for at in (6, 10):
+                row[at] = judged(row[at], flags)
+            out += plain(row)
+        out += plain(numbers(c.flow_parts))
     return out
 
 
@@ -132,6 +170,7 @@ PYTHON = {
     "Wrench": of_wrench, "Field": of_field, "Depth": of_depth, "Contacts": of_contacts, "Hello": of_hello,
     "Status": of_status, "Event": lambda m: [m.time_us, m.severity], "Reply": lambda m: [m.request_id, m.code],
     "Time": lambda m: [m.token, m.received_us, m.sent_us], "Residual": of_residual,
+    "Markers": of_markers, "Learned": of_learned,
 }  # fmt: skip
 
 
@@ -157,13 +196,18 @@ def random_dense(chance: random.Random, n_x: int, n_y: int, n_components: int) -
 
 def random_message(chance: random.Random, name: str) -> Any:
     """Every field is drawn, numbers over their whole range; grids fit each other."""
-    if name in ("Field", "Depth", "Residual"):
+    if name in ("Field", "Depth", "Residual", "Markers"):
         n_x, n_y = chance.randint(1, 9), chance.randint(1, 9)
         header = {"stamp": {"capture_us": chance.getrandbits(50), "flags": chance.getrandbits(18), "frame": 7}}
         validity = [chance.randrange(4) for _ in range(3)]
         if name == "Depth":
             return SCHEMA.new(name, **header, depth_lsb_nm=chance.randrange(1, 9000), step_px=2, sigma_um=3,
                               validity=validity[0], depth=random_dense(chance, n_x, n_y, 1))  # fmt: skip
+        if name == "Markers":
+            parts = {part: random_dense(chance, n_x, n_y, 2 if part == "rest" else 1)
+                     for part in ("rest", "quality", "area") if chance.randrange(2)}  # fmt: skip
+            return SCHEMA.new(name, **header, n_x=n_x, n_y=n_y, position_lsb_upx=1000, lost=chance.randbytes(11),
+                              displacement=random_dense(chance, n_x, n_y, 2), **parts)  # fmt: skip
         if name == "Residual":
             part = {"residual": random_dense(chance, n_x, n_y, 3)} if chance.randrange(4) else {}
             return SCHEMA.new(name, **header, residual_lsb_1e6=15_625, validity=validity[0], **part)
@@ -180,7 +224,18 @@ def random_message(chance: random.Random, name: str) -> Any:
         message.stamp.flags &= KNOWN_FLAGS if chance.randrange(4) else 0xFFFFFFFF
     for contact in getattr(message, "contacts", ()):
         contact.force_validity[:] = [1, 2, 3] if chance.randrange(2) else []
-        contact.slip_state = chance.randrange(5)
+        contact.slip.slip_state = chance.randrange(5)
+        contact.validity = chance.choice((1, 1, contact.validity))
+        for part in ("skin", "tool", "model", "helmholtz", "slip"):
+            if chance.randrange(3) == 0:
+                contact.ClearField(part)
+        for part, lists in (
+            ("skin", {"place_um": 3, "normal_force_un": 3}),
+            ("tool", {"tool_um": 3, "turn_urad": 2, "normal_force_un": 3, "tool_sigma": 7}),
+        ):
+            for name, n in lists.items() if contact.HasField(part) else ():
+                low = 0 if name == "tool_sigma" else -(1 << 30)
+                getattr(getattr(contact, part), name)[:] = [chance.randint(low, 1 << 30) for _ in range(n)]
     return message
 
 

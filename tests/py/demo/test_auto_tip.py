@@ -23,11 +23,13 @@ from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.demo import auto_tip
 from ruffini.demo.auto_tip import TipAuto, eyes_apart_mm, figures_of, gates_of, row_of, than_before, truth_of
+from ruffini.device.results import Contact
 from ruffini.errors import InputError, RefusedError
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
 from ruffini.sim.settings import load_twin
+from ruffini.wire import Schema
 
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "stereo-fingertip")
 N_REST = BOARD.pipeline.n_rest_frames + 2
@@ -64,10 +66,11 @@ def test_the_line_and_the_twin_say_the_same_in_the_same_units() -> None:
     wrench = np.vstack([np.zeros(6), [*(-0.7 * axis), 0, 0, 0]])
     true = truth_of(pose, wrench)
     assert np.isnan(true[0]).all()
-    said = row_of(SimpleNamespace(
-        normal_force_un=(-0.7e6 * axis).round(), tool_um=[1500, -2000, 800], turn_urad=[300_000, -200_000],
-        area_um2_k=78_540,
-    ))  # fmt: skip
+    tool = {"normal_force_un": [round(v) for v in -0.7e6 * axis], "tool_um": [1500, -2000, 800],
+            "turn_urad": [300_000, -200_000], "tool_sigma": [0] * 7}  # fmt: skip
+    schema = Schema.own()
+    said = row_of(Contact.from_message(schema.new("Contact", area_um2_k=78_540, tool=tool)))
+    assert np.isnan(row_of(Contact.from_message(schema.new("Contact", area_um2_k=78_540)))).all()
     np.testing.assert_allclose(said[:6], true[1, :6], atol=1e-5)
     assert said[6] == pytest.approx(78.54)
     none = np.full(7, np.nan)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ruffini.calibrate.container import CalibrationFile
+from ruffini.device import Contacts
 from ruffini.errors import InputError
 from ruffini.rig.check import allowed_n, check_weight
 from ruffini.rig.found import estimate, on_reference_clock
@@ -43,10 +44,12 @@ def touch(number: int, *, is_seen: bool = True) -> TouchRecord:
 
 def test_contacts_of_the_wire_are_in_si_units_and_what_is_not_said_is_not_zero():
     first = {"id": 4, "center_x_um": 1500, "center_y_um": -250, "force_z_un": -2_500_000, "validity": 1,
-             "force_validity": [0, 0, 1], "force_sigma_un": 90_000, "center_sigma_um": 1200}  # fmt: skip
+             "force_validity": [0, 0, 1],
+             "skin": {"place_um": [0] * 3, "normal_force_un": [0] * 3, "force_sigma_un": 90_000,
+                      "center_sigma_um": 1200}}  # fmt: skip
     blind = {"id": 5, "center_x_um": 10, "force_validity": [0, 0, 0], "validity": 1}
     message = Schema.own().new("Contacts", stamp={"capture_us": 3_000_000}, contacts=[first, blind])
-    one, other = _contacts(0.0, message)
+    one, other = _contacts(0.0, Contacts.from_message(message))
     assert (one.stream_s, one.number, one.force_n) == (3.0, 4, pytest.approx(-2.5))
     assert one.place == pytest.approx([1.5e-3, -0.25e-3])
     assert one.sigma == pytest.approx([0.09, 1.2e-3])

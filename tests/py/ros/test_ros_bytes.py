@@ -48,9 +48,14 @@ NESTED, FIXED_ARRAY, ANY_NUMBER = 1, 48, 144
 NUMBERS = {"int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9,
            "float32": 10, "float64": 11, "bool": 15, "byte": 16, "string": 17}  # fmt: skip
 OWN_HASHES = {
-    "ruffini_msgs/msg/Contact": "RIHS01_bcdd3eed8b6b991a8d93c79c51d36b8bf550115c9ba447ffe858af1092b7d504",
-    "ruffini_msgs/msg/ContactArray": "RIHS01_625766614b4c6ef0af1e57d4215e5e781a961aa12e202b7bb8af59cdb7d88fab",
-    "ruffini_msgs/msg/Measurement": "RIHS01_bb00c2ea01317addb7ff6748fe734011560594939763c3011836cdbada307ce8",
+    "ruffini_msgs/msg/Contact": "RIHS01_073d7c766bfb917993f2b18d5e4d3777ffd576c906691e26d4215c6180d35c1d",
+    "ruffini_msgs/msg/ContactArray": "RIHS01_8422e003f6c775cc991df8176c517f21de31dbb446c05759efc1d75be625373b",
+    "ruffini_msgs/msg/ContactModel": "RIHS01_bd0d92da6401fd6d6d3ed1ff28eb2d81eefb824a8e89ae03728c4ee52f6fd961",
+    "ruffini_msgs/msg/FlowParts": "RIHS01_8d505b15bb954cb9aa0faf43304ffcb15ae8777923ae7d3b6ee91189033e2ced",
+    "ruffini_msgs/msg/Learned": "RIHS01_ce5d9110c518f55ab43e5737c7731ade31e7debd0491b545da348c9350906722",
+    "ruffini_msgs/msg/Measurement": "RIHS01_3a455b4fc51b05eee1c989521632530b736f17da2e3f29711ed712af78393842",
+    "ruffini_msgs/msg/SkinTouch": "RIHS01_25d4fea3fb09df34fdb042c0e637576ee5f6f9bccf2f0bdd3b1ee895141bfef6",
+    "ruffini_msgs/msg/ToolTouch": "RIHS01_92fa2b2785e093a395c1eece7c986fe01cc487356460a6a2bfb9576c31ec2d39",
 }
 
 
@@ -153,6 +158,7 @@ def test_a_measurement(name: str, flags: int, names: list[str]) -> None:
         ("B", 1, 0),  # simulated, replay
         ("B", 1, 1, 3, 1, 0, 2),  # six octets without their number
         ("d", force.fields["x"], force.fields["y"], NAN, torque.fields["x"], NAN, NAN), ("d", *covariance),
+        ("B", 1), ("d", NAN),  # of the covariance; of the depth none is stated
     )  # fmt: skip
     assert len(covariance) == 36
     assert Types().encode(message) == want
@@ -209,10 +215,52 @@ def test_contacts(name: str) -> None:
     want = laid(
         *head(name), ("I", 9), ("I", 1),
         ("I", 3), ("d", *contact.fields["position"].fields.values()), ("d", *force), ("d", area, depth), ("B", 2),
-        ("d", contact.fields["shear_ratio"], *share),
+        ("d", contact.fields["shear_ratio"], *share), ("B", 1), *parts_of(contact),
     )  # fmt: skip
     assert contact.fields["shear_ratio"] == pytest.approx(0.35)
     assert Types().encode(message) == want
+
+
+def parts_of(contact: Message) -> list[Any]:
+    """Skin, tool, model and flow, one each, in the order of their definitions; numbers against `made_frames.parts`."""
+    skin, tool, model, flow = ([float(v) for v in numbers(contact.fields[part][0])]
+                               for part in ("skin", "tool", "model", "flow_parts"))  # fmt: skip
+    micro = [1e-6 * v for v in (1, 2, 3, 4, 5, 6, 7, 8)]
+    assert skin == pytest.approx(micro)
+    assert tool == pytest.approx([*(1e-6 * v for v in (11, 12, 13, 14, 15, 16, 17, 18)), 28e-9,
+                                  *(1e-6 * v for v in (21, 22, 23, 24, 25, 26)), 27e-9, 29e-9])  # fmt: skip
+    assert model == pytest.approx([2, 0.87, 31e-6, 33e-6, 32e-6, 34e-9, 1, -35e6, 36, 3.7, 1, 38e-6, 39e-9])
+    assert flow == pytest.approx([41e-9, 42e-9, -43e-6])
+    kind, confidence, *depths, of_depth, stiffness, shore, shore_sigma, of_hardness, mean_flow, moment = model
+    return [
+        ("I", 1), ("d", *skin), ("I", 1), ("d", *tool),
+        ("I", 1), ("B", int(kind)), ("d", confidence, *depths), ("B", int(of_depth)),
+        ("d", stiffness, shore, shore_sigma), ("B", int(of_hardness)), ("d", mean_flow, moment), ("I", 1), ("d", *flow),
+    ]  # fmt: skip
+
+
+def numbers(message: Message) -> list[Any]:
+    """All numbers of a message in their order."""
+    found: list[Any] = []
+    for value in message.fields.values():
+        found += numbers(value) if isinstance(value, Message) else [value]
+    return found
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_learned(name: str) -> None:
+    want = laid(
+        *head(name), ("Q", 419), ("I", 2), "force_un", "roll_urad", ("I", 2), ("q", 4, -5), ("B", 1),
+        ("d", 0.01, 0.02, 30.0),
+    )  # fmt: skip
+    assert Types().encode(sent(name)["learned"]) == want
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_residual(name: str) -> None:
+    pixels = struct.pack("<18f", *(0.015625 * (i - 9) for i in range(18)))
+    message = sent(name)["residual"]
+    assert Types().encode(message) == laid(*head(name), ("I", 2, 3), "32FC3", ("B", 0), ("I", 36), pixels)
 
 
 @pytest.mark.parametrize("words", [["a"], ["late", "too warm"], ["0123456"]])

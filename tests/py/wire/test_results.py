@@ -46,7 +46,9 @@ def test_a_contact_that_begins_to_slip() -> None:
 
 def test_what_is_not_measured_is_none() -> None:
     schema = Schema.own()
-    message = schema.new("Contacts", contacts=[{"slip_state": 1, "shear_ratio_1e3": 120}, {"shear_ratio_1e3": 120}])
+    message = schema.new(
+        "Contacts", contacts=[{"slip": {"slip_state": 1, "shear_ratio_1e3": 120}}, {"slip": {"shear_ratio_1e3": 120}}]
+    )
     sticks, unknown = Contacts.from_message(message).contacts
     assert (sticks.slip_state, sticks.shear_ratio) == ("sticks", pytest.approx(0.12))
     assert (sticks.friction, sticks.friction_sigma, sticks.slip_margin_n) == (None, None, None)
@@ -81,7 +83,8 @@ def test_slip_of_the_nodes_and_their_margin() -> None:
 
 def test_slip_with_a_flag_of_a_later_sensor_is_not_told() -> None:
     message = Schema.own().new("Contacts", stamp={"flags": 1 << 30}, contacts=[
-        {"validity": VALID, "slip_state": 1, "shear_ratio_1e3": 120, "friction_1e3": 500, "slip_margin_un": 25_000},
+        {"validity": VALID,
+         "slip": {"slip_state": 1, "shear_ratio_1e3": 120, "friction_1e3": 500, "slip_margin_un": 25_000}},
     ])  # fmt: skip
     (contact,) = Contacts.from_message(message).contacts
     assert (contact.slip_state, contact.shear_ratio, contact.slip_margin_n) == (None, None, None)

@@ -32,8 +32,8 @@ enum class Type : uint8_t {
 };
 
 // std::monostate: a type that this library does not read, or a payload that is not what ruffini.proto says.
-using Message =
-    std::variant<std::monostate, Hello, Status, Wrench, Field, Depth, Contacts, Event, Reply, Time, Residual>;
+using Message = std::variant<std::monostate, Hello, Status, Wrench, Field, Depth, Contacts, Event, Reply, Time,
+                             Residual, Markers, Learned>;
 
 struct Packet {
   Type type{};

@@ -97,6 +97,52 @@ struct Residual {
 
 enum class SlipState : uint8_t { kNotMeasured = 0, kSticks = 1, kIncipient = 2, kSlides = 3 };
 
+// Messages of single stages. Numbers that are not stated, and all of a contact that is not VALID, are NaN.
+
+// A touch of a skin, in the camera's axes.
+struct SkinTouch {
+  std::array<double, 3> place_m{};         // of its centre on the undeformed skin
+  std::array<double, 3> normal_force_n{};  // along the local normal
+  double force_sigma_n = kNaN;             // standard deviations
+  double center_sigma_m = kNaN;            // of Contact::center_m
+};
+
+// A tool that came down along its own axis on a fingertip.
+struct ToolTouch {
+  std::array<double, 2> place_m{};           // of the tool's axis, in its own axes
+  double way_m = kNaN;                       // of the tool since it touched
+  double roll_rad = kNaN, pitch_rad = kNaN;  // of the fingertip under the tool, about x, then about y
+  std::array<double, 3> normal_force_n{};    // along the tool's axis, in the camera's axes
+  double force_sigma_n = kNaN;               // standard deviations
+  std::array<double, 2> place_sigma_m{};
+  double way_sigma_m = kNaN, roll_sigma_rad = kNaN, pitch_sigma_rad = kNaN;
+  double face_area_sigma_m2 = kNaN;                       // of Contact::area_m2
+  double flat_area_m2 = kNaN, flat_area_sigma_m2 = kNaN;  // of the wall that lies in the tool's plane
+};
+
+enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
+
+// What contact models make of a texture's flow.
+struct ContactModel {
+  ContactKind kind = ContactKind::kNotTold;
+  double kind_confidence = kNaN;                        // 0.5 to 1
+  Validity depth_validity = Validity::kNotMeasured;     // of the next four
+  double gel_depth_m = kNaN, gel_depth_sigma_m = kNaN;  // of the gel
+  double press_depth_m = kNaN;                          // of the object since it touched, with what itself gave way
+  double effective_area_m2 = kNaN;                      // of the object's own face
+  Validity hardness_validity = Validity::kNotMeasured;  // of the next three
+  double stiffness_pa_per_m = kNaN;                     // d(normal force / effective area) / d(gel depth)
+  double shore_a = kNaN, shore_a_sigma = kNaN;          // hardness of the object
+  double mean_flow_m = 0.0, moment_by_flow_nm = 0.0;
+};
+
+// Parts of a texture's flow.
+struct FlowParts {
+  double curl_free_m = 0.0;        // mean size of the gradient
+  double divergence_free_m = 0.0;  // size of the mean of the rest
+  double twist_rad = 0.0;          // from x to y
+};
+
 struct Contact {
   uint32_t id = 0;
   double area_m2 = 0.0;
@@ -108,12 +154,36 @@ struct Contact {
   double friction = kNaN, friction_sigma = kNaN;   // coefficient
   double slip_share = kNaN, slip_margin_n = kNaN;  // of its area that slips; shear that it still takes
   bool reaches_border = false;  // the pad goes on beyond the camera's window: all is of the seen part
+  std::optional<SkinTouch> skin;
+  std::optional<ToolTouch> tool;
+  std::optional<ContactModel> model;
+  std::optional<FlowParts> flow_parts;
 };
 
 struct Contacts {
   Stamp stamp;
   uint32_t n_found = 0;  // contacts holds the largest, largest first
   std::vector<Contact> contacts;
+};
+
+// Markers, patches or targets in the image.
+struct Markers {
+  Stamp stamp;
+  double step_px = 0.0;
+  Grid displacement;          // x, y against rest, in steps of step_px
+  Grid rest;                  // x, y at rest, likewise; empty: not sent
+  Grid quality;               // 255 / (1 + (expected error / 0.1 px)^2), 0 lost; empty: not graded
+  Grid area;                  // of targets: change against rest, 1/256 square pixel; empty: no targets
+  std::vector<bool> is_lost;  // of each: estimated from neighbours
+};
+
+// What a learned network says of a frame, later than its other messages and not of every frame.
+struct Learned {
+  Stamp stamp;                                              // of the frame that was looked at
+  bool is_valid = false;                                    // else no number, or beyond what the network was taught
+  std::vector<std::pair<std::string, int64_t>> quantities;  // names with their units, e.g. "force_un"
+  double took_s = 0.0, latency_s = 0.0;                     // of the network alone; from mid-exposure to the result
+  double period_s = 0.0;                                    // since the result before; 0: the first
 };
 
 struct SensorInfo {

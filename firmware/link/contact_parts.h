@@ -1,0 +1,30 @@
+// Messages that stages add to CONTACTS, each encoded in its stage's folder.
+#pragma once
+
+#include <span>
+
+#include "board/settings.h"
+#include "core/slots.h"
+#include "ruffini.pb.h"
+
+namespace ruffini {
+
+// The board's pipeline writes `slot`. `encode` fills its own message of the contacts that are in `out`, in the order of
+// slot kContacts.
+struct ContactPart {
+  Slot slot;
+  void (*encode)(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);
+};
+
+[[nodiscard]] std::span<const ContactPart> contact_parts();
+
+// Each in stages/<name>/<name>_message.cpp.
+void encode_slip(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);
+void encode_skin(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);
+void encode_contact_model(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);
+void encode_helmholtz(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);
+void encode_tool(const FrameState& state, const BoardSettings& board, ruffini_Contacts& out);
+
+[[nodiscard]] constexpr ruffini_Validity to_proto(Validity v) { return static_cast<ruffini_Validity>(v); }
+
+}  // namespace ruffini
