@@ -52,7 +52,25 @@ test("a contact that begins to slip", () => {
   expect(contact!.slipMarginN).toBeCloseTo(0.025, 9);
   expect(contact!.force.every(Number.isNaN)).toBe(true); // not measured is not zero
   expect(contact!.areaM2).toBeNaN();
-  expect(contact!.shoreA).toBeNaN();
+  expect(contact!.model).toBeUndefined();
+});
+
+test("a contact with all that stages add", () => {
+  const [contact] = contactsOf(golden("contact with all that stages add")).contacts;
+  const near = (got: number[], expected: number[]): void => got.forEach((v, i) => expect(v).toBeCloseTo(expected[i]!, 12));
+  near(contact!.skin!.placeM, [1e-6, -2e-6, 3e-6]);
+  near([contact!.skin!.forceSigmaN, contact!.skin!.centerSigmaM], [7e-6, 8e-6]);
+  near(contact!.tool!.placeSigmaM, [22e-6, 23e-6, 24e-6]);
+  near([contact!.tool!.pitchRad, contact!.tool!.faceAreaSigmaM2, contact!.tool!.flatAreaM2], [-15e-6, 27e-9, 28e-9]);
+  near([contact!.model!.gelDepthM, contact!.model!.pressDepthM, contact!.model!.shoreA], [31e-6, 32e-6, 36]);
+  expect(contact).toMatchObject({ reachesBorder: true, slipState: 0, model: { kind: 2, depthValidity: VALID } });
+  near([contact!.flowParts!.curlFreeM, contact!.flowParts!.twistRad], [41e-9, -43e-6]);
+});
+
+test("parts of a contact that is not valid have no number", () => {
+  const skin = { placeUm: [1, 2, 3], normalForceUn: [4n, 5n, 6n], forceSigmaUn: 7n };
+  const [contact] = contactsOf(message("Contacts", { contacts: [{ validity: INVALID, skin, model: { depthValidity: INVALID, gelDepthUm: 5 } }] })).contacts;
+  expect([...contact!.skin!.placeM, ...contact!.skin!.normalForceN, contact!.skin!.forceSigmaN, contact!.model!.gelDepthM].every(Number.isNaN)).toBe(true);
 });
 
 test("what is not measured, and what this page does not know, is never a valid number", () => {

@@ -27,6 +27,8 @@ class Touch(NamedTuple):
         does not measure is NaN.
     wrench : (6,) force (N) and moment (N m) about the pad's centre; NaN where it is not measured.
     captured_s : middle of the exposure on `time.perf_counter`, as far as the sensor's clock is known, else of arrival.
+    results : everything that the sensor sent of this picture, with validity: contacts with hardness, depth, tool, skin and
+        slip, what a network learned, standard deviations, depth.
     """
 
     points: npt.NDArray[np.float64]
@@ -34,6 +36,7 @@ class Touch(NamedTuple):
     captured_s: float
     number: int
     is_simulated: bool
+    results: SensorFrame
 
 
 def render(force: npt.NDArray[np.float64], how: str, force_max_n: float, width: int, height: int) -> Picture:
@@ -104,9 +107,7 @@ class RuffiniCamera(Camera):
         if self.is_connected:
             raise DeviceAlreadyConnectedError(f"{self} is already connected")
         try:
-            self._sensor = ruffini.connect(
-                self.config.port or None, self.config.serial or None, contacts=0, depth=0, learned=0
-            )
+            self._sensor = ruffini.connect(self.config.port or None, self.config.serial or None)
             nodes = self._sensor.nodes(self.config.sensor)
         except RuffiniError as error:
             self._close()
@@ -233,7 +234,7 @@ class RuffiniCamera(Camera):
         rows = points.copy()
         rows[:, 3:] = field.force.reshape(-1, 3)
         both = np.concatenate([wrench.force, wrench.torque])
-        touch = Touch(rows, both, now_s - age_s, frame.number, frame.is_simulated)
+        touch = Touch(rows, both, now_s - age_s, frame.number, frame.is_simulated, frame)
         picture = render(field.force, c.render, c.force_max_n, c.width, c.height)
         with self._changed:
             self._newest, self._is_fresh = (picture, touch), True

@@ -37,6 +37,7 @@ export interface Depth extends Stamp {
   nY: number;
   stepPx: number;
   depth: Float32Array; // m, negative where pressed
+  sigmaM: number; // standard deviation where something touches; NaN: not stated
   validity: number;
 }
 
@@ -45,18 +46,66 @@ export interface Contact {
   areaM2: number; // NaN: not known
   center: [number, number]; // m
   force: [number, number, number]; // N, NaN where not measured
+  peakDepthM: number; // NaN unless valid
   validity: number;
   slipState: number; // 0 not measured, 1 sticks, 2 begins to slip, 3 slides
   shearRatio: number;
-  friction: number; // NaN: not known
+  slipShare: number; // of its area
+  friction: number; // NaN: not known, as the next two
+  frictionSigma: number;
   slipMarginN: number;
   reachesBorder: boolean;
-  placeM: number[] | undefined; // on a body that is not flat, in the camera's axes
-  normalForceN: number[] | undefined; // likewise
-  tool: { placeM: number[]; rollRad: number; pitchRad: number } | undefined; // of a fingertip's
-  shoreA: number;
+  skin: SkinTouch | undefined;
+  tool: ToolTouch | undefined;
+  model: ContactModel | undefined;
+  flowParts: FlowParts | undefined;
+}
+
+/** A touch of a skin, in the camera's axes. */
+export interface SkinTouch {
+  placeM: number[]; // on the undeformed skin
+  normalForceN: number[];
+  forceSigmaN: number; // NaN: not stated, as the next
+  centerSigmaM: number; // of Contact.center
+}
+
+/** A tool that came down along its own axis on a fingertip. */
+export interface ToolTouch {
+  placeM: number[]; // x, y of its axis, in its own axes, and its way since it touched
+  rollRad: number;
+  pitchRad: number;
+  normalForceN: number[]; // along its axis, in the camera's axes
+  forceSigmaN: number;
+  placeSigmaM: number[]; // as placeM
+  rollSigmaRad: number;
+  pitchSigmaRad: number;
+  faceAreaSigmaM2: number; // of Contact.areaM2
+  flatAreaM2: number; // NaN: not measured, as the next
+  flatAreaSigmaM2: number;
+}
+
+/** What contact models make of a texture's flow; NaN where its validity is not VALID. */
+export interface ContactModel {
+  kind: number; // 0 not told, 1 planar, 2 hertzian
+  kindConfidence: number;
   gelDepthM: number;
-  kind: number;
+  gelDepthSigmaM: number;
+  pressDepthM: number;
+  effectiveAreaM2: number;
+  depthValidity: number;
+  stiffnessPaPerM: number;
+  shoreA: number;
+  shoreASigma: number;
+  hardnessValidity: number;
+  meanFlowM: number;
+  momentByFlowNm: number;
+}
+
+/** Parts of a texture's flow: mean size of its gradient, size of the mean of the rest, turn from x to y. */
+export interface FlowParts {
+  curlFreeM: number;
+  divergenceFreeM: number;
+  twistRad: number;
 }
 
 export interface Contacts extends Stamp {
@@ -81,7 +130,9 @@ export interface Image extends Stamp {
 export interface Learned extends Stamp {
   quantities: [string, number][];
   isValid: boolean;
+  tookS: number; // the network alone
   latencyS: number;
+  periodS: number; // since the result before; 0: the first
 }
 
 type Any = Decoded;
@@ -152,7 +203,7 @@ export function depthOf(m: Any): Depth {
   const dense = m["depth"] as DenseMessage | undefined;
   const validity = known(m["validity"] as number);
   const depth = dense && dense.nComponents === 1 ? scaled(decodeDense(dense), (m["depthLsbNm"] as number) * 1e-9) : new Float32Array();
-  return { ...stampOf(m), nX: dense?.nX ?? 0, nY: dense?.nY ?? 0, stepPx: m["stepPx"] as number, depth, validity };
+  return { ...stampOf(m), nX: dense?.nX ?? 0, nY: dense?.nY ?? 0, stepPx: m["stepPx"] as number, depth, validity, sigmaM: stated(m["sigmaUm"], 1e-6) };
 }
 
 /** Throws BadData as fieldOf does. */
@@ -165,37 +216,112 @@ export function residualOf(m: Any): Residual {
   return { ...stampOf(m), nX: dense.nX, nY: dense.nY, size, validity: known(m["validity"] as number) };
 }
 
+/** 0 on the wire: not stated. */
+function stated(value: number | bigint | undefined, unit: number): number {
+  return value ? Number(value) * unit : NaN;
+}
+
+function list(values: (number | bigint)[] | undefined, unit: number): number[] {
+  return (values ?? []).map((v) => Number(v) * unit);
+}
+
+// First field of each stage's message: set if the stage reports something.
+const FIRST_FIELD = { slip: "slipState", skin: "placeUm", tool: "toolUm", model: "depthValidity" } as const;
+
+/**
+ * A stage's message of a contact. Sensors and recordings from before each stage had one have its fields, by the same names, in
+ * the contact itself, which then stands for it.
+ */
+function partOf(contact: Any, name: keyof typeof FIRST_FIELD): Any | undefined {
+  const own = contact[name] as Any | undefined;
+  if (own) return own;
+  const first = contact[FIRST_FIELD[name]] as number | unknown[] | undefined;
+  return (Array.isArray(first) ? first.length : first) ? contact : undefined;
+}
+
+function skinOf(part: Any, isValid: boolean): SkinTouch {
+  const unless = (values: number[]): number[] => values.map((v) => (isValid ? v : NaN));
+  return {
+    placeM: unless(list(part["placeUm"], 1e-6)),
+    normalForceN: unless(list(part["normalForceUn"], 1e-6)),
+    forceSigmaN: isValid ? stated(part["forceSigmaUn"], 1e-6) : NaN,
+    centerSigmaM: isValid ? stated(part["centerSigmaUm"], 1e-6) : NaN,
+  };
+}
+
+function toolOf(part: Any, isValid: boolean): ToolTouch | undefined {
+  const [place, turn, force] = [list(part["toolUm"], 1e-6), list(part["turnUrad"], 1e-6), list(part["normalForceUn"], 1e-6)];
+  if (place.length !== 3 || turn.length !== 2 || force.length !== 3) return undefined;
+  const sigma = list(part["toolSigma"], 1e-6);
+  const known = (value: number | undefined): number => (isValid && value !== undefined ? value : NaN);
+  return {
+    placeM: place.map(known),
+    rollRad: known(turn[0]),
+    pitchRad: known(turn[1]),
+    normalForceN: force.map(known),
+    forceSigmaN: known(sigma[0]),
+    placeSigmaM: [1, 2, 3].map((i) => known(sigma[i])),
+    rollSigmaRad: known(sigma[4]),
+    pitchSigmaRad: known(sigma[5]),
+    faceAreaSigmaM2: known(sigma[6]) * 1e-3,
+    flatAreaM2: known(stated(part["flatAreaUm2K"], 1e-9)),
+    flatAreaSigmaM2: known(stated(part["flatAreaSigmaUm2K"], 1e-9)),
+  };
+}
+
+function modelOf(part: Any): ContactModel {
+  const [depthValidity, hardnessValidity] = [known(part["depthValidity"]), known(part["hardnessValidity"])];
+  const depth = (name: string, unit: number): number => (depthValidity === VALID ? part[name] * unit : NaN);
+  const hardness = (name: string, unit: number): number => (hardnessValidity === VALID ? part[name] * unit : NaN);
+  const kind = part["kind"] as number;
+  return {
+    kind,
+    kindConfidence: kind ? part["kindSure1e3"] * 1e-3 : NaN,
+    gelDepthM: depth("gelDepthUm", 1e-6),
+    gelDepthSigmaM: depth("depthSigmaUm", 1e-6),
+    pressDepthM: depth("pressDepthUm", 1e-6),
+    effectiveAreaM2: depth("effectiveAreaUm2K", 1e-9),
+    depthValidity,
+    stiffnessPaPerM: hardness("stiffnessPaUm", 1e6),
+    shoreA: hardness("shoreA1e1", 0.1),
+    shoreASigma: hardness("shoreASigma1e1", 0.1),
+    hardnessValidity,
+    meanFlowM: part["meanFlowUm"] * 1e-6,
+    momentByFlowNm: Number(part["momentByFlowUnmm"]) * 1e-9,
+  };
+}
+
+function flowPartsOf(part: Any): FlowParts {
+  return { curlFreeM: part["curlFreeNm"] * 1e-9, divergenceFreeM: part["divergenceFreeNm"] * 1e-9, twistRad: part["twistUrad"] * 1e-6 };
+}
+
 function contactOf(m: Any): Contact {
   const validity = known(m["validity"] as number);
   const own = (m["forceValidity"] ?? []) as number[];
-  const force = ["forceXUn", "forceYUn", "forceZUn"].map((part, i) => {
-    const v = own.length === 3 ? known(own[i]) : validity;
-    return v === NOT_MEASURED ? NaN : Number(m[part]) * 1e-6;
-  });
-  const slipState = (m["slipState"] ?? 0) as number;
-  const friction = slipState && m["friction1e3"] ? m["friction1e3"] * 1e-3 : NaN;
-  const list = (name: string): number[] | undefined => {
-    const found = (m[name] ?? []) as (number | bigint)[];
-    return found.length ? found.map((v) => Number(v) * 1e-6) : undefined;
-  };
-  const [tool, turn] = [list("toolUm"), list("turnUrad")];
+  const ofAxis = (axis: number): number => (own.length === 3 ? known(own[axis]) : validity);
+  const force = ["forceXUn", "forceYUn", "forceZUn"].map((part, i) => (ofAxis(i) === NOT_MEASURED ? NaN : Number(m[part]) * 1e-6));
+  const [slip, skin, tool, model] = (["slip", "skin", "tool", "model"] as const).map((name) => partOf(m, name));
+  const slipState = (slip?.["slipState"] ?? 0) as number;
+  const ofSlip = (name: string): number => (slipState && slip ? slip[name] * 1e-3 : NaN);
+  const isFrictionKnown = Boolean(slipState && slip?.["friction1e3"]);
   return {
     id: m["id"] as number,
-    areaM2: m["areaUm2K"] ? m["areaUm2K"] * 1e-9 : NaN,
+    areaM2: stated(m["areaUm2K"], 1e-9),
     center: [m["centerXUm"] * 1e-6, m["centerYUm"] * 1e-6],
     force: force as [number, number, number],
+    peakDepthM: validity === VALID ? m["peakDepthNm"] * 1e-9 : NaN,
     validity,
     slipState,
-    shearRatio: slipState ? m["shearRatio1e3"] * 1e-3 : NaN,
-    friction,
-    slipMarginN: Number.isNaN(friction) ? NaN : Number(m["slipMarginUn"]) * 1e-6,
+    shearRatio: ofSlip("shearRatio1e3"),
+    slipShare: ofSlip("slipShare1e3"),
+    friction: isFrictionKnown ? ofSlip("friction1e3") : NaN,
+    frictionSigma: isFrictionKnown ? ofSlip("frictionSigma1e3") : NaN,
+    slipMarginN: isFrictionKnown ? Number(slip!["slipMarginUn"]) * 1e-6 : NaN,
     reachesBorder: Boolean(m["reachesBorder"]),
-    placeM: list("placeUm"),
-    normalForceN: list("normalForceUn"),
-    tool: tool && turn ? { placeM: tool, rollRad: turn[0]!, pitchRad: turn[1]! } : undefined,
-    shoreA: known(m["hardnessValidity"]) === VALID ? m["shoreA1e1"] * 0.1 : NaN,
-    gelDepthM: known(m["depthValidity"]) === VALID ? m["gelDepthUm"] * 1e-6 : NaN,
-    kind: (m["kind"] ?? 0) as number,
+    skin: skin && skinOf(skin, ofAxis(2) === VALID),
+    tool: tool && toolOf(tool, ofAxis(2) === VALID),
+    model: model && modelOf(model),
+    flowParts: m["helmholtz"] && flowPartsOf(m["helmholtz"]),
   };
 }
 
@@ -221,5 +347,5 @@ export function imageOf(m: Any): Image | undefined {
 
 export function learnedOf(m: Any): Learned {
   const quantities = (m["quantities"] as Any[]).map((q): [string, number] => [q["name"] as string, Number(q["value"])]);
-  return { ...stampOf(m), quantities, isValid: known(m["validity"] as number) === VALID, latencyS: m["latencyUs"] * 1e-6 };
+  return { ...stampOf(m), quantities, isValid: known(m["validity"] as number) === VALID, tookS: m["tookUs"] * 1e-6, latencyS: m["latencyUs"] * 1e-6, periodS: (m["periodUs"] ?? 0) * 1e-6 };
 }

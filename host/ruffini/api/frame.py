@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from ruffini.device.line_gap import LineGap
-from ruffini.device.results import VALID, Contacts, Depth, Field, Image, Learned, Residual, Wrench
+from ruffini.device.results import VALID, Contacts, Depth, Field, Image, Learned, Markers, Residual, Wrench
 from ruffini.wire import Frame, Schema
 
 FLAG_STALE = 256
@@ -100,6 +100,12 @@ class SensorFrame:
     def contacts(self) -> Contacts | None:
         """The separate contacts, largest first, in `contacts.contacts`."""
         part: Contacts | None = self._part("CONTACTS", Contacts)
+        return part
+
+    @cached_property
+    def markers(self) -> Markers | None:
+        """Markers, patches or targets in the image."""
+        part: Markers | None = self._part("MARKERS", Markers)
         return part
 
     @cached_property

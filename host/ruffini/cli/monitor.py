@@ -60,11 +60,22 @@ def _numbers(values: Any) -> list[float | None]:
 
 
 def _contacts(contacts: Contacts) -> dict[str, Any]:
-    """`force` has no number where it is not valid."""
+    """`force`, `skin` and `tool` have no number where it is not valid; the raw ones are as sent."""
     told: dict[str, Any] = asdict(contacts)
     for row, contact in zip(told["contacts"], contacts.contacts, strict=True):
-        row["force"] = _numbers(contact.force)
-    return told
+        row["force"] = contact.force.tolist()
+        row["skin"], row["tool"] = (part and asdict(part) for part in (contact.skin, contact.tool))
+    plain: dict[str, Any] = _plain(told)
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    """The same with None in place of NaN."""
+    if isinstance(value, dict):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    return None if value != value else value
 
 
 def _line(frame: SensorFrame) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
 from ruffini.api.sensor import node_places, sensor_info
-from ruffini.device.results import VALID
 from ruffini.errors import InputError
 from ruffini.extras import missing
+from ruffini.record.columns import contact_columns, learned_columns
 from ruffini.record.recording import Recording
 
 FORMATS = ("csv", "hdf5", "npz", "parquet")
@@ -31,11 +31,25 @@ CELLS = {
     "force_n": [f"force_{a}_n" for a in AXES], "torque_nm": [f"torque_{a}_nm" for a in AXES],
     "validity": [f"validity_{w}_{a}" for w in ("force", "torque") for a in AXES],
     "sigma_force_n": [f"sigma_force_{a}_n" for a in AXES], "sigma_torque_nm": [f"sigma_torque_{a}_nm" for a in AXES],
-    "contact_center_m": ["contact_center_x_m", "contact_center_y_m"],
-    "contact_force_n": [f"contact_force_{a}_n" for a in AXES],
 }  # fmt: skip
-UNKNOWN = ("host_monotonic_ns", "host_utc_ns", "host_time_error_ns", "n_contacts", "n_missed")  # where they are -1
+# Integers that are -1 where they are not known.
+UNKNOWN = ("host_monotonic_ns", "host_utc_ns", "host_time_error_ns", "n_contacts", "n_contacts_found", "n_missed",
+           "contact_id", "learned_frame")  # fmt: skip
 Block = dict[str, npt.NDArray[Any]]
+# Values of nodes, cells and markers, for formats that hold arrays; None: the frame has none.
+DENSE: dict[str, Callable[[SensorFrame], Any]] = {
+    "field_force_n": lambda f: f.field and f.field.force,
+    "field_sigma_n": lambda f: f.field and f.field.sigma,
+    "field_displacement_m": lambda f: f.field and f.field.displacement,
+    "field_slip": lambda f: f.field and f.field.slip,
+    "field_residual": lambda f: f.residual and f.residual.residual,
+    "depth_m": lambda f: f.depth and f.depth.depth,
+    "marker_displacement_px": lambda f: f.markers and f.markers.displacement_px,
+    "marker_rest_px": lambda f: f.markers and f.markers.rest_px,
+    "marker_is_lost": lambda f: f.markers and f.markers.is_lost,
+    "marker_quality": lambda f: f.markers and f.markers.quality,
+    "marker_area_px2": lambda f: f.markers and f.markers.area_px2,
+}
 
 
 def export(recording: Recording, out: Path, kind: str, sensor: int | None = None) -> dict[str, int]:
@@ -103,16 +117,14 @@ def _about(recording: Recording, sensor: int) -> dict[str, Any]:
 def _blocks(recording: Recording, sensor: int) -> Iterator[Block]:
     frames = recording.frames(sensor, partial=True)
     head = list(itertools.islice(frames, BLOCK))
-    field = next((f.field for f in head if f.field is not None), None)
-    shape = None if field is None else field.raw_force.shape
-    has_residual = any(f.residual is not None for f in head)
+    shapes = {name: next((a.shape for f in head if (a := get(f)) is not None), None) for name, get in DENSE.items()}
     frames = itertools.chain(head, frames)
     while rows := list(itertools.islice(frames, BLOCK)):
         block = _columns([_row(recording, frame) for frame in rows])
-        if shape is not None:
-            block.update(_fields(rows, shape))
-        if shape is not None and has_residual:
-            block.update(_residuals(rows, shape))
+        block.update({name: _dense(rows, DENSE[name], shape) for name, shape in shapes.items() if shape is not None})
+        if shapes["field_force_n"] is not None:
+            block["has_field"] = np.array([f.field is not None and f.field.raw_force.shape == shapes["field_force_n"]
+                                           for f in rows])  # fmt: skip
         yield block
 
 
@@ -124,7 +136,7 @@ def _row(recording: Recording, frame: SensorFrame) -> dict[str, Any]:
     wrench, contacts = frame.wrench, frame.contacts
     sigma = None if wrench is None else wrench.sigma
     first = contacts.contacts[0] if contacts is not None and contacts.contacts else None
-    known = first if first is not None and first.validity == VALID else None
+    covariance = None if wrench is None else wrench.covariance
     capture_us = round(frame.capture_s * 1e6)
     utc_ns = recording.utc_ns(capture_us)
     return {
@@ -134,37 +146,24 @@ def _row(recording: Recording, frame: SensorFrame) -> dict[str, Any]:
         "validity": (0,) * 6 if wrench is None else wrench.validity,
         "sigma_force_n": NAN3 if sigma is None else sigma[:3], "sigma_torque_nm": NAN3 if sigma is None else sigma[3:],
         "n_contacts": -1 if contacts is None else len(contacts.contacts),
-        "contact_center_m": (np.nan, np.nan) if known is None else known.center,
-        "contact_force_n": NAN3 if first is None else first.force,
-        "contact_area_m2": np.nan if known is None else known.area,
+        "n_contacts_found": -1 if contacts is None else contacts.n_found, **contact_columns(first),
+        "covariance": np.full((6, 6), np.nan) if covariance is None else covariance,
+        "covariance_validity": 0 if wrench is None else wrench.covariance_validity,
+        "depth_sigma_m": np.nan if frame.depth is None or frame.depth.sigma is None else frame.depth.sigma,
+        **learned_columns(frame.learned),
         "flag_bits": frame.flag_bits, "flags": " ".join(frame.flags), "is_stale": frame.is_stale,
         "is_simulated": frame.is_simulated, "is_replay": frame.is_replay,
         "n_missed": -1 if frame.n_missed is None else frame.n_missed,
     }  # fmt: skip
 
 
-def _fields(frames: list[SensorFrame], shape: tuple[int, ...]) -> Block:
-    out = {name: np.full((len(frames), *shape), np.nan, np.float32)
-           for name in ("field_force_n", "field_sigma_n", "field_displacement_m")}  # fmt: skip
-    has_field = np.zeros(len(frames), bool)
-    for i, frame in enumerate(frames):
-        field = frame.field
-        if field is None or field.raw_force.shape != shape:
-            continue
-        has_field[i] = True
-        out["field_force_n"][i] = field.force
-        for name, part in (("field_sigma_n", field.sigma), ("field_displacement_m", field.displacement)):
-            if part is not None:
-                out[name][i] = part
-    return {**out, "has_field": has_field}
-
-
-def _residuals(frames: list[SensorFrame], shape: tuple[int, ...]) -> Block:
+def _dense(frames: list[SensorFrame], get: Callable[[SensorFrame], Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:
+    """NaN in frames that have none, or one of another size."""
     out = np.full((len(frames), *shape), np.nan, np.float32)
     for row, frame in zip(out, frames, strict=True):
-        if frame.residual is not None and frame.residual.residual.shape == shape:
-            row[:] = frame.residual.residual
-    return {"field_residual": out}
+        if (values := get(frame)) is not None and values.shape == shape:
+            row[:] = values
+    return out
 
 
 def _flat(block: Block) -> Block:

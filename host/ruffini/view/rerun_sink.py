@@ -13,14 +13,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
-from ruffini.device.results import Field, believed
+from ruffini.device.results import Contacts, Field, Learned, Markers, believed
 from ruffini.device.system_clock import SystemClock
+from ruffini.record.columns import contact_columns
 
 Array = npt.NDArray[np.float64]
 CURVES = {"force_n": "force", "torque_nm": "torque"}
 AXIS_COLOURS = [(213, 94, 0), (0, 158, 115), (0, 114, 178)]  # told apart by colour-blind people, too
 ARROW_M_PER_N = 0.2  # length of a node's arrow
 WRENCH_M_PER_N = 0.01
+NODE_AXES = ("y", "x", "component")
 FULL_DEPTH_M = 0.5e-3  # pressed in so far a node is darkest
 
 
@@ -30,6 +32,10 @@ def grid_triangles(n_x: int, n_y: int) -> npt.NDArray[np.uint32]:
     lower = np.stack([corner, corner + 1, corner + n_x], axis=1)
     upper = np.stack([corner + 1, corner + n_x + 1, corner + n_x], axis=1)
     return np.concatenate([lower, upper]).astype(np.uint32)
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value
 
 
 class RerunSink:
@@ -64,6 +70,15 @@ class RerunSink:
             self._field(pad, frame.field, self._nodes[sensor])
         if frame.depth is not None:
             self._stream.log(f"{pad}/pressed_in", self._rr.DepthImage(-frame.depth.depth.astype(np.float32), meter=1.0))
+            self._stream.log(f"{pad}/depth_sigma_m", self._rr.Scalars(_or_nan(frame.depth.sigma)))
+        if frame.residual is not None:
+            self._stream.log(f"{pad}/residual", self._rr.Tensor(frame.residual.residual, dim_names=NODE_AXES))
+        if frame.markers is not None:
+            self._markers(pad, frame.markers)
+        if frame.contacts is not None:
+            self._contacts(pad, frame.contacts)
+        if frame.learned is not None:
+            self._learned(pad, frame.learned)
         if frame.image is not None:
             self._stream.log(f"{pad}/camera", self._rr.Image(frame.image.pixels, "BGR"))
 
@@ -90,9 +105,53 @@ class RerunSink:
             return
         for curve, part in CURVES.items():
             self._stream.log(f"{pad}/{curve}", self._rr.Scalars(getattr(frame.wrench, part)))
+        sigma = np.full(6, np.nan) if frame.wrench.sigma is None else frame.wrench.sigma
+        self._stream.log(f"{pad}/force_sigma_n", self._rr.Scalars(sigma[:3]))
+        self._stream.log(f"{pad}/torque_sigma_nm", self._rr.Scalars(sigma[3:]))
+        if frame.wrench.covariance is not None:
+            self._stream.log(f"{pad}/covariance", self._rr.Tensor(frame.wrench.covariance, dim_names=("row", "column")))
         force = frame.wrench.force
         arrows = [WRENCH_M_PER_N * force] if np.isfinite(force).all() else []
         self._stream.log(f"{pad}/total", self._rr.Arrows3D(vectors=arrows, colors=[(0, 0, 0)] * len(arrows)))
+
+    def _contacts(self, pad: str, contacts: Contacts) -> None:
+        """Every number of every contact as a curve of its own, largest contact first; words where they change."""
+        log = self._stream.log
+        log(f"{pad}/contacts/n_found", self._rr.Scalars(float(contacts.n_found)))
+        for rank, contact in enumerate(contacts.contacts):
+            for name, value in contact_columns(contact, has_absent=False).items():
+                path = f"{pad}/contacts/{rank}/{name.removeprefix('contact_')}"
+                if not isinstance(value, str):
+                    log(path, self._rr.Scalars(float(value)))
+                elif self._told.get(path) != (value,):
+                    self._told[path] = (value,)
+                    log(path, self._rr.TextLog(value or "not measured"))
+
+    def _learned(self, pad: str, learned: Learned) -> None:
+        """The word on a frame, once; NaN where it is not valid."""
+        log, path = self._stream.log, f"{pad}/learned"
+        if self._told.get(path) == (str(learned.frame),):
+            return
+        self._told[path] = (str(learned.frame),)
+        for name, value in learned.quantities.items():
+            log(f"{path}/{name}", self._rr.Scalars(float(value) if learned.is_valid else float("nan")))
+        for name, seconds in (
+            ("took_s", learned.took_s),
+            ("latency_s", learned.latency_s),
+            ("rate_hz", learned.rate_hz),
+        ):
+            log(f"{path}/{name}", self._rr.Scalars(seconds))
+        log(f"{path}/is_valid", self._rr.Scalars(float(learned.is_valid)))
+        log(f"{path}/frame", self._rr.Scalars(float(learned.frame)))
+
+    def _markers(self, pad: str, markers: Markers) -> None:
+        """Arrays as they are, absent ones left out."""
+        arrays = {"displacement_px": markers.displacement_px, "is_lost": markers.is_lost.astype(np.uint8),
+                  "rest_px": markers.rest_px, "quality": markers.quality, "area_px2": markers.area_px2}  # fmt: skip
+        for name, values in arrays.items():
+            if values is not None:
+                dims = NODE_AXES[: values.ndim]
+                self._stream.log(f"{pad}/markers/{name}", self._rr.Tensor(values, dim_names=dims))
 
     def _field(self, pad: str, field: Field, nodes: Array) -> None:
         rr = self._rr
@@ -111,3 +170,7 @@ class RerunSink:
         arrows = rr.Arrows3D(vectors=self._arrow_m_per_n * force[shown], origins=places.reshape(-1, 3)[shown],
                              colors=[AXIS_COLOURS[0]] * int(shown.sum()))  # fmt: skip
         self._stream.log(f"{pad}/force", arrows)
+        sigma = None if field.sigma is None else believed(field.sigma, (field.sigma_validity,) * 3, field.flags)
+        for name, values in (("node_sigma_n", sigma), ("node_slip", field.slip)):
+            if values is not None:
+                self._stream.log(f"{pad}/{name}", rr.Tensor(values, dim_names=NODE_AXES[: values.ndim]))

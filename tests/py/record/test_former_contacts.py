@@ -1,4 +1,4 @@
-"""Recordings of a version whose Contact had the numbers of all stages, with all their results: tests/data/recordings."""
+"""Recordings of a version whose Contact had the numbers of all stages, with all results: tests/data/recordings."""
 
 from __future__ import annotations
 

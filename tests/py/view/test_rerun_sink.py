@@ -31,7 +31,7 @@ def archetype(name: str) -> Any:
     return lambda *values, **named: types.SimpleNamespace(kind=name, values=values, **named)
 
 
-KINDS = ("Arrows3D", "DepthImage", "Image", "Mesh3D", "Scalars", "SeriesLines", "TextLog")
+KINDS = ("Arrows3D", "DepthImage", "Image", "Mesh3D", "Scalars", "SeriesLines", "Tensor", "TextLog")
 FAKE = types.SimpleNamespace(ViewCoordinates=types.SimpleNamespace(RDF="RDF"), **{k: archetype(k) for k in KINDS})
 
 

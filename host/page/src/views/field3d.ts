@@ -268,9 +268,10 @@ export class Field3d {
     let n = 0;
     for (const contact of contacts.contacts.slice(0, 8)) {
       const [x, y] = contact.center;
-      if (contact.normalForceN) this.force.fromArray(contact.normalForceN);
+      const normal = (contact.skin ?? contact.tool)?.normalForceN;
+      if (normal) this.force.fromArray(normal.map((f) => f || 0));
       else this.force.fromArray(contact.force.map((f) => f || 0));
-      if (contact.placeM) this.place.fromArray(contact.placeM);
+      if (contact.skin) this.place.fromArray(contact.skin.placeM);
       else if (this.info.shape.kind === "dome") this.place.set(x, y, Math.sqrt(Math.max(this.info.shape.radius ** 2 - x * x - y * y, 0)) - this.info.shape.radius);
       else if (this.info.shape.kind === "flat") this.place.set(x, y, 0);
       else continue;

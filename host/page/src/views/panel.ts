@@ -2,7 +2,7 @@
 
 import type { SensorInfo } from "../board";
 import type { SensorNews } from "../messages";
-import { type Contact, INVALID, NOT_MEASURED, VALID, type Wrench } from "../results";
+import { type Contact, type ContactModel, INVALID, NOT_MEASURED, type ToolTouch, VALID, type Wrench } from "../results";
 import { Charts } from "./charts";
 import { fillTable, make, words, write } from "./dom";
 import { Field3d, type Tint } from "./field3d";
@@ -176,16 +176,20 @@ export class Panel {
     if (c.validity === INVALID) said.push("invalid");
     else if (c.validity !== VALID) said.push(VALIDITY_WORDS[c.validity]!);
     if (!Number.isNaN(c.slipMarginN)) said.push(`${short(c.slipMarginN * perN)} ${name} left`);
+    if (c.slipShare > 0) said.push(`${text(c.slipShare * 100, 0)} % of it slips`);
     if (c.reachesBorder) said.push("reaches the border: part of it is not seen");
-    if (!Number.isNaN(c.gelDepthM)) said.push(`${short(c.gelDepthM * 1e3)} mm deep`);
-    if (!Number.isNaN(c.shoreA)) said.push(`${c.shoreA.toFixed(0)} Shore A`);
-    if (c.tool) said.push(`roll ${degrees(c.tool.rollRad)}, pitch ${degrees(c.tool.pitchRad)}`);
+    if (c.skin) said.push(`force ± ${short(c.skin.forceSigmaN * perN)} ${name}, place ± ${short(c.skin.centerSigmaM * 1e3)} mm`);
+    if (c.tool) said.push(...ofTool(c.tool, this.unit));
+    if (c.model) said.push(...ofModel(c.model));
+    const flow = c.flowParts;
+    if (flow) said.push(`flow ${short(flow.curlFreeM * 1e6)} µm curl-free, ${short(flow.divergenceFreeM * 1e6)} µm divergence-free, twist ${degrees(flow.twistRad)}`);
     return said.join(" · ");
   }
 
   private showLearned(learned: NonNullable<SensorNews["learned"]>): void {
     const said = learned.isValid ? learned.quantities.map(([name, value]) => `${words(name)} ${value}`).join(" · ") : "invalid";
-    write(this.learned, `Network, of frame ${learned.frame}, ${text(learned.latencyS * 1e3, 0)} ms later: ${said}`);
+    const rate = learned.periodS > 0 ? `, ${text(1 / learned.periodS, 1)} Hz` : "";
+    write(this.learned, `Network, of frame ${learned.frame}, ${text(learned.latencyS * 1e3, 0)} ms later (network ${text(learned.tookS * 1e3, 0)} ms${rate}): ${said}`);
   }
 
   /** A ring where to press next, millimetres; none. */
@@ -198,6 +202,34 @@ export class Panel {
     this.field.close();
     this.element.remove();
   }
+}
+
+const KIND_WORDS = ["", "planar", "hertzian"];
+
+function ofTool(t: ToolTouch, { perN, name }: Unit): string[] {
+  const [x, y, way] = t.placeM.map((place, i) => `${short(place * 1e3)} ± ${short(t.placeSigmaM[i]! * 1e3)}`);
+  const said = [
+    `force ± ${short(t.forceSigmaN * perN)} ${name}`,
+    `roll ${degrees(t.rollRad)} ± ${degrees(t.rollSigmaRad)}, pitch ${degrees(t.pitchRad)} ± ${degrees(t.pitchSigmaRad)}`,
+    `axis at ${x}, ${y} mm, ${way} mm down`,
+  ];
+  if (t.faceAreaSigmaM2 > 0) said.push(`area ± ${short(t.faceAreaSigmaM2 * 1e6)} mm²`);
+  if (!Number.isNaN(t.flatAreaM2)) said.push(`flat ${short(t.flatAreaM2 * 1e6)} ± ${short(t.flatAreaSigmaM2 * 1e6)} mm²`);
+  return said;
+}
+
+function ofModel(m: ContactModel): string[] {
+  const said: string[] = [];
+  if (!Number.isNaN(m.gelDepthM)) {
+    said.push(`${short(m.gelDepthM * 1e3)} ± ${short(m.gelDepthSigmaM * 1e3)} mm deep, object ${short(m.pressDepthM * 1e3)} mm`);
+    said.push(`effective area ${short(m.effectiveAreaM2 * 1e6)} mm²`);
+  }
+  if (!Number.isNaN(m.shoreA)) {
+    said.push(`${m.shoreA.toFixed(0)} ± ${m.shoreASigma.toFixed(0)} Shore A, stiffness ${short(m.stiffnessPaPerM * 1e-9)} kPa/µm`);
+  }
+  if (m.kind) said.push(`${KIND_WORDS[m.kind] ?? "unknown kind"} (${text(m.kindConfidence * 100, 0)} %)`);
+  said.push(`mean flow ${short(m.meanFlowM * 1e6)} µm, moment by flow ${short(m.momentByFlowNm * 1e3)} N mm`);
+  return said;
 }
 
 function degrees(rad: number): string {
