@@ -72,6 +72,15 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         },
         "does not draw the stage 'skin'",
     ),
+    (
+        tree_gates.raw_results,
+        {
+            "proto/ruffini.proto": "message Contact {\n  sint64 force_x_un = 5;\n  bool slip = 6;\n}\n",
+            "host/ruffini/ros/a.py": "def f(m, c): return m.force_x_un, c.slip\n",
+            "host/ruffini/device/results.py": "def f(m): return m.force_x_un, m.stamp\n",
+        },
+        "host/ruffini/ros/a.py reads 'force_x_un' of a message",
+    ),
 ]
 GATES: list[Gate] = list(dict.fromkeys(gate for gate, _, _ in PLANTED))
 

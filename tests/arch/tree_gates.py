@@ -301,3 +301,44 @@ def stage_drawing(root: Path) -> list[str]:
                 f"firmware/README.md does not draw the stage {row['name']!r}: its row is {re.sub(r' +', ' ', line)}"
             )
     return found
+
+
+# Messages of proto/ruffini.proto that say something of a frame, and their parts.
+RESULT_MESSAGES = (
+    "Wrench|Field|Residual|Depth|Contacts|Contact|Slip|SkinTouch|ToolTouch|ContactModel|Helmholtz|Markers|Learned|Image"
+)
+RESULT_UNIT = re.compile(r"_(un|um|nm|urad|upx|1e\d|um2_k|unmm)$|_lsb_|_un_um$")
+STAMPED = ("wire", "device", "record", "api")  # packages that put messages in the order of their frames
+RESULT_READERS = ("host/ruffini/wire/", "host/ruffini/device/results.py")
+
+
+def raw_results(root: Path) -> list[str]:
+    """Results of the stream are read in one module, host/ruffini/device/results.py; all others have its types."""
+    schema = root / "proto/ruffini.proto"
+    if not schema.is_file():
+        return []
+    bodies = re.findall(rf"^message (?:{RESULT_MESSAGES}) {{(.*?)^}}", _text(schema), re.S | re.M)
+    named = re.findall(r"^  (?:repeated )?\w+ (\w+) = \d+;", "".join(bodies), re.M)
+    trees = {path: ast.parse(_text(path)) for path in _sources(root, "host/ruffini/") if path.suffix == ".py"}
+    # Settings and rows of the core have some fields of the same name.
+    others = {
+        node.target.id
+        for tree in trees.values()
+        for part in ast.walk(tree)
+        if isinstance(part, ast.ClassDef)
+        for node in part.body
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+    }
+    raw = {name for name in named if RESULT_UNIT.search(name)} - others
+    found = []
+    for path, tree in trees.items():
+        name = path.relative_to(root).as_posix()
+        if name.startswith(RESULT_READERS):
+            continue
+        refused = raw if name.split("/")[2] in STAMPED else raw | {"stamp"}
+        found += [
+            f"{name} reads {node.attr!r} of a message: take it from ruffini.device.results"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Attribute) and node.attr in refused
+        ]
+    return found

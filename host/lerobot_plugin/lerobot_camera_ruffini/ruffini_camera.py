@@ -27,8 +27,8 @@ class Touch(NamedTuple):
         does not measure is NaN.
     wrench : (6,) force (N) and moment (N m) about the pad's centre; NaN where it is not measured.
     captured_s : middle of the exposure on `time.perf_counter`, as far as the sensor's clock is known, else of arrival.
-    results : everything that the sensor sent of this picture, with validity: contacts with hardness, depth, tool, skin and
-        slip, what a network learned, standard deviations, depth.
+    results : everything that the sensor sent of this picture, with validity: contacts with hardness, depth, tool, skin
+        and slip, a network's quantities, standard deviations, depth.
     """
 
     points: npt.NDArray[np.float64]

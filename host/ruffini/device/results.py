@@ -274,14 +274,15 @@ class ContactModel:
         if (part := contact_part(m, "model")) is None:
             return None
         kind = CONTACT_KINDS.get(part.kind)
-        depths = np.array([part.gel_depth_um * 1e-6, part.depth_sigma_um * 1e-6, part.press_depth_um * 1e-6,
-                           part.effective_area_um2_k * 1e-9])  # fmt: skip
-        hardness = np.array([part.stiffness_pa_um * 1e6, part.shore_a_1e1 * 0.1, part.shore_a_sigma_1e1 * 0.1])
-        depths = believed(depths, (part.depth_validity,) * 4, flags)
-        hardness = believed(hardness, (part.hardness_validity,) * 3, flags)
-        return cls(kind, part.kind_sure_1e3 * 1e-3 if kind else None, *depths.tolist(), part.depth_validity,
-                   *hardness.tolist(), part.hardness_validity, part.mean_flow_um * 1e-6,
-                   part.moment_by_flow_unmm * 1e-9)  # fmt: skip
+        depth = float(believed(1.0, (part.depth_validity,), flags)[0])  # 1, or NaN
+        hardness = float(believed(1.0, (part.hardness_validity,), flags)[0])
+        return cls(
+            kind, part.kind_sure_1e3 * 1e-3 if kind else None, depth * part.gel_depth_um * 1e-6,
+            depth * part.depth_sigma_um * 1e-6, depth * part.press_depth_um * 1e-6,
+            depth * part.effective_area_um2_k * 1e-9, part.depth_validity, hardness * part.stiffness_pa_um * 1e6,
+            hardness * part.shore_a_1e1 * 0.1, hardness * part.shore_a_sigma_1e1 * 0.1, part.hardness_validity,
+            part.mean_flow_um * 1e-6, part.moment_by_flow_unmm * 1e-9,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -338,7 +339,7 @@ class Contact:
 
     @classmethod
     def from_message(cls, m: Any, flags: int = 0) -> Contact:
-        slip = None if flags & ~KNOWN_FLAGS else contact_part(m, "slip")
+        slip: Any = None if flags & ~KNOWN_FLAGS else contact_part(m, "slip")
         state = None if slip is None else SLIP_STATES.get(slip.slip_state)
         told = state is not None
         known = told and slip.friction_1e3 > 0

@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -135,7 +136,9 @@ class StreamWatch:
 
     def _run(self) -> None:
         schema = self._sensor.schema
-        readers = {"WRENCH": _frame, "FIELD": _field, "MARKERS": _markers, "IMAGE": _image, "CONTACTS": _contacts}
+        readers: dict[str, Callable[[float, Any], list[Sample]]] = {
+            "WRENCH": _frame, "FIELD": _field, "MARKERS": _markers, "IMAGE": _image, "CONTACTS": _contacts,
+        }  # fmt: skip
         stale = schema.enum_number("FlagBit", "FLAG_STALE")
         by_type = {schema.type_numbers[name]: (RESULTS[name], read) for name, read in readers.items()}
         try:

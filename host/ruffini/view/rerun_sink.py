@@ -135,19 +135,17 @@ class RerunSink:
         self._told[path] = (str(learned.frame),)
         for name, value in learned.quantities.items():
             log(f"{path}/{name}", self._rr.Scalars(float(value) if learned.is_valid else float("nan")))
-        for name, seconds in (
-            ("took_s", learned.took_s),
-            ("latency_s", learned.latency_s),
-            ("rate_hz", learned.rate_hz),
-        ):
-            log(f"{path}/{name}", self._rr.Scalars(seconds))
+        for name in ("took_s", "latency_s", "rate_hz"):
+            log(f"{path}/{name}", self._rr.Scalars(getattr(learned, name)))
         log(f"{path}/is_valid", self._rr.Scalars(float(learned.is_valid)))
         log(f"{path}/frame", self._rr.Scalars(float(learned.frame)))
 
     def _markers(self, pad: str, markers: Markers) -> None:
         """Arrays as they are, absent ones left out."""
-        arrays = {"displacement_px": markers.displacement_px, "is_lost": markers.is_lost.astype(np.uint8),
-                  "rest_px": markers.rest_px, "quality": markers.quality, "area_px2": markers.area_px2}  # fmt: skip
+        arrays: dict[str, Any] = {
+            "displacement_px": markers.displacement_px, "is_lost": markers.is_lost.astype(np.uint8),
+            "rest_px": markers.rest_px, "quality": markers.quality, "area_px2": markers.area_px2,
+        }  # fmt: skip
         for name, values in arrays.items():
             if values is not None:
                 dims = NODE_AXES[: values.ndim]
