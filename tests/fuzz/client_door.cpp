@@ -68,12 +68,15 @@ class Said {
   void operator()(const client::Field& f) {
     put(f.stamp);
     put(f.force_step_n);
+    put(f.displacement_step_m);
+    put(static_cast<double>(f.sigma_validity));
     for (const client::Validity v : f.validity) put(static_cast<double>(v));
     for (const client::Grid* grid : {&f.force, &f.displacement, &f.slip, &f.sigma}) put(*grid);
   }
   void operator()(const client::Depth& d) {
     put(d.stamp);
     put(d.step_m);
+    put(d.step_px);
     put(d.sigma_m);
     put(static_cast<double>(d.validity));
     put(d.depth);
@@ -140,7 +143,10 @@ class Said {
   void operator()(const client::Learned& m) {
     put(m.stamp);
     put(m.is_valid ? 1 : 0);
-    for (const auto& [name, value] : m.quantities) put(static_cast<double>(value));
+    for (const auto& [name, value] : m.quantities) {
+      for (const char letter : name) put(static_cast<double>(letter));
+      put(static_cast<double>(value));
+    }
     for (const double v : {m.took_s, m.latency_s, m.period_s}) put(v);
   }
   void operator()(const client::Event& e) {

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
 from ruffini.api.sensor import node_places, sensor_info
+from ruffini.device.results import Field, believed
 from ruffini.errors import InputError
 from ruffini.extras import missing
 from ruffini.record.columns import contact_columns, learned_columns
@@ -39,7 +40,7 @@ Block = dict[str, npt.NDArray[Any]]
 # Values of nodes, cells and markers, for formats that hold arrays; None: the frame has none.
 DENSE: dict[str, Callable[[SensorFrame], Any]] = {
     "field_force_n": lambda f: f.field and f.field.force,
-    "field_sigma_n": lambda f: f.field and f.field.sigma,
+    "field_sigma_n": lambda f: f.field and _valid_sigma(f.field),
     "field_displacement_m": lambda f: f.field and f.field.displacement,
     "field_slip": lambda f: f.field and f.field.slip,
     "field_residual": lambda f: f.residual and f.residual.residual,
@@ -155,6 +156,10 @@ def _row(recording: Recording, frame: SensorFrame) -> dict[str, Any]:
         "is_simulated": frame.is_simulated, "is_replay": frame.is_replay,
         "n_missed": -1 if frame.n_missed is None else frame.n_missed,
     }  # fmt: skip
+
+
+def _valid_sigma(field: Field) -> Any:
+    return None if field.sigma is None else believed(field.sigma, (field.sigma_validity,) * 3, field.flags)
 
 
 def _dense(frames: list[SensorFrame], get: Callable[[SensorFrame], Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:

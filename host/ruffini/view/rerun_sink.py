@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
-from ruffini.device.results import Contacts, Field, Learned, Markers, believed
+from ruffini.device.results import VALID, Contacts, Field, Learned, Markers, believed
 from ruffini.device.system_clock import SystemClock
 from ruffini.record.columns import contact_columns
 
@@ -105,10 +105,11 @@ class RerunSink:
             return
         for curve, part in CURVES.items():
             self._stream.log(f"{pad}/{curve}", self._rr.Scalars(getattr(frame.wrench, part)))
-        sigma = np.full(6, np.nan) if frame.wrench.sigma is None else frame.wrench.sigma
+        is_stated = frame.wrench.covariance_validity == VALID and frame.wrench.sigma is not None
+        sigma = frame.wrench.sigma if is_stated and frame.wrench.sigma is not None else np.full(6, np.nan)
         self._stream.log(f"{pad}/force_sigma_n", self._rr.Scalars(sigma[:3]))
         self._stream.log(f"{pad}/torque_sigma_nm", self._rr.Scalars(sigma[3:]))
-        if frame.wrench.covariance is not None:
+        if is_stated:
             self._stream.log(f"{pad}/covariance", self._rr.Tensor(frame.wrench.covariance, dim_names=("row", "column")))
         force = frame.wrench.force
         arrows = [WRENCH_M_PER_N * force] if np.isfinite(force).all() else []

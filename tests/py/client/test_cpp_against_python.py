@@ -88,13 +88,14 @@ def of_field(m: Any) -> list[float]:
     f = Field.from_message(m)  # refuses parts that do not fit each other
     validity = [judged(v, m.stamp.flags) for v in m.validity] or [0, 0, 0]
     grids = [v for part in ("force", "displacement", "slip", "sigma") for v in grid(m, part)]
-    return [*stamp(m), f.force_lsb_n, *validity, *grids]
+    steps = [f.force_lsb_n, m.displacement_lsb_nm * 1e-9]
+    return [*stamp(m), *steps, judged(m.sigma_validity, m.stamp.flags), *validity, *grids]
 
 
 def of_depth(m: Any) -> list[float]:
     d = Depth.from_message(m)
     step_m, sigma_m = m.depth_lsb_nm * 1e-9, d.sigma or 0.0
-    return [*stamp(m), step_m, sigma_m, judged(m.validity, m.stamp.flags), *grid(m, "depth")]
+    return [*stamp(m), step_m, m.step_px, sigma_m, judged(m.validity, m.stamp.flags), *grid(m, "depth")]
 
 
 def of_residual(m: Any) -> list[float]:
@@ -116,8 +117,8 @@ def of_markers(m: Any) -> list[float]:
 
 def of_learned(m: Any) -> list[float]:
     is_valid = judged(m.validity, m.stamp.flags) == VALID
-    return [*stamp(m), is_valid, *(q.value for q in m.quantities), m.took_us * 1e-6, m.latency_us * 1e-6,
-            m.period_us * 1e-6]  # fmt: skip
+    quantities = [v for q in m.quantities for v in (*q.name.encode(), q.value)]
+    return [*stamp(m), is_valid, *quantities, m.took_us * 1e-6, m.latency_us * 1e-6, m.period_us * 1e-6]
 
 
 def numbers(part: Any) -> list[Any]:
