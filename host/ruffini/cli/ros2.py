@@ -31,9 +31,12 @@ def bridge(
     ] = None,
     listen: Annotated[list[str] | None, typer.Option(help="zenoh: where to listen, e.g. tcp/0.0.0.0:7448.")] = None,
     n_frames: Annotated[int | None, typer.Option(min=1, help="End after so many frames.")] = None,
+    residual_every: Annotated[
+        int, typer.Option(min=0, help="Publish what the forces do not explain of each n-th frame (0 = never).")
+    ] = 0,
     json_: JsonFlag = False,
 ) -> None:
-    """Publish wrench, field, depth, contacts and health of a sensor until Ctrl-C."""
+    """Publish wrench, field, depth, contacts, learned quantities and health of a sensor until Ctrl-C."""
     import signal
     import threading
 
@@ -47,7 +50,7 @@ def bridge(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     config = configuration(connect or [LOCAL_ROUTER], listen or []) if through == Through.zenoh else None
-    with ruffini.connect(Settings.port, Settings.serial, on_note=note) as sensor:
+    with ruffini.connect(Settings.port, Settings.serial, residual=residual_every, on_note=note) as sensor:
         name = ros_name(sensor.serial_number)
         with ZenohNode(name, config, domain=domain) if config is not None else RclpyNode(name) as node:
             relay = Bridge(sensor, node, note)

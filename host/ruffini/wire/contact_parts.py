@@ -1,7 +1,7 @@
 """Messages that stages add to a Contact, also of devices and recordings whose Contact has the numbers of all stages.
 
-Until commit 7b97399 these were fields of Contact itself, with the names that they now have in the stages' messages. So
-a former Contact stands for each message whose first field it sets.
+Such a former Contact has the fields of the stages' messages itself, with the same names. So it stands for each message
+whose first field it sets.
 """
 
 from __future__ import annotations
