@@ -71,5 +71,7 @@ def _asked(boards: Sequence[Board], what: str) -> Board:
         return the_one(boards, what)
     for i, board in enumerate(boards, 1):
         note(f"  {i}  {board.name}: {board.board.product}")
-    number = typer.prompt(f"{what} may be each of these: number", type=typer.IntRange(1, len(boards)), err=True)
-    return boards[number - 1]
+    while True:
+        number: int = typer.prompt(f"{what} may be each of these: number", type=int, err=True)
+        if 1 <= number <= len(boards):
+            return boards[number - 1]
