@@ -17,6 +17,8 @@
 #include "capture/paired_camera.h"
 #include "capture/replay_camera.h"
 #include "capture/twin_camera.h"
+#include "capture/v4l2_camera.h"
+#include "capture/v4l2_modes.h"
 #include "daemon.h"
 #include "hw/doctor.h"
 #include "hw/linux_board.h"
@@ -116,12 +118,13 @@ ruffini::Result<std::unique_ptr<ruffini::Camera>> open_one(const std::string& ca
                                                            const ruffini::Clock& clock) {
   const bool is_lockstep = arguments.daemon.is_lockstep;
   if (camera.rfind("libcamera:", 0) == 0) return ruffini::open_libcamera(camera.substr(10), board);
+  if (camera.rfind("v4l2:", 0) == 0) return ruffini::open_v4l2(camera.substr(5), board);
   if (camera.rfind("twin:", 0) == 0) return ruffini::open_twin(camera.substr(5), is_lockstep, board, clock);
   if (camera.rfind("replay:", 0) == 0) {
     return ruffini::open_replay({camera.substr(7), is_lockstep, arguments.is_loop}, board, clock);
   }
   return ruffini::Error{ruffini::ErrorKind::kBadInput,
-                        "--camera " + camera + ": give libcamera:NAME, replay:PATH or twin:SOCKET"};
+                        "--camera " + camera + ": give v4l2:NAME, libcamera:NAME, replay:PATH or twin:SOCKET"};
 }
 
 using CameraResult = ruffini::Result<std::unique_ptr<ruffini::Camera>>;
@@ -328,11 +331,19 @@ int main(int argc, char** argv) {
   app.add_option("--boards-dir", arguments.boards_dir, "where board names are looked up");
   app.add_option(
          "--camera", arguments.cameras,
-         "libcamera:NAME, a part of a camera's id, or nothing; replay:PATH, a video file or a folder of images; "
+         "v4l2:NAME, the path of a camera's node, a part of its name, its serial number, or nothing; libcamera:NAME, a "
+         "part of its id, or nothing; replay:PATH, a video file or a folder of images; "
          "twin:SOCKET of `ruffini sim serve`. Twice with [stereo] of board.toml: left, then right")
       ->required()
       ->expected(1, 2)
       ->allow_extra_args(false);
+  app.add_flag_callback(
+      "--list-cameras",
+      [] {
+        fmt::print("{}\n", ruffini::cameras_json(ruffini::VideoCalls::of_kernel()));
+        throw CLI::Success();
+      },
+      "print the V4L2 cameras of this computer with their modes as one JSON object, and do nothing else");
   app.add_option("--link", arguments.link, "serial device, pty, or pty:SYMLINK")->required();
   app.add_option("--store", arguments.store, "folder that keeps the calibration")->required();
   app.add_option(

@@ -19,6 +19,13 @@ struct ExposureSettings {
   [[nodiscard]] bool is_manual() const { return time_us != 0; }
 };
 
+// By which a host that has this sensor on USB recognises it; the firmware does not use it.
+struct UsbSettings {
+  int64_t vendor = 0;  // 0: the names alone count
+  int64_t product = 0;
+  std::vector<std::string> names{};  // parts of the name that the kernel gives its camera
+};
+
 // A thermometer of Linux (hw/thermometer.h); both empty: none.
 struct TemperatureSettings {
   std::string place;  // what STATUS calls it

@@ -6,6 +6,7 @@ namespace {
 constexpr size_t kMaxLineLength = 31;  // of a GPIO line, as the kernel has it
 constexpr size_t kMaxPathLength = 128;
 constexpr size_t kLedOutputs = 16;
+constexpr size_t kMaxUsbNames = 8;
 constexpr int kMostPriority = 49;  // the kernel's interrupt threads have 50
 constexpr int kMostCpu = 63;       // ThreadSettings::cpus
 
@@ -22,6 +23,18 @@ void read_exposure(BoardReader& in, BoardSettings& board) {
   } else {
     board.exposure.white_kelvin = in.integer("white_kelvin", 1'000, 20'000);
   }
+}
+
+void read_usb(BoardReader& in, UsbSettings& usb) {
+  if (!in.has_section("usb")) return;
+  in.section("usb");
+  const bool has_identity = in.has("vendor") || in.has("product");
+  if (has_identity) {
+    usb.vendor = in.integer("vendor", 1, 0xffff);
+    usb.product = in.integer("product", 1, 0xffff);
+  }
+  if (in.has("names")) usb.names = in.texts("names", kMaxUsbNames);
+  if (!has_identity && usb.names.empty()) in.fail("[usb] has nothing to recognise: give vendor and product, or names");
 }
 
 void read_light(BoardReader& in, LightSettings& light) {
@@ -140,6 +153,7 @@ void read_threads(BoardReader& in, ThreadsSettings& threads) {
 
 void read_hardware(BoardReader& in, BoardSettings& board) {
   read_exposure(in, board);
+  read_usb(in, board.usb);
   read_light(in, board.light);
   read_led_driver(in, board.led_driver);
   read_stereo(in, board.stereo);

@@ -119,6 +119,7 @@ struct BoardSettings {
   std::vector<std::string> not_measured;
   CameraSettings camera;
   ExposureSettings exposure;
+  UsbSettings usb;
   PadSettings pad;
   GridSize grid;  // nodes over the whole pad
   int n_layers = 0;

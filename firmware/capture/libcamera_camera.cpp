@@ -19,7 +19,7 @@
 #include "capture/libcamera_metadata.h"
 #include "capture/libcamera_session.h"
 #include "capture/pixels.h"
-#include "capture/silence.h"
+#include "capture/stream_limits.h"
 #include "capture/v4l2_exposure.h"
 #include "hw/frame_memory.h"
 
@@ -30,11 +30,7 @@ namespace lc = libcamera;
 using std::chrono::milliseconds;
 using SteadyClock = std::chrono::steady_clock;
 
-constexpr milliseconds kWait{100};  // for one frame; then the daemon looks whether it is to stop
 constexpr milliseconds kStopTime{2'000};
-constexpr int kSettlingFrames = 10;  // after a start, until new controls are in force in every pipeline
-constexpr int kMaxDrifted = 300;     // frames in a row that are not as [exposure] asks
-constexpr int kMaxRestarts = 3;      // in a row, without a frame between
 
 struct Format {
   lc::PixelFormat format;
@@ -252,7 +248,7 @@ class LibcameraCamera : public Camera {
     size_t n = 0;
     {
       std::unique_lock lock(session_->mutex);
-      session_->changed.wait_for(lock, kWait, [&] { return session_->n_done > 0 || session_->is_gone; });
+      session_->changed.wait_for(lock, kFrameWait, [&] { return session_->n_done > 0 || session_->is_gone; });
       std::swap(taken, session_->done);
       std::swap(n, session_->n_done);
     }
@@ -331,7 +327,7 @@ class LibcameraCamera : public Camera {
     }
     if (about.status != lc::FrameMetadata::FrameSuccess) return CaptureStatus::kInvalidFrame;
     std::string drift = drift_of(request.metadata(), board_.exposure);
-    if (drift.empty() && by_device_) drift = by_device_->drift();
+    if (drift.empty() && by_device_) drift = by_device_->drift(SteadyClock::now());
     if (!drift.empty()) {
       if (++n_drifted_ >= kMaxDrifted) {
         problem_ = "camera " + id_ + " has " + drift + ": give [exposure] numbers that it can keep";

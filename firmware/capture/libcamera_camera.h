@@ -3,7 +3,7 @@
 // Frames are of the board's size, at its rate; where the camera has no rate of its own they are taken at the board's.
 // With [exposure] of board.toml its automatics are off, and frames whose metadata say another exposure, gain or colour
 // are no frames (kInvalidFrame); one on USB has no such metadata and is asked each second. Without frames for a second
-// (silence.h) the stream is started again. What cannot be mended ends the stream (kEnd, problem()): the camera is gone, cannot be
+// (stream_limits.h) the stream is started again. What cannot be mended ends the stream (kEnd, problem()): the camera is gone, cannot be
 // stopped, or does not keep what [exposure] asks.
 #pragma once
 

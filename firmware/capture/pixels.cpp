@@ -45,6 +45,9 @@ void row_to_bgr(PixelLayout layout, const YuvRule& rule, const uint8_t* row, con
         pair_to_bgr(rule, row[2 * x], row[2 * x + 2], row[2 * x + 1], row[2 * x + 3], out + ptrdiff_t{3} * x);
       }
       return;
+    case PixelLayout::kGrey:
+      for (int x = 0; x < width; ++x) std::memset(out + ptrdiff_t{3} * x, row[x], 3);
+      return;
     case PixelLayout::kNv12:
       for (int x = 0; x < width; x += 2) {
         pair_to_bgr(rule, row[x], row[x + 1], uv[x], uv[x + 1], out + ptrdiff_t{3} * x);

@@ -8,7 +8,7 @@
 namespace ruffini {
 
 // In the order of their bytes in memory. kYuyv: Y0 U Y1 V. kNv12: a plane of Y, then one of U V, of half size.
-enum class PixelLayout { kBgr, kRgb, kBgrx, kYuyv, kNv12 };
+enum class PixelLayout { kBgr, kRgb, kBgrx, kYuyv, kNv12, kGrey };
 
 // From Y U V to B G R. B = gain (Y - black) + u_to_b (U - 128), G and R likewise; steps of 1/16384.
 struct YuvRule {

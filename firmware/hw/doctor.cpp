@@ -14,6 +14,7 @@
 #include <thread>
 #include <utility>
 
+#include "hw/json_text.h"
 #include "hw/led_driver.h"
 #include "hw/thread_place.h"
 
@@ -220,15 +221,6 @@ const char* word(CheckState state) {
   return "";
 }
 
-std::string quoted(const std::string& text) {
-  std::string out = "\"";
-  for (const char c : text) {
-    if (c == '"' || c == '\\') out += '\\';
-    out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
-  }
-  return out + "\"";
-}
-
 }  // namespace
 
 std::vector<Check> examine(const DoctorRequest& request) { return Examination(request).all(); }
@@ -281,8 +273,9 @@ std::string as_json(const std::vector<Check>& checks) {
   std::string text = std::string("{\"ok\": ") + (has_failed(checks) ? "false" : "true") + ", \"checks\": [";
   for (size_t i = 0; i < checks.size(); ++i) {
     const Check& check = checks[i];
-    text += std::string(i == 0 ? "" : ", ") + "{\"name\": " + quoted(check.name) + ", \"state\": \"" +
-            word(check.state) + "\", \"found\": " + quoted(check.found) + ", \"remedy\": " + quoted(check.remedy) + "}";
+    text += std::string(i == 0 ? "" : ", ") + "{\"name\": " + json_quoted(check.name) + ", \"state\": \"" +
+            word(check.state) + "\", \"found\": " + json_quoted(check.found) +
+            ", \"remedy\": " + json_quoted(check.remedy) + "}";
   }
   return text + "]}\n";
 }

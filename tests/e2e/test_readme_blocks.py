@@ -30,6 +30,8 @@ NOT_RUN = {
     "pip install -e 'host[train]'": "PyTorch: .ci/setup extras installs it for `make readmes`",
     ".venv/bin/ruffini view --demo gelslim": "test_the_page_with_a_simulated_pad_as_its_readme_opens_it, likewise",
     "ruffini view --demo gelslim": "test_the_page_with_a_simulated_pad_as_its_readme_opens_it, until it is stopped",
+    "ruffini live": SENSOR,
+    "ruffini live --camera VIDEO --board gelsight-mini": "test_live_verb.py, with a video that it draws",
     "ruffini cal flash colours.safetensors": SENSOR,
     "ruffini cal report unit.safetensors --log grid.h5 --out report.html": ITS_LOG,
     "ruffini cal report unit.safetensors --log other.h5 --out report.html": ITS_LOG,

@@ -9,6 +9,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from ruffini.boards import find_board
@@ -17,9 +18,10 @@ from ruffini.wire.framing import cobs_decode, encode_message
 from ruffini.wire.messages import Schema
 
 ROOT = Path(__file__).parents[2]
-TARGETS = ("frame", "dense", "calibration", "board", "session", "slots", "message", "card", "client", "host")
+TARGETS = ("frame", "dense", "calibration", "board", "session", "slots", "message", "card", "client", "host", "jpeg")
 MESSAGES = (11, 1, 3, 4, 7, 10, 12, 13, 15, 14)  # MessageType of each message of message_target.cpp, in its order
 TYPE_AT, PAYLOAD_AT, CRC_BYTES = 2, 12, 4  # in a decoded frame
+JPEG_SIZE = (32, 24)  # that jpeg_target.cpp takes
 
 # What session_target.cpp does, step by step: its case, then its arguments.
 UPLOAD, GOOD_FRAMES, BAD_FRAMES, POLL = [4, 0], [7, 0xA5], [7, 0x1F], [5, 16, 0]
@@ -98,6 +100,10 @@ def main(folder: Path) -> None:
             (folder / "dense" / f"{i:03d}").write_bytes(bytes([int(line.split(" | ")[3]) - 1]) + values.tobytes())
     for board in (ROOT / "boards").glob("*/board.toml"):
         (folder / "board" / board.parent.name).write_bytes(board.read_bytes())
+    for i, how in enumerate(([], [cv2.IMWRITE_JPEG_RST_INTERVAL, 1], [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])):
+        picture = np.add.outer(np.arange(JPEG_SIZE[1]), np.arange(JPEG_SIZE[0]))[..., None] * (3, 4, 5)
+        _, data = cv2.imencode(".jpg", picture.astype(np.uint8), how)
+        (folder / "jpeg" / f"{i:03d}").write_bytes(data.tobytes())
     for network in (ROOT / "tests/data/networks").glob("*.onnx"):
         shutil.copy(network, folder / "card")
     tensors = {"operator.entry": np.ones((4, 32), np.int16), "operator.shift": np.zeros((4, 1), np.uint8)}

@@ -15,7 +15,12 @@ from pathlib import Path
 
 from checks import check, content, run, run_all, tool, until
 from played_forces import beside_truth
-from usb_camera_checks import usb_camera, usb_camera_unplugged
+from usb_camera_checks import (
+    usb_camera,
+    usb_camera_by_v4l2,
+    usb_camera_unplugged,
+    usb_camera_unplugged_by_v4l2,
+)
 from virtual_board import (
     DRIVER,
     ENVIRONMENT,
@@ -97,7 +102,7 @@ def gadget_conflict() -> str:
 @check
 def camera() -> str:
     """Camera: the capture code on libcamera's virtual pipeline, frames in memory of a DMA heap or udmabuf"""
-    printed = run("/vm/ruffini_capture_tests", "--gtest_filter=Libcamera*:Pixels*", timeout=200)
+    printed = run("/vm/ruffini_capture_tests", "--gtest_filter=Libcamera*:Pixels*:V4l2*:Jpeg*:VideoNodes*", timeout=200)
     passed = re.search(r"\[  PASSED  \] (\d+) tests", printed)
     assert passed, printed
     assert "SKIPPED" not in printed, printed
@@ -155,6 +160,8 @@ def camera_stalls() -> str:
 
 check(usb_camera)
 check(usb_camera_unplugged)
+check(usb_camera_by_v4l2)
+check(usb_camera_unplugged_by_v4l2)
 
 
 @check

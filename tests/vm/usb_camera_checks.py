@@ -1,4 +1,5 @@
-"""Checks of a camera on USB (usb_camera.py), through vhci-hcd, uvcvideo and libcamera's pipeline of that name."""
+"""Checks of a camera on USB (usb_camera.py), through vhci-hcd and uvcvideo: by libcamera's pipeline of that name, and
+by ruffinid's own V4L2."""
 
 from __future__ import annotations
 
@@ -60,24 +61,21 @@ def bars() -> int:
     return round(levels.max())
 
 
-def usb_camera() -> str:
-    """Camera on USB (UVC): the host gets its colours; exposure, gain, white arrive in it; one that drifts is told"""
+def colours_and_drift(name: str, no_gain: str) -> str:
+    """What the host gets of the camera that ruffinid calls `name`; `no_gain` is how it refuses vmdazzled's gain."""
     from ruffini.device import Connection
 
-    for module in ("vhci-hcd", "uvcvideo"):
-        run("modprobe", module)
-    run("insmod", "/vm/usb_bench.ko")
     with plugged_in() as camera:
         assert camera.stdin is not None
         before = told()
         assert all(before[name] != asked for name, asked in ASKED.items()), before
         for board, what in (
-            ("vmdazzled", "AnalogueGain 8.0"),
+            ("vmdazzled", no_gain),
             ("vmblue", "exposure.white_kelvin = 9000, only 2800 to 6500"),
         ):
-            refused = run(*ruffinid(NAMED, board=board), code=2)
+            refused = run(*ruffinid(name, board=board), code=2)
             assert f"cannot be told {what}" in refused, refused
-        with daemon(NAMED, board="vmusb"):
+        with daemon(name, board="vmusb"):
             level = bars()
             assert told() == ASKED, told()
             with Connection(port()) as sensor:
@@ -93,9 +91,9 @@ def usb_camera() -> str:
     return f"{before}, then {told()}; level {level}; invalid {seconds:.1f} s after another exposure"
 
 
-def usb_camera_unplugged() -> str:
-    """Camera on USB, service: unplugged while it streams, told; plugged in again, it goes on as it was"""
-    settings(ENVIRONMENT, CAMERA=f"libcamera:{NAMED}")
+def unplugged_and_back(camera: str) -> str:
+    """Of the service with --camera `camera`."""
+    settings(ENVIRONMENT, CAMERA=camera)
     with plugged_in() as camera:
         serve("vmusb")
         bars()
@@ -111,3 +109,29 @@ def usb_camera_unplugged() -> str:
         run("systemctl", "stop", "ruffinid")
     settings(ENVIRONMENT, CAMERA="libcamera:VirtualRest")
     return f"told after {gone:.1f} s, ended after {ended:.1f} s more, up {again:.1f} s after it was plugged in"
+
+
+def usb_camera() -> str:
+    """Camera on USB (UVC): the host gets its colours; exposure, gain, white arrive in it; one that drifts is told"""
+    for module in ("vhci-hcd", "uvcvideo"):
+        run("modprobe", module)
+    run("insmod", "/vm/usb_bench.ko")
+    return colours_and_drift(NAMED, "AnalogueGain 8.0")
+
+
+def usb_camera_by_v4l2() -> str:
+    """The same camera without libcamera (--camera v4l2:): colours, exposure, gain, white, drift; busy is told"""
+    with plugged_in(), daemon(f"v4l2:{NAMED}", board="vmusb"):
+        busy = run(*ruffinid(f"v4l2:{NAMED}", board="vmusb"), code=3)
+    assert "is used by another program" in busy, busy
+    return colours_and_drift(f"v4l2:{NAMED}", "exposure.gain_1e3 = 8000")
+
+
+def usb_camera_unplugged() -> str:
+    """Camera on USB, service: unplugged while it streams, told; plugged in again, it goes on as it was"""
+    return unplugged_and_back(f"libcamera:{NAMED}")
+
+
+def usb_camera_unplugged_by_v4l2() -> str:
+    """The same camera without libcamera, service: unplugged while it streams, told; plugged in again, it goes on"""
+    return unplugged_and_back(f"v4l2:{NAMED}")

@@ -63,7 +63,8 @@ def warm_to(celsius: float) -> None:
 
 
 def ruffinid(*cameras: str, board: str = "vmpad") -> list[str]:
-    given = [word for camera in cameras for word in ("--camera", f"libcamera:{camera}")]
+    named = [camera if camera.startswith("v4l2:") else f"libcamera:{camera}" for camera in cameras]
+    given = [word for camera in named for word in ("--camera", camera)]
     return ["ruffinid", "--board", f"/vm/{board}", *given, "--link", "/dev/ttyGS0",
             "--serial", "VM-0001", "--store", "/run/store"]  # fmt: skip
 

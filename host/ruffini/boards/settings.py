@@ -161,6 +161,14 @@ class Exposure(Section):
     white_kelvin: int | None = None
 
 
+class Usb(Section):
+    """[usb]: how a computer recognises the sensor on USB: identity, or a part of its camera's name."""
+
+    vendor: int | None = None
+    product: int | None = None
+    names: list[str] | None = None
+
+
 class Light(Section):
     """[light]: the GPIO line of the pad's lamps; lit_dark: every second frame of the camera is taken without them."""
 
@@ -248,6 +256,7 @@ class Board(Section):
     board: BoardIdentity
     camera: Camera
     exposure: Exposure | None = None
+    usb: Usb | None = None
     light: Light | None = None
     led_driver: LedDriver | None = None
     stereo: Stereo | None = None

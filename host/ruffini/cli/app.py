@@ -26,6 +26,7 @@ from ruffini.cli import (
     fleet,
     key,
     latency,
+    live,
     monitor,
     offline,
     recording,
@@ -60,6 +61,7 @@ app.command("plot")(recording.plot)
 app.command("recover")(recording.recover)
 app.command("snapshot")(device.snapshot)
 app.command("view")(view.view)
+app.command("live")(live.live)
 app.command("rerun")(rerun.rerun)
 app.command("track")(offline.track)
 app.command("depth")(offline.depth)

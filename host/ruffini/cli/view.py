@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import typer
@@ -11,6 +12,7 @@ from ruffini.cli.common import JsonFlag, Settings, emit, note
 from ruffini.cli.device import open_sensor
 
 HTTP_PORT = 8451
+WATCH_S = 0.2  # between two looks whether the page has still something to show
 
 
 def view(
@@ -26,29 +28,11 @@ def view(
 ) -> None:
     """The live force field in a browser; several sensors: --port A,B."""
     note(f"view: preparing the SIMULATED {demo}" if demo else "view: looking for sensors")
-    import asyncio
-    import signal
-    import webbrowser
-
     from ruffini.device.ports import candidate_ports
     from ruffini.errors import NoDeviceError
-    from ruffini.view.line import SharedLine
-    from ruffini.view.server import page_folder, serve
+    from ruffini.view.server import page_folder
 
     page_folder()
-
-    def ready(address: str) -> None:
-        emit({"address": address}, json_, address)
-        note("stop with Ctrl-C")
-        if not no_browser:
-            webbrowser.open(address)
-
-    async def until_stopped(ports: list[str]) -> None:
-        stop = asyncio.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await serve([SharedLine(port) for port in ports], http_port, ready, stop, note)
-
     with contextlib.ExitStack() as stack:
         if demo:
             from ruffini.view.demo import running_demo
@@ -61,4 +45,43 @@ def view(
             ports = Settings.port.split(",") if Settings.port else candidate_ports()
         if not ports:
             raise NoDeviceError("no sensor found: plug one in, name its port with --port, or try --demo BOARD")
-        asyncio.run(until_stopped(ports))
+        show_page(ports, http_port, no_browser=no_browser, json_=json_)
+
+
+def show_page(
+    ports: Sequence[str],
+    http_port: int,
+    *,
+    no_browser: bool,
+    json_: bool,
+    is_over: Callable[[], bool] = lambda: False,
+) -> None:
+    """Serve the page of these ports until a signal comes or `is_over`; prints its address, and opens it."""
+    import asyncio
+    import signal
+    import webbrowser
+
+    from ruffini.view.line import SharedLine
+    from ruffini.view.server import serve
+
+    def ready(address: str) -> None:
+        emit({"address": address}, json_, address)
+        note("stop with Ctrl-C")
+        if not no_browser:
+            webbrowser.open(address)
+
+    async def until_stopped() -> None:
+        stop = asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+
+        async def watch() -> None:
+            while not is_over():
+                await asyncio.sleep(WATCH_S)
+            stop.set()
+
+        watching = asyncio.create_task(watch())
+        await serve([SharedLine(port) for port in ports], http_port, ready, stop, note)
+        watching.cancel()
+
+    asyncio.run(until_stopped())

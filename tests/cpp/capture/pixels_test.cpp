@@ -42,6 +42,8 @@ TEST(Pixels, OrdersOfChannels) {
   const cv::Mat three(kHeight, kWidth, CV_8UC3, data, kStride);
   EXPECT_EQ(cv::norm(converted(PixelLayout::kBgr, kFull601, frame), three, cv::NORM_INF), 0);
   EXPECT_EQ(difference(converted(PixelLayout::kRgb, kFull601, frame), three, cv::COLOR_RGB2BGR), 0);
+  const cv::Mat one(kHeight, kWidth, CV_8UC1, data, kStride);
+  EXPECT_EQ(difference(converted(PixelLayout::kGrey, kFull601, frame), one, cv::COLOR_GRAY2BGR), 0);
   const cv::Mat four(kHeight, kWidth, CV_8UC4, data, kStride);
   EXPECT_EQ(difference(converted(PixelLayout::kBgrx, kFull601, frame), four, cv::COLOR_BGRA2BGR), 0);
 }

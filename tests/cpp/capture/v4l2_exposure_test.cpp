@@ -42,6 +42,19 @@ TEST(V4l2Exposure, EachDriftIsNamedWithBothNumbers) {
   EXPECT_EQ(drift_of(said, kFirst, kAsked), "a white of 4890 K, asked 5000");
 }
 
+TEST(V4l2Exposure, GainsAreCountedFromTheDefault) {
+  EXPECT_EQ(device_gain(1'000, 10, 80, 20), 20);
+  EXPECT_EQ(device_gain(4'000, 10, 80, 20), 80);
+  EXPECT_EQ(device_gain(500, 10, 80, 20), 10);
+  EXPECT_EQ(device_gain(1'025, 10, 80, 20), 21) << "half a step goes up";
+  EXPECT_EQ(device_gain(4'100, 10, 80, 20), std::nullopt);
+  EXPECT_EQ(device_gain(500, 0, 255, 128), 0) << "the minimum is a half where three times that would be below it";
+  EXPECT_EQ(device_gain(1'496, 0, 255, 128), 255);
+  EXPECT_EQ(device_gain(2'500, 0, 100, 0), 50);
+  EXPECT_EQ(device_gain(1'000, 7, 7, 7), 7);
+  EXPECT_EQ(device_gain(1'001, 7, 7, 7), std::nullopt);
+}
+
 TEST(V4l2Exposure, WhatIsNoCameraIsSaid) {
   const auto missing = V4l2Controls::open("A", "/dev/char/0:0", kAsked);
   ASSERT_FALSE(missing);

@@ -1,4 +1,4 @@
-#include "capture/silence.h"
+#include "capture/stream_limits.h"
 
 #include <gtest/gtest.h>
 

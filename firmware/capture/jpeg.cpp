@@ -1,0 +1,83 @@
+#include "capture/jpeg.h"
+
+#include <csetjmp>
+#include <cstdio>
+// jpeglib.h needs size_t and FILE from the headers above.
+#include <jerror.h>
+#include <jpeglib.h>
+
+namespace ruffini {
+
+// The library's own way out of an error is a jump: no C++ object with a destructor lives between it and decode_rows.
+struct JpegDecoder::State {
+  jpeg_decompress_struct image{};
+  jpeg_error_mgr errors{};
+  std::jmp_buf way_out{};
+  bool is_damaged = false;
+  bool is_created = false;
+
+  static State& of(j_common_ptr image) { return *static_cast<State*>(image->client_data); }
+
+  [[noreturn]] static void fail(j_common_ptr image) { std::longjmp(of(image).way_out, 1); }
+
+  // Level -1 is damage that the library conceals, but for bytes after a whole picture, with which some cameras fill up.
+  static void warn(j_common_ptr image, int level) {
+    constexpr int kEndOfImage = 0xd9;
+    if (level >= 0) return;
+    const jpeg_error_mgr& errors = of(image).errors;
+    const bool is_filling = errors.msg_code == JWRN_EXTRANEOUS_DATA && errors.msg_parm.i[1] == kEndOfImage;
+    if (!is_filling) of(image).is_damaged = true;
+  }
+
+  bool create() {
+    image.err = jpeg_std_error(&errors);
+    errors.error_exit = fail;
+    errors.emit_message = warn;
+    errors.output_message = [](j_common_ptr) {};
+    image.client_data = this;
+    if (setjmp(way_out) != 0) return false;  // NOLINT(cert-err52-cpp): libjpeg has no other way
+    jpeg_create_decompress(&image);
+    is_created = true;
+    return true;
+  }
+
+  bool decode_rows(const uint8_t* data, size_t n_bytes, int width, int height, uint8_t* out) {
+    is_damaged = false;
+    if (setjmp(way_out) != 0) {  // NOLINT(cert-err52-cpp)
+      jpeg_abort_decompress(&image);
+      return false;
+    }
+    jpeg_mem_src(&image, data, n_bytes);
+    jpeg_read_header(&image, TRUE);
+    // A camera sends one scan. Of several, a few bytes could ask for minutes of work.
+    const bool is_wanted = image.image_width == static_cast<JDIMENSION>(width) &&
+                           image.image_height == static_cast<JDIMENSION>(height) &&
+                           jpeg_has_multiple_scans(&image) == 0;
+    if (!is_wanted) {
+      jpeg_abort_decompress(&image);
+      return false;
+    }
+    image.out_color_space = JCS_EXT_BGR;
+    image.dct_method = JDCT_ISLOW;
+    jpeg_start_decompress(&image);
+    while (image.output_scanline < image.output_height && !is_damaged) {
+      JSAMPROW row = out + size_t{3} * image.output_width * image.output_scanline;
+      jpeg_read_scanlines(&image, &row, 1);
+    }
+    if (!is_damaged) jpeg_finish_decompress(&image);
+    jpeg_abort_decompress(&image);
+    return !is_damaged;
+  }
+};
+
+JpegDecoder::JpegDecoder() : state_(std::make_unique<State>()) { state_->create(); }
+
+JpegDecoder::~JpegDecoder() {
+  if (state_->is_created) jpeg_destroy_decompress(&state_->image);
+}
+
+bool JpegDecoder::decode(const uint8_t* data, size_t n_bytes, int width, int height, uint8_t* out) {
+  return state_->is_created && n_bytes > 0 && state_->decode_rows(data, n_bytes, width, height, out);
+}
+
+}  // namespace ruffini

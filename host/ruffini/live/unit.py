@@ -1,0 +1,95 @@
+"""What `ruffini live` starts: the source of frames, the store of this unit, and what it cannot measure yet."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ruffini.boards import Board
+from ruffini.demo.daemon import Daemon, started_daemon
+from ruffini.errors import InputError
+from ruffini.live.cameras import LocalCamera
+
+MAX_SERIAL_BYTES = 31  # ruffinid's --serial
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".ppm")  # that ruffinid's replay takes
+
+
+class Source(NamedTuple):
+    """Where frames come from: ruffinid's --camera and its options, a name for a person, and what tells the unit."""
+
+    camera: str
+    options: tuple[str, ...]
+    text: str
+    key: str
+
+
+def of_camera(camera: LocalCamera) -> Source:
+    """Frames as they come."""
+    serial = re.sub(r"[^!-~]", "", camera.serial)
+    is_usable = serial == camera.serial and 0 < len(serial) <= MAX_SERIAL_BYTES
+    return Source(f"v4l2:{camera.path}", ("--serial", serial) if is_usable else (), camera.text, camera.key)
+
+
+def of_recording(path: Path) -> Source:
+    """A video or a folder of pictures, again and again; the stream is marked as a replay."""
+    return Source(f"replay:{path}", ("--loop",), str(path), f"recording-{path.resolve().stem}")
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Width and height of a recording's first picture.
+
+    Raises
+    ------
+    InputError
+        It holds no picture that can be read.
+    """
+    import cv2
+
+    folder = path / "frames" if (path / "frames").is_dir() else path
+    if folder.is_dir():
+        files = sorted(file for file in folder.iterdir() if file.suffix in IMAGES)
+        picture = cv2.imread(str(files[0])) if files else None
+    else:
+        video = cv2.VideoCapture(str(path))
+        picture = video.read()[1]
+        video.release()
+    if picture is None:
+        raise InputError(f"{path}: no picture of it can be read: is the file whole?")
+    return int(picture.shape[1]), int(picture.shape[0])
+
+
+def store_folder(board: Board, key: str) -> Path:
+    """Where this unit's calibration is kept: below XDG_STATE_HOME, one folder for each board and unit."""
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    return state / "ruffini" / "live" / board.name / (re.sub(r"[^A-Za-z0-9._-]+", "-", key).strip("-.") or "unnamed")
+
+
+@contextlib.contextmanager
+def running_unit(source: Source, board: Board) -> Iterator[Daemon]:
+    """ruffinid on the source with the unit's own store, until the block is left.
+
+    Raises
+    ------
+    RuffiniError
+        It does not start; class and text are by its exit code and its own words.
+    """
+    assert board.folder is not None
+    store = store_folder(board, source.key)
+    store.mkdir(parents=True, exist_ok=True)
+    with started_daemon(board.folder, source.camera, store, *source.options) as daemon:
+        yield daemon
+
+
+def what_is_missing(board: Board, calibration: Any) -> str:
+    """One sentence on what a unit shows and what it cannot tell; `calibration` is HELLO's of it."""
+    shown = ["the picture"]
+    if board.markers is not None:
+        shown.append("the motion of its markers in millimetres")
+    never = f"; this board never measures {', '.join(board.board.not_measured)}" if board.board.not_measured else ""
+    if not calibration.present:
+        return f"not calibrated: shows {' and '.join(shown)}, no newtons until `ruffini cal auto` has run on it{never}"
+    return f"calibrated ({', '.join(calibration.kinds)}, {calibration.created_utc}){never}"

@@ -1,0 +1,100 @@
+#include "capture/jpeg.h"
+
+#include <gtest/gtest.h>
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <random>
+#include <vector>
+
+namespace ruffini {
+namespace {
+
+constexpr int kWidth = 48;
+constexpr int kHeight = 32;
+
+// Smooth colours with some structure, as a pad's picture.
+cv::Mat picture() {
+  cv::Mat made(kHeight, kWidth, CV_8UC3);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const bool is_dot = (x / 6 + y / 6) % 3 == 0;
+      made.at<cv::Vec3b>(y, x) = cv::Vec3b(static_cast<uint8_t>(5 * x), static_cast<uint8_t>(7 * y), is_dot ? 40 : 200);
+    }
+  }
+  return made;
+}
+
+std::vector<uint8_t> encoded(const cv::Mat& image, const std::vector<int>& how = {}) {
+  std::vector<uint8_t> bytes;
+  cv::imencode(".jpg", image, bytes, how);
+  return bytes;
+}
+
+bool decodes(JpegDecoder& decoder, const std::vector<uint8_t>& bytes, cv::Mat& out) {
+  out.create(kHeight, kWidth, CV_8UC3);
+  return decoder.decode(bytes.data(), bytes.size(), kWidth, kHeight, out.data);
+}
+
+TEST(Jpeg, IsAsOpenCvDecodes) {
+  JpegDecoder decoder;
+  cv::Mat ours;
+  for (const std::vector<int>& how :
+       {std::vector<int>{}, {cv::IMWRITE_JPEG_QUALITY, 60}, {cv::IMWRITE_JPEG_RST_INTERVAL, 2}}) {
+    const std::vector<uint8_t> bytes = encoded(picture(), how);
+    ASSERT_TRUE(decodes(decoder, bytes, ours));
+    EXPECT_EQ(cv::norm(ours, cv::imdecode(bytes, cv::IMREAD_COLOR), cv::NORM_INF), 0);
+  }
+  cv::Mat grey;
+  cv::extractChannel(picture(), grey, 2);
+  ASSERT_TRUE(decodes(decoder, encoded(grey), ours));
+  EXPECT_EQ(cv::norm(ours, cv::imdecode(encoded(grey), cv::IMREAD_COLOR), cv::NORM_INF), 0);
+}
+
+TEST(Jpeg, BytesAfterAWholePictureAreFilling) {
+  JpegDecoder decoder;
+  cv::Mat ours;
+  std::vector<uint8_t> bytes = encoded(picture());
+  const std::vector<uint8_t> end(bytes.end() - 2, bytes.end());
+  std::vector<uint8_t> inside = bytes;
+  inside.insert(inside.end() - 2, 5, uint8_t{0});
+  EXPECT_TRUE(decodes(decoder, inside, ours)) << "before its end marker";
+  bytes.insert(bytes.end(), 100, uint8_t{0});
+  EXPECT_TRUE(decodes(decoder, bytes, ours)) << "after it";
+}
+
+TEST(Jpeg, EachTruncationIsNoFrame) {
+  JpegDecoder decoder;
+  cv::Mat ours;
+  const std::vector<uint8_t> bytes = encoded(picture());
+  for (size_t n = 0; n + 2 < bytes.size(); ++n) {
+    EXPECT_FALSE(decodes(decoder, {bytes.begin(), bytes.begin() + static_cast<ptrdiff_t>(n)}, ours)) << n;
+  }
+  EXPECT_TRUE(decodes(decoder, bytes, ours)) << "and the decoder goes on";
+}
+
+TEST(Jpeg, DamageNeverCrashesAndTheNextFrameIsWhole) {
+  JpegDecoder decoder;
+  cv::Mat ours;
+  const std::vector<uint8_t> bytes = encoded(picture());
+  const cv::Mat theirs = cv::imdecode(bytes, cv::IMREAD_COLOR);
+  std::mt19937 random(5);
+  for (int i = 0; i < 2'000; ++i) {
+    std::vector<uint8_t> damaged = bytes;
+    for (int k = 0; k < 1 + i % 8; ++k) damaged[random() % damaged.size()] = static_cast<uint8_t>(random());
+    [[maybe_unused]] const bool is_whole = decodes(decoder, damaged, ours);
+  }
+  ASSERT_TRUE(decodes(decoder, bytes, ours));
+  EXPECT_EQ(cv::norm(ours, theirs, cv::NORM_INF), 0);
+}
+
+TEST(Jpeg, OtherSizesAndProgressiveOnesAreRefused) {
+  JpegDecoder decoder;
+  cv::Mat ours;
+  EXPECT_FALSE(decodes(decoder, encoded(cv::Mat(kHeight, 2 * kWidth, CV_8UC3, cv::Scalar::all(9))), ours));
+  EXPECT_FALSE(decodes(decoder, encoded(cv::Mat(kWidth, kHeight, CV_8UC3, cv::Scalar::all(9))), ours));
+  EXPECT_FALSE(decodes(decoder, encoded(picture(), {cv::IMWRITE_JPEG_PROGRESSIVE, 1}), ours));
+}
+
+}  // namespace
+}  // namespace ruffini
