@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <chrono>
+#include <memory>
+#include <optional>
 #include <string>
 
 #include "board/parse.h"
 #include "frame_path.h"
+#include "image/views.h"
 #include "stages/feature_wrench/feature_wrench.h"
 #include "stages/skin/skin_shape.h"
 
@@ -17,6 +20,7 @@ using ruffini::FramePath;
 
 struct ruffini_pipeline {
   std::unique_ptr<FramePath> path;
+  std::optional<ruffini::ViewMaps> views;  // of the calibration
 };
 
 struct ruffini_wrench {
@@ -74,7 +78,13 @@ ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* 
   }
   auto path = FramePath::configure(board.value(), file, now_ns);
   if (!path) return fail(path.error().message), nullptr;
-  return new ruffini_pipeline{std::move(path).value()};
+  auto pipeline = std::make_unique<ruffini_pipeline>(std::move(path).value(), std::nullopt);
+  if (file && file->get().has_kind("views")) {
+    const ruffini::Status views =
+        ruffini::keep(ruffini::ViewMaps::load(file->get(), board.value()), pipeline->views);
+    if (!views) return fail(views.error().message), nullptr;
+  }
+  return pipeline.release();
 }
 
 void ruffini_close(ruffini_pipeline* pipeline) { delete pipeline; }
@@ -181,7 +191,7 @@ int ruffini_get_markers(const ruffini_pipeline* pipeline, int32_t* rest_q16, int
 }
 
 int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_q16, int32_t n, int32_t* out) {
-  const auto& views = pipeline->path->views();
+  const auto& views = pipeline->views;
   if (!views) return fail("the calibration holds no views of this board: make them with `ruffini cal camera --views`");
   for (int32_t i = 0; i < n; ++i, places_q16 += 4, out += 4) {
     const ruffini::Meeting met =

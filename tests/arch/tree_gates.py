@@ -12,7 +12,7 @@ from pathlib import Path
 # What each room of the firmware may include, besides itself. Order of the pipeline, one direction.
 FIRMWARE_MAY_INCLUDE: dict[str, set[str]] = {
     "base": set(),
-    "board": {"base"},
+    "board": {"base", "core"},  # the parser refuses what the table of the stages does not allow
     "image": {"base", "board", "store"},
     "solve": {"base", "board", "store"},
     "core": {"base", "board", "image", "solve", "store"},
