@@ -280,7 +280,7 @@ def seeded_bugs(root: Path) -> list[str]:
 
 STAGE_ROW = re.compile(
     r'\.name = "(?P<name>\w+)",\s*\.reads = \{(?P<reads>[^}]*)\},\s*\.reads_if_written = \{(?P<optional>[^}]*)\},\s*'
-    r'(?:\.needs_one = true,\s*)?\.writes = \{(?P<writes>[^}]*)\},\s*\.amends = \{(?P<amends>[^}]*)\},\s*'
+    r"(?:\.needs_one = true,\s*)?\.writes = \{(?P<writes>[^}]*)\},\s*\.amends = \{(?P<amends>[^}]*)\},\s*"
     r'\.sections = "(?P<sections>[^"]*)",\s*\.kind = "(?P<kind>[^"]*)",\s*\.part_of = "(?P<part>[^"]*)"'
 )
 
@@ -293,7 +293,7 @@ def stage_drawing(root: Path) -> list[str]:
     drawn = readme.read_text().splitlines()
     rows = list(STAGE_ROW.finditer(_text(table)))
     n_rows = _text(table).count(".name = ")
-    found = [] if len(rows) == n_rows else [f"{len(rows)} of {n_rows} rows of core/stages.cpp can be read: keep the form"]
+    found = [] if len(rows) == n_rows else [f"{len(rows)} of {n_rows} rows of core/stages.cpp can be read"]
     for row in rows:
         slots = [re.sub(r"\bk(\w+)", r"\1", row[column]) for column in ("reads", "optional", "writes", "amends")]
         line = "| " + " | ".join([row["name"], *slots, row["sections"], row["kind"], row["part"]]) + " |"
