@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "link/proto_text.h"
+#include "solve/support_solver.h"
 #include "stages/skin/skin_shape.h"
 
 namespace ruffini {

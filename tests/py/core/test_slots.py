@@ -62,7 +62,9 @@ def test_frames_are_timed_by_the_stages_that_the_core_lists() -> None:
 def test_bad_requests_are_answered_by_one_sentence() -> None:
     core = library()
     with Pipeline(board_of(BOARDS[[folder.name for folder in BOARDS].index("gelslim")])) as path:
-        with pytest.raises(InputError, match=r'^this board with this calibration has no slot "taxels": it has change, '):
+        with pytest.raises(
+            InputError, match=r'^this board with this calibration has no slot "taxels": it has change, '
+        ):
             path.raw("taxels")
         n_rows = ctypes.c_int32(-1)
         small = np.zeros(3, np.uint8)
