@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -37,15 +38,15 @@ MIDDLE_M = (1e-3, -1e-3, 0.6e-3)
 SHEAR_M, TURN_RAD = 0.3e-3, 0.1
 DRIFT, DRIFT_FRAMES, FLICKER = 0.004, 3_000, 0.002  # of all light; a period of the drift
 SAME_STATE = 25  # frames before the touch comes or goes
-UNCALIBRATED = 2 | 4
+UNCALIBRATED, OVER_RANGE = 2 | 4, 32
 MOST_FRAMES = 3  # a bad frame must be flagged within these
 LEAK = 0.3  # of the mean level
 PAINTED_PX = 2.2  # times the bright or dark blob's own size
 
 
-def renders(board: Board) -> tuple[list[list[Picture]], dict[str, Picture]]:
+def renders(board: Board, seed: int = 0) -> tuple[list[list[Picture]], dict[str, Picture]]:
     """Pictures of each state, N_RENDERS times, and of what is bad; the first state is untouched."""
-    unit, rng = build_unit(board), np.random.default_rng(5)
+    unit, rng = build_unit(board), np.random.default_rng([5, seed])
     rig, renderer = unit.rig(), unit.renderer()
 
     def seen(conditions: Conditions | None = None) -> Picture:
@@ -107,14 +108,15 @@ def lit(picture: Picture, i: int, rng: np.random.Generator) -> Picture:
     return np.asarray(np.clip(np.rint(dithered * gain), 0, 255), dtype=np.uint8)
 
 
-def measure(board: Board, calibration: bytes | None, n_frames: int) -> dict[str, object]:
+def measure(board: Board, calibration: bytes | None, n_frames: int, seed: int = 0) -> dict[str, Any]:
     """Flagged good frames, and how many frames each bad thing needs until it is flagged (0: never)."""
     if board.camera.height_px % TILE_PX or board.camera.width_px % TILE_PX:
         raise SystemExit(f"board {board.name!r}: {board.resolution} is not whole tiles of {TILE_PX} px")
-    states, bad = renders(board)
-    drawn = [Drawn(pictures, np.random.default_rng([6, i])) for i, pictures in enumerate(states)]
+    states, bad = renders(board, seed)
+    drawn = [Drawn(pictures, np.random.default_rng([6, i, seed])) for i, pictures in enumerate(states)]
     flagged: dict[int, int] = {}
-    drift = np.random.default_rng(7)
+    of_state = [{"frames": 0, "flagged": 0, "over_range": 0} for _ in drawn]
+    drift = np.random.default_rng([7, seed])
     soon: dict[str, int] = {}
     time_s = 0.0
     with Pipeline(board, calibration) as core:
@@ -129,8 +131,12 @@ def measure(board: Board, calibration: bytes | None, n_frames: int) -> dict[str,
             shown(drawn[0].frame())
         for i in range(n_frames):
             step = i // SAME_STATE  # every second one is untouched
-            picture = drawn[0 if step % 2 == 0 else 1 + step // 2 % (len(drawn) - 1)].frame()
+            state = 0 if step % 2 == 0 else 1 + step // 2 % (len(drawn) - 1)
+            picture = drawn[state].frame()
             flags = shown(lit(picture, i, drift) if step // 2 % 2 else picture)
+            of_state[state]["frames"] += 1
+            of_state[state]["flagged"] += int(flags != 0)
+            of_state[state]["over_range"] += int(flags == OVER_RANGE)
             if flags:
                 flagged[flags] = flagged.get(flags, 0) + 1
         core.set_live(is_live=False)  # a bad picture is shown again as it is
@@ -139,7 +145,8 @@ def measure(board: Board, calibration: bytes | None, n_frames: int) -> dict[str,
                 pass
             soon[name] = next((i for i in range(1, MOST_FRAMES + 1) if shown(picture)), 0)
     n = sum(flagged.values())
-    return {"board": board.name, "frames": n_frames, "flagged": n, "by_mask": {str(k): v for k, v in flagged.items()},
+    return {"board": board.name, "frames": n_frames, "flagged": n, "of_state": of_state,
+            "by_mask": {str(k): v for k, v in flagged.items()},
             "rate_below": float(chi2.ppf(0.95, 2 * (n + 1))) / 2 / n_frames, "frames_until_flagged": soon}  # fmt: skip
 
 
@@ -158,7 +165,7 @@ def main() -> None:
     print(f"{result['board']}: SIMULATED, {'no calibration' if file is None else file.name}")
     print(f"  good frames flagged: {result['flagged']} of {result['frames']} (flag masks {result['by_mask']}), "
           f"so fewer than {result['rate_below']:.1e} of them (95 %)")  # fmt: skip
-    for name, n in result["frames_until_flagged"].items():  # type: ignore[attr-defined]
+    for name, n in result["frames_until_flagged"].items():
         print(f"  {name}: " + (f"flagged in frame {n}" if n else f"NOT flagged within {MOST_FRAMES} frames"))
 
 
