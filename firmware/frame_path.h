@@ -59,7 +59,7 @@ class FramePath {
   [[nodiscard]] bool has_targets() const { return !targets().empty(); }
   [[nodiscard]] bool are_markers_graded() const { return writes(Slot::kMarkers); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
-  [[nodiscard]] bool is_touched() const;  // by the last frame something presses on the pad
+  [[nodiscard]] bool is_touched() const;                          // by the last frame something presses on the pad
   void set_calibration_id(uint32_t id) { calibration_id_ = id; }  // what this path computes with, for stamps; 0: none
   [[nodiscard]] uint32_t calibration_id() const { return calibration_id_; }
   [[nodiscard]] std::span<const uint16_t> rest_image() const { return rest_.image(); }

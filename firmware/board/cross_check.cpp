@@ -150,7 +150,8 @@ void cross_check(BoardReader& in, const BoardSettings& board) {
     in.fail("depth.step_px must be 1, 2 or 4 and divide the image");
   }
   const int64_t widest_px = std::max(board.camera.width_px, board.camera.height_px);
-  if (is_section_read(board.stages, "depth") && board.depth.step_px > 0 && widest_px / board.depth.step_px > 640) {  // Poisson::kMaxCells
+  if (is_section_read(board.stages, "depth") && board.depth.step_px > 0 &&
+      widest_px / board.depth.step_px > 640) {  // Poisson::kMaxCells
     in.fail("the depth grid has more than 640 cells: use a larger depth.step_px");
   }
   if (widest_px * 1000 * board.camera.standoff_um > 2'000'000 * board.camera.focal_mpx) {

@@ -49,11 +49,10 @@ void read_grid(BoardReader& in, BoardSettings& board) {
   board.grid.n_x = static_cast<int>(in.integer("n_x", 2, 255));
   board.grid.n_y = static_cast<int>(in.integer("n_y", 2, 255));
   board.n_layers = static_cast<int>(in.integer("n_layers", 2, 32));
-  section_of_stages(in, board, "window",
-                    toml::table{{"min_x_um", 0},
-                                {"min_y_um", 0},
-                                {"max_x_um", board.pad.size_x_um},
-                                {"max_y_um", board.pad.size_y_um}});
+  section_of_stages(
+      in, board, "window",
+      toml::table{
+          {"min_x_um", 0}, {"min_y_um", 0}, {"max_x_um", board.pad.size_x_um}, {"max_y_um", board.pad.size_y_um}});
   board.window.min_x_um = in.integer("min_x_um", 0, kMaxLengthUm);
   board.window.min_y_um = in.integer("min_y_um", 0, kMaxLengthUm);
   board.window.max_x_um = in.integer("max_x_um", 0, kMaxLengthUm);

@@ -86,8 +86,7 @@ ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* 
   if (!path) return fail(path.error().message), nullptr;
   auto pipeline = std::make_unique<ruffini_pipeline>(std::move(path).value(), std::nullopt);
   if (file && file->get().has_kind("views")) {
-    const ruffini::Status views =
-        ruffini::keep(ruffini::ViewMaps::load(file->get(), board.value()), pipeline->views);
+    const ruffini::Status views = ruffini::keep(ruffini::ViewMaps::load(file->get(), board.value()), pipeline->views);
     if (!views) return fail(views.error().message), nullptr;
   }
   return pipeline.release();

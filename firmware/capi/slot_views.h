@@ -21,8 +21,8 @@ struct ArrayShape {
 struct SlotView {
   const char* name;
   Slot slot;
-  const char* type;  // as numpy names it: u1, i2, i4, i8, u8
-  const char* unit;  // of one step
+  const char* type;     // as numpy names it: u1, i2, i4, i8, u8
+  const char* unit;     // of one step
   const char* columns;  // of the last axis, where each is a quantity of its own; else empty
   ArrayShape (*shape)(const FramePath& path);
   // Copies the array; returns how many rows of the first axis are valid.

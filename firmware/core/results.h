@@ -25,7 +25,7 @@ struct SolvedForces {
   bool is_pressed = false;        // the same
   bool is_refined = false;        // by the second pass, in this frame
   bool is_at_finite_strain = false;
-  bool is_explained = true;                    // by the second pass: the forces are all that presses (solve/spread_check.h)
+  bool is_explained = true;  // by the second pass: the forces are all that presses (solve/spread_check.h)
   std::span<const int32_t> residual_at_sides;  // of CameraMotion::unknowns(), by the last second pass
 };
 

@@ -65,7 +65,7 @@ inline constexpr size_t kMaxStages = 24;
 
 struct FrameState {
   uint32_t flags = 0;
-  SaturationCounter saturations;                 // since configure
+  SaturationCounter saturations;                // since configure
   std::array<uint64_t, kMaxStages> stage_ns{};  // of this frame, by row of the table
 
   struct {
@@ -108,7 +108,7 @@ struct FrameState {
   struct {
     std::vector<DisplacementUm> cell;
     GridSize grid;
-    int step_px = 1;       // of the image, from one cell to the next
+    int step_px = 1;          // of the image, from one cell to the next
     int64_t sigma_um = 0;     // of a cell that is touched; 0: not stated
     bool is_trusted = false;  // forces may be made of it
     Validity validity = Validity::kNotMeasured;
@@ -184,9 +184,9 @@ inline constexpr size_t kSlotCount = static_cast<size_t>(Slot::kCount);
 
 [[nodiscard]] constexpr std::string_view slot_name(Slot slot) {
   constexpr std::array<std::string_view, kSlotCount> kNames = {
-      "difference",     "light",      "markers",  "targets", "slope",      "depth",    "displacement",
-      "node_forces",    "force_validity", "node_sigma", "residual", "wrench",  "covariance", "contacts", "slip",
-      "skin",           "profile",    "contact_model", "helmholtz", "tool_touch"};
+      "difference",  "light",          "markers",    "targets",       "slope",     "depth",      "displacement",
+      "node_forces", "force_validity", "node_sigma", "residual",      "wrench",    "covariance", "contacts",
+      "slip",        "skin",           "profile",    "contact_model", "helmholtz", "tool_touch"};
   return kNames[static_cast<size_t>(slot)];
 }
 

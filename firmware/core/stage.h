@@ -23,8 +23,8 @@ struct Frame {
   uint32_t& flags;  // of this frame so far; a stage adds its own
   SaturationCounter& saturations;
 
-  bool was_touched = false;        // by the frame before something pressed
-  bool is_zero_followed = false;   // of a live camera, on a pad whose forces are measured
+  bool was_touched = false;            // by the frame before something pressed
+  bool is_zero_followed = false;       // of a live camera, on a pad whose forces are measured
   bool is_displacement_given = false;  // by a caller, with its depth; not by a camera
 
   [[nodiscard]] bool is_wrong() const { return (flags & kWrongFlags) != 0; }

@@ -25,7 +25,7 @@ Result<SlopeRectifier> SlopeRectifier::load(const Calibration& calibration, cons
     const int64_t column = std::min<int64_t>(u >> 8, out.cells_.n_x - 2);
     const int64_t row = std::min<int64_t>(v >> 8, out.cells_.n_y - 2);
     out.sources_[i] = {static_cast<uint32_t>(row * out.cells_.n_x + column), static_cast<uint16_t>(u - (column << 8)),
-                   static_cast<uint16_t>(v - (row << 8))};
+                       static_cast<uint16_t>(v - (row << 8))};
   }
   return out;
 }

@@ -17,9 +17,7 @@ constexpr int kMinMarkersPercent = 50;  // fewer at rest: this is not the board'
 class MarkersStage final : public Stage {
  public:
   explicit MarkersStage(const StageContext& c)
-      : board_(c.board),
-        difference_(c.slots.read<Slot::kDifference>()),
-        markers_(c.slots.write<Slot::kMarkers>()) {
+      : board_(c.board), difference_(c.slots.read<Slot::kDifference>()), markers_(c.slots.write<Slot::kMarkers>()) {
     if (board_.markers.polarity == Polarity::kTexture) {
       flow_.emplace(board_);
     } else {

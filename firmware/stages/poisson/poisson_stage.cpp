@@ -16,8 +16,7 @@ class PoissonStage final : public Stage {
         depth_(c.slots.write<Slot::kDepth>()) {}
 
   Status load(const Calibration& calibration) override {
-    depth_.is_trusted =
-        !slope_.is_foreign_optics && (!board_.depth.has_gauge_table() || calibration.has_kind("gauge"));
+    depth_.is_trusted = !slope_.is_foreign_optics && (!board_.depth.has_gauge_table() || calibration.has_kind("gauge"));
     if (!calibration.has_kind("camera")) return Unit{};
     const auto ideal = pinhole_board(calibration, board_);
     if (!ideal) return ideal.error();
