@@ -88,7 +88,7 @@ lint-page: build  ## types of the page, strict
 lint-cpp: build  ## clang-format on all C++, clang-tidy on the core
 	@.ci/setup lint
 	@git ls-files '*.cpp' '*.h' | xargs .venv/bin/clang-format --dry-run -Werror
-	@git ls-files 'firmware/image/*.cpp' 'firmware/solve/*.cpp' 'firmware/core/*.cpp' 'firmware/estimators/*.cpp' 'firmware/stages/*.cpp' firmware/frame_path.cpp firmware/frame_path_tables.cpp firmware/frame_path_verdict.cpp \
+	@git ls-files 'firmware/image/*.cpp' 'firmware/solve/*.cpp' 'firmware/core/*.cpp' 'firmware/estimators/*.cpp' 'firmware/stages/*.cpp' firmware/frame_calibration.cpp firmware/frame_path.cpp \
 	  firmware/link/frame_codec.cpp firmware/link/dense_codec.cpp firmware/store/calibration.cpp \
 	  | xargs ls -S | xargs -P $(JOBS) -n 1 clang-tidy -p $(BUILD) --quiet 2> >(grep -v 'warnings\? generated' >&2)
 

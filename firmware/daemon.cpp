@@ -210,7 +210,7 @@ void Daemon::process(const FrameLease& lease) {
     if (type == ruffini_MessageType_MESSAGE_TYPE_RESIDUAL) path_->find_residual();
     encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, lease.view(), stamp, sink_);
   }
-  for (size_t i = 0; i < kStageCount; ++i) {
+  for (size_t i = 0; i < kMaxStages; ++i) {
     const uint64_t ns = state.stage_ns[i];
     exchange_.stage_sum_ns[i].fetch_add(ns, std::memory_order_relaxed);
     if (ns > exchange_.stage_max_ns[i].load(std::memory_order_relaxed)) exchange_.stage_max_ns[i] = ns;
@@ -231,8 +231,8 @@ void Daemon::process(const FrameLease& lease) {
   exchange_.is_zeroing = path_->is_zeroing();
   exchange_.refused_zeros = path_->rest_watch().n_refused;
   keep_rest();
-  exchange_.zero_moved_nm = static_cast<uint32_t>(path_->zero_follower().moved_nm());
-  exchange_.is_zero_at_limit = path_->zero_follower().is_at_limit();
+  exchange_.zero_moved_nm = static_cast<uint32_t>(state.displacement.zero_moved_nm);
+  exchange_.is_zero_at_limit = state.displacement.is_zero_at_limit;
   if (exchange_.is_camera_live) count_late(lease.capture_us());
   exchange_.frames_processed = n + 1;
 }

@@ -1,41 +1,38 @@
 #include "frame_path.h"
 
 #include <algorithm>
-#include <cstdlib>
+#include <string>
 #include <utility>
-
-#include "image/pitch_check.h"
 
 namespace ruffini {
 namespace {
 
-// Light that for so many frames was further than 0.05 % from what is followed (image/light.h takes a sixteenth a frame)
-// makes depth that a faint touch cannot be told from. A touch moves it less, or begins earlier.
-constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
-constexpr int kDriftFrames = 8;
-
 // What a strong press can do to a frame. Where one of these comes up while rest is learned, something has come onto the pad.
 constexpr uint32_t kByPress = kFlagMarkersLost | kFlagSaturated | kFlagOverRange | kFlagFeatures | kFlagLight;
 
-// The grid of depth is that of [depth], unless a stage has its own.
+// The grid of depth is that of [depth], unless a stage has its own. Results at the nodes are sent whole, also by boards that
+// measure only some of them.
 FrameState first_state(const BoardSettings& board) {
   FrameState state;
   state.depth.step_px = board.depth.step_px;
   state.depth.grid = {board.camera.width_px / board.depth.step_px, board.camera.height_px / board.depth.step_px};
   state.depth.cell.resize(static_cast<size_t>(state.depth.grid.count()));
+  const auto n_nodes = static_cast<size_t>(NodeGrid(board).size().count());
+  state.displacement.node.resize(n_nodes);
+  state.displacement.is_filled.resize(n_nodes);
+  state.solve.u.resize(3 * n_nodes);
+  state.solve.force.resize(n_nodes);
+  state.uncertainty.node.resize(n_nodes);
+  state.residual.node.resize(3 * n_nodes);
   return state;
 }
 
 }  // namespace
 
-// The life of a frame. Stage by stage: firmware/README.md.
 const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us) {
   state_.flags = capture_flags_;
   state_.stage_ns.fill(0);
-  state_.uncertainty.is_stated = state_.covariance.is_stated = false;
-  state_.solve.is_refined = false;
-  state_.solve.is_explained = true;
-  state_.residual.validity = Validity::kNotMeasured;
+  pipeline_.begin();
   const uint64_t saturations_before = state_.saturations.count;
   if (!rest_.is_ready()) state_.flags |= kFlagNoReference;
   if (rest_watch_.is_unverified) state_.flags |= kFlagRestUnverified;
@@ -46,30 +43,27 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
   return state_;
 }
 
-template <typename Work>
-void FramePath::timed(StageId stage, Work work) {
-  if (!has(stage)) return;
-  const uint64_t start = clock_();
-  work();
-  state_.stage_ns[static_cast<size_t>(stage)] = clock_() - start;
-}
-
 // Against the rest in force, also while another one is learned: then kFlagNoReference makes it invalid.
 void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
-  make_grey(frame);
   watch(frame);
-  timed(StageId::kMarkers, [&] { run_markers(frame); });
-  timed(StageId::kTargets, [&] { run_targets(); });
-  follow_light();
-  run_depth();
-  timed(StageId::kDisplacement, [&] { run_displacement(); });
-  judge_input();
-  follow_zero(capture_us);
-  run_solve(depth_is_trusted());
-  run_memory(capture_us);
   Frame on_its_way = frame_of(frame, capture_us);
+  on_its_way.is_zero_followed = is_live_ && writes(Slot::kNodeForces);
+  on_its_way.was_touched = is_touched_by_results();
   pipeline_.run(on_its_way);
-  run_uncertainty();
+}
+
+// What the frame shows to be no picture of the pad as it is now. Its time counts as the difference's.
+void FramePath::watch(const FrameView& frame) {
+  if (!is_live_) return;
+  const uint64_t start = clock_();
+  const FrameWatch::Verdict seen = picture_watch_.frame.run(frame);
+  if (picture_watch_.old.run(frame)) state_.flags |= kFlagRepeated;
+  const PixelStatistics::Verdict pixels = picture_watch_.pixels.run(frame, state_.light.gain);
+  const bool has_blocks = picture_watch_.blocks.run(frame);
+  if (seen.is_broken || pixels.is_coarse || has_blocks) state_.flags |= kFlagPicture;
+  if (writes(Slot::kSlope) && pixels.is_off_curve) state_.flags |= kFlagLight;  // where colours become numbers
+  if (seen.is_lamp_off) state_.flags |= kFlagLight;
+  pipeline_.charge(Slot::kDifference, clock_() - start);
 }
 
 Frame FramePath::frame_of(const FrameView& view, uint64_t capture_us) {
@@ -80,6 +74,27 @@ Frame FramePath::frame_of(const FrameView& view, uint64_t capture_us) {
           .saturations = state_.saturations};
 }
 
+// Validity of everything that this frame states. Stages that are calibrated say so.
+void FramePath::judge() {
+  state_.flags |= kFlagUncalibratedXy | kFlagUncalibratedZ;
+  pipeline_.judge(state_.flags);
+}
+
+// Contacts of a frame whose picture is wrong mean nothing; one that is out of range presses all the more.
+bool FramePath::is_touched() const { return presses(state_.flags); }
+
+bool FramePath::is_touched_by_results() const {
+  return state_.contacts.n_found > 0 || state_.tip.is_touched || state_.wrench.is_beyond_noise;
+}
+
+// A surface that moved as no stated force moves it is pressed for all that is known.
+bool FramePath::presses(uint32_t flags) const {
+  const bool is_explained = state_.solve.is_explained;
+  const uint32_t may_press = kFlagOverRange | kFlagSaturated | (is_explained ? 0U : kFlagFeatures);
+  if ((flags & kWrongFlags & ~may_press) != 0) return false;
+  return !is_explained || is_touched_by_results();
+}
+
 // After measure() by the rest of before, where there is one.
 void FramePath::learn_watched(const FrameView& frame) {
   const uint32_t seen_flags = state_.flags & ~kFlagNoReference;
@@ -88,10 +103,10 @@ void FramePath::learn_watched(const FrameView& frame) {
     rest_.give_up();
     if (!rest_watch_.is_asked) rest_watch_.is_unverified = rest_watch_.is_of_before = true;
     ++rest_watch_.n_refused;
-    forget();
+    pipeline_.forget();
     return;
   }
-  const bool can_feel = forces_.is_measured() || writes(Slot::kWrench);
+  const bool can_feel = writes(Slot::kNodeForces) || writes(Slot::kWrench);
   rest_watch_.is_seen = rest_watch_.is_seen && can_feel && rest_.is_learned_anew() && (seen_flags & kWrongFlags) == 0;
   learn(frame);
   if (!rest_.is_ready()) return;
@@ -106,7 +121,7 @@ void FramePath::learn_watched(const FrameView& frame) {
 void FramePath::verify_rest() {
   RestWatch& watch = rest_watch_;
   if (!watch.is_unverified || !watch.is_of_before) return;
-  const bool is_untouched = !is_wrong() && !presses(state_.flags);
+  const bool is_untouched = (state_.flags & kWrongFlags) == 0 && !presses(state_.flags);
   watch.n_untouched = is_untouched ? watch.n_untouched + 1 : 0;
   if (watch.n_untouched >= board_.n_rest_frames) watch.is_unverified = false;
 }
@@ -123,172 +138,22 @@ void FramePath::learn(const FrameView& frame) {
 
 void FramePath::learn_features() {
   picture_watch_.learn(rest_.image());
-  zero_follower_.forget();
-  light_.learn(rest_.image(), photometric_.has_value());
-  if (has(StageId::kMarkers) || has(StageId::kTargets)) learn_markers();
   pipeline_.learn(rest_.image());
 }
 
-void FramePath::learn_markers() {
-  const std::span<const uint16_t> rest = rest_.image();
-  for (size_t i = 0; i < state_.difference.grey.size(); ++i) {
-    // As of a frame (image/difference.h), from 1/16 levels.
-    const int sum = rest[3 * i] + 2 * rest[3 * i + 1] + rest[3 * i + 2];
-    state_.difference.grey[i] = static_cast<uint16_t>((3 * sum + 2) >> 2);
-  }
-  const std::span<const uint16_t> grey = state_.difference.grey;
-  if (has(StageId::kTargets)) targets_.learn(grey);
-  if (!has(StageId::kMarkers)) return;
-  if (flow_) {
-    state_.markers.n_at_rest = flow_->learn(grey, rest);
-  } else {
-    state_.markers.n_at_rest = printed_.learn(grey, rest);
-    // Of twice as many dots, every second one would do.
-    is_other_pad_ = (!camera_map_ && !pitch_fits(markers(), board_)) ||
-                    printed_.n_dots_at_rest() > 2 * board_.markers.lattice.count();
-  }
-  if (!board_.markers.has_views) displacement_.learn(markers());
-  for (size_t i = 0; i < state_.markers.view.size(); ++i) {
-    state_.markers.view[i].was_seen_at_rest = printed_.was_seen_at_rest(i);
-  }
-  publish_markers();
-}
-
-void FramePath::publish_markers() {
-  state_.markers.marker = markers();
-  if (!board_.markers.has_views) return;
-  for (size_t i = 0; i < state_.markers.view.size(); ++i) state_.markers.view[i].n_unsure = printed_.n_unsure(i);
-}
-
-void FramePath::run_difference(const FrameView& frame) {
-  state_.difference.exposure = difference(frame, rest_, state_.difference.change, state_.difference.grey);
-}
-
-// The difference makes it.
-void FramePath::make_grey(const FrameView& frame) {
-  timed(StageId::kDifference, [&] { run_difference(frame); });
-  const bool is_needed = has(StageId::kMarkers) || has(StageId::kTargets);
-  if (!has(StageId::kDifference) && is_needed) run_difference(frame);
-}
-
-void FramePath::run_markers(const FrameView& frame) {
-  const std::span<const uint16_t> grey = state_.difference.grey;
-  state_.markers.n_lost = flow_ ? flow_->track(grey, frame) : printed_.track(grey, frame);
-  publish_markers();
-}
-
-void FramePath::run_targets() {
-  state_.targets.n_lost = targets_.track(state_.difference.grey);
-  if (targets_.is_light_off()) state_.flags |= kFlagLight;
-  const auto px = [](int64_t q16) { return ImagePx::from_raw(static_cast<int32_t>(q16)); };
-  std::transform(targets().begin(), targets().end(), target_marks_.begin(), [&](const Target& t) {
-    return Marker{.rest_x = px(t.rest.x_q16),
-                  .rest_y = px(t.rest.y_q16),
-                  .displacement_x = px(t.now.x_q16 - t.rest.x_q16),
-                  .displacement_y = px(t.now.y_q16 - t.rest.y_q16),
-                  .is_lost = t.is_lost};
-  });
-}
-
-// From the next frame on; this one is as it was compared. Its time counts as the difference's.
-void FramePath::follow_light() {
-  if (!photometric_ && !has(StageId::kTargets)) return;
-  const uint64_t start = clock_();
-  const Rest::Gain before = light_.gain();
-  light_.run(state_.difference.change, hidden(), rest_);
-  const bool is_balanced = photometric_ && photometric_->is_balanced();
-  const bool has_settled = std::equal(before.begin(), before.end(), light_.gain().begin(),
-                                      [](int32_t a, int32_t b) { return std::abs(a - b) < kDriftGain; });
-  n_drifting_ = has_settled || is_balanced ? 0 : std::min(n_drifting_ + 1, kDriftFrames);
-  const auto& touched = state_.solve.mask;  // by the frame before: what has begun goes on
-  is_light_steady_ =
-      n_drifting_ < kDriftFrames || std::any_of(touched.begin(), touched.end(), [](uint8_t m) { return m != 0; });
-  if (is_balanced ? !light_.level_is_sure() || light_.map().is_off() : light_.is_off()) state_.flags |= kFlagLight;
-  const int daylight_q12 = has_targets() ? LightTracker::kTiltedQ12 : LightTracker::kDaylightQ12;
-  const LightLevel usual = is_balanced ? light_.level() : LightLevel{};
-  if (light_.is_lit_from_outside(daylight_q12, usual)) state_.flags |= kFlagLight;
-  if (photometric_ && !photometric_->is_of_depth() && light_.is_lit_from_one_side()) state_.flags |= kFlagLight;
-  state_.stage_ns[static_cast<size_t>(StageId::kDifference)] += clock_() - start;
-}
-
-void FramePath::run_depth() {
-  if (!photometric_) return;
-  if (photometric_->is_of_depth()) {
-    timed(StageId::kPhotometric,
-          [&] { photometric_->run_depth(state_.difference.change, light_.level(), state_.depth.cell); });
-    return;
-  }
-  timed(StageId::kPhotometric, [&] {
-    photometric_->run(state_.difference.change, hidden(), light_.level(), state_.photometric.slope);
-    if (camera_map_) camera_map_->rectify(state_.photometric.slope);
-  });
-  SaturationCounter& saturations = light_is_trusted() ? state_.saturations : untrusted_saturations_;
-  timed(StageId::kPoisson, [&] { poisson_.run(state_.photometric.slope, state_.depth.cell, saturations); });
-}
-
-void FramePath::run_displacement() {
-  // A table of other optics gives a depth to look at, not one to make forces of.
-  const bool is_measured = light_is_trusted();
-  displacement_.run(
-      markers(), is_measured ? std::span<const DisplacementUm>(state_.depth.cell) : std::span<const DisplacementUm>(),
-      state_.displacement.node, state_.saturations);
-  if (depth_gauge_ && is_measured) {
-    depth_gauge_->run(state_.displacement.node, state_.depth.cell, state_.saturations);
-  }
-  if (marker_depth_) marker_depth_->run(state_.displacement.node, state_.saturations);
-  displacement_.mark_filled(markers(), state_.displacement.is_filled);
-}
-
-// Its time counts as the second pass's.
-void FramePath::run_uncertainty() {
-  if (!state_.uncertainty.is_stated) return;
-  const uint64_t start = clock_();
-  if (state_.solve.is_refined && forces_.has_camera_moved(state_.solve, state_.wrench.sum))
-    state_.flags |= kFlagFeatures;
-  const std::span<const uint8_t> is_filled = state_.displacement.is_filled;
-  forces_.state_sigma(state_.solve, is_filled, state_.uncertainty.node);
-  state_.covariance.wrench = forces_.state_covariance(state_.solve, is_filled, state_.wrench.sum, state_.contacts);
-  state_.stage_ns[static_cast<size_t>(StageId::kSupport)] += clock_() - start;
-}
-
-void FramePath::run_solve(bool with_second_pass) {
-  state_.uncertainty.is_stated = with_second_pass && forces_.has_error_model();
-  if (!forces_.is_measured()) return;
-  timed(StageId::kOperator,
-        [&] { forces_.estimate(state_.displacement.node, is_light_steady_, state_.solve, state_.saturations); });
-  if (!with_second_pass || !forces_.has_second_pass()) return;
-  timed(StageId::kSupport, [&] { forces_.refine(is_light_steady_, state_.solve, state_.saturations); });
-  state_.solve.is_refined = has(StageId::kSupport);
-  if (!state_.solve.is_explained) state_.flags |= kFlagFeatures;
-}
-
 void FramePath::find_residual() {
-  auto& residual = state_.residual;
-  residual.validity = Validity::kNotMeasured;
-  if (!state_.solve.is_refined) return;
-  const uint64_t start = clock_();
-  SaturationCounter saturations;  // its own: the forces are none the worse
-  forces_.leave(state_.solve, residual.node, saturations);
-  residual.validity = is_wrong() || saturations.count != 0 ? Validity::kInvalid : Validity::kValid;
-  state_.stage_ns[static_cast<size_t>(StageId::kSupport)] += clock_() - start;
-}
-
-// A frame that is not to be believed is not remembered. Its time counts as the second pass's.
-void FramePath::run_memory(uint64_t capture_us) {
-  if (!forces_.has_memory() || !depth_is_trusted() || capture_us == 0 || is_wrong()) return;
-  const uint64_t start = clock_();
-  forces_.remember(capture_us, state_.solve, state_.saturations);
-  state_.stage_ns[static_cast<size_t>(StageId::kSupport)] += clock_() - start;
+  Frame last = frame_of({}, 0);
+  pipeline_.compute(Slot::kResidual, last);
 }
 
 void FramePath::solve(std::span<const NodeDisplacement> displacement) {
   state_.flags = 0;
+  pipeline_.begin();
   std::copy(displacement.begin(), displacement.end(), state_.displacement.node.begin());
-  forces_.repair(state_.displacement.node, state_.displacement.is_filled);
-  run_solve(true);
+  repair_.run(state_.displacement.node, state_.displacement.is_filled);
   Frame given = frame_of({}, 0);
-  pipeline_.run_from(Slot::kNodeForces, given);
-  run_uncertainty();
+  given.is_displacement_given = true;
+  pipeline_.run_from(Slot::kDisplacement, given);
 }
 
 void FramePath::zero(int n_frames, bool is_watched) {
@@ -297,7 +162,7 @@ void FramePath::zero(int n_frames, bool is_watched) {
   picture_watch_.begin_rest();
   rest_watch_.is_watched = is_watched;
   rest_watch_.is_asked = rest_watch_.is_seen = true;
-  forget();
+  pipeline_.forget();
 }
 
 void FramePath::expect_rest(std::span<const uint16_t> known) {
@@ -308,15 +173,9 @@ void FramePath::expect_rest(std::span<const uint16_t> known) {
   rest_.restart(0);
 }
 
-// What was done to the pad before.
-void FramePath::forget() {
-  forces_.forget();
-  pipeline_.forget();
-}
-
 void FramePath::set_rest(std::span<const uint16_t> image) {
   rest_.load(image);
-  forget();
+  pipeline_.forget();
   warmth_.rest_mc = warmth_.now_mc;
   learn_features();
 }
@@ -341,34 +200,42 @@ FramePath::FramePath(const BoardSettings& board, std::shared_ptr<const Calibrati
       nodes_(board),
       rest_(board.camera.width_px, board.camera.height_px, board.n_rest_frames),
       picture_watch_(board.camera.width_px, board.camera.height_px),
-      zero_follower_(static_cast<size_t>(nodes_.size().count())),
-      light_(board.camera.width_px, board.camera.height_px),
-      printed_(board),
-      targets_(board),
-      poisson_(board),
-      displacement_(board),
-      forces_(board, nodes_),
+      repair_(board, nodes_.size()),
       state_(first_state(board)),
-      pipeline_(board, state_, clock) {
-  for (const std::string& stage : board.stages) {
-    const auto at = std::find(known_stages().begin(), known_stages().end(), stage) - known_stages().begin();
-    is_on_[static_cast<size_t>(at)] = true;
+      pipeline_(board, rest_, state_, clock) {}
+
+// Which tables the calibration brings, and whether they fit this board.
+Status FramePath::load_tables() {
+  if (!calibration_) return pipeline_.load(nullptr);
+  const Calibration& c = calibration_->get();
+  if (std::ssize(calibration_->bytes()) > board_.calibration_kb * 1024) {
+    return Error{ErrorKind::kBadInput, "calibration file: larger than the " + std::to_string(board_.calibration_kb) +
+                                           " kB of [memory] calibration_kb: make one with fewer nodes"};
   }
-  if (has_targets()) target_marks_.resize(targets().size());
-  if (has(StageId::kMarkers) && board.markers.polarity == Polarity::kTexture) flow_.emplace(board);
-  const auto n_pixels = static_cast<size_t>(board.camera.width_px * board.camera.height_px);
-  const auto n_nodes = static_cast<size_t>(nodes_.size().count());
-  state_.difference.change.resize(n_pixels * 3);
-  state_.difference.grey.resize(n_pixels);
-  state_.photometric.slope.resize(state_.depth.cell.size());
-  state_.displacement.node.resize(n_nodes);
-  state_.displacement.is_filled.resize(n_nodes);
-  forces_.prepare(state_.solve);
-  state_.uncertainty.node.resize(n_nodes);
-  state_.residual.node.resize(3 * n_nodes);
-  state_.markers.view.resize(printed_.n_views());
-  state_.markers.marker = markers();
-  if (has(StageId::kTargets)) state_.targets.target = targets();
+  const auto picture = [&](const char* name) {
+    return c.tensor(name, Tensor::Type::kU16, {board_.camera.height_px, board_.camera.width_px, 3});
+  };
+  if (c.has_kind("dark")) {
+    const auto dark = picture("dark.image");
+    if (!dark) return dark.error();
+    rest_.set_dark(dark.value()->as<uint16_t>());
+  }
+  if (Status stages = pipeline_.load(&c); !stages) return stages;
+  if (c.has_kind("rest")) {
+    const auto rest = picture("rest.image");
+    if (!rest) return rest.error();
+    set_rest(rest.value()->as<uint16_t>());
+  }
+  return Unit{};
+}
+
+Result<std::unique_ptr<FramePath>> FramePath::configure(const BoardSettings& board,
+                                                        std::shared_ptr<const CalibrationFile> calibration,
+                                                        ClockFunction clock) {
+  std::unique_ptr<FramePath> path(new FramePath(board, std::move(calibration), clock));
+  Status loaded = path->load_tables();
+  if (!loaded) return loaded.error();
+  return path;
 }
 
 }  // namespace ruffini

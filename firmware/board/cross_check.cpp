@@ -3,17 +3,13 @@
 #include <algorithm>
 #include <set>
 
+#include "core/stages.h"
+
 namespace ruffini {
 namespace {
 
-bool stages_in_order(const std::vector<std::string>& stages) {
-  auto place = known_stages().begin();
-  for (const std::string& stage : stages) {
-    place = std::find(place, known_stages().end(), stage);
-    if (place == known_stages().end()) return false;
-    ++place;
-  }
-  return !stages.empty();
+bool has_stage(const BoardSettings& board, const char* name) {
+  return std::find(board.stages.begin(), board.stages.end(), name) != board.stages.end();
 }
 
 void check_views(BoardReader& in, const BoardSettings& board) {
@@ -22,8 +18,7 @@ void check_views(BoardReader& in, const BoardSettings& board) {
   if (board.camera.width_px % markers.lattice.n_y != 0) {
     return in.fail("camera.width_px is no multiple of the markers.n_y views that it holds");
   }
-  const auto makes_a_field = [](const std::string& stage) { return stage == "displacement" || stage == "photometric"; };
-  if (std::any_of(board.stages.begin(), board.stages.end(), makes_a_field)) {
+  if (has_stage(board, "displacement") || has_stage(board, "photometric")) {
     in.fail("markers.layout views has no nodes: leave the stages displacement and photometric out");
   }
 }
@@ -49,11 +44,7 @@ void check_scattered(BoardReader& in, const BoardSettings& board) {
 
 void check_markers(BoardReader& in, const BoardSettings& board) {
   const MarkerSettings& markers = board.markers;
-  if (markers.lattice.count() == 0) {
-    const auto needs_them = [](const std::string& stage) { return stage == "markers" || stage == "displacement"; };
-    if (std::any_of(board.stages.begin(), board.stages.end(), needs_them)) in.fail("section [markers] is missing");
-    return;
-  }
+  if (markers.lattice.count() == 0) return;
   if (markers.is_scattered) {
     check_scattered(in, board);
   } else if (!markers.places.empty()) {
@@ -66,16 +57,12 @@ void check_markers(BoardReader& in, const BoardSettings& board) {
     in.fail("markers.diameter_um must be below the pitch");
   }
   if (markers.polarity != Polarity::kTexture) return;
-  if (std::find(board.stages.begin(), board.stages.end(), "photometric") != board.stages.end()) {
+  if (has_stage(board, "photometric")) {
     in.fail("markers.polarity texture leaves no shading to the stage photometric: leave one of them out");
   }
   if (std::min(board.camera.width_px, board.camera.height_px) < 64) {  // TextureFlow::kMinSizePx
     in.fail("markers.polarity texture needs an image of at least 64 x 64 pixels");
   }
-}
-
-bool has_stage(const BoardSettings& board, const char* name) {
-  return std::find(board.stages.begin(), board.stages.end(), name) != board.stages.end();
 }
 
 void check_gauge(BoardReader& in, const BoardSettings& board) {
@@ -100,36 +87,7 @@ void check_depth(BoardReader& in, const BoardSettings& board) {
 
 void check_targets(BoardReader& in, const BoardSettings& board) {
   const TargetSettings& targets = board.targets;
-  if (has_stage(board, "feature_wrench")) {
-    if (!has_stage(board, "targets") && !has_stage(board, "markers")) {
-      in.fail("stage feature_wrench needs the stage targets or markers");
-    } else if (has_stage(board, "wrench")) {
-      in.fail("stages wrench and feature_wrench both say the wrench: leave one of them out");
-    }
-  }
-  if (has_stage(board, "contact_model")) {
-    if (!has_stage(board, "feature_wrench") || board.markers.polarity != Polarity::kTexture) {
-      in.fail("stage contact_model needs the stage feature_wrench and markers.polarity texture");
-    } else if (has_stage(board, "contacts")) {
-      in.fail("stages contacts and contact_model both say the contacts: leave one of them out");
-    }
-  }
-  if (has_stage(board, "contact_depth") && !has_stage(board, "contact_model")) {
-    in.fail("stage contact_depth needs the stage contact_model");
-  }
-  if (has_stage(board, "helmholtz")) {
-    const MarkerSettings& m = board.markers;
-    const int64_t most = 4;  // Helmholtz::kMostOblong
-    if (!has_stage(board, "contact_model")) {
-      in.fail("stage helmholtz needs the stage contact_model");
-    } else if (m.pitch_x_um > most * m.pitch_y_um || m.pitch_y_um > most * m.pitch_x_um) {
-      in.fail("stage helmholtz needs markers.pitch_x_um and pitch_y_um within four times each other");
-    }
-  }
-  if (targets.places.empty()) {
-    if (has_stage(board, "targets")) in.fail("section [targets] is missing");
-    return;
-  }
+  if (targets.places.empty()) return;
   if (std::ssize(targets.places) > 16) in.fail("targets.places_um lists more than 16 places");
   for (const PadPlace& at : targets.places) {
     if (at.x_um > board.pad.size_x_um || at.y_um > board.pad.size_y_um) {
@@ -145,14 +103,23 @@ void check_targets(BoardReader& in, const BoardSettings& board) {
   }
 }
 
+void check_flow(BoardReader& in, const BoardSettings& board) {
+  const MarkerSettings& m = board.markers;
+  const int64_t most = 4;  // Helmholtz::kMostOblong
+  if (has_stage(board, "contact_model") && m.polarity != Polarity::kTexture) {
+    in.fail("stage contact_model needs markers.polarity texture");
+  } else if (has_stage(board, "helmholtz") &&
+             (m.pitch_x_um > most * m.pitch_y_um || m.pitch_y_um > most * m.pitch_x_um)) {
+    in.fail("stage helmholtz needs markers.pitch_x_um and pitch_y_um within four times each other");
+  } else if (has_stage(board, "fingertip") && (!m.has_views || m.lattice.n_y != 2)) {
+    in.fail("stage fingertip needs markers.layout views with n_y 2");
+  }
+}
+
 void check_skin(BoardReader& in, const BoardSettings& board) {
   const SkinSettings& skin = board.skin;
   const int64_t weights = skin.weights[0] + skin.weights[1] + skin.weights[2];
-  const bool has_stage = std::find(board.stages.begin(), board.stages.end(), "skin") != board.stages.end();
-  if (weights == 0 && skin.level == 0) {
-    if (has_stage) in.fail("section [skin] is missing");
-    return;
-  }
+  if (weights == 0 && skin.level == 0) return;
   if (weights < 1 || weights > 8) in.fail("[skin] weights must sum to 1 to 8");
   if ((skin.shape == SkinShape::kPlane) != (skin.radius_um == 0)) {
     in.fail("skin.radius_um must be 0 for a plane and above 0 for a tube or a dome");
@@ -162,6 +129,7 @@ void check_skin(BoardReader& in, const BoardSettings& board) {
 }  // namespace
 
 void cross_check(BoardReader& in, const BoardSettings& board) {
+  if (const std::string refused = refuse_stages(board.stages); !refused.empty()) return in.fail(refused);
   const WindowSettings& window = board.window;
   if (window.max_x_um > board.pad.size_x_um || window.max_y_um > board.pad.size_y_um) {
     in.fail("[window] reaches beyond the pad");
@@ -175,18 +143,15 @@ void cross_check(BoardReader& in, const BoardSettings& board) {
   check_gauge(in, board);
   check_depth(in, board);
   check_skin(in, board);
-  const MarkerSettings& markers = board.markers;
-  const bool has_two_eyes = markers.has_views && markers.lattice.n_y == 2 && has_stage(board, "markers");
-  if (has_stage(board, "fingertip") && !has_two_eyes) {
-    in.fail("stage fingertip needs the stage markers and markers.layout views with n_y 2");
-  }
+  check_flow(in, board);
   check_targets(in, board);
   if (board.depth.step_px == 3 || board.camera.width_px % board.depth.step_px != 0 ||
       board.camera.height_px % board.depth.step_px != 0) {
     in.fail("depth.step_px must be 1, 2 or 4 and divide the image");
   }
   const int64_t widest_px = std::max(board.camera.width_px, board.camera.height_px);
-  if (board.depth.step_px > 0 && widest_px / board.depth.step_px > 640) {  // Poisson::kMaxCells
+  if (is_section_read(board.stages, "depth") && board.depth.step_px > 0 &&
+      widest_px / board.depth.step_px > 640) {  // Poisson::kMaxCells
     in.fail("the depth grid has more than 640 cells: use a larger depth.step_px");
   }
   if (widest_px * 1000 * board.camera.standoff_um > 2'000'000 * board.camera.focal_mpx) {
@@ -195,11 +160,6 @@ void cross_check(BoardReader& in, const BoardSettings& board) {
   if (board.camera.center_x_mpx >= int64_t{1000} * board.camera.width_px ||
       board.camera.center_y_mpx >= int64_t{1000} * board.camera.height_px) {
     in.fail("[camera] center is outside the image");
-  }
-  if (!stages_in_order(board.stages)) {
-    std::string list;
-    for (const std::string& name : known_stages()) list += (list.empty() ? "" : ", ") + name;
-    in.fail("pipeline.stages must be some of " + list + ", in this order");
   }
 }
 

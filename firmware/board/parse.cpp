@@ -8,6 +8,7 @@
 #include "board/plain_toml.h"
 #include "board/read_hardware.h"
 #include "board/reader.h"
+#include "core/stages.h"
 
 namespace ruffini {
 namespace {
@@ -35,20 +36,36 @@ void read_pad(BoardReader& in, BoardSettings& board) {
   board.pad.poisson_1e4 = in.integer("poisson_1e4", 0, 4'999);
   in.otherwise("stiffness_sigma_1e3", board.pad.stiffness_sigma_1e3);
   board.pad.stiffness_sigma_1e3 = in.integer("stiffness_sigma_1e3", 0, 500);
-  in.section("grid");
+}
+
+// A section that none of the board's stages reads may be left out.
+void section_of_stages(BoardReader& in, const BoardSettings& board, const char* name, toml::table otherwise) {
+  is_section_read(board.stages, name) ? in.section(name) : in.section_or(name, std::move(otherwise));
+}
+
+// Without it: four nodes at the pad's corners.
+void read_grid(BoardReader& in, BoardSettings& board) {
+  section_of_stages(in, board, "grid", toml::table{{"n_x", 2}, {"n_y", 2}, {"n_layers", 2}});
   board.grid.n_x = static_cast<int>(in.integer("n_x", 2, 255));
   board.grid.n_y = static_cast<int>(in.integer("n_y", 2, 255));
   board.n_layers = static_cast<int>(in.integer("n_layers", 2, 32));
-  in.section("window");
+  section_of_stages(
+      in, board, "window",
+      toml::table{
+          {"min_x_um", 0}, {"min_y_um", 0}, {"max_x_um", board.pad.size_x_um}, {"max_y_um", board.pad.size_y_um}});
   board.window.min_x_um = in.integer("min_x_um", 0, kMaxLengthUm);
   board.window.min_y_um = in.integer("min_y_um", 0, kMaxLengthUm);
   board.window.max_x_um = in.integer("max_x_um", 0, kMaxLengthUm);
   board.window.max_y_um = in.integer("max_y_um", 0, kMaxLengthUm);
 }
 
-// A pipeline without the stage needs no [markers]; the lattice is then empty.
-void read_markers(BoardReader& in, MarkerSettings& markers) {
-  if (!in.has_section("markers")) return;
+// Of stages alone, without a default: a board without them may have the section, or not.
+bool has_own_section(BoardReader& in, const BoardSettings& board, const char* name) {
+  return in.has_section(name) || is_section_read(board.stages, name);
+}
+
+void read_markers(BoardReader& in, const BoardSettings& board, MarkerSettings& markers) {
+  if (!has_own_section(in, board, "markers")) return;
   in.section("markers");
   const int polarity = in.choice("polarity", {"dark", "light", "texture"});
   markers.polarity = polarity == 0 ? Polarity::kDark : polarity == 1 ? Polarity::kLight : Polarity::kTexture;
@@ -69,9 +86,8 @@ void read_markers(BoardReader& in, MarkerSettings& markers) {
   markers.max_lost = in.integer("max_lost", 0, 4'096);
 }
 
-// As with [markers].
-void read_targets(BoardReader& in, TargetSettings& targets) {
-  if (!in.has_section("targets")) return;
+void read_targets(BoardReader& in, const BoardSettings& board, TargetSettings& targets) {
+  if (!has_own_section(in, board, "targets")) return;
   in.section("targets");
   targets.places = in.places("places_um", 0, kMaxLengthUm);
   targets.below_um = in.integer("below_um", 0, kMaxLengthUm);
@@ -79,9 +95,8 @@ void read_targets(BoardReader& in, TargetSettings& targets) {
   targets.threshold_1e3 = in.integer("threshold_1e3", 10, 900);
 }
 
-// Only of boards whose pipeline has the stage.
-void read_skin(BoardReader& in, SkinSettings& skin) {
-  if (!in.has_section("skin")) return;
+void read_skin(BoardReader& in, const BoardSettings& board, SkinSettings& skin) {
+  if (!has_own_section(in, board, "skin")) return;
   in.section("skin");
   const int shape = in.choice("shape", {"plane", "tube", "dome"});
   skin.shape = shape == 0 ? SkinShape::kPlane : shape == 1 ? SkinShape::kTube : SkinShape::kDome;
@@ -96,17 +111,17 @@ void read_skin(BoardReader& in, SkinSettings& skin) {
 }
 
 void read_rest(BoardReader& in, BoardSettings& board) {
-  in.section("depth");
+  section_of_stages(in, board, "depth", toml::table{{"gauge", "margin"}, {"margin_um", 0}, {"step_px", 1}});
   in.otherwise("source", "light");
   if (in.choice("source", {"light", "markers"}) == 1) board.depth.source = DepthSource::kMarkers;
   constexpr Gauge kGauges[] = {Gauge::kMargin, Gauge::kMean, Gauge::kSpacing, Gauge::kVolume, Gauge::kBoth};
   board.depth.gauge = kGauges[in.choice("gauge", {"margin", "mean", "spacing", "volume", "both"})];
   board.depth.margin_um = in.integer("margin_um", 0, kMaxLengthUm);
   board.depth.step_px = static_cast<int>(in.integer("step_px", 1, 4));
-  in.section("contact");
+  section_of_stages(in, board, "contact", toml::table{{"threshold_un", 1}, {"min_nodes", 1}});
   board.contact.threshold_un = in.integer("threshold_un", 1, 100'000'000);
   board.contact.min_nodes = in.integer("min_nodes", 1, 10'000);
-  in.section("field");
+  section_of_stages(in, board, "field", toml::table{{"force_lsb_un", 10}});
   board.force_lsb_un = in.integer("force_lsb_un", 1, 1'000);
   in.section_or("memory", toml::table{{"calibration_kb", board.calibration_kb}});
   board.calibration_kb = in.integer("calibration_kb", 64, kMaxCalibrationKb);
@@ -115,9 +130,12 @@ void read_rest(BoardReader& in, BoardSettings& board) {
     board.learned.network = in.text("network");
     if (board.learned.network.find('/') != std::string::npos) in.fail("learned.network must be a name without /");
   }
+}
+
+void read_pipeline(BoardReader& in, BoardSettings& board) {
   in.section("pipeline");
   board.n_rest_frames = static_cast<int>(in.integer("n_rest_frames", 1, 256));
-  board.stages = in.texts("stages", known_stages().size());
+  board.stages = in.texts("stages", stage_names().size());
 }
 
 struct ReadBoard {
@@ -139,12 +157,14 @@ Result<ReadBoard> read_board(std::string_view text, const std::string& where) {
   board.name = in.text("name");
   board.product = in.text("product", 128);
   board.not_measured = in.texts("not_measured", kMaxNotMeasured);
+  read_pipeline(in, board);  // says which of the sections below must be there
   read_camera(in, board.camera);
   read_hardware(in, board);
   read_pad(in, board);
-  read_markers(in, board.markers);
-  read_skin(in, board.skin);
-  read_targets(in, board.targets);
+  read_grid(in, board);
+  read_markers(in, board, board.markers);
+  read_skin(in, board, board.skin);
+  read_targets(in, board, board.targets);
   read_rest(in, board);
   in.refuse_unknown();
   if (in.error().empty()) cross_check(in, board);

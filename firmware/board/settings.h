@@ -158,13 +158,4 @@ struct NodeRange {
   return {static_cast<int>(first), static_cast<int>(last - first + 1)};
 }
 
-// The pipeline's stage names in the only order in which they make sense.
-inline const std::vector<std::string>& known_stages() {
-  static const std::vector<std::string> kStages = {"difference",    "markers",        "targets",   "photometric",
-                                                   "poisson",       "displacement",   "operator",  "support",
-                                                   "wrench",        "feature_wrench", "contacts",  "skin",
-                                                   "contact_model", "fingertip",      "helmholtz", "contact_depth"};
-  return kStages;
-}
-
 }  // namespace ruffini

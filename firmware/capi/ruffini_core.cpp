@@ -2,12 +2,18 @@
 
 #include <algorithm>
 #include <chrono>
+#include <memory>
+#include <optional>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "board/parse.h"
+#include "capi/slot_views.h"
+#include "core/stages.h"
 #include "frame_path.h"
+#include "image/views.h"
 #include "stages/feature_wrench/feature_wrench.h"
-#include "stages/skin/skin_shape.h"
 
 #ifndef RUFFINI_VERSION
 #define RUFFINI_VERSION "0"
@@ -17,6 +23,16 @@ using ruffini::FramePath;
 
 struct ruffini_pipeline {
   std::unique_ptr<FramePath> path;
+  std::optional<ruffini::ViewMaps> views;  // of the calibration
+
+  // Arrays that a stage of this board writes.
+  [[nodiscard]] std::vector<const ruffini::SlotView*> arrays() const {
+    std::vector<const ruffini::SlotView*> out;
+    for (const ruffini::SlotView& view : ruffini::slot_views()) {
+      if (path->writes(view.slot)) out.push_back(&view);
+    }
+    return out;
+  }
 };
 
 struct ruffini_wrench {
@@ -38,12 +54,6 @@ uint64_t now_ns() {
   return static_cast<uint64_t>(
       std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
           .count());
-}
-
-template <typename Range, typename Out>
-int copy_raw(const Range& range, Out* out) {
-  std::transform(range.begin(), range.end(), out, [](const auto& value) { return value.raw(); });
-  return 0;
 }
 
 }  // namespace
@@ -74,7 +84,12 @@ ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* 
   }
   auto path = FramePath::configure(board.value(), file, now_ns);
   if (!path) return fail(path.error().message), nullptr;
-  return new ruffini_pipeline{std::move(path).value()};
+  auto pipeline = std::make_unique<ruffini_pipeline>(std::move(path).value(), std::nullopt);
+  if (file && file->get().has_kind("views")) {
+    const ruffini::Status views = ruffini::keep(ruffini::ViewMaps::load(file->get(), board.value()), pipeline->views);
+    if (!views) return fail(views.error().message), nullptr;
+  }
+  return pipeline.release();
 }
 
 void ruffini_close(ruffini_pipeline* pipeline) { delete pipeline; }
@@ -122,10 +137,7 @@ int ruffini_process(ruffini_pipeline* pipeline, const uint8_t* bgr, int32_t widt
           .n_markers_at_rest = path.n_markers_at_rest(),
           .saturations = s.saturations.count,
           .wrench = {w.force_x_un, w.force_y_un, w.force_z_un, w.torque_x_un_um, w.torque_y_un_um, w.torque_z_un_um},
-          .n_contacts = s.contacts.n_found,
-          .stage_ns = {}};
-  static_assert(sizeof out->stage_ns == sizeof s.stage_ns);
-  std::copy(s.stage_ns.begin(), s.stage_ns.end(), out->stage_ns);
+          .n_contacts = s.contacts.n_found};
   std::transform(s.wrench.validity.begin(), s.wrench.validity.end(), out->wrench_validity,
                  [](ruffini::Validity v) { return static_cast<int32_t>(v); });
   return 0;
@@ -164,24 +176,18 @@ int ruffini_solve(ruffini_pipeline* pipeline, const int16_t* displacement, int32
               Um::from_raw(displacement[3 * i + 2])};
     }
     path.solve(u);
-    ruffini_get_force(pipeline, force);
-  }
-  return 0;
-}
-
-int ruffini_get_markers(const ruffini_pipeline* pipeline, int32_t* rest_q16, int32_t* displacement_q16, uint8_t* lost) {
-  for (const ruffini::Marker& m : pipeline->path->markers()) {
-    *rest_q16++ = m.rest_x.raw();
-    *rest_q16++ = m.rest_y.raw();
-    *displacement_q16++ = m.displacement_x.raw();
-    *displacement_q16++ = m.displacement_y.raw();
-    *lost++ = m.is_absent ? uint8_t{2} : static_cast<uint8_t>(m.is_lost);
+    const auto& solved = path.state().solve.force;
+    for (size_t i = 0; i < n_nodes; ++i) {
+      force[3 * i] = solved[i].x;
+      force[3 * i + 1] = solved[i].y;
+      force[3 * i + 2] = solved[i].z;
+    }
   }
   return 0;
 }
 
 int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_q16, int32_t n, int32_t* out) {
-  const auto& views = pipeline->path->views();
+  const auto& views = pipeline->views;
   if (!views) return fail("the calibration holds no views of this board: make them with `ruffini cal camera --views`");
   for (int32_t i = 0; i < n; ++i, places_q16 += 4, out += 4) {
     const ruffini::Meeting met =
@@ -221,214 +227,62 @@ int ruffini_wrench_run(ruffini_wrench* wrench, const int32_t* features, const ui
   return 0;
 }
 
-int ruffini_get_marker_quality(const ruffini_pipeline* pipeline, uint8_t* out) {
-  if (!pipeline->path->are_markers_graded()) return fail("the markers of this board are not graded");
-  for (const ruffini::Marker& m : pipeline->path->markers()) *out++ = m.quality;
-  return 0;
-}
+int32_t ruffini_slot_count(const ruffini_pipeline* pipeline) { return static_cast<int32_t>(pipeline->arrays().size()); }
 
-int ruffini_get_change(const ruffini_pipeline* pipeline, int16_t* out) {
-  const std::vector<ruffini::RelativeChange>& planes = pipeline->path->state().difference.change;
-  const size_t n = planes.size() / 3;
-  for (size_t i = 0; i < planes.size(); ++i) out[i] = planes[i % 3 * n + i / 3].raw();
-  return 0;
-}
-
-int ruffini_get_slope(const ruffini_pipeline* pipeline, int16_t* out) {
-  for (const ruffini::CellSlope& s : pipeline->path->state().photometric.slope) {
-    *out++ = s.x.raw();
-    *out++ = s.y.raw();
+int ruffini_slot_describe(const ruffini_pipeline* pipeline, int32_t index, ruffini_slot_t* out) {
+  const auto all = pipeline->arrays();
+  if (index < 0 || index >= std::ssize(all)) {
+    return fail("slot " + std::to_string(index) + " of " + std::to_string(all.size()) + ": count from 0");
   }
+  const ruffini::SlotView& view = *all[static_cast<size_t>(index)];
+  const ruffini::ArrayShape shape = view.shape(*pipeline->path);
+  *out = {.name = view.name,
+          .type = view.type,
+          .unit = view.unit,
+          .columns = view.columns,
+          .n_axes = shape.n_axes,
+          .shape = {static_cast<int32_t>(shape.size[0]), static_cast<int32_t>(shape.size[1]),
+                    static_cast<int32_t>(shape.size[2])}};
   return 0;
 }
 
-int ruffini_get_depth(const ruffini_pipeline* pipeline, int16_t* out) {
-  return copy_raw(pipeline->path->state().depth.cell, out);
-}
-
-int ruffini_get_displacement(const ruffini_pipeline* pipeline, int16_t* out) {
-  for (const ruffini::NodeDisplacement& u : pipeline->path->state().displacement.node) {
-    *out++ = u.x.raw();
-    *out++ = u.y.raw();
-    *out++ = u.z.raw();
+int ruffini_get_slot(ruffini_pipeline* pipeline, const char* name, void* out, size_t out_bytes, int32_t* n_rows) {
+  const auto all = pipeline->arrays();
+  const auto found = std::find_if(all.begin(), all.end(),
+                                  [&](const ruffini::SlotView* view) { return std::string_view(view->name) == name; });
+  if (found == all.end()) {
+    std::string list;
+    for (const ruffini::SlotView* view : all) list += (list.empty() ? "" : ", ") + std::string(view->name);
+    return fail("this board with this calibration has no slot \"" + std::string(name) + "\": it has " +
+                (list.empty() ? "none" : list));
   }
-  return 0;
-}
-
-int ruffini_get_force(const ruffini_pipeline* pipeline, int32_t* out) {
-  for (const ruffini::NodeForce& f : pipeline->path->state().solve.force) {
-    *out++ = f.x;
-    *out++ = f.y;
-    *out++ = f.z;
+  const ruffini::SlotView& view = **found;
+  const size_t needed = view.shape(*pipeline->path).count() * view.value_bytes();
+  if (out_bytes < needed) {
+    return fail("slot \"" + std::string(name) + "\" takes " + std::to_string(needed) + " bytes, the buffer has " +
+                std::to_string(out_bytes) + ": ask ruffini_slot_describe for its shape");
   }
-  return 0;
-}
-
-int ruffini_get_sigma(const ruffini_pipeline* pipeline, int32_t* sigma, int64_t* covariance) {
-  const auto& uncertainty = pipeline->path->state().uncertainty;
-  if (!uncertainty.is_stated) return fail("no uncertainty is stated: the calibration has no error model");
-  for (const ruffini::NodeSigma& s : uncertainty.node) {
-    *sigma++ = s.x;
-    *sigma++ = s.y;
-    *sigma++ = s.z;
+  if (const std::string_view absence = view.absence(*pipeline->path); !absence.empty()) {
+    return fail("slot \"" + std::string(name) + "\" is not valid: " + std::string(absence) +
+                "; see which tables the calibration has, and whether depth is measured");
   }
-  const auto& stated = pipeline->path->state().covariance.wrench;
-  std::copy(stated.upper.begin(), stated.upper.end(), covariance);
+  *n_rows = static_cast<int32_t>(view.copy(*pipeline->path, out));
   return 0;
 }
 
-int ruffini_get_residual(ruffini_pipeline* pipeline, int32_t* out, int32_t* validity) {
-  pipeline->path->find_residual();
-  const auto& residual = pipeline->path->state().residual;
-  if (residual.validity == ruffini::Validity::kNotMeasured) {
-    return fail("no residual: the calibration has no second pass, or depth is not measured");
+int32_t ruffini_stage_count(void) { return static_cast<int32_t>(ruffini::stage_names().size()); }
+
+const char* ruffini_stage_name(int32_t index) {
+  static const std::vector<std::string> names = ruffini::stage_names();
+  if (index < 0 || index >= std::ssize(names)) {
+    return fail("stage " + std::to_string(index) + " of " + std::to_string(names.size()) + ": count from 0"), nullptr;
   }
-  *validity = static_cast<int32_t>(residual.validity);
-  std::copy(residual.node.begin(), residual.node.end(), out);
-  return 0;
+  return names[static_cast<size_t>(index)].c_str();
 }
 
-int ruffini_get_covariance(const ruffini_pipeline* pipeline, int64_t* covariance) {
-  const auto& stated = pipeline->path->state().covariance;
-  if (!stated.is_stated) return fail("no covariance is stated: the calibration has no error model");
-  std::copy(stated.wrench.upper.begin(), stated.wrench.upper.end(), covariance);
-  return 0;
-}
-
-int ruffini_get_targets(const ruffini_pipeline* pipeline, int64_t* out) {
-  for (const ruffini::Target& t : pipeline->path->targets()) {
-    for (const ruffini::DiscSight& s : {t.rest, t.now}) {
-      for (const int64_t value : {s.x_q16, s.y_q16, s.area_q8, s.bright_q8}) *out++ = value;
-    }
-    *out++ = t.is_lost ? 1 : 0;
-  }
-  return 0;
-}
-
-int ruffini_get_touches(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n) {
-  const FramePath& path = *pipeline->path;
-  if (!path.writes(ruffini::Slot::kSkin)) return fail("this board has no glowing skin: see [skin] in boards/README.md");
-  const ruffini::SkinTouchList& list = path.state().skin.touches;
-  *n = list.n_listed;
-  for (size_t i = 0; i < static_cast<size_t>(*n); ++i) {
-    const ruffini::SkinTouch& t = list.touch[i];
-    const auto force = ruffini::pressing_vector_un(ruffini::on_skin(path.board().skin, t.x_um, t.y_um), t.press_un);
-    const int64_t row[] = {int64_t{t.id},    t.x_um,           t.y_um,   t.area_um2, t.brightness_q2, t.press_un,
-                           t.press_sigma_un, t.place_sigma_um, force[0], force[1],   force[2]};
-    out = std::copy(std::begin(row), std::end(row), out);
-  }
-  return 0;
-}
-
-int ruffini_get_tip(const ruffini_pipeline* pipeline, int64_t* row) {
-  if (!pipeline->path->writes(ruffini::Slot::kToolTouch))
-    return fail("no fingertip is calibrated: see ruffini cal fingertip");
-  const ruffini::TipTouch& t = pipeline->path->state().tip;
-  for (const bool each : {t.is_touched, t.is_known, t.is_in_range}) *row++ = each ? 1 : 0;
-  for (const int64_t each : {t.force_un, t.way_um, t.x_um, t.y_um, t.roll_urad, t.pitch_urad, t.area_um2})
-    *row++ = each;
-  row = std::copy(t.sigma.begin(), t.sigma.end(), row);
-  *row++ = t.flat_um2;
-  *row = t.flat_sigma_um2;
-  return 0;
-}
-
-int ruffini_skin_state(const ruffini_pipeline* pipeline, int32_t* n_taxels, int64_t* light_age) {
-  const FramePath& path = *pipeline->path;
-  if (!path.writes(ruffini::Slot::kSkin)) return fail("this board has no glowing skin: see [skin] in boards/README.md");
-  *n_taxels = static_cast<int32_t>(path.state().skin.ratio.size());
-  light_age[0] = path.state().skin.light_q12;
-  light_age[1] = path.state().skin.age_q12;
-  return 0;
-}
-
-int ruffini_get_profile(const ruffini_pipeline* pipeline, int64_t* out) {
-  if (!pipeline->path->writes(ruffini::Slot::kProfile))
-    return fail("this board has no stage contact_model: see boards/README.md");
-  const ruffini::Profile& p = pipeline->path->state().profile;
-  out = std::copy(p.radial_q4.begin(), p.radial_q4.end(), out);
-  for (const int64_t each : {p.size_q4, p.fall_q16, p.center_x_um, p.center_y_um, p.lost_1e3, p.flow_q4}) *out++ = each;
-  return 0;
-}
-
-int ruffini_get_helmholtz(const ruffini_pipeline* pipeline, int64_t* out, int64_t* flow) {
-  if (!pipeline->path->writes(ruffini::Slot::kHelmholtz))
-    return fail("this board has no stage helmholtz: see boards/README.md");
-  const ruffini::HelmholtzSums& s = pipeline->path->state().helmholtz;
-  for (const int64_t each : {s.curl_free_q4, s.divergence_free_q4, s.twist_urad}) *out++ = each;
-  if (flow == nullptr) return 0;
-  for (const ruffini::FlowPoint& g : s.curl_free) {
-    *flow++ = g.x_q4;
-    *flow++ = g.y_q4;
-  }
-  return 0;
-}
-
-int ruffini_get_contact_model(const ruffini_pipeline* pipeline, int64_t* out) {
-  if (!pipeline->path->writes(ruffini::Slot::kContactModel))
-    return fail("the calibration has no contact model: make one with `ruffini cal contact`");
-  const ruffini::FrameState& s = pipeline->path->state();
-  const ruffini::ModelledContact& c = s.modelled;
-  const int64_t row[] = {c.is_touched ? 1 : 0,
-                         static_cast<int64_t>(c.kind),
-                         c.sure_1e3,
-                         c.gel_depth_um,
-                         c.press_depth_um,
-                         c.depth_sigma_um,
-                         c.area_um2,
-                         c.effective_area_um2,
-                         c.stiffness_pa_um,
-                         c.shore_q4,
-                         c.shore_sigma_q4,
-                         c.is_strange ? 1 : 0,
-                         static_cast<int64_t>(s.modelled.depth_validity),
-                         static_cast<int64_t>(s.modelled.hardness_validity),
-                         c.mean_flow_um,
-                         c.moment_by_flow_unmm};
-  std::copy(std::begin(row), std::end(row), out);
-  return 0;
-}
-
-int ruffini_get_taxels(const ruffini_pipeline* pipeline, int32_t* ratio) {
-  if (!pipeline->path->writes(ruffini::Slot::kSkin))
-    return fail("this board has no glowing skin: see [skin] in boards/README.md");
-  const auto taxels = pipeline->path->state().skin.ratio;
-  std::copy(taxels.begin(), taxels.end(), ratio);
-  return 0;
-}
-
-int ruffini_get_glow(const ruffini_pipeline* pipeline, int16_t* out) {
-  if (!pipeline->path->writes(ruffini::Slot::kSkin))
-    return fail("this board has no glowing skin: see [skin] in boards/README.md");
-  const auto plane = pipeline->path->state().skin.glow;
-  std::copy(plane.begin(), plane.end(), out);
-  return 0;
-}
-
-int ruffini_get_mask(const ruffini_pipeline* pipeline, uint8_t* out) {
-  const auto mask = pipeline->path->state().solve.mask;
-  std::copy(mask.begin(), mask.end(), out);
-  return 0;
-}
-
-int ruffini_get_slip(const ruffini_pipeline* pipeline, uint8_t* out) {
-  const auto nodes = pipeline->path->state().slip.node;
-  std::transform(nodes.begin(), nodes.end(), out, [](ruffini::NodeSlip s) { return static_cast<uint8_t>(s); });
-  return 0;
-}
-
-int ruffini_get_contacts(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n) {
-  const ruffini::FrameState& s = pipeline->path->state();
-  *n = s.contacts.n_listed;
-  for (size_t i = 0; i < static_cast<size_t>(*n); ++i) {
-    const ruffini::Contact& c = s.contacts.contacts[i];
-    const ruffini::ContactSlip& slip = s.slip.contact[i];
-    const int64_t row[] = {c.n_nodes,      c.area_um2,        c.center_x_um,
-                           c.center_y_um,  c.force_x_un,      c.force_y_un,
-                           c.force_z_un,   c.peak_depth_nm,   static_cast<int64_t>(slip.state),
-                           slip.ratio_1e3, slip.friction_1e3, slip.friction_sigma_1e3,
-                           slip.share_1e3, slip.margin_un,    int64_t{c.reaches_border}};
-    out = std::copy(std::begin(row), std::end(row), out);
+int ruffini_stage_times(const ruffini_pipeline* pipeline, uint64_t* ns) {
+  for (const std::string& name : ruffini::stage_names()) {
+    *ns++ = pipeline->path->state().stage_ns[ruffini::stage_row(name)];
   }
   return 0;
 }

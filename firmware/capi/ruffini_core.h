@@ -35,7 +35,6 @@ typedef struct {
   uint64_t saturations; /* since ruffini_open */
   int64_t wrench[6];    /* uN, uN um */
   int32_t n_contacts;
-  uint64_t stage_ns[16];
 } ruffini_result_t;
 
 RUFFINI_API const char* ruffini_version(void);
@@ -80,54 +79,28 @@ RUFFINI_API int ruffini_set_temperature(ruffini_pipeline* pipeline, int32_t mill
 RUFFINI_API int ruffini_solve(ruffini_pipeline* pipeline, const int16_t* displacement, int32_t n_frames,
                               int32_t* force);
 
-/* Of the last processed frame. */
-RUFFINI_API int ruffini_get_markers(const ruffini_pipeline* pipeline, int32_t* rest_q16, int32_t* displacement_q16,
-                                    uint8_t* lost); /* [marker][2], [marker][2], [marker]: 1 lost, 2 absent */
-/* [marker]: 255 / (1 + (expected error / 0.1 px)^2), 0 lost. 1 with ruffini_error() where they are not graded. */
-RUFFINI_API int ruffini_get_marker_quality(const ruffini_pipeline* pipeline, uint8_t* out);
-RUFFINI_API int ruffini_get_change(const ruffini_pipeline* pipeline, int16_t* out);       /* [h][w][3] Q12 */
-RUFFINI_API int ruffini_get_slope(const ruffini_pipeline* pipeline, int16_t* out);        /* [dy][dx][2] Q12 */
-RUFFINI_API int ruffini_get_depth(const ruffini_pipeline* pipeline, int16_t* out);        /* [dy][dx] 125 nm */
-RUFFINI_API int ruffini_get_displacement(const ruffini_pipeline* pipeline, int16_t* out); /* [node][3] 125 nm */
-RUFFINI_API int ruffini_get_force(const ruffini_pipeline* pipeline, int32_t* out);        /* [node][3] */
-RUFFINI_API int ruffini_get_mask(const ruffini_pipeline* pipeline, uint8_t* out);         /* [node] */
-RUFFINI_API int ruffini_get_slip(const ruffini_pipeline* pipeline, uint8_t* out); /* [node] 0 free 1 sticks 2 slips */
-/* The listed contacts, largest first, [8][15]: nodes, um^2, centre x y um, force x y z uN, lowest u_z nm, SlipState,
- * 1e3 |F_t|/F_n, 1e3 friction (0: not measured), 1e3 its sigma, 1e3 slipping share, margin uN, 1: reaches
- * the window's border. *n of them. */
-RUFFINI_API int ruffini_get_contacts(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n);
-/* Targets, [target][9]: x, y (px Q16), area (px^2 Q8), light round it (grey Q8) at rest, the same now; 1: lost. */
-RUFFINI_API int ruffini_get_targets(const ruffini_pipeline* pipeline, int64_t* out);
-/* How sure: standard deviations [node][3] in force steps, covariance [21] of the wrench in (uN, uN mm)^2, upper
- * triangle by rows. 1 with ruffini_error() where the last frame states none. */
-RUFFINI_API int ruffini_get_sigma(const ruffini_pipeline* pipeline, int32_t* sigma, int64_t* covariance);
-/* What the forces leave unexplained, [node][3] in 1/64 standard deviation (solve/support_solver.h), found when it is asked
- * for. 1 with ruffini_error() where the last frame had no second pass. */
-RUFFINI_API int ruffini_get_residual(ruffini_pipeline* pipeline, int32_t* out, int32_t* validity);
-/* Of the wrench alone, [21]. 1 with ruffini_error() where the last frame states none. */
-RUFFINI_API int ruffini_get_covariance(const ruffini_pipeline* pipeline, int64_t* covariance);
+/* The results of the last processed frame, as arrays: each shows one slot that a stage of this board writes with this
+ * calibration (firmware/core/slots.h). Learned once, by name; the list and the shapes are those of the open pipeline. */
+typedef struct {
+  const char* name;
+  const char* type;    /* as numpy names it: u1, i2, i4, i8 */
+  const char* unit;    /* of one step */
+  const char* columns; /* names of the last axis, separated by spaces; empty: its values are of one sort */
+  int32_t n_axes;
+  int32_t shape[3]; /* 1 beyond n_axes */
+} ruffini_slot_t;
+RUFFINI_API int32_t ruffini_slot_count(const ruffini_pipeline* pipeline);
+RUFFINI_API int ruffini_slot_describe(const ruffini_pipeline* pipeline, int32_t index, ruffini_slot_t* out);
+/* Copies the array, C order; *n_rows of its first axis are valid: fewer than its length for lists, such as contacts.
+ * Fails if the board has no slot of this name, the buffer is too small, or the last frame does not state it (sigma,
+ * covariance, residual). The residual is computed when it is asked for. */
+RUFFINI_API int ruffini_get_slot(ruffini_pipeline* pipeline, const char* name, void* out, size_t out_bytes,
+                                 int32_t* n_rows);
 
-/* Touches of a glowing skin, hardest first, [8][11]: identity, x y um, area um^2, brightness, pressing force uN and its
- * sigma, sigma of the place um, that force as a vector x y z uN. *n of them. 1 with ruffini_error() without a skin. */
-RUFFINI_API int ruffini_get_touches(const ruffini_pipeline* pipeline, int64_t* out, int32_t* n);
-/* What presses on a fingertip, [19]: touched, known, in range; force uN, way um, x y um, roll pitch urad, area um^2;
- * sigma of these seven; flat area um^2 and its sigma. 1 with ruffini_error() where it is not calibrated. */
-RUFFINI_API int ruffini_get_tip(const ruffini_pipeline* pipeline, int64_t* row);
-/* Number of its taxels, 0 without; light over that at rest less 1, and age of the light, both Q12. */
-RUFFINI_API int ruffini_skin_state(const ruffini_pipeline* pipeline, int32_t* n_taxels, int64_t* light_age);
-RUFFINI_API int ruffini_get_taxels(const ruffini_pipeline* pipeline, int32_t* ratio); /* [taxel] Q12 */
-/* [h][w] 1/4 levels of the weighted channels over rest; smoothed where there are no taxels, else as it is. */
-RUFFINI_API int ruffini_get_glow(const ruffini_pipeline* pipeline, int16_t* out);
-/* Of the stage contact_model, [22]: u_r on 16 rings (1/16 um), their size (1/16 um), fall of the density (Q16), centre
- * x, y (um), lost patches (1/1000), mean flow (1/16 um). 1 with ruffini_error() without that stage. */
-RUFFINI_API int ruffini_get_profile(const ruffini_pipeline* pipeline, int64_t* out);
-/* Of the stage helmholtz, [3]: mean size of the curl-free flow, size of the mean of the rest (1/16 um), twist (urad);
- * flow: [patch][2] of the curl-free part (1/16 um), or null. 1 with ruffini_error() without that stage. */
-RUFFINI_API int ruffini_get_helmholtz(const ruffini_pipeline* pipeline, int64_t* out, int64_t* flow);
-/* [16]: touched, ContactKind, its confidence (1/1000), gel depth, press depth and their sigma (um), area, effective area
- * (um^2), H_m (Pa / um), Shore A and its sigma (1/16), 1: no model holds, Validity of depth and of hardness, mean flow (um),
- * moment by the flow (uN mm). */
-RUFFINI_API int ruffini_get_contact_model(const ruffini_pipeline* pipeline, int64_t* out);
+/* The stages that a board may list, in their order; NULL beyond. Nanoseconds of each in the last frame, 0: not run. */
+RUFFINI_API int32_t ruffini_stage_count(void);
+RUFFINI_API const char* ruffini_stage_name(int32_t index);
+RUFFINI_API int ruffini_stage_times(const ruffini_pipeline* pipeline, uint64_t* ns);
 
 #ifdef __cplusplus
 }

@@ -1,26 +1,42 @@
 #include "core/pipeline.h"
 
 #include <algorithm>
-#include <utility>
+#include <string_view>
 
 namespace ruffini {
+namespace {
 
-Pipeline::Pipeline(const BoardSettings& board, FrameState& state, ClockFunction clock) : state_(state), clock_(clock) {
-  SlotAccess slots(state);
-  const std::span<const StageEntry> table = stage_table();
-  for (const std::string& name : board.stages) {
-    const auto at = std::find_if(table.begin(), table.end(), [&](const StageEntry& each) { return each.name == name; });
-    if (at == table.end() || at->make == nullptr) continue;
-    stages_.push_back({.index = static_cast<size_t>(at - table.begin()), .stage = at->make({board, slots})});
+// One of these names, separated by spaces.
+bool has_any_kind(const Calibration& calibration, std::string_view names) {
+  while (!names.empty()) {
+    const size_t end = std::min(names.find(' '), names.size());
+    if (calibration.has_kind(names.substr(0, end))) return true;
+    names.remove_prefix(std::min(end + 1, names.size()));
   }
+  return false;
+}
+
+}  // namespace
+
+Pipeline::Pipeline(const BoardSettings& board, Rest& rest, FrameState& state, ClockFunction clock)
+    : state_(state), clock_(clock) {
+  SlotAccess slots(state);
+  SlotSet written;
+  for (const StageEntry& stage : stage_table()) {
+    const std::string_view listed = stage.part_of.empty() ? stage.name : stage.part_of;
+    if (std::find(board.stages.begin(), board.stages.end(), listed) == board.stages.end()) continue;
+    stages_.push_back({.declared = &stage, .timed_as = stage_row(listed)});
+    written = written | stage.writes;
+  }
+  for (Entry& entry : stages_) entry.stage = entry.declared->make({board, slots, written, rest});
 }
 
 Status Pipeline::load(const Calibration* calibration, SlotSet written) {
   written_ = written;
   for (Entry& entry : stages_) {
-    const StageEntry& stage = declared(entry);
+    const StageEntry& stage = *entry.declared;
     if (!written_.has_all(stage.reads)) continue;
-    if (calibration != nullptr && !stage.kind.empty() && calibration->has_kind(stage.kind)) {
+    if (calibration != nullptr && has_any_kind(*calibration, stage.kind)) {
       if (Status loaded = entry.stage->load(*calibration); !loaded) return loaded;
     }
     for (size_t i = 0; i < kSlotCount; ++i) {
@@ -38,10 +54,14 @@ void Pipeline::learn(std::span<const uint16_t> rest) {
   for (const Entry& entry : stages_) entry.stage->learn(rest);
 }
 
+void Pipeline::begin() {
+  for (const Entry& entry : stages_) entry.stage->begin();
+}
+
 void Pipeline::run(const Entry& entry, Frame& frame) {
   const uint64_t start = clock_();
   entry.stage->run(frame);
-  state_.stage_ns[entry.index] = clock_() - start;
+  state_.stage_ns[entry.timed_as] += clock_() - start;
 }
 
 void Pipeline::run(Frame& frame) {
@@ -51,10 +71,19 @@ void Pipeline::run(Frame& frame) {
 void Pipeline::run_from(Slot slot, Frame& frame) {
   SlotSet changed = {slot};
   for (const Entry& entry : stages_) {
-    const StageEntry& stage = declared(entry);
+    const StageEntry& stage = *entry.declared;
     if (!changed.has_any(stage.reads | stage.reads_if_written)) continue;
     run(entry, frame);
     changed = changed | stage.writes;
+  }
+}
+
+void Pipeline::compute(Slot slot, Frame& frame) {
+  for (const Entry& entry : stages_) {
+    if (!entry.declared->writes.has(slot)) continue;
+    const uint64_t start = clock_();
+    entry.stage->compute(slot, frame);
+    state_.stage_ns[entry.timed_as] += clock_() - start;
   }
 }
 
@@ -64,6 +93,12 @@ void Pipeline::judge(uint32_t& flags) {
 
 void Pipeline::forget() {
   for (const Entry& entry : stages_) entry.stage->forget();
+}
+
+void Pipeline::charge(Slot slot, uint64_t ns) {
+  for (const Entry& entry : stages_) {
+    if (entry.declared->writes.has(slot)) state_.stage_ns[entry.timed_as] += ns;
+  }
 }
 
 }  // namespace ruffini

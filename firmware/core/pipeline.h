@@ -1,4 +1,4 @@
-// The board's stages in the order in which it lists them, each timed (FrameState::stage_ns).
+// The board's stages in the order of the table, each timed (FrameState::stage_ns).
 //
 // Legal combinations follow from the table: a stage is run if its tables are loaded and a stage before it writes each slot
 // that it must read. Frame thread; no allocation after load().
@@ -22,28 +22,33 @@ using ClockFunction = uint64_t (*)();
 
 class Pipeline {
  public:
-  // `state` outlives this.
-  Pipeline(const BoardSettings& board, FrameState& state, ClockFunction clock);
+  // `rest` and `state` outlive this.
+  Pipeline(const BoardSettings& board, Rest& rest, FrameState& state, ClockFunction clock);
 
   // Once, before the first frame. `calibration` may be null. `written`: slots that others than these stages write.
-  [[nodiscard]] Status load(const Calibration* calibration, SlotSet written);
+  [[nodiscard]] Status load(const Calibration* calibration, SlotSet written = {});
   // Some stage writes this slot.
   [[nodiscard]] bool writes(Slot slot) const { return written_.has(slot); }
 
   void learn(std::span<const uint16_t> rest);
+  void begin();
   void run(Frame& frame);
   // Only what depends on this slot, directly or through other slots.
   void run_from(Slot slot, Frame& frame);
+  // A slot that its writer computes only if it is asked for.
+  void compute(Slot slot, Frame& frame);
   void judge(uint32_t& flags);
   void forget();
+  // Time that was spent for the writer of this slot.
+  void charge(Slot slot, uint64_t ns);
 
  private:
   struct Entry {
-    size_t index = 0;  // in the table
+    const StageEntry* declared = nullptr;
+    size_t timed_as = 0;  // row of the table
     std::unique_ptr<Stage> stage{};
     bool is_active = false;
   };
-  [[nodiscard]] const StageEntry& declared(const Entry& entry) const { return stage_table()[entry.index]; }
   void run(const Entry& entry, Frame& frame);
 
   FrameState& state_;

@@ -19,12 +19,14 @@ enum class Validity : uint8_t { kNotMeasured = 0, kValid = 1, kUncalibrated = 2,
 // Of the observed nodes.
 struct SolvedForces {
   std::vector<int16_t> u;         // displacement, xyz interleaved
-  std::vector<int64_t> wide;      // force before it is held to 32 bits
-  std::vector<NodeForce> force;   // the second pass overwrites it
+  std::vector<NodeForce> force;   // linear in u, unless the second pass has refined it
   std::span<const uint8_t> mask;  // where touched: ContactMask's 0..128
-  bool is_refined = false;        // in this frame
+  int64_t threshold_lsb = 0;      // of the mask (solve/contact_mask.h)
+  bool is_pressed = false;        // the same
+  bool is_refined = false;        // by the second pass, in this frame
   bool is_at_finite_strain = false;
-  bool is_explained = true;  // by refine(): the forces are all that presses (solve/spread_check.h)
+  bool is_explained = true;  // by the second pass: the forces are all that presses (solve/spread_check.h)
+  std::span<const int32_t> residual_at_sides;  // of CameraMotion::unknowns(), by the last second pass
 };
 
 struct Wrench {

@@ -1,13 +1,14 @@
 // The data of one frame: what the stages hand to each other and to the encoders.
 //
-// A slot has one writer among a board's stages (core/stages.cpp lists who reads and who writes what); everybody else has
-// a const view of it. A slot is valid until the next frame. All buffers are sized in FramePath::configure.
+// A slot has one writer among a board's stages; a later stage may be declared to amend it, and everybody else has a const
+// view (core/stages.cpp lists who reads, writes and amends what). A slot is valid until the next frame. All buffers are sized in FramePath::configure.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <initializer_list>
 #include <span>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -17,8 +18,10 @@
 #include "core/results.h"
 #include "image/difference.h"
 #include "image/displacement.h"
+#include "image/light.h"
 #include "image/markers.h"
 #include "image/photometric.h"
+#include "image/rest.h"
 #include "image/targets.h"
 #include "solve/node_sigma.h"
 
@@ -57,38 +60,24 @@ inline constexpr uint32_t kWrongFlags = kFlagNoReference | kFlagMarkersLost | kF
   return is_calibrated ? Validity::kValid : Validity::kUncalibrated;
 }
 
-// In the order of the table (core/stages.cpp).
-enum class StageId : uint8_t {
-  kDifference,
-  kMarkers,
-  kTargets,
-  kPhotometric,
-  kPoisson,
-  kDisplacement,
-  kOperator,
-  kSupport,
-  kWrench,
-  kFeatureWrench,
-  kContacts,
-  kSkin,
-  kContactModel,
-  kFingertip,
-  kHelmholtz,
-  kContactDepth,
-  kCount
-};
-inline constexpr size_t kStageCount = static_cast<size_t>(StageId::kCount);
+// Room for the table's rows (core/stages.cpp), which counts them.
+inline constexpr size_t kMaxStages = 24;
 
 struct FrameState {
   uint32_t flags = 0;
-  SaturationCounter saturations;                 // since configure
-  std::array<uint64_t, kStageCount> stage_ns{};  // of this frame
+  SaturationCounter saturations;                // since configure
+  std::array<uint64_t, kMaxStages> stage_ns{};  // of this frame, by row of the table
 
   struct {
     std::vector<RelativeChange> change;  // planes of B, G and R, height x width each
     std::vector<uint16_t> grey;          // of three channels together, 1/16 levels
     ExposureCounts exposure;
   } difference;
+  struct {
+    Rest::Gain gain = Rest::unit_gain();  // followed, over rest
+    LightLevel level{};                   // of this frame
+    bool is_steady = true;                // or drifts: what it makes of depth cannot be told from a faint touch
+  } light;
   struct {
     // Of several views in one frame ([markers] layout "views").
     struct View {
@@ -107,21 +96,29 @@ struct FrameState {
   } markers;
   struct {
     std::span<const Target> target;  // empty without the stage
+    std::span<const Marker> mark;    // the same as markers: what hides the surface
     int n_lost = 0;
   } targets;
   struct {
-    std::vector<CellSlope> slope;  // depth grid
+    std::vector<CellSlope> slope;    // depth grid
+    bool is_balanced = false;        // less the level of the frame's light
+    bool is_of_depth = false;        // the calibration turns colours into depth at once; no slope
+    bool is_foreign_optics = false;  // the calibration is of other optics: depth to look at, not to make forces of
   } photometric;
   struct {
     std::vector<DisplacementUm> cell;
     GridSize grid;
-    int step_px = 1;       // of the image, from one cell to the next
-    int64_t sigma_um = 0;  // of a cell that is touched; 0: not stated
+    int step_px = 1;          // of the image, from one cell to the next
+    int64_t sigma_um = 0;     // of a cell that is touched; 0: not stated
+    bool is_trusted = false;  // forces may be made of it
     Validity validity = Validity::kNotMeasured;
   } depth;
   struct {
     std::vector<NodeDisplacement> node;  // observed nodes
     std::vector<uint8_t> is_filled;      // 1: x and y rest on lost markers (image/displacement.h)
+    bool has_depth = false;              // u_z is measured, and forces may be made of it
+    int64_t zero_moved_nm = 0;           // how far the followed zero has crept (estimators/zero_follower.h)
+    bool is_zero_at_limit = false;
   } displacement;
   SolvedForces solve;
   // Of forces along the surface and normal to it: of the nodes, or of the touches of a skin or a fingertip.
@@ -137,7 +134,7 @@ struct FrameState {
   struct {
     std::vector<int32_t> node;  // observed nodes, xyz interleaved, 1/64 standard deviation
     Validity validity = Validity::kNotMeasured;
-  } residual;  // not measured unless FramePath::find_residual was called
+  } residual;  // not measured unless it was asked for (Stage::compute)
   struct {
     Wrench sum;
     std::array<Validity, 6> validity{};  // of each component
@@ -162,6 +159,7 @@ struct FrameState {
 
 enum class Slot : uint8_t {
   kDifference,
+  kLight,
   kMarkers,
   kTargets,
   kSlope,
@@ -170,6 +168,7 @@ enum class Slot : uint8_t {
   kNodeForces,
   kForceValidity,
   kNodeSigma,
+  kResidual,
   kWrench,
   kCovariance,
   kContacts,
@@ -183,6 +182,14 @@ enum class Slot : uint8_t {
 };
 inline constexpr size_t kSlotCount = static_cast<size_t>(Slot::kCount);
 
+[[nodiscard]] constexpr std::string_view slot_name(Slot slot) {
+  constexpr std::array<std::string_view, kSlotCount> kNames = {
+      "difference",  "light",          "markers",    "targets",       "slope",     "depth",      "displacement",
+      "node_forces", "force_validity", "node_sigma", "residual",      "wrench",    "covariance", "contacts",
+      "slip",        "skin",           "profile",    "contact_model", "helmholtz", "tool_touch"};
+  return kNames[static_cast<size_t>(slot)];
+}
+
 class SlotSet {
  public:
   constexpr SlotSet() = default;
@@ -194,6 +201,7 @@ class SlotSet {
   [[nodiscard]] constexpr bool has_all(SlotSet other) const { return (other.bits_ & ~bits_) == 0; }
   [[nodiscard]] constexpr bool has_any(SlotSet other) const { return (other.bits_ & bits_) != 0; }
   [[nodiscard]] constexpr SlotSet operator|(SlotSet other) const { return SlotSet(bits_ | other.bits_); }
+  [[nodiscard]] constexpr SlotSet without(SlotSet other) const { return SlotSet(bits_ & ~other.bits_); }
   [[nodiscard]] constexpr SlotSet operator&(SlotSet other) const { return SlotSet(bits_ & other.bits_); }
   bool operator==(const SlotSet&) const = default;
 
@@ -208,6 +216,7 @@ static_assert(kSlotCount <= 32);
 template <Slot slot, typename State>
 [[nodiscard]] constexpr auto& slot_of(State& state) {
   if constexpr (slot == Slot::kDifference) return state.difference;
+  if constexpr (slot == Slot::kLight) return state.light;
   if constexpr (slot == Slot::kMarkers) return state.markers;
   if constexpr (slot == Slot::kTargets) return state.targets;
   if constexpr (slot == Slot::kSlope) return state.photometric;
@@ -216,6 +225,7 @@ template <Slot slot, typename State>
   if constexpr (slot == Slot::kNodeForces) return state.solve;
   if constexpr (slot == Slot::kForceValidity) return state.force;
   if constexpr (slot == Slot::kNodeSigma) return state.uncertainty;
+  if constexpr (slot == Slot::kResidual) return state.residual;
   if constexpr (slot == Slot::kWrench) return state.wrench;
   if constexpr (slot == Slot::kCovariance) return state.covariance;
   if constexpr (slot == Slot::kContacts) return state.contacts;
@@ -230,7 +240,7 @@ template <Slot slot, typename State>
 template <Slot slot>
 using SlotData = std::remove_reference_t<decltype(slot_of<slot>(std::declval<FrameState&>()))>;
 
-// Hands a stage the slots that it asks for when it is made: const to read, mutable to write. What was asked for must be
+// Hands a stage the slots that it asks for when it is made: const to read, mutable to write or amend. What was asked for must be
 // what the table declares (tests/cpp/core/stages_test.cpp).
 class SlotAccess {
  public:
@@ -246,13 +256,20 @@ class SlotAccess {
     written_.add(slot);
     return slot_of<slot>(state_);
   }
+  template <Slot slot>
+  [[nodiscard]] auto& amend() {
+    amended_.add(slot);
+    return slot_of<slot>(state_);
+  }
   [[nodiscard]] SlotSet all_read() const { return read_; }
   [[nodiscard]] SlotSet all_written() const { return written_; }
+  [[nodiscard]] SlotSet all_amended() const { return amended_; }
 
  private:
   FrameState& state_;
   SlotSet read_;
   SlotSet written_;
+  SlotSet amended_;
 };
 
 }  // namespace ruffini

@@ -3,7 +3,9 @@
 
 #include <memory>
 #include <span>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/slots.h"
 #include "core/stage.h"
@@ -14,16 +16,36 @@ struct StageEntry {
   std::string_view name;  // in [pipeline] stages of board.toml
   SlotSet reads;          // the stage is not run unless a stage before it writes all of these
   SlotSet reads_if_written;
+  bool needs_one = false;  // a board must write one of these at least
   SlotSet writes;
+  SlotSet amends;             // in place, of another stage
   std::string_view sections;  // of board.toml, besides those of every board
   std::string_view kind;      // of the calibration, whose tables it loads (proto/CALIBRATION.md); empty: none
-  std::unique_ptr<Stage> (*make)(const StageContext&) = nullptr;  // null: FramePath runs it
+  std::string_view part_of;   // not listed by a board: runs here with this stage, whose time it counts to
+  std::unique_ptr<Stage> (*make)(const StageContext&) = nullptr;
 };
 
 [[nodiscard]] std::span<const StageEntry> stage_table();
+// Row of the stage that a board lists by this name; the table's size if there is none.
+[[nodiscard]] size_t stage_row(std::string_view name);
+// What a board may list, in this order.
+[[nodiscard]] std::vector<std::string> stage_names();
+// One of the listed stages reads this section of board.toml.
+[[nodiscard]] bool is_section_read(std::span<const std::string> stages, std::string_view section);
+// Why a board may not list these stages, in one sentence; empty if it may.
+[[nodiscard]] std::string refuse_stages(std::span<const std::string> stages);
 
 // Makers, each in stages/<name>/.
 using StagePointer = std::unique_ptr<Stage>;
+[[nodiscard]] StagePointer make_difference(const StageContext& context);
+[[nodiscard]] StagePointer make_light(const StageContext& context);
+[[nodiscard]] StagePointer make_markers(const StageContext& context);
+[[nodiscard]] StagePointer make_targets(const StageContext& context);
+[[nodiscard]] StagePointer make_photometric(const StageContext& context);
+[[nodiscard]] StagePointer make_poisson(const StageContext& context);
+[[nodiscard]] StagePointer make_displacement(const StageContext& context);
+[[nodiscard]] StagePointer make_operator(const StageContext& context);
+[[nodiscard]] StagePointer make_support(const StageContext& context);
 [[nodiscard]] StagePointer make_wrench(const StageContext& context);
 [[nodiscard]] StagePointer make_feature_wrench(const StageContext& context);
 [[nodiscard]] StagePointer make_contacts(const StageContext& context);
@@ -32,5 +54,6 @@ using StagePointer = std::unique_ptr<Stage>;
 [[nodiscard]] StagePointer make_fingertip(const StageContext& context);
 [[nodiscard]] StagePointer make_helmholtz(const StageContext& context);
 [[nodiscard]] StagePointer make_contact_depth(const StageContext& context);
+[[nodiscard]] StagePointer make_uncertainty(const StageContext& context);
 
 }  // namespace ruffini

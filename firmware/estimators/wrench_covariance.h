@@ -5,7 +5,7 @@
 //   all contacts together   the shear part of the wrench (fx, fy, tz) times a common factor, and its
 //                           pressure part (fz, tx, ty) times another: what the
 //                           finite elements and a slightly wrong shape of the material make of it
-//   the whole wrench        times the relative standard deviation of the pad's stiffness (force_field.h)
+//   the whole wrench        times the relative standard deviation of the pad's stiffness (stages/support/uncertainty_stage.cpp)
 //   each contact, about     sigma of each force component, carried to the pad's centre as the wrench of a force
 //   its centre of pressure  there; sigma of each moment: a constant and a lever times the pressing force. Those of the
 //                           shear part times sqrt(1 + kFilledShear share), share of the touched nodes that are filled

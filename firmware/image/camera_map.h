@@ -6,22 +6,21 @@
 // mounted askew and a plane mirror alike (image/ray_table.h).
 //
 // Depth is computed in the view of an ideal pinhole above the pad's centre, of the board's scale and principal point
-// (focal length and distance grow together with the refraction): the slopes are brought there, bilinearly between depth
-// cells; where that view sees beyond the image, the border's.
+// (focal length and distance grow together with the refraction); image/slope_rectifier.h brings the slopes there.
 // Frame thread; no allocation after load().
 #pragma once
 
 #include <cstdint>
-#include <span>
-#include <vector>
 
 #include "base/result.h"
 #include "board/settings.h"
-#include "image/photometric.h"
 #include "image/ray_table.h"
 #include "store/calibration.h"
 
 namespace ruffini {
+
+// The board with the ideal pinhole of kind `camera` as its camera. Errors: kBadInput.
+[[nodiscard]] Result<BoardSettings> pinhole_board(const Calibration& calibration, const BoardSettings& board);
 
 class CameraMap {
  public:
@@ -30,25 +29,13 @@ class CameraMap {
 
   // The ray through an image place, pixels; the border's beyond the image.
   [[nodiscard]] PadRay at(int64_t px_x_q16, int64_t px_y_q16) const { return rays_.at(px_x_q16, px_y_q16); }
-  // Slopes of the depth cells as the image has them -> as the ideal pinhole has them.
-  void rectify(std::span<CellSlope> slope);
 
   // The board with the ideal pinhole as its camera: what depth and nodes are computed with.
   [[nodiscard]] const BoardSettings& ideal_board() const { return ideal_; }
 
  private:
-  struct Source {
-    uint32_t cell = 0;  // upper left one of four
-    uint16_t right_q8 = 0;
-    uint16_t below_q8 = 0;
-  };
-  Status load_sources(const Calibration& calibration);
-
   BoardSettings ideal_;
-  GridSize cells_;
   RayTable rays_;
-  std::vector<Source> sources_;  // of each depth cell
-  std::vector<CellSlope> seen_;  // the image's slopes, while they are moved
 };
 
 }  // namespace ruffini

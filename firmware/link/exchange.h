@@ -66,9 +66,9 @@ struct Exchange {
   std::atomic<bool> is_zero_at_limit{false};
   std::atomic<ReflexState> reflex{ReflexState::kNotAsked};
   std::atomic<uint64_t> reflex_trips{0};
-  std::atomic<uint32_t> skin_light_1e3{0};                        // at rest, over the calibration's; 0: not known
-  std::array<std::atomic<uint64_t>, kStageCount> stage_sum_ns{};  // since the last status
-  std::array<std::atomic<uint64_t>, kStageCount> stage_max_ns{};
+  std::atomic<uint32_t> skin_light_1e3{0};                       // at rest, over the calibration's; 0: not known
+  std::array<std::atomic<uint64_t>, kMaxStages> stage_sum_ns{};  // since the last status
+  std::array<std::atomic<uint64_t>, kMaxStages> stage_max_ns{};
   // Written by the network's thread, where the board asks for one.
   NetworkHealth network;
   // Written by the capture thread.

@@ -6,6 +6,7 @@
 
 #include "link/contact_parts.h"
 #include "link/proto_text.h"
+#include "solve/support_solver.h"
 
 namespace ruffini {
 namespace {

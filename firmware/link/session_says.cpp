@@ -6,6 +6,7 @@
 #include <iterator>
 #include <sstream>
 
+#include "core/stages.h"
 #include "link/proto_text.h"
 #include "link/session.h"
 #include "schema.h"
@@ -15,7 +16,8 @@ namespace ruffini {
 // What the board's parser lets through fits HELLO.
 static_assert(pb_membersize(ruffini_SensorInfo, board_toml) > kMaxBoardBytes);
 static_assert(pb_arraysize(ruffini_SensorInfo, not_measured) >= kMaxNotMeasured);
-static_assert(pb_arraysize(ruffini_SensorInfo, stages) >= kStageCount);
+static_assert(pb_arraysize(ruffini_SensorInfo, stages) >= kMaxStages);
+static_assert(pb_arraysize(ruffini_Status, stage_times) >= kMaxStages);
 static_assert(pb_membersize(ruffini_SensorInfo, not_measured[0]) > kMaxListedLength);
 static_assert(pb_membersize(ruffini_SensorInfo, stages[0]) > kMaxListedLength);
 static_assert(pb_membersize(ruffini_Temperature, place) > kMaxListedLength);
@@ -201,9 +203,10 @@ void Session::send_status(uint64_t now_us) {
   copy_text(m.store_problem, calibrator_.problem());
   m.saturations = exchange_.saturations.load();
   const uint64_t n = std::max<uint64_t>(frames - status_frames_, 1);
-  for (size_t i = 0; i < kStageCount; ++i) {
+  for (const std::string& name : stage_names()) {
+    const size_t i = stage_row(name);
     ruffini_StageTime& t = m.stage_times[m.stage_times_count++];
-    copy_text(t.stage, known_stages()[i]);
+    copy_text(t.stage, name);
     t.mean_ns = static_cast<uint32_t>(exchange_.stage_sum_ns[i].exchange(0) / n);
     t.max_ns = static_cast<uint32_t>(exchange_.stage_max_ns[i].exchange(0));
   }

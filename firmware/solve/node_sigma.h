@@ -8,7 +8,7 @@
 //   m          largest difference from one of them
 //   r^2        sum of d_z^2 over the 7 x 7 nodes about it, / 64
 //   w          clamp(-f_z, 0, T) / T, Q7, T the contact threshold, as in support_solver.h
-//   s          relative standard deviation of the pad's stiffness (estimators/force_field.h)
+//   s          relative standard deviation of the pad's stiffness (stages/support/uncertainty_stage.cpp)
 //   tables     steps^2, 8 fraction bits; factors Q16, at most kMaxFactor
 //   sigma      square root, rounded half up to whole steps, at least 1; of shear twice that where the node is filled
 //

@@ -13,7 +13,7 @@
 // (firmware/README.md).
 //
 // Depth whose zero is the mean of the rim (board.toml [depth] gauge = "margin") needs a rim at rest. A pad that is pressed on
-// more than an eighth of its rim has none. One that is touched on more than 5/16 of its nodes (estimators/force_field) has too
+// more than an eighth of its rim has none. One that is touched on more than 5/16 of its nodes (stages/support/second_pass) has too
 // little: its forces are 16 % low to 8 % high, and no sum over the surface shows it.
 //
 // Two sums over the nodes. Frame thread; no allocation after load. Not in the paper.

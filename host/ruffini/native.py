@@ -33,7 +33,7 @@ def library() -> ctypes.CDLL:
     path = native_folder() / "libruffini.so"
     try:
         loaded = ctypes.CDLL(str(path))
-        for name in ("ruffini_error", "ruffini_version", "ruffini_board_json"):
+        for name in ("ruffini_error", "ruffini_version", "ruffini_board_json", "ruffini_stage_name"):
             getattr(loaded, name).restype = ctypes.c_char_p
         loaded.ruffini_open.restype = loaded.ruffini_wrench_open.restype = ctypes.c_void_p
     except (OSError, AttributeError) as error:

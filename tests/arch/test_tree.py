@@ -67,8 +67,8 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         tree_gates.stage_drawing,
         {
             "firmware/core/stages.cpp": '{.name = "skin", .reads = {kDepth}, .reads_if_written = {}, '
-            '.writes = {kSkin}, .sections = "skin", .kind = ""}',
-            "firmware/README.md": "| skin | | | Skin | skin | |\n",
+            '.writes = {kSkin}, .amends = {}, .sections = "skin", .kind = "", .part_of = ""}',
+            "firmware/README.md": "| skin | | | Skin | | skin | | |\n",
         },
         "does not draw the stage 'skin'",
     ),

@@ -234,7 +234,7 @@ def test_without_an_error_model_nothing_is_stated(base: tuple[Tensors, dict[str,
     typed = parse_board(TEXT.encode(), "small")
     with Pipeline(typed, pack(*base).data) as core:
         core.solve(np.zeros((1, core.layout.node_n_x * core.layout.node_n_y, 3), np.int16))
-        with pytest.raises(InputError, match="no error model"):
+        with pytest.raises(InputError, match='no slot "sigma"'):
             core.sigma()
 
 

@@ -132,7 +132,7 @@ TEST(FramePath, APadWithoutDotsIsNotThisBoard) {
 struct PressedSensor {
   explicit PressedSensor(bool is_relaxing = false, bool has_rest = true) {
     board.stages.clear();
-    for (const std::string& stage : known_stages()) {
+    for (const std::string& stage : stage_names()) {
       // Contacts of a skin that glows and of a texture are their own.
       if (stage != "skin" && stage != "contact_model" && stage != "helmholtz") board.stages.push_back(stage);
     }
@@ -347,9 +347,9 @@ TEST(FramePath, TimesEveryStageThatRan) {
   Sensor sensor;
   sensor.learn();
   const FrameState& s = sensor.show_dots(0);
-  EXPECT_EQ(s.stage_ns[static_cast<size_t>(StageId::kDifference)], 1'000U);
-  EXPECT_EQ(s.stage_ns[static_cast<size_t>(StageId::kMarkers)], 1'000U);
-  EXPECT_EQ(s.stage_ns[static_cast<size_t>(StageId::kPoisson)], 0U);
+  EXPECT_EQ(s.stage_ns[stage_row("difference")], 1'000U);
+  EXPECT_EQ(s.stage_ns[stage_row("markers")], 1'000U);
+  EXPECT_EQ(s.stage_ns[stage_row("poisson")], 0U);
 }
 
 }  // namespace

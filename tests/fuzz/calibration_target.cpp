@@ -19,7 +19,7 @@ using ruffini::fuzz::Bytes;
 constexpr size_t kShort = 64;
 
 const ruffini::BoardSettings& board_of_all() {
-  static const ruffini::BoardSettings kBoard = ruffini::test::small_board(ruffini::known_stages());
+  static const ruffini::BoardSettings kBoard = ruffini::test::small_board(ruffini::stage_names());
   return kBoard;
 }
 

@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
+from ruffini.calibrate.contact_profile import N_RINGS
 from ruffini.calibrate.feature_log import zero_of
-from ruffini.core.pipeline import N_RINGS, Pipeline
+from ruffini.core.pipeline import Pipeline
 from ruffini.errors import InputError
 from ruffini.files import readable
 from ruffini.frames import read_frames

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,11 +40,6 @@ DISPLACEMENT_LSB_M = 125e-9
 NOT_MEASURED = -32768  # a component of a displacement that `Pipeline.solve` fills
 NO_REFERENCE = 1
 NO_TEMPERATURE = -(2**31)
-STAGES = (
-    "difference", "markers", "targets", "photometric", "poisson", "displacement",
-    "operator", "support", "wrench", "feature_wrench", "contacts", "skin", "contact_model", "fingertip", "helmholtz",
-    "contact_depth",
-)  # fmt: skip
 
 
 class _Layout(ctypes.Structure):
@@ -79,8 +75,34 @@ class _Result(ctypes.Structure):
         ("saturations", ctypes.c_uint64),
         ("wrench", ctypes.c_int64 * 6),
         ("n_contacts", ctypes.c_int32),
-        ("stage_ns", ctypes.c_uint64 * len(STAGES)),
     ]
+
+
+class _Slot(ctypes.Structure):
+    _fields_ = [
+        ("name", ctypes.c_char_p),
+        ("type", ctypes.c_char_p),
+        ("unit", ctypes.c_char_p),
+        ("columns", ctypes.c_char_p),
+        ("n_axes", ctypes.c_int32),
+        ("shape", ctypes.c_int32 * 3),
+    ]
+
+
+@dataclass(frozen=True)
+class Slot:
+    """An array of results, as the core describes it: the unit of one step, and the names of the last axis, if any."""
+
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    unit: str
+    columns: tuple[str, ...]
+
+
+def stages() -> tuple[str, ...]:
+    """The stages that a board may list, in their order."""
+    core = library()
+    return tuple(core.ruffini_stage_name(i).decode() for i in range(core.ruffini_stage_count()))
 
 
 @dataclass(frozen=True)
@@ -113,10 +135,6 @@ class Frame:
         return np.asarray(self.wrench_un * np.array([1e-6] * 3 + [1e-12] * 3))
 
 
-MAX_CONTACTS = 8
-N_RINGS = 16
-
-
 class Pipeline:
     """One sensor's frame path. Not thread-safe; close it or use it as a context manager.
 
@@ -146,6 +164,8 @@ class Pipeline:
         self._lib.ruffini_layout(self._pointer, ctypes.byref(layout))
         self.board = board
         self.layout = layout
+        self.slots = dict(self._describe())
+        self._stages = stages()
         self._n_frames = 0
 
     def __enter__(self) -> Pipeline:
@@ -163,6 +183,20 @@ class Pipeline:
     def _check(self, code: int) -> None:
         if code:
             raise InputError(self._lib.ruffini_error().decode())
+
+    def _describe(self) -> Iterator[tuple[str, Slot]]:
+        for index in range(self._lib.ruffini_slot_count(self._pointer)):
+            slot = _Slot()
+            self._check(self._lib.ruffini_slot_describe(self._pointer, index, ctypes.byref(slot)))
+            yield (
+                slot.name.decode(),
+                Slot(
+                    np.dtype(slot.type.decode()),
+                    tuple(slot.shape[: slot.n_axes]),
+                    slot.unit.decode(),
+                    tuple(slot.columns.decode().split()),
+                ),
+            )
 
     def process(self, bgr: npt.NDArray[np.uint8], capture_s: float | None = None) -> Frame:
         """Run one frame, (height, width, 3) uint8, B G R.
@@ -200,8 +234,13 @@ class Pipeline:
             saturations=result.saturations,
             wrench_un=np.array(result.wrench[:], dtype=np.int64),
             n_contacts=result.n_contacts,
-            stage_ns=dict(zip(STAGES, result.stage_ns[:], strict=True)),
+            stage_ns=self._stage_ns(),
         )
+
+    def _stage_ns(self) -> dict[str, int]:
+        times = np.zeros(len(self._stages), np.uint64)
+        self._check(self._lib.ruffini_stage_times(self._pointer, times.ctypes.data_as(ctypes.c_void_p)))
+        return dict(zip(self._stages, times.tolist(), strict=True))
 
     def set_celsius(self, celsius: float | None) -> None:
         """How warm the pad is from the next frame on; None, as at first: not measured."""
@@ -247,170 +286,102 @@ class Pipeline:
         )
         return force
 
-    def sigma(self) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
-        """How sure the last frame is: steps (n_y, n_x, 3), and covariance (21,) of the wrench in (uN, uN mm)^2.
+    def raw(self, name: str) -> npt.NDArray[Any]:
+        """Integers of the last frame by the name of `slots`, which has their units; of a list the rows that it holds.
 
         Raises
         ------
         InputError
-            The frame states none: no error model in the calibration, or no second pass.
+            No stage of this board writes them with this calibration, or the last frame does not state them.
         """
-        sigma = np.zeros((self.layout.node_n_y, self.layout.node_n_x, 3), np.int32)
-        covariance = np.zeros(N_COVARIANCE, np.int64)
+        slot = self.slots.get(name)
+        out = np.zeros(slot.shape if slot else 0, slot.dtype if slot else np.uint8)
+        n_rows = ctypes.c_int32()
         self._check(
-            self._lib.ruffini_get_sigma(
-                self._pointer, sigma.ctypes.data_as(ctypes.c_void_p), covariance.ctypes.data_as(ctypes.c_void_p)
+            self._lib.ruffini_get_slot(
+                self._pointer, name.encode(), out.ctypes.data_as(ctypes.c_void_p), ctypes.c_size_t(out.nbytes),
+                ctypes.byref(n_rows),
             )
-        )
-        return sigma, covariance
+        )  # fmt: skip
+        return out[: n_rows.value]
+
+    def _columns(self, name: str) -> list[dict[str, int]]:
+        rows = self.raw(name)
+        return [dict(zip(self.slots[name].columns, row, strict=True)) for row in np.atleast_2d(rows).tolist() if row]
+
+    def sigma(self) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+        """Uncertainty of the last frame: steps (n_y, n_x, 3), and covariance (21,) of the wrench in (uN, uN mm)^2."""
+        return self.raw("sigma"), self.raw("covariance")
 
     def residual(self) -> npt.NDArray[np.int32]:
         """What the forces of the last frame leave unexplained, (n_y, n_x, 3) in 1/64 standard deviation.
 
         See proto/README.md, "What the forces do not explain".
-
-        Raises
-        ------
-        InputError
-            The frame had no second pass: no `support` in the calibration, or depth is not measured.
         """
-        out = np.zeros((self.layout.node_n_y, self.layout.node_n_x, 3), np.int32)
-        validity = ctypes.c_int32()
-        self._check(
-            self._lib.ruffini_get_residual(self._pointer, out.ctypes.data_as(ctypes.c_void_p), ctypes.byref(validity))
-        )
-        return out
+        return self.raw("residual")
 
     def covariance(self) -> npt.NDArray[np.int64]:
-        """Of the last frame's wrench, (21,) as in `sigma`.
-
-        Raises
-        ------
-        InputError
-            The frame states none.
-        """
-        covariance = np.zeros(N_COVARIANCE, np.int64)
-        self._check(self._lib.ruffini_get_covariance(self._pointer, covariance.ctypes.data_as(ctypes.c_void_p)))
-        return covariance
+        """Of the last frame's wrench, (21,) as in `sigma`."""
+        return self.raw("covariance")
 
     def targets(self) -> npt.NDArray[np.int64]:
         """Targets, (n, 9): x, y (px Q16), area (px^2 Q8), light round it (grey Q8) at rest, the same now; 1: lost."""
-        return self._get("targets", (self.layout.n_targets, 9), np.int64)
+        return self.raw("targets")
 
     def features(self) -> npt.NDArray[np.int64]:
         """What the stage feature_wrench reads, (n,).
 
         dx, dy (px Q16) and change of area (px^2 Q8) of each target; where there are none, dx and dy of each marker.
         """
-        if "targets" in self.board.pipeline.stages:
+        if "targets" in self.slots:
             rows = self.targets()
             return np.asarray((rows[:, [4, 5, 6]] - rows[:, [0, 1, 2]]).ravel())
-        moved = np.zeros((self.layout.marker_n_y, self.layout.marker_n_x, 2), np.int32)
-        rest, lost = np.zeros_like(moved), np.zeros(moved.shape[:2], np.uint8)
-        self._lib.ruffini_get_markers(
-            self._pointer, rest.ctypes.data_as(ctypes.c_void_p),
-            moved.ctypes.data_as(ctypes.c_void_p), lost.ctypes.data_as(ctypes.c_void_p),
-        )  # fmt: skip
-        return moved.ravel().astype(np.int64)
-
-    def _get(self, name: str, shape: tuple[int, ...], dtype: type[np.generic]) -> npt.NDArray[Any]:
-        out = np.zeros(shape, dtype)
-        getattr(self._lib, f"ruffini_get_{name}")(self._pointer, out.ctypes.data_as(ctypes.c_void_p))
-        return out
-
-    def raw(self, name: str) -> npt.NDArray[Any]:
-        """Integers of a stage of the last frame: change, slope, depth, displacement, force, mask or slip."""
-        layout = self.layout
-        nodes = (layout.node_n_y, layout.node_n_x)
-        depth = (layout.depth_n_y, layout.depth_n_x)
-        shapes: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
-            "change": ((layout.height_px, layout.width_px, 3), np.int16),
-            "slope": ((*depth, 2), np.int16),
-            "depth": (depth, np.int16),
-            "displacement": ((*nodes, 3), np.int16),
-            "force": ((*nodes, 3), np.int32),
-            "mask": (nodes, np.uint8),
-            "slip": (nodes, np.uint8),
-        }
-        return self._get(name, *shapes[name])
+        return self.raw("markers")[..., 2:].ravel().astype(np.int64)
 
     def contacts(self) -> list[ContactRow]:
         """The listed contacts of the last frame, largest first."""
-        rows, n = np.zeros((MAX_CONTACTS, len(ContactRow._fields)), np.int64), ctypes.c_int32()
-        self._lib.ruffini_get_contacts(self._pointer, rows.ctypes.data_as(ctypes.c_void_p), ctypes.byref(n))
-        return [ContactRow(*row) for row in rows[: n.value].tolist()]
+        return [ContactRow(**row) for row in self._columns("contacts")]
 
     def touches(self) -> list[TouchRow]:
-        """The listed touches of a glowing skin in the last frame, hardest first.
-
-        Raises
-        ------
-        InputError
-            The board has no such skin.
-        """
-        rows, n = np.zeros((MAX_CONTACTS, len(TouchRow._fields)), np.int64), ctypes.c_int32()
-        self._check(self._lib.ruffini_get_touches(self._pointer, rows.ctypes.data_as(ctypes.c_void_p), ctypes.byref(n)))
-        return [TouchRow(*row) for row in rows[: n.value].tolist()]
+        """The listed touches of a glowing skin in the last frame, hardest first."""
+        return [TouchRow(**row) for row in self._columns("touches")]
 
     def profile(self) -> ProfileRow:
-        """Profile of the last frame. Raises InputError where the board has no stage contact_model."""
-        row = np.zeros(N_RINGS + len(ProfileRow._fields) - 1, np.int64)
-        self._check(self._lib.ruffini_get_profile(self._pointer, row.ctypes.data_as(ctypes.c_void_p)))
-        return ProfileRow(row[:N_RINGS], *row[N_RINGS:].tolist())
+        """Profile of the last frame."""
+        return ProfileRow(self.raw("radial_flow"), **self._columns("profile")[0])
 
     def modelled(self) -> ModelledRow:
-        """Contact of the last frame. Raises InputError where the calibration has no contact model."""
-        row = np.zeros(len(ModelledRow._fields), np.int64)
-        self._check(self._lib.ruffini_get_contact_model(self._pointer, row.ctypes.data_as(ctypes.c_void_p)))
-        return ModelledRow(*row.tolist())
+        """Contact of the last frame by the contact model."""
+        return ModelledRow(**self._columns("contact_model")[0])
 
     def helmholtz(self) -> HelmholtzRow:
-        """Sums of the flow's parts in the last frame. Raises InputError where the board has no stage helmholtz."""
-        row = np.zeros(len(HelmholtzRow._fields), np.int64)
-        self._check(self._lib.ruffini_get_helmholtz(self._pointer, row.ctypes.data_as(ctypes.c_void_p), None))
-        return HelmholtzRow(*row.tolist())
+        """Sums of the flow's parts in the last frame."""
+        return HelmholtzRow(**self._columns("helmholtz")[0])
 
     def curl_free_flow_q4(self) -> npt.NDArray[np.int64]:
-        """(n_y, n_x, 2): curl-free part of the flow of the last frame, 1/16 um. Raises InputError as `helmholtz`."""
-        _, _, lost = self.markers()
-        row, flow = np.zeros(len(HelmholtzRow._fields), np.int64), np.zeros((*lost.shape, 2), np.int64)
-        self._check(self._lib.ruffini_get_helmholtz(self._pointer, row.ctypes.data_as(ctypes.c_void_p),
-                                                    flow.ctypes.data_as(ctypes.c_void_p)))  # fmt: skip
-        return flow
+        """(n_y, n_x, 2): curl-free part of the flow of the last frame, 1/16 um."""
+        return self.raw("curl_free_flow")
 
     def tip(self) -> TipRow:
-        """What presses on a fingertip in the last frame. Raises InputError where it is not calibrated."""
-        row = np.zeros(len(TipRow._fields), np.int64)
-        self._check(self._lib.ruffini_get_tip(self._pointer, row.ctypes.data_as(ctypes.c_void_p)))
-        return TipRow(*row.tolist())
+        """What presses on a fingertip in the last frame."""
+        return TipRow(**self._columns("tip")[0])
 
     def skin(self) -> SkinState:
-        """State of a glowing skin in the last frame. Raises InputError where the board has none."""
-        n, light_age = ctypes.c_int32(), np.zeros(2, np.int64)
-        self._check(
-            self._lib.ruffini_skin_state(self._pointer, ctypes.byref(n), light_age.ctypes.data_as(ctypes.c_void_p))
-        )
-        return SkinState(n.value, *(light_age / 4096).tolist())
+        """State of a glowing skin in the last frame."""
+        return SkinState(len(self.taxels()), *(self.raw("skin") / 4096).tolist())
 
     def taxels(self) -> npt.NDArray[np.int32]:
-        """How much brighter each taxel is than at rest, Q12, (n,). Raises InputError without a skin."""
-        return self._get("taxels", (self.skin().n_taxels,), np.int32)
+        """How much brighter each taxel is than at rest, Q12, (n,)."""
+        return self.raw("taxels")
 
     def glow(self) -> npt.NDArray[np.int16]:
         """Brightness over rest, quarter levels, (h, w); smoothed where no taxels are calibrated."""
-        self.skin()
-        return self._get("glow", (self.layout.height_px, self.layout.width_px), np.int16)
+        return self.raw("glow")
 
     def markers(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.uint8]]:
         """Rest positions and displacements in pixels, (n_y, n_x, 2) each, and 0 seen, 1 lost, 2 absent."""
-        shape = (self.layout.marker_n_y, self.layout.marker_n_x)
-        rest, moved = np.zeros((*shape, 2), np.int32), np.zeros((*shape, 2), np.int32)
-        lost = np.zeros(shape, np.uint8)
-        self._lib.ruffini_get_markers(
-            self._pointer, rest.ctypes.data_as(ctypes.c_void_p),
-            moved.ctypes.data_as(ctypes.c_void_p), lost.ctypes.data_as(ctypes.c_void_p),
-        )  # fmt: skip
-        return rest / 65536, moved / 65536, lost
+        places = self.raw("markers") / 65536
+        return places[..., :2], places[..., 2:], self.raw("marker_state")
 
     def triangulate(
         self, first_px: npt.NDArray[np.float64], second_px: npt.NDArray[np.float64]
@@ -448,16 +419,8 @@ class Pipeline:
         return metres[:, :3], metres[:, 3]
 
     def marker_quality(self) -> npt.NDArray[np.uint8]:
-        """How sure each marker of the last frame is, (n_y, n_x): 255 / (1 + (expected error / 0.1 px)^2), 0 lost.
-
-        Raises
-        ------
-        InputError
-            The board's markers are not graded.
-        """
-        quality = np.zeros((self.layout.marker_n_y, self.layout.marker_n_x), np.uint8)
-        self._check(self._lib.ruffini_get_marker_quality(self._pointer, quality.ctypes.data_as(ctypes.c_void_p)))
-        return quality
+        """Quality of each marker of the last frame, (n_y, n_x): 255 / (1 + (expected error / 0.1 px)^2), 0 lost."""
+        return self.raw("marker_quality")
 
     def force_n(self) -> npt.NDArray[np.float64]:
         """Nodal force of the last frame, (n_y, n_x, 3), newtons, on the observed nodes."""

@@ -170,7 +170,7 @@ class Fingertip:
         return level, far <= t["limit"][0] << 16 and left <= int(t["limit"][1]) ** 2 * len(x)
 
     def run(self, moved_q16: Ints, quality: Ints, eyes: int) -> list[int]:
-        """A row as of ruffini_get_tip."""
+        """A row as of the C interface's slot `tip`."""
         found = self.field(moved_q16, quality, eyes)
         if found is None:
             return [0, 1, 1] + [0] * 16

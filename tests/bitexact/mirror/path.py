@@ -1,4 +1,4 @@
-"""The whole data path: frames in, forces out, as firmware/frame_path.cpp runs them."""
+"""The whole data path: frames in, forces out, as the stages of firmware/core/stages.cpp run them."""
 
 from __future__ import annotations
 

@@ -2,29 +2,49 @@
 
 #include <gtest/gtest.h>
 
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "estimators/wrench.h"
 #include "support/texture_calibration.h"
 
 namespace ruffini {
 namespace {
 
-TEST(StageTable, NamesAreTheKnownOnesInTheirOrder) {
-  ASSERT_EQ(stage_table().size(), known_stages().size());
-  for (size_t i = 0; i < known_stages().size(); ++i) EXPECT_EQ(stage_table()[i].name, known_stages()[i]);
+TEST(StageTable, FindsARowByItsName) {
+  for (const std::string& name : stage_names()) EXPECT_EQ(stage_table()[stage_row(name)].name, name);
+  EXPECT_EQ(stage_row("uncertainty"), stage_table().size()) << "a part of support: no board lists it";
+  EXPECT_EQ(stage_row("nothing"), stage_table().size());
 }
 
 TEST(StageTable, AStageTakesTheSlotsThatItDeclaresAndNoOthers) {
   const BoardSettings board = test::contact_board();
-  size_t n_made = 0;
   for (const StageEntry& entry : stage_table()) {
-    if (entry.make == nullptr) continue;
     FrameState state;
+    Rest rest(board.camera.width_px, board.camera.height_px, 1);
+    state.solve.force.resize(static_cast<size_t>(NodeGrid(board).size().count()));
     SlotAccess slots(state);
-    const auto stage = entry.make({board, slots});
-    EXPECT_EQ(slots.all_read(), entry.reads | entry.reads_if_written) << entry.name;
+    const auto stage = entry.make({board, slots, {}, rest});
+    EXPECT_EQ(slots.all_read(), (entry.reads | entry.reads_if_written).without(entry.amends)) << entry.name;
     EXPECT_EQ(slots.all_written(), entry.writes) << entry.name;
-    ++n_made;
+    EXPECT_EQ(slots.all_amended(), entry.amends) << entry.name;
   }
-  EXPECT_EQ(n_made, 8U);
+}
+
+TEST(StageTable, APartBelongsToAStageThatABoardLists) {
+  for (const StageEntry& entry : stage_table()) {
+    if (entry.part_of.empty()) continue;
+    EXPECT_LT(stage_row(entry.part_of), stage_table().size()) << entry.name;
+  }
+}
+
+TEST(StageTable, SlotsHaveNamesOfTheirOwn) {
+  std::set<std::string_view> names;
+  for (size_t i = 0; i < kSlotCount; ++i) names.insert(slot_name(static_cast<Slot>(i)));
+  EXPECT_EQ(names.size(), kSlotCount);
+  EXPECT_EQ(slot_name(Slot::kToolTouch), "tool_touch");
 }
 
 TEST(StageTable, WhatAStageMustReadIsWrittenBeforeIt) {
@@ -33,6 +53,33 @@ TEST(StageTable, WhatAStageMustReadIsWrittenBeforeIt) {
     EXPECT_TRUE(written.has_all(entry.reads)) << entry.name;
     written = written | entry.writes;
   }
+}
+
+using Stages = std::vector<std::string>;
+
+TEST(Refusal, NamesTheStagesThatWriteWhatIsMissing) {
+  EXPECT_EQ(refuse_stages(Stages{"difference", "markers", "displacement", "operator"}), "");
+  EXPECT_EQ(refuse_stages(Stages{"difference", "markers", "operator"}), "stage operator needs the stage displacement");
+  EXPECT_EQ(refuse_stages(Stages{"markers"}), "stage markers needs the stage difference");
+  EXPECT_EQ(refuse_stages(Stages{"feature_wrench"}), "stage feature_wrench needs the stage markers or targets");
+}
+
+TEST(Refusal, NamesTwoWritersOfASlot) {
+  EXPECT_EQ(refuse_stages(Stages{"difference", "markers", "displacement", "operator", "wrench", "feature_wrench"}),
+            "stages wrench and feature_wrench both write the slot wrench: leave one of them out");
+}
+
+TEST(Refusal, NamesTheOrder) {
+  for (const Stages& stages : {Stages{}, Stages{"markers", "difference"}, Stages{"skin", "skin"}, Stages{"light"}}) {
+    const std::string said = refuse_stages(stages);
+    EXPECT_EQ(said.find("pipeline.stages must be some of difference, markers, targets, photometric, "), 0U) << said;
+  }
+}
+
+TEST(Refusal, SectionsAreThoseOfTheListedStages) {
+  EXPECT_TRUE(is_section_read(Stages{"operator"}, "grid"));
+  EXPECT_FALSE(is_section_read(Stages{"skin"}, "grid"));
+  EXPECT_FALSE(is_section_read(Stages{"operator"}, "gri"));
 }
 
 TEST(SlotSet, HoldsWhatWasAdded) {

@@ -132,7 +132,7 @@ TEST(Calibration, LengthsThatOverflowAreRefused) {
 
 TEST(Calibration, AnotherBoardResolutionOrSensorIsRefusedByName) {
   BoardSettings board = test::round_board();
-  board.stages = known_stages();
+  board.stages = stage_names();
   const Parsed file(test::diagonal_calibration(board));
   ASSERT_TRUE(*file.result) << file.result->error().message;
   const Calibration& c = file.result->value();

@@ -1,0 +1,46 @@
+// Relative change of each pixel against rest, and its grey (image/difference.h).
+#include "core/stages.h"
+#include "image/difference.h"
+
+namespace ruffini {
+namespace {
+
+class DifferenceStage final : public Stage {
+ public:
+  explicit DifferenceStage(const StageContext& c)
+      : n_pixels_(c.board.camera.width_px * c.board.camera.height_px),
+        n_views_(c.board.markers.has_views ? c.board.markers.lattice.n_y : 1),
+        rest_(c.rest),
+        difference_(c.slots.write<Slot::kDifference>()) {
+    const auto n = static_cast<size_t>(n_pixels_);
+    difference_.change.resize(3 * n);
+    difference_.grey.resize(n);
+  }
+
+  // Grey of rest as of a frame (image/difference.h), from 1/16 levels.
+  void learn(std::span<const uint16_t> rest) override {
+    for (size_t i = 0; i < difference_.grey.size(); ++i) {
+      const int sum = rest[3 * i] + 2 * rest[3 * i + 1] + rest[3 * i + 2];
+      difference_.grey[i] = static_cast<uint16_t>((3 * sum + 2) >> 2);
+    }
+  }
+
+  void run(Frame& frame) override {
+    difference_.exposure = difference(frame.view, rest_, difference_.change, difference_.grey);
+    // Of several views one may be dark.
+    if (difference_.exposure.dark * 2 > n_pixels_ * (2 * n_views_ - 1) / n_views_) frame.flags |= kFlagDark;
+    if (difference_.exposure.full * 20 > n_pixels_) frame.flags |= kFlagOverexposed;
+  }
+
+ private:
+  int n_pixels_;
+  int n_views_;
+  const Rest& rest_;
+  SlotData<Slot::kDifference>& difference_;
+};
+
+}  // namespace
+
+StagePointer make_difference(const StageContext& context) { return std::make_unique<DifferenceStage>(context); }
+
+}  // namespace ruffini

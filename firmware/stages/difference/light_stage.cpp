@@ -1,0 +1,84 @@
+// Drift of lamps and exposure (image/light.h), followed from the next frame on: this one is as it was compared. For boards
+// that turn colours into depth, and for those with targets, whose light tells whether they can be measured.
+#include <algorithm>
+#include <cstdlib>
+
+#include "core/stages.h"
+#include "image/light.h"
+
+namespace ruffini {
+namespace {
+
+// Light that for so many frames was further than 0.05 % from what is followed (image/light.h takes a sixteenth a frame)
+// makes depth that a faint touch cannot be told from. A touch moves it less, or begins earlier.
+constexpr int32_t kDriftGain = Rest::kUnitGain / 32'768;
+constexpr int kDriftFrames = 8;
+
+class LightStage final : public Stage {
+ public:
+  explicit LightStage(const StageContext& c)
+      : makes_slopes_(c.written.has(Slot::kSlope)),
+        tracker_(c.board.camera.width_px, c.board.camera.height_px),
+        rest_(c.rest),
+        difference_(c.slots.read<Slot::kDifference>()),
+        markers_(c.slots.read<Slot::kMarkers>()),
+        targets_(c.slots.read<Slot::kTargets>()),
+        colours_(c.slots.read<Slot::kSlope>()),
+        solve_(c.slots.read<Slot::kNodeForces>()),
+        light_(c.slots.write<Slot::kLight>()) {}
+
+  Status load(const Calibration& /*calibration*/) override {
+    has_colours_ = makes_slopes_;
+    return Unit{};
+  }
+  [[nodiscard]] bool writes(Slot /*slot*/) const override { return has_colours_ || has_targets(); }
+
+  void learn(std::span<const uint16_t> rest) override {
+    tracker_.learn(rest, has_colours_);
+    light_.gain = tracker_.gain();
+  }
+
+  void run(Frame& frame) override {
+    const Rest::Gain before = tracker_.gain();
+    tracker_.run(difference_.change, has_targets() ? targets_.mark : markers_.marker, rest_);
+    light_.gain = tracker_.gain();
+    light_.level = tracker_.level();
+    const bool is_balanced = colours_.is_balanced;
+    const bool has_settled = std::equal(before.begin(), before.end(), light_.gain.begin(),
+                                        [](int32_t a, int32_t b) { return std::abs(a - b) < kDriftGain; });
+    n_drifting_ = has_settled || is_balanced ? 0 : std::min(n_drifting_ + 1, kDriftFrames);
+    const auto& touched = solve_.mask;  // by the frame before: what has begun goes on
+    light_.is_steady =
+        n_drifting_ < kDriftFrames || std::any_of(touched.begin(), touched.end(), [](uint8_t m) { return m != 0; });
+    if (is_off(is_balanced)) frame.flags |= kFlagLight;
+  }
+
+ private:
+  [[nodiscard]] bool has_targets() const { return !targets_.target.empty(); }
+
+  [[nodiscard]] bool is_off(bool is_balanced) {
+    if (is_balanced ? !tracker_.level_is_sure() || tracker_.map().is_off() : tracker_.is_off()) return true;
+    const int daylight_q12 = has_targets() ? LightTracker::kTiltedQ12 : LightTracker::kDaylightQ12;
+    const LightLevel usual = is_balanced ? tracker_.level() : LightLevel{};
+    if (tracker_.is_lit_from_outside(daylight_q12, usual)) return true;
+    return has_colours_ && !colours_.is_of_depth && tracker_.is_lit_from_one_side();
+  }
+
+  bool makes_slopes_;
+  bool has_colours_ = false;  // they become slopes or depth
+  LightTracker tracker_;
+  int n_drifting_ = 0;  // frames in a row, up to kDriftFrames
+  Rest& rest_;
+  const SlotData<Slot::kDifference>& difference_;
+  const SlotData<Slot::kMarkers>& markers_;
+  const SlotData<Slot::kTargets>& targets_;
+  const SlotData<Slot::kSlope>& colours_;
+  const SlotData<Slot::kNodeForces>& solve_;
+  SlotData<Slot::kLight>& light_;
+};
+
+}  // namespace
+
+StagePointer make_light(const StageContext& context) { return std::make_unique<LightStage>(context); }
+
+}  // namespace ruffini

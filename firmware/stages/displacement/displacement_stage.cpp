@@ -1,0 +1,92 @@
+// Markers and depth -> displacement of the nodes (image/displacement.h); the free constant of a depth by a gauge
+// (estimators/depth_gauge.h), depth by the markers (estimators/marker_depth.h), and the creep of a pad that nothing touches
+// (estimators/zero_follower.h).
+#include <algorithm>
+#include <optional>
+
+#include "core/stages.h"
+#include "estimators/depth_gauge.h"
+#include "estimators/marker_depth.h"
+#include "estimators/zero_follower.h"
+#include "image/camera_map.h"
+#include "image/displacement.h"
+
+namespace ruffini {
+namespace {
+
+class DisplacementStage final : public Stage {
+ public:
+  explicit DisplacementStage(const StageContext& c)
+      : board_(c.board),
+        displacement_(c.board),
+        limit_q3_(c.board.pad.thickness_um * 8 / 2),
+        zero_(static_cast<size_t>(displacement_.nodes().count())),
+        markers_(c.slots.read<Slot::kMarkers>()),
+        depth_(c.slots.amend<Slot::kDepth>()),
+        out_(c.slots.write<Slot::kDisplacement>()) {}
+
+  Status load(const Calibration& calibration) override {
+    if (calibration.has_kind("camera")) {
+      if (Status map = keep(CameraMap::load(calibration, board_), camera_map_); !map) return map;
+      displacement_ = Displacement(camera_map_->ideal_board(), &*camera_map_);
+    }
+    if (board_.depth.has_gauge_table() && calibration.has_kind("gauge")) {
+      if (Status gauge = keep(DepthGauge::load(calibration, board_), gauge_); !gauge) return gauge;
+    }
+    if (board_.depth.source == DepthSource::kMarkers && calibration.has_kind("marker_depth")) {
+      if (Status depth = keep(MarkerDepth::load(calibration, board_), marker_depth_); !depth) return depth;
+    }
+    out_.has_depth = depth_.is_trusted || marker_depth_;
+    return Unit{};
+  }
+
+  void learn(std::span<const uint16_t> /*rest*/) override {
+    displacement_.learn(markers_.marker);
+    zero_.forget();
+    publish_zero();
+  }
+
+  void run(Frame& frame) override {
+    // A table of other optics gives a depth to look at, not one to make forces of.
+    const bool is_trusted = depth_.is_trusted;
+    displacement_.run(markers_.marker,
+                      is_trusted ? std::span<const DisplacementUm>(depth_.cell) : std::span<const DisplacementUm>(),
+                      out_.node, frame.saturations);
+    if (gauge_ && is_trusted) gauge_->run(out_.node, depth_.cell, frame.saturations);
+    if (marker_depth_) marker_depth_->run(out_.node, frame.saturations);
+    displacement_.mark_filled(markers_.marker, out_.is_filled);
+    if (std::any_of(out_.node.begin(), out_.node.end(), [&](const NodeDisplacement& u) { return is_over_range(u); })) {
+      frame.flags |= kFlagOverRange;
+    }
+    if (!frame.is_zero_followed) return;
+    zero_.run(out_.node, frame.is_wrong() || frame.was_touched, frame.capture_us);
+    publish_zero();
+  }
+
+ private:
+  [[nodiscard]] bool is_over_range(const NodeDisplacement& u) const {
+    return std::max({u.x.raw(), u.y.raw(), u.z.raw()}) > limit_q3_ ||
+           std::min({u.x.raw(), u.y.raw(), u.z.raw()}) < -limit_q3_;
+  }
+  void publish_zero() {
+    out_.zero_moved_nm = zero_.moved_nm();
+    out_.is_zero_at_limit = zero_.is_at_limit();
+  }
+
+  BoardSettings board_;
+  Displacement displacement_;
+  int64_t limit_q3_;
+  ZeroFollower zero_;
+  std::optional<CameraMap> camera_map_;
+  std::optional<DepthGauge> gauge_;          // of boards whose gauge is a table
+  std::optional<MarkerDepth> marker_depth_;  // of boards whose depth comes from the markers
+  const SlotData<Slot::kMarkers>& markers_;
+  SlotData<Slot::kDepth>& depth_;
+  SlotData<Slot::kDisplacement>& out_;
+};
+
+}  // namespace
+
+StagePointer make_displacement(const StageContext& context) { return std::make_unique<DisplacementStage>(context); }
+
+}  // namespace ruffini

@@ -1,0 +1,65 @@
+// Colours -> slopes of the surface (image/photometric.h), as an ideal pinhole sees them; or, by a table of depths, the depth
+// of the stage poisson at once.
+#include <optional>
+
+#include "core/stages.h"
+#include "image/photometric.h"
+#include "image/slope_rectifier.h"
+
+namespace ruffini {
+namespace {
+
+class PhotometricStage final : public Stage {
+ public:
+  explicit PhotometricStage(const StageContext& c)
+      : board_(c.board),
+        difference_(c.slots.read<Slot::kDifference>()),
+        light_(c.slots.read<Slot::kLight>()),
+        markers_(c.slots.read<Slot::kMarkers>()),
+        targets_(c.slots.read<Slot::kTargets>()),
+        slope_(c.slots.write<Slot::kSlope>()),
+        depth_(c.slots.amend<Slot::kDepth>()) {
+    slope_.slope.resize(depth_.cell.size());
+  }
+
+  Status load(const Calibration& calibration) override {
+    if (!calibration.has_kind("photometric")) return Unit{};
+    const auto table = PhotometricTable::load(calibration);
+    if (!table) return table.error();
+    photometric_.emplace(board_, table.value());
+    slope_.is_balanced = photometric_->is_balanced();
+    slope_.is_of_depth = photometric_->is_of_depth();
+    slope_.is_foreign_optics = calibration.text("optics") != board_.camera.optics;
+    if (!calibration.has_kind("camera")) return Unit{};
+    return keep(SlopeRectifier::load(calibration, board_), rectifier_);
+  }
+
+  [[nodiscard]] bool writes(Slot /*slot*/) const override { return photometric_.has_value(); }
+
+  void run(Frame& /*frame*/) override {
+    if (slope_.is_of_depth) {
+      photometric_->run_depth(difference_.change, light_.level, depth_.cell);
+      return;
+    }
+    const std::span<const Marker> hidden = targets_.mark.empty() ? markers_.marker : targets_.mark;
+    photometric_->run(difference_.change, hidden, light_.level, slope_.slope);
+    if (rectifier_) rectifier_->run(slope_.slope);
+  }
+
+ private:
+  BoardSettings board_;
+  std::optional<Photometric> photometric_;
+  std::optional<SlopeRectifier> rectifier_;
+  const SlotData<Slot::kDifference>& difference_;
+  const SlotData<Slot::kLight>& light_;
+  const SlotData<Slot::kMarkers>& markers_;
+  const SlotData<Slot::kTargets>& targets_;
+  SlotData<Slot::kSlope>& slope_;
+  SlotData<Slot::kDepth>& depth_;
+};
+
+}  // namespace
+
+StagePointer make_photometric(const StageContext& context) { return std::make_unique<PhotometricStage>(context); }
+
+}  // namespace ruffini

@@ -1,0 +1,46 @@
+// Slopes -> depth (image/poisson.h), in the view of the camera map's ideal pinhole if there is one; and the validity of a
+// depth that comes from light. Nothing to integrate where colours became depth at once.
+#include "core/stages.h"
+#include "image/camera_map.h"
+#include "image/poisson.h"
+
+namespace ruffini {
+namespace {
+
+class PoissonStage final : public Stage {
+ public:
+  explicit PoissonStage(const StageContext& c)
+      : board_(c.board),
+        poisson_(c.board),
+        slope_(c.slots.read<Slot::kSlope>()),
+        depth_(c.slots.write<Slot::kDepth>()) {}
+
+  Status load(const Calibration& calibration) override {
+    depth_.is_trusted = !slope_.is_foreign_optics && (!board_.depth.has_gauge_table() || calibration.has_kind("gauge"));
+    if (!calibration.has_kind("camera")) return Unit{};
+    const auto ideal = pinhole_board(calibration, board_);
+    if (!ideal) return ideal.error();
+    poisson_ = Poisson(ideal.value());
+    return Unit{};
+  }
+
+  void run(Frame& frame) override {
+    if (slope_.is_of_depth) return;
+    poisson_.run(slope_.slope, depth_.cell, depth_.is_trusted ? frame.saturations : untrusted_saturations_);
+  }
+
+  void judge(uint32_t& flags) override { depth_.validity = validity_of(flags, true, !slope_.is_foreign_optics); }
+
+ private:
+  BoardSettings board_;
+  Poisson poisson_;
+  SaturationCounter untrusted_saturations_;  // of a depth that no force is made of
+  const SlotData<Slot::kSlope>& slope_;
+  SlotData<Slot::kDepth>& depth_;
+};
+
+}  // namespace
+
+StagePointer make_poisson(const StageContext& context) { return std::make_unique<PoissonStage>(context); }
+
+}  // namespace ruffini

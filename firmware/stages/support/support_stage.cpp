@@ -1,0 +1,67 @@
+// Second pass of the solve, in the touched nodes (stages/support/second_pass.h). What its forces leave unexplained is
+// computed only if somebody asks.
+#include <optional>
+
+#include "core/stages.h"
+#include "stages/support/second_pass.h"
+
+namespace ruffini {
+namespace {
+
+class SupportStage final : public Stage {
+ public:
+  explicit SupportStage(const StageContext& c)
+      : board_(c.board),
+        light_(c.slots.read<Slot::kLight>()),
+        displacement_(c.slots.read<Slot::kDisplacement>()),
+        solve_(c.slots.amend<Slot::kNodeForces>()),
+        residual_(c.slots.write<Slot::kResidual>()) {}
+
+  Status load(const Calibration& calibration) override {
+    if (!calibration.has_kind("support")) return Unit{};
+    if (Status loaded = keep(SecondPass::load(calibration, board_), pass_); !loaded) return loaded;
+    solve_.is_at_finite_strain = pass_->is_at_finite_strain();
+    return Unit{};
+  }
+
+  [[nodiscard]] bool writes(Slot /*slot*/) const override { return pass_.has_value(); }
+
+  void begin() override {
+    solve_.is_refined = false;
+    solve_.is_explained = true;
+    residual_.validity = Validity::kNotMeasured;
+  }
+
+  void run(Frame& frame) override {
+    if (!displacement_.has_depth && !frame.is_displacement_given) return;
+    pass_->refine(light_.is_steady, solve_, frame.saturations);
+    if (!solve_.is_explained) frame.flags |= kFlagFeatures;
+    // A frame that is not to be believed is not remembered.
+    if (!pass_->has_memory() || frame.capture_us == 0 || frame.is_wrong()) return;
+    pass_->remember(frame.capture_us, solve_, frame.saturations);
+  }
+
+  void compute(Slot /*slot*/, const Frame& frame) override {
+    residual_.validity = Validity::kNotMeasured;
+    if (!solve_.is_refined) return;
+    SaturationCounter saturations;  // its own: the forces are none the worse
+    pass_->leave(solve_, residual_.node, saturations);
+    residual_.validity = frame.is_wrong() || saturations.count != 0 ? Validity::kInvalid : Validity::kValid;
+  }
+
+  void forget() override { pass_->forget(); }
+
+ private:
+  BoardSettings board_;
+  std::optional<SecondPass> pass_;
+  const SlotData<Slot::kLight>& light_;
+  const SlotData<Slot::kDisplacement>& displacement_;
+  SlotData<Slot::kNodeForces>& solve_;
+  SlotData<Slot::kResidual>& residual_;
+};
+
+}  // namespace
+
+StagePointer make_support(const StageContext& context) { return std::make_unique<SupportStage>(context); }
+
+}  // namespace ruffini

@@ -1,0 +1,49 @@
+// Dark discs on what carries the pad (image/targets.h), and the same as marks that hide the surface.
+#include <algorithm>
+#include <vector>
+
+#include "core/stages.h"
+#include "image/targets.h"
+
+namespace ruffini {
+namespace {
+
+class TargetsStage final : public Stage {
+ public:
+  explicit TargetsStage(const StageContext& c)
+      : tracker_(c.board),
+        mark_(tracker_.targets().size()),
+        difference_(c.slots.read<Slot::kDifference>()),
+        targets_(c.slots.write<Slot::kTargets>()) {
+    targets_.target = tracker_.targets();
+    targets_.mark = mark_;
+  }
+
+  void learn(std::span<const uint16_t> /*rest*/) override { tracker_.learn(difference_.grey); }
+
+  void run(Frame& frame) override {
+    targets_.n_lost = tracker_.track(difference_.grey);
+    if (tracker_.is_light_off()) frame.flags |= kFlagLight;
+    if (targets_.n_lost > 0) frame.flags |= kFlagMarkersLost;
+    const auto px = [](int64_t q16) { return ImagePx::from_raw(static_cast<int32_t>(q16)); };
+    std::transform(targets_.target.begin(), targets_.target.end(), mark_.begin(), [&](const Target& t) {
+      return Marker{.rest_x = px(t.rest.x_q16),
+                    .rest_y = px(t.rest.y_q16),
+                    .displacement_x = px(t.now.x_q16 - t.rest.x_q16),
+                    .displacement_y = px(t.now.y_q16 - t.rest.y_q16),
+                    .is_lost = t.is_lost};
+    });
+  }
+
+ private:
+  TargetTracker tracker_;
+  std::vector<Marker> mark_;
+  const SlotData<Slot::kDifference>& difference_;
+  SlotData<Slot::kTargets>& targets_;
+};
+
+}  // namespace
+
+StagePointer make_targets(const StageContext& context) { return std::make_unique<TargetsStage>(context); }
+
+}  // namespace ruffini
