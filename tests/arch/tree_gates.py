@@ -7,6 +7,7 @@ import re
 import subprocess
 import tomllib
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 # What each room of the firmware may include, besides itself. Order of the pipeline, one direction.
@@ -51,6 +52,7 @@ CORE_SYSTEM_HEADERS = {
     "arm_neon.h", "immintrin.h", "simde/arm/neon.h",
 }  # fmt: skip
 
+HOST_ROOTS = ("host/ruffini/", "host/papers/")
 # Packages of the host that must not know each other.
 HOST_MUST_NOT_IMPORT: dict[str, set[str]] = {
     "fem": {"sim", "core", "device", "record", "calibrate", "cli", "demo", "wire", "papers"},
@@ -209,6 +211,30 @@ def host_layers(root: Path) -> list[str]:
             if parts[0] == "ruffini" and len(parts) > 1 and parts[1] in HOST_MUST_NOT_IMPORT.get(package, set()):
                 found.append(f"{path.relative_to(root)} imports {name}: {package} must not know {parts[1]}")
     return found
+
+
+def _module(root: Path, path: Path) -> str:
+    """Dotted name of a module below host/."""
+    name = ".".join(path.relative_to(root / "host").with_suffix("").parts)
+    return name.removesuffix(".__init__")
+
+
+def import_cycles(root: Path) -> list[str]:
+    """No module of the host imports itself through others.
+
+    Imports at the top, inside functions and for type checkers count alike; that a module's import also runs the
+    `__init__` of the packages around it does not.
+    """
+    paths = {_module(root, path): path for path in _sources(root, *HOST_ROOTS)}
+    graph: dict[str, set[str]] = {}
+    for module, path in paths.items():
+        named = {name if name in paths else name.rpartition(".")[0] for name in _imports(path)}
+        graph[module] = (named & paths.keys()) - {module}
+    try:
+        tuple(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        return [f"import cycle: {' <- '.join(error.args[1])}: move what both need to a module of its own"]
+    return []
 
 
 def board_names(root: Path) -> list[str]:

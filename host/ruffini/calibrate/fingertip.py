@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
 from ruffini.calibrate.tip_eyes import Eyes
 from ruffini.calibrate.tip_face import FaceTable, bears_all_round, fit_face, radii
 from ruffini.calibrate.tip_field import field_of, pressed
@@ -303,17 +302,3 @@ def _motion_at_rest(eyes: Eyes, pins: Pins, press: Press) -> float:
     gain = eyes.gains(pins.place)[0]
     seen = np.einsum("ncd,tnd->tnc", gain, shifts.transpose(0, 2, 1, 3).reshape(len(shifts), -1, 4))
     return float(pressed(seen, pins.normal).max())
-
-
-def calibration(board: Board, fit: TipFit, more: dict[str, Any] | None = None) -> CalibrationFile:
-    """The file of a fit; `more` goes beside its report."""
-    from ruffini.calibrate.gates import gates_of_tip, manifest_of
-    from ruffini.calibrate.tip_tables import tables
-
-    meta = {
-        **base_metadata(board),
-        "kinds": "fingertip",
-        **manifest_of({**fit.report, **(more or {})}, gates_of_tip(fit.report)),
-    }
-    meta["fingertip.most_un"] = str(round(MOST * fit.bench.scale.full_n * 1e6))
-    return pack(tables(fit), meta)

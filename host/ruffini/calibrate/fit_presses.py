@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.intensity import IntensityFit, fit_intensity, is_monochrome
+from ruffini.calibrate.find_discs import is_monochrome
+from ruffini.calibrate.intensity import IntensityFit, fit_intensity
 from ruffini.calibrate.pad_view import PadView, pad_view
 from ruffini.calibrate.photometric import PhotometricFit, Samples, collect_samples, fit_photometric, tabulate
 from ruffini.calibrate.press_change import Rest

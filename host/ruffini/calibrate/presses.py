@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.calibrate.find_balls import NotFound, find_balls
+from ruffini.calibrate.find_discs import find_discs, is_monochrome
 from ruffini.calibrate.pad_view import PadView, mm_per_px
 from ruffini.calibrate.press_change import Change, Rest
 from ruffini.errors import InputError
@@ -243,8 +244,6 @@ def _checked_image(path: Path, reference: Array) -> Array:
 
 def _found(folder: Path, reference: Array, ball_radius_px: float) -> tuple[list[Press], list[Skipped]]:
     """All images that are no reference, with the contact that each shows, and those without one."""
-    from ruffini.calibrate.intensity import find_discs, is_monochrome
-
     pressed = folder / "press" if (folder / "press").is_dir() else folder
     paths = sorted(folder.glob("press_sample*.png"))
     if not paths:

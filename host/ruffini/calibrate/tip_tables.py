@@ -1,17 +1,18 @@
-"""The integers of kind `fingertip` (proto/CALIBRATION.md)."""
+"""Kind `fingertip` as integers (proto/CALIBRATION.md), and its file."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
+from ruffini.calibrate.fingertip import GATE_PX, MOST, TO_BOARD, TipFit, tip_radius_mm
+from ruffini.calibrate.gates import gates_of_tip, manifest_of
 from ruffini.calibrate.tip_face import FaceTable, cells, rays
 from ruffini.calibrate.tip_field import kernel, places
-
-if TYPE_CHECKING:
-    from ruffini.calibrate.fingertip import TipFit
 
 Q14, Q16 = 2**14, 2**16
 PER_MM = 16_000  # steps of 1/16 um
@@ -23,8 +24,6 @@ def _whole(values: npt.ArrayLike) -> npt.NDArray[np.int32]:
 
 def tables(fit: TipFit) -> dict[str, npt.NDArray[Any]]:
     """Tensors by name."""
-    from ruffini.calibrate.fingertip import GATE_PX, TO_BOARD, tip_radius_mm
-
     bench, modes, radius = fit.bench, fit.modes, fit.bench.eyes.radius_mm
     nets = [mode.network for mode in modes]
     out = {
@@ -55,3 +54,14 @@ def face_tables(face: FaceTable, radius_mm: float, tip_mm: float) -> dict[str, n
         "ray": rays(radius_mm) * Q14, "cell": cells() * 1e6, "tip": [tip_mm * PER_MM],
         "face_axis": np.maximum(face.axis * to_board, [[-(2**30), 1, 2]]), "face": face.values * [1e3, Q16, Q16],
     }  # fmt: skip
+
+
+def calibration(board: Board, fit: TipFit, more: dict[str, Any] | None = None) -> CalibrationFile:
+    """The file of a fit; `more` goes beside its report."""
+    meta = {
+        **base_metadata(board),
+        "kinds": "fingertip",
+        **manifest_of({**fit.report, **(more or {})}, gates_of_tip(fit.report)),
+    }
+    meta["fingertip.most_un"] = str(round(MOST * fit.bench.scale.full_n * 1e6))
+    return pack(tables(fit), meta)

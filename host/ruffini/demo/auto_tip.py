@@ -26,10 +26,11 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.fingertip import LEAST, TOUCHES, calibration, fit_fingertip
+from ruffini.calibrate.fingertip import LEAST, TOUCHES, fit_fingertip
 from ruffini.calibrate.gates import MIN_PRESSES, Gate, failed
 from ruffini.calibrate.html_page import Page
 from ruffini.calibrate.tip_presses import AREA, FORCE, PITCH, ROLL, WAY, X, Y, axes
+from ruffini.calibrate.tip_tables import calibration
 from ruffini.demo.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.errors import InputError, RefusedError

@@ -26,7 +26,6 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from ruffini import __version__
 from ruffini.errors import InputError
 from ruffini.files import write_whole
 from ruffini.sim.contact import ContactSolver, Pose
@@ -39,6 +38,7 @@ from ruffini.sim.story import Told, play
 from ruffini.sim.surface import hat_areas
 from ruffini.sim.toml import inline, settings_toml
 from ruffini.sim.unit import PadError, TwinUnit
+from ruffini.version import __version__
 
 __all__ = ["PadError", "TwinUnit", "record_balls", "record_touches"]
 

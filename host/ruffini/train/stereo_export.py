@@ -15,7 +15,6 @@ import numpy.typing as npt
 import torch
 from torch import nn
 
-from ruffini import __version__
 from ruffini.boards import Board
 from ruffini.errors import VerifyError
 from ruffini.files import write_whole
@@ -25,6 +24,7 @@ from ruffini.papers.stereo_pins import ROWS as ROI_ROWS
 from ruffini.train.stereo_frames import GREY, OUTPUTS, Samples
 from ruffini.train.stereo_network import HALF_RANGE, StereoNet
 from ruffini.train.stereo_predict import StereoNetwork
+from ruffini.version import __version__
 
 Array = npt.NDArray[np.float64]
 

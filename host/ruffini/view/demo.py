@@ -59,7 +59,6 @@ def running_demo(board_name: str) -> Iterator[str]:
 
 def _calibration(board: Board, unit: TwinUnit) -> bytes:
     """What `make run` makes of the twin, kept for the next time."""
-    from ruffini import __version__
     from ruffini.calibrate import container
     from ruffini.calibrate.error_model import N_TOUCHES
     from ruffini.calibrate.operator import make_operator
@@ -68,6 +67,7 @@ def _calibration(board: Board, unit: TwinUnit) -> bytes:
     from ruffini.calibrate.presses import load_presses
     from ruffini.fem.operators import Noise
     from ruffini.sim.recording import record_balls
+    from ruffini.version import __version__
 
     assert board.folder is not None
     sources = [(board.folder / name).read_bytes() for name in ("board.toml", "twin.toml")]

@@ -12,8 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from ruffini.boards import find_board
+from ruffini.calibrate.find_discs import is_monochrome
 from ruffini.calibrate.fit_presses import fit_presses
-from ruffini.calibrate.intensity import IntensityFit, fit_intensity, is_monochrome
+from ruffini.calibrate.intensity import IntensityFit, fit_intensity
 from ruffini.calibrate.press_change import Rest
 from ruffini.calibrate.presses import load_presses
 from ruffini.cli.app import app

@@ -9,7 +9,6 @@ reference as well, whose sideways channels are mostly its own errors.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.experiments import glitter_flow_pictures as pictures
 from ruffini.bench.experiments.bench_depth import by_bench
+from ruffini.bench.experiments.glitter_flow_played import Played
 from ruffini.bench.experiments.hardness_bound import bounds
 from ruffini.bench.papers import default_folder
 from ruffini.bench.papers.glitter_flow import SHAPES
@@ -29,7 +30,6 @@ from ruffini.calibrate.contact_log import HERTZIAN, read_presses
 from ruffini.calibrate.contact_tables import fit_contact, tables
 from ruffini.calibrate.feature_log import features_of, zero_of
 from ruffini.core import Pipeline
-from ruffini.core.pipeline import ModelledRow
 from ruffini.sim.reproduce.make import digest
 from ruffini.sim.reproduce.make import reproduce as record
 
@@ -50,51 +50,8 @@ NORMAL, NORMAL_VARIANCE = 2, 11  # in a wrench, and in the upper triangle of its
 UNMARKED_SIGMAS, UNMARKED_PART, FULL_SCALE_N = 5.0, 0.05, 70.0  # beyond both, a valid force is wrong without saying so
 
 
-@dataclass(frozen=True)
-class Played:
-    """One run from the first touch on, as the core tells it with the calibration in force.
-
-    wrench, truth, reference (t, 6) N and N m; rows of the contact model.
-    """
-
-    recorded: Recorded
-    wrench: Array
-    truth: Array
-    reference: Array
-    rows: list[ModelledRow]
-    is_valid: npt.NDArray[np.bool_]  # of the normal force
-    sigma_n: Array  # that it states
-    fall: Array
-
-    @property
-    def shape(self) -> str:
-        return str(self.recorded.run.chosen["indenter"])
-
-    @property
-    def radius_mm(self) -> float:
-        return float(str(self.recorded.run.chosen["radius_um"])) * 1e-3
-
-    @property
-    def shore_a(self) -> float:
-        return float(str(self.recorded.run.chosen["shore_a"]))
-
-    @property
-    def told(self) -> ModelledRow:
-        """The last frame: what it says of hardness is the mean over the press."""
-        return self.rows[-1]
-
-    @property
-    def gel_mm(self) -> Array:
-        return np.asarray(self.recorded.rig["gel_depth_m"][self.recorded.touched] * 1e3)
-
-    def of(self, name: str) -> Array:
-        """A column of the rows."""
-        return np.array([getattr(row, name) for row in self.rows], dtype=np.float64)
-
-
 def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     """Record what is missing, fit, judge, draw."""
-    from ruffini.bench.experiments import glitter_flow_pictures as pictures
 
     def within(begin: float, end: float) -> Callable[[float], None]:
         return lambda done: options.progress(begin + (end - begin) * done)

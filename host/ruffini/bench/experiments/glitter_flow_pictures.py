@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ruffini.bench.experiments.drawing import METHOD, OURS, PAPER, TRUTH, plots, save
-
-if TYPE_CHECKING:
-    from ruffini.bench.experiments.glitter_flow import Played
+from ruffini.bench.experiments.glitter_flow_played import Played
 
 COLOURS = {"triangle": "#E69F00", "flat": "#0072B2", "square": "#009E73", "sphere": "#CC79A7"}
 

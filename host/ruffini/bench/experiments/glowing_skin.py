@@ -9,7 +9,6 @@ unloading alike.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.experiments import glowing_skin_pictures as pictures
+from ruffini.bench.experiments.glowing_skin_played import Played
 from ruffini.bench.papers import default_folder
 from ruffini.bench.papers.glowing_skin import AVERAGES, EDGE_POINTS, LARGEST_N, TARGETS_N, TUBE_MM, _calibrated
 from ruffini.bench.papers.recorded import Recorded
@@ -49,45 +50,8 @@ PAPER_FORCE = {10: (10.6, 8.2), 5: (10.2, 7.7), 3: (9.3, 7.6), 1: (11.7, 7.8)}  
 PAPER_LOSS = {0.1: 28.27, 0.5: 25.68, 1.0: 23.27, 2.0: 21.62, 4.0: 23.84}  # Table II
 
 
-@dataclass(frozen=True)
-class Played:
-    """One run, frame by frame from the first touch on.
-
-    load (t,) N into the skin as it is and cell (t,) as the load cell says; ours (t,) the sum over the touches;
-    sigma (t,); touches: places (k, 2) mm of each frame; level (t,) and peak_px (t, 2) of the brightest pixel.
-    """
-
-    recorded: Recorded
-    load: Array
-    cell: Array
-    ours: Array
-    sigma: Array
-    flags: npt.NDArray[np.int64]
-    touches: list[Array]
-    level: Array
-    peak_px: Array
-
-    @property
-    def name(self) -> str:
-        return self.recorded.set_name
-
-    @property
-    def way(self) -> Array:
-        return np.asarray(self.recorded.truth["pose"][self.recorded.touched, 2])
-
-    @property
-    def place(self) -> Array:
-        """Where the tool's axis is, (2,) mm."""
-        return np.asarray(self.recorded.truth["pose"][self.recorded.touched[0], :2] * 1e3)
-
-    @property
-    def is_down(self) -> npt.NDArray[np.bool_]:
-        return np.asarray(np.arange(len(self.load)) <= int(np.argmax(self.way)))
-
-
 def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     """Record what is missing, fit, judge, draw."""
-    from ruffini.bench.experiments import glowing_skin_pictures as pictures
 
     def within(begin: float, end: float) -> Any:
         return lambda done: options.progress(begin + (end - begin) * done)

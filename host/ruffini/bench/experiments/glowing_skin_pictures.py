@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ruffini.bench.experiments.drawing import METHOD, OURS, PAPER, TRUTH, plots, save
-
-if TYPE_CHECKING:
-    from ruffini.bench.experiments.glowing_skin import Played
+from ruffini.bench.experiments.glowing_skin_played import Played
 
 SHOWN_N = 10.0
 

@@ -9,7 +9,6 @@ in force.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.bench.experiments import Experiment, Options
+from ruffini.bench.experiments import spring_tray_pictures as pictures
+from ruffini.bench.experiments.spring_tray_played import RANGES, Played
 from ruffini.bench.papers.recorded import Recorded
 from ruffini.boards import Board
 from ruffini.calibrate import container
@@ -44,7 +45,6 @@ Array = npt.NDArray[np.float64]
 
 BENCH = "loads.toml"
 TO_NMM = np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3])
-RANGES = np.array([1.0, 1.0, 8.0, 20.0, 20.0, 20.0])  # of the paper's sensor, N and N mm; Table III divides by them
 N_BALLS, QUICK_BALLS, BALL_SEED = 40, 15, 11
 WRONG_SIGMAS, WRONG_PART = 5.0, 0.05  # an error beyond both without a flag must not be
 N_COVARIANCE = 6
@@ -52,34 +52,8 @@ N_DRAWN = 100_000
 RAW = np.array([65536.0, 65536.0, 256.0])  # of a target's features in px and px^2
 
 
-@dataclass(frozen=True)
-class Played:
-    """One run, frame by frame from the first touch on: N and N mm.
-
-    Ours is NaN on axes that the board does not call valid, the paper's where it sees no three targets.
-    """
-
-    recorded: Recorded
-    truth: Array
-    reference: Array
-    ours: Array
-    paper: Array
-    sigma: Array
-    flags: npt.NDArray[np.int64]
-    features: Array  # (t, n, 3) shift and change of area of each target, px and px^2
-    places_px: Array  # (n, 3) centre and radius of each target at rest
-    depth_um: Array | None  # at the deepest frame
-
-    @property
-    def judged(self) -> npt.NDArray[np.bool_]:
-        """In the ranges of the paper's sensor, and not flagged."""
-        return np.asarray((self.flags == 0) & (np.abs(self.truth) <= RANGES).all(axis=1))
-
-
 def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     """Record what is missing, fit, judge, draw."""
-    from ruffini.bench.experiments import spring_tray_pictures as pictures
-
     settings = load_reproduce(board, BENCH)
     folder = (options.folder or default_folder(board)) / f"{board.name}-{digest(board, BENCH)[:12]}"
     record(board, folder, bench=BENCH, quick=options.quick, n_workers=options.n_workers,

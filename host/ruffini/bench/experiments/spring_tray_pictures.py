@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ruffini.bench.experiments.spring_tray_played import Played
 from ruffini.calibrate.wrench_model import AXES
-
-if TYPE_CHECKING:
-    from ruffini.bench.experiments.spring_tray import Played
 
 # Fig. 7: what is applied, and which condition of Table II that is; the last one is twisted both ways.
 RESPONSES = (

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,18 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.bench.experiments import Experiment, Options, stereo_teacher
+from ruffini.bench.experiments import stereo_pins_pictures as pictures
 from ruffini.bench.experiments.stereo_pins_area import direct
 from ruffini.bench.experiments.stereo_pins_limits import told_apart
+from ruffini.bench.experiments.stereo_pins_played import AREA, FORCE, ROLL, Played, X, Y, Z
 from ruffini.bench.experiments.stereo_pins_text import QUANTITIES, SURE_MM, text
 from ruffini.bench.papers import default_folder
 from ruffini.bench.papers.recorded import Recorded, shape_of
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.fingertip import Scale, calibration, fit_fingertip
+from ruffini.calibrate.fingertip import Scale, fit_fingertip
 from ruffini.calibrate.tip_presses import axes, face_area
+from ruffini.calibrate.tip_tables import calibration
 from ruffini.core import Pipeline
 from ruffini.papers.stereo_pins import Regression, inputs
 from ruffini.sim.indenters.outline import OUTLINES
@@ -43,40 +46,13 @@ Array = npt.NDArray[np.float64]
 BENCH = "presses.toml"
 EYES_MM = 10.0  # apart, section 3.3 of the paper
 LEVELS = (0.05, 0.2, 0.4, 0.6, 0.8, 1.05)  # of full scale: the paper's 0.1 to 1 N, and half a step
-FORCE, Z, X, Y, ROLL, PITCH, AREA = range(7)
 UNSEEN = ("any", "upright", "centred", "middle", "shapes")  # sets of presses.toml that are judged
 PAPER_AREA = {"flat": 0.597, "square": 0.926, "hexagon": 2.857}
 N_AROUND = 72  # points of a face's outline
 
 
-@dataclass(frozen=True)
-class Played:
-    """One run, frames of 0.05 to 1.05 of full scale. truth, ours (t, 7) QUANTITIES, area in mm^2; sigma (t, 7);
-    is_known, is_whole (t,) whether the features were known and the whole face is below the undeformed dome; frame_ms
-    (t,) of the core.
-    """
-
-    name: str
-    tool: str
-    truth: Array
-    ours: Array
-    sigma: Array
-    is_known: npt.NDArray[np.bool_]
-    is_whole: npt.NDArray[np.bool_]
-    frame_ms: Array
-
-    @property
-    def off(self) -> Array:
-        """Errors (t, 7); of the area in percent, NaN where it is not told."""
-        off = self.ours - self.truth
-        off[self.ours[:, AREA] == 0, AREA] = np.nan
-        off[:, AREA] *= 100 / self.truth[:, AREA]
-        return np.asarray(off)
-
-
 def reproduce(board: Board, out: Path, options: Options) -> Experiment:
     """Record what is missing, fit, judge, draw."""
-    from ruffini.bench.experiments import stereo_pins_pictures as pictures
 
     def within(begin: float, end: float) -> Any:
         return lambda done: options.progress(begin + (end - begin) * done)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from ruffini.bench.experiments.stereo_pins import Played
+from ruffini.bench.experiments.stereo_pins_played import AREA, Played
 
 WHOLE, PARTIAL, TRUTH = "#0072B2", "#D55E00", "#000000"
-AREA = 6
 PANELS = (
     (0, "force, N"),
     (1, "way, mm"),

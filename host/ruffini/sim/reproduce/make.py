@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini import __version__
 from ruffini.boards import Board, find_board
 from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
@@ -44,6 +43,7 @@ from ruffini.sim.reproduce.warmth import celsius_read, risen, warmed, warmer_k
 from ruffini.sim.rig import Unit
 from ruffini.sim.settings import load_twin
 from ruffini.sim.units import build_unit
+from ruffini.version import __version__
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
