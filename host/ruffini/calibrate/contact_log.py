@@ -1,7 +1,7 @@
 """Presses with a force sensor and a stage beside them: what `ruffini cal contact` fits and judges on.
 
-A log is a folder of runs as `ruffini sim reproduce` makes them: frames, rig.npz (what the bench read) and run.json
-(indenter, its radius in micrometres, hardness). The sensor's side is the core's own integers.
+A log is a folder of runs as `ruffini reproduce --only recordings` makes them: frames, rig.npz (what the bench read) and
+run.json (indenter, its radius in micrometres, hardness). The sensor's side is the core's own integers.
 """
 
 from __future__ import annotations
@@ -126,7 +126,9 @@ def read_presses(paths: list[Path], board: Board, *, progress: Progress = lambda
     runs = [(folder, _card(folder)) for folder in folders]
     wanted = [(folder, run) for folder, run in runs if run.get("part", "fit") == "fit"]
     if not wanted:
-        raise InputError(f'{", ".join(map(str, paths))}: no run of `ruffini sim reproduce` with part "fit" below it')
+        raise InputError(
+            f'{", ".join(map(str, paths))}: no run of `ruffini reproduce --only recordings` with part "fit" below it'
+        )
     out = []
     for done, (folder, run) in enumerate(wanted, 1):
         out.append(read_press(folder, run, board))
@@ -139,9 +141,11 @@ def _card(folder: Path) -> dict[str, object]:
     try:
         run = json.loads(readable(path).read_text())
     except (OSError, ValueError) as error:
-        raise InputError(f"{path} is no JSON ({error}): record the run again with ruffini sim reproduce") from error
+        raise InputError(
+            f"{path} is no JSON ({error}): record the run again with ruffini reproduce --only recordings"
+        ) from error
     if not isinstance(run, dict):
-        raise InputError(f"{path} says nothing of a run: record it again with ruffini sim reproduce")
+        raise InputError(f"{path} says nothing of a run: record it again with ruffini reproduce --only recordings")
     return run
 
 
@@ -160,7 +164,9 @@ def read_press(folder: Path, run: dict[str, object], board: Board) -> Press:
         chosen = run["chosen"]
         shape, radius_mm = str(chosen["indenter"]), float(chosen["radius_um"]) * 1e-3  # type: ignore[index]
     except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
-        raise InputError(f"{folder}: no run of a bench ({error}): record it with ruffini sim reproduce") from error
+        raise InputError(
+            f"{folder}: no run of a bench ({error}): record it with ruffini reproduce --only recordings"
+        ) from error
     if force.ndim != 2 or force.shape[1] != 6 or travel.shape != force.shape[:1] or not np.isfinite(force).all():
         raise InputError(f"{folder}: rig.npz must hold force (t, 6), finite, and depth_m (t,): record the run again")
     flow, profiles, good = _seen(folder, board)

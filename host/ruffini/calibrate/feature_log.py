@@ -1,8 +1,8 @@
 """Image features with a reference wrench beside them: what `ruffini cal wrench` fits and judges on.
 
 The features are the core's own integers (`Pipeline.features`), whatever the file: a folder of frames with
-`wrench.csv`, a run of `ruffini sim reproduce` with what its bench read, a folder of such runs, or the targets or
-markers of a `cal collect` log.
+`wrench.csv`, a run of `ruffini reproduce --only recordings` with what its bench read, a folder of such runs, or the
+targets or markers of a `cal collect` log.
 """
 
 from __future__ import annotations
@@ -107,7 +107,9 @@ def _runs_below(path: Path) -> list[Path]:
         return [path]
     runs = sorted({folder.parent for folder in path.glob("**/frames")})
     if not runs:
-        raise InputError(f"{path} holds no recording: give frames with wrench.csv, or runs of sim reproduce")
+        raise InputError(
+            f"{path} holds no recording: give frames with wrench.csv, or runs of ruffini reproduce --only recordings"
+        )
     return runs
 
 

@@ -3,7 +3,7 @@
 A folder holds a folder for each press, at any depth, each with `frames/` and either
 
     press.csv   a row for each frame: time_s, force_n into the skin (along its normal), x_mm, y_mm of the unrolled skin
-    rig.npz     as the twin's benches write it (`ruffini sim reproduce`): force (t, 6) N, place_m (2,)
+    rig.npz     as the twin's benches write it (`ruffini reproduce --only recordings`): force (t, 6) N, place_m (2,)
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ A folder holds a folder for each press, at any depth, each with `frames/` and ei
     press.csv   a row for each frame: force_n along the tool's axis, way_mm since it touched, x_mm and y_mm of that axis
                 from the fingertip's in the tool's axes, roll_deg and pitch_deg of the fingertip under it, area_mm2 of
                 its face; empty where nothing touches
-    rig.npz     with run.json, as the twin's benches write them (`ruffini sim reproduce`)
+    rig.npz     with run.json, as the twin's benches write them (`ruffini reproduce --only recordings`)
 """
 
 from __future__ import annotations

@@ -19,7 +19,6 @@ from ruffini.cli import (
     doctor,
     eeprom,
     evaluate,
-    experiment,
     fingertip,
     fit,
     flash,
@@ -30,6 +29,7 @@ from ruffini.cli import (
     offline,
     recording,
     report,
+    reproduce,
     rerun,
     ros2,
     sim,
@@ -92,4 +92,4 @@ app.add_typer(ros2.app, name="ros2")
 app.add_typer(udev.app, name="udev")
 app.command("doctor")(doctor.doctor)
 app.command("demo")(demo.demo)
-app.command("reproduce")(experiment.reproduce)
+app.command("reproduce")(reproduce.reproduce)

@@ -144,8 +144,8 @@ def _points(board: Board, folder: Path) -> Path | None:
     """A twin's known points, as a person reads them off its picture; only a tube's lens needs them."""
     if board.skin is None or board.skin.shape != "tube":
         return None
-    from ruffini.bench.experiments.glowing_skin import known_points
     from ruffini.files import write_whole
+    from ruffini.sim.optics.known_points import known_points
 
     path, rows = folder / "points.csv", (",".join(f"{v:.3f}" for v in row) for row in known_points(board))
     write_whole(path, "\n".join(["x_px,y_px,z_mm", *rows, ""]).encode())

@@ -10,12 +10,12 @@ import typer
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
 
-app = typer.Typer(no_args_is_help=True, help="Benchmarks on the digital twin: our methods and the papers'.")
+app = typer.Typer(no_args_is_help=True, help="Benchmarks on the digital twin: the sensors' limits and errors.")
 
 
 @app.callback()
 def bench() -> None:
-    """Our methods and the papers' on the same simulated truth."""
+    """Our methods on the simulated truth."""
 
 
 @app.command("ifem")
@@ -158,39 +158,6 @@ def presses(
     with progress_bar("presses") as progress:
         result, text = comparison.run(recorded, out, progress)
     emit(result, json_, text)
-
-
-@app.command("papers")
-def papers(
-    board: Annotated[
-        str | None, typer.Option("--board", help="One board, by name or folder; default: every board with a paper.")
-    ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="The quick subset of each bench.")] = False,
-    workers: Annotated[int, typer.Option(min=1, help="Processes of this machine, for the recordings.")] = 1,
-    recordings: Annotated[
-        Path | None, typer.Option("--recordings", help="Folder of ruffini sim reproduce, with --board.")
-    ] = None,
-    freeze: Annotated[
-        bool, typer.Option("--freeze", help="Write the figures and the settings' digest to the board's frozen.toml.")
-    ] = False,
-    json_: JsonFlag = False,
-) -> None:
-    """The papers' own methods on the twin, beside what the papers print. Recordings are kept and gone on with."""
-    note(f"bench papers: board {board}")
-    if recordings is not None and board is None:
-        raise InputError("--recordings are of one board: say which with --board")
-    from ruffini.bench import papers as benchmark
-    from ruffini.boards import board_names, boards_folder, find_board
-
-    with_paper = [name for name in board_names() if (boards_folder() / name / "reproduce.toml").is_file()]
-    results = []
-    for one in map(find_board, [board] if board else with_paper):
-        with progress_bar(one.name) as progress:
-            result = benchmark.run(one, quick=quick, folder=recordings, n_workers=workers, progress=progress)
-        if freeze:
-            result["frozen"] = bool(benchmark.freeze(one, result))
-        results.append(result)
-    emit({"simulated": True, "boards": results}, json_, "\n\n".join(benchmark.table(r) for r in results))
 
 
 @app.command("rig")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def contact(
     log: Annotated[
         list[Path],
-        typer.Option("--log", help="Folder of presses as `sim reproduce` records them; those to fit. Repeatable."),
+        typer.Option("--log", help="Folder of presses as `reproduce --only recordings` makes them. Repeatable."),
     ],
     board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")],

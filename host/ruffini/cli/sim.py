@@ -10,12 +10,10 @@ import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.cli.design import design
-from ruffini.cli.reproduce import reproduce
 from ruffini.cli.validate import validate
 from ruffini.errors import InputError
 
 app = typer.Typer(no_args_is_help=True, help="The digital twin: simulated recordings with their truth.")
-app.command("reproduce")(reproduce)
 app.command("validate")(validate)
 app.command("design")(design)
 

@@ -20,13 +20,13 @@ from ruffini.calibrate.skin_presses import press_folders
 from ruffini.calibrate.tip_presses import COLUMNS, FORCE, told_of
 from ruffini.errors import InputError
 from ruffini.frames import Frames
-from ruffini.papers.stereo_pins import COLUMNS as ROI_COLUMNS
-from ruffini.papers.stereo_pins import ROWS as ROI_ROWS
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint8]
 Progress = Callable[[float], None]
 
+ROI_ROWS, ROI_COLUMNS = slice(24, 216), slice(47, 271)  # of a view, what the paper's network sees
+BINARY_LEVEL = 90  # of modes 2 and 3; the paper prints none
 OUTPUTS = ("force_un", "way_um", "x_um", "y_um", "roll_urad", "pitch_urad")
 UNITS = np.array([1e6, 1e3, 1e3, 1e3, *2 * [np.deg2rad(1) * 1e6]])  # of tip_presses.COLUMNS in those of OUTPUTS
 GREY = (0.114, 0.587, 0.299)  # of B, G, R

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
+from papers.stereo_fingertip.experiment import is_whole
 
-from ruffini.bench.experiments.stereo_pins import is_whole
 from ruffini.calibrate import tip_face
 from ruffini.calibrate.tip_face import bears_all_round, cells, fit_face, radii, rays, table_error
 
