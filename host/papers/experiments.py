@@ -55,8 +55,8 @@ def reproduce(board: Board, out: Path, options: Options) -> Experiment:
         if error.name != f"papers.{method}.experiment":
             raise
         raise InputError(
-            f"the experiment of board {board.name!r} is not written: `ruffini reproduce {board.name} --only method` judges "
-            "its paper's method"
+            f"the experiment of board {board.name!r} is not written: its paper's method is judged by "
+            f"`ruffini reproduce {board.name} --only method`"
         ) from error
     found: Experiment = module.reproduce(board, out, options)
     return found

@@ -45,8 +45,8 @@ WITHIN = 0.2  # of the paper's figure, what counts as reproduced
 class Frozen:
     """frozen.toml: what the twin was when the method was judged on it, what came out, and why some of it is far off.
 
-    digest : of the bench, the twin and its board; is_quick : of the quick subset; beyond : a reason for each figure that
-    is not within 20 % of the paper's, or was not judged.
+    digest : of the bench, the twin and its board; is_quick : of the quick subset; beyond : a reason for each figure
+    that is not within 20 % of the paper's, or was not judged.
     """
 
     digest: str
