@@ -182,7 +182,7 @@ int ruffini_get_markers(const ruffini_pipeline* pipeline, int32_t* rest_q16, int
 
 int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_q16, int32_t n, int32_t* out) {
   const auto& views = pipeline->path->views();
-  if (!views) return fail("the calibration holds no views of this board: make them with `ruffini cal camera --views`");
+  if (!views) return fail("the calibration holds no views of this board: make them with `ruffini cal fit --only camera --views`");
   for (int32_t i = 0; i < n; ++i, places_q16 += 4, out += 4) {
     const ruffini::Meeting met =
         meet(views->at(0, places_q16[0], places_q16[1]), views->at(1, places_q16[2], places_q16[3]));
@@ -322,7 +322,7 @@ int ruffini_get_touches(const ruffini_pipeline* pipeline, int64_t* out, int32_t*
 
 int ruffini_get_tip(const ruffini_pipeline* pipeline, int64_t* row) {
   if (!pipeline->path->writes(ruffini::Slot::kToolTouch))
-    return fail("no fingertip is calibrated: see ruffini cal fingertip");
+    return fail("no fingertip is calibrated: see ruffini cal fit --only fingertip");
   const ruffini::TipTouch& t = pipeline->path->state().tip;
   for (const bool each : {t.is_touched, t.is_known, t.is_in_range}) *row++ = each ? 1 : 0;
   for (const int64_t each : {t.force_un, t.way_um, t.x_um, t.y_um, t.roll_urad, t.pitch_urad, t.area_um2})
@@ -366,7 +366,7 @@ int ruffini_get_helmholtz(const ruffini_pipeline* pipeline, int64_t* out, int64_
 
 int ruffini_get_contact_model(const ruffini_pipeline* pipeline, int64_t* out) {
   if (!pipeline->path->writes(ruffini::Slot::kContactModel))
-    return fail("the calibration has no contact model: make one with `ruffini cal contact`");
+    return fail("the calibration has no contact model: make one with `ruffini cal fit --only contact`");
   const ruffini::FrameState& s = pipeline->path->state();
   const ruffini::ModelledContact& c = s.modelled;
   const int64_t row[] = {c.is_touched ? 1 : 0,

@@ -1,11 +1,11 @@
 """Newtons from rendered frames, judged on presses and pads that nothing was fitted on. SIMULATED.
 
 Four pads whose E, Poisson's ratio and thickness are each 3 % off the board's numbers, in four combinations of signs.
-Of each pad, colours come from its own ball presses and E, Poisson's ratio and thickness from `cal material` on a log of
-other presses; nothing is given. Judged: balls of 4-8 mm and flats of 3-6 mm, 0.3-1.0 mm deep, all sheared, half turned.
-Then where the error comes from: the same frames solved again with one part of the displacement, or the material,
-replaced by the truth. `--development` plays other seeds, for whoever looks for something better. `--network` judges a
-network of `ruffini train displacement` on the same frames, with the same operator in float64.
+Of each pad, colours come from its own ball presses and E, Poisson's ratio and thickness from `cal fit --only material`
+on a log of other presses; nothing is given. Judged: balls of 4-8 mm and flats of 3-6 mm, 0.3-1.0 mm deep, all sheared,
+half turned. Then where the error comes from: the same frames solved again with one part of the displacement, or the
+material, replaced by the truth. `--development` plays other seeds, for whoever looks for something better. `--network`
+judges a network of `ruffini train displacement` on the same frames, with the same operator in float64.
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ def check_integers(
 
 
 def noise_of(board: Board, material: Material | None = None) -> Noise:
-    """As `cal operator` takes it without options."""
+    """As `cal fit --only operator` takes it without options."""
     return Noise(SIGMA_M, gauge_m=gauge_uncertainty_m(board, material), tilt_m=TILT_M)
 
 

@@ -250,7 +250,7 @@ def test_a_row_that_could_overflow_is_refused() -> None:
 
 
 def test_a_fitted_map_says_the_same_in_integers() -> None:
-    """`cal wrench` tables on the core's arithmetic against the fit in float: within 1e-4 of full scale."""
+    """`cal fit --only wrench` tables on the core's arithmetic against the fit in float: within 1e-4 of full scale."""
     rng = np.random.default_rng(8)
     full = np.array([1.0, 1.0, 8.0, 20.0, 20.0, 20.0])
     features = rng.normal(size=(50, 9)) * 3e5

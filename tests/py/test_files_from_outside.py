@@ -36,10 +36,11 @@ def pipe(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     "words",
     [
-        ("cal", "show", "{}"), ("cal", "verify", "{}"), ("cal", "merge", "{}", "{}", "--out", "{}.out"),
+        ("cal", "file", "show", "{}"), ("cal", "file", "verify", "{}"),
+         ("cal", "file", "merge", "{}", "{}", "--out", "{}.out"),
         ("cal", "flash", "{}"), ("export", "{}", "--out", "{}.csv"), ("plot", "{}"), ("recover", "{}", "{}.mcap"),
         ("replay", "--text", "{}"),
-        ("cal", "operator", "--board", "gelslim", "--material", "{}", "--out", "{}.out"),
+        ("cal", "fit", "--only", "operator", "--board", "gelslim", "--material", "{}", "--out", "{}.out"),
         ("cal", "fit", "--board", "gelslim", "{}", "--out", "{}.out"),
         ("cal", "report", "{}", "--log", "{}", "--out", "{}.html"),
         ("cal", "convert", "{}", "--out", "{}.h5"),
@@ -55,7 +56,7 @@ def test_what_is_read_whole_has_a_limit(tmp_path: Path) -> None:
     huge = tmp_path / "huge.safetensors"
     with huge.open("wb") as file:
         file.truncate(200 << 30)  # sparse: takes no room
-    done = run_ruffini("cal", "show", huge)
+    done = run_ruffini("cal", "file", "show", huge)
     assert (done.code, refusal_in(done.err)) == (
         2, f"ruffini: {huge} has 200.0 GiB, more than 1 GiB: is it the right file?",
     )  # fmt: skip
@@ -228,11 +229,13 @@ def test_a_touch_with_nan_is_named() -> None:
 def test_brackets_without_end(tmp_path: Path, text: str) -> None:
     path = csv_of(tmp_path / "deep.json", text)
     for option in ("--material", "--relaxation"):
-        done = run_ruffini("cal", "operator", "--board", "gelslim", option, path, "--out", tmp_path / "o")
+        done = run_ruffini(
+            "cal", "fit", "--only", "operator", "--board", "gelslim", option, path, "--out", tmp_path / "o"
+        )
         assert done.code == 2, done.err
         refusal_in(done.err)
 
 
 def test_json_of_a_refusal_is_one_object(pipe: Path) -> None:
-    done = run_ruffini("cal", "show", pipe, "--json")
+    done = run_ruffini("cal", "file", "show", pipe, "--json")
     assert json.loads(done.out)["exit_code"] == 2

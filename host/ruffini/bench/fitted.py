@@ -1,4 +1,4 @@
-"""The total force with the material that `ruffini cal material` finds, and the noise that the sensor has.
+"""The total force with the material that `ruffini cal fit --only material` finds, and the noise that the sensor has.
 
 SIMULATED. The noise is measured: displacement of untouched frames that the twin renders and the real front end reads
 (dots, a photometric table made of the twin's own ball presses, Poisson), whole fields of it, so with the correlation
@@ -103,7 +103,7 @@ class Bench:
         return np.asarray(state.displacement + self.noise[rng.integers(len(self.noise))])
 
     def fit(self, error: PadError, rng: np.random.Generator) -> Material:
-        """What `cal material` makes of the logged presses on a pad."""
+        """What `cal fit --only material` makes of the logged presses on a pad."""
         places = node_places(board_slab(self.board), self.board.observed)
         seen, wrench = [], []
         states = make_states(self.board, LOGGED, LOGGED_DEPTHS_MM, error)

@@ -336,7 +336,7 @@ def strain_cost(
 
 
 def coverage_of(methods: Methods, depths: tuple[float, ...]) -> dict[str, Any]:
-    """How often the truth lies within the default's sigmas, on pads that `cal material` has fitted to 1 to 2 %."""
+    """How often the truth lies within the default's sigmas, on pads fitted by `cal fit --only material` to 1 to 2 %."""
     board, rng = methods.board, np.random.default_rng(11)
     counted = coverage.Coverage(methods.places, board.field.force_lsb_un * 1e-6, board.contact.threshold_un * 1e-6)
     for error in coverage.RESIDUAL_ERRORS:

@@ -1,4 +1,4 @@
-"""Presses with a force sensor and a stage beside them: what `ruffini cal contact` fits and judges on.
+"""Presses with a force sensor and a stage beside them: what `ruffini cal fit --only contact` fits and judges on.
 
 A log is a folder of runs as `ruffini reproduce --only recordings` makes them: frames, rig.npz (what the bench read) and
 run.json (indenter, its radius in micrometres, hardness). The sensor's side is the core's own integers.

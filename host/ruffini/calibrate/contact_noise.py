@@ -69,7 +69,9 @@ def linear_pressure(board: Board, file: container.CalibrationFile, frames: Itera
     """
     kept = {k: v for k, v in file.tensors.items() if k.split(".")[0] not in SECOND_PASS}
     if not {"operator", "photometric"} <= {k.split(".")[0] for k in kept}:
-        raise InputError("a calibration with operator and photometric is needed: merge them with `ruffini cal merge`")
+        raise InputError(
+            "a calibration with operator and photometric is needed: merge them with `ruffini cal file merge`"
+        )
     fields = []
     with Pipeline(board, container.pack(kept, file.metadata).data) as pipeline:
         for number, frame in enumerate(frames):

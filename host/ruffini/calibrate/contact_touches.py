@@ -1,4 +1,4 @@
-"""Presses of a `cal collect` log whose indenters were changed: what `cal contact` fits, with a bench's knowledge alone.
+"""Presses of a log whose indenters were changed: what `cal fit --only contact` fits, with a bench's knowledge alone.
 
 The sensor's side is its own stream: shifts of the patches in thousandths of a pixel. How deep the gel is nobody
 measures; `Press.known_gel_mm` has it from travel, force and what the indenter is.

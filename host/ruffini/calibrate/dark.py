@@ -84,5 +84,5 @@ def dark_of(file: container.CalibrationFile) -> Array:
         The file holds none.
     """
     if "dark.image" not in file.tensors:
-        raise InputError("the file holds no dark frame: make one with `ruffini cal dark`")
+        raise InputError("the file holds no dark frame: make one with `ruffini cal fit --only dark`")
     return file.tensors["dark.image"].astype(float) / SIXTEENTHS

@@ -1,4 +1,4 @@
-"""Image features with a reference wrench beside them: what `ruffini cal wrench` fits and judges on.
+"""Image features with a reference wrench beside them: what `ruffini cal fit --only wrench` fits and judges on.
 
 The features are the core's own integers (`Pipeline.features`), whatever the file: a folder of frames with
 `wrench.csv`, a run of `ruffini reproduce --only recordings` with what its bench read, a folder of such runs, or the

@@ -1,4 +1,4 @@
-"""What `ruffini cal photometric` does with a folder of presses: which kind of skin, the fit, its tables and words."""
+"""`cal fit --only photometric` on a folder of presses: which kind of skin, the fit, its tables and words."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ class MaterialFit:
         return Material(*(float(v) for v in self.values))
 
     def report(self) -> dict[str, Any]:
-        """What `ruffini cal material` prints and writes; None for what the reference does not measure."""
+        """What `ruffini cal fit --only material` prints and writes; None for what the reference does not measure."""
 
         def rmse(wrench: Array) -> list[float | None]:
             squared = ((wrench - self.reference) ** 2).mean(axis=0)

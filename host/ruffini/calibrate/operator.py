@@ -60,7 +60,7 @@ class OperatorKind:
 
 
 class Material(NamedTuple):
-    """A pad's numbers where they were measured (`ruffini cal material`) and not taken from board.toml."""
+    """A pad's numbers where they were measured (`ruffini cal fit --only material`) and not taken from board.toml."""
 
     modulus_pa: float
     poisson: float

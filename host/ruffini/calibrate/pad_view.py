@@ -1,7 +1,7 @@
 """Which point of the pad a pixel looks at: what labels of colours are computed with.
 
 A point at height z that is seen at an image place lies at A + S z (millimetres, from the pad's centre): by board.toml's
-pinhole, or by the table of `ruffini cal camera` as the board reads it.
+pinhole, or by the table of `ruffini cal fit --only camera` as the board reads it.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ class RelaxationFit:
         }, {"relaxation.terms": str(len(self.terms))}
 
     def report(self) -> dict[str, Any]:
-        """What `ruffini cal relaxation` prints and writes."""
+        """What `ruffini cal fit --only relaxation` prints and writes."""
         return {
             "gain": self.gain, "loss": self.loss,
             "terms": [{"part": g, "time_s": tau} for g, tau in self.terms],
@@ -90,7 +90,9 @@ def log_from_recording(
         The calibration already compensates relaxation, no reference, or no valid frame.
     """
     if "relaxation" in calibration.kinds:
-        raise InputError("this calibration already compensates relaxation: take one of `cal operator` without it")
+        raise InputError(
+            "this calibration already compensates relaxation: take one of `cal fit --only operator` without it"
+        )
     played = play(board, calibration, recording, reference, lambda _, frame: frame.wrench, progress=progress)
     return RelaxationLog(played.frame * 1e3 / board.camera.rate_mhz, played.taken, played.wrench)
 

@@ -1,4 +1,4 @@
-"""`ruffini cal skin`: the tables of a glowing skin, kind `skin` of proto/CALIBRATION.md, from known points and presses.
+"""`cal fit --only skin`: a glowing skin's kind `skin` of proto/CALIBRATION.md, from known points and presses.
 
 Two files can be made of the same presses: taxels with all that `skin_response` and `skin_places` fit, or, as in the
 paper, one quadratic of force over the brightness of the brightest pixel and places by the lens alone.

@@ -76,7 +76,7 @@ def fit_view(board: Board, points: Array) -> TubeView:
     if skin is None or skin.shape != "tube":
         shape = "without a glowing skin" if skin is None else f"a {skin.shape}"
         raise InputError(
-            f"board {board.name!r} is {shape}, but known points say heights along a tube: `cal skin` fits tubes alone"
+            f"board {board.name!r} is {shape}, but known points are along a tube: `cal fit --only skin` fits tubes"
         )
     if len(points) < 8 or not np.isfinite(points).all():
         raise InputError(f"{len(points)} known points: give eight at least, x, y in pixels and the height in mm")

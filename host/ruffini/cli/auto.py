@@ -33,7 +33,9 @@ def auto(
     previous: Annotated[
         Path | None, typer.Option(help="Calibration that is in force now: kept where the new one is no better.")
     ] = None,
-    points: Annotated[Path | None, typer.Option(help="Known points of a tube's lens, as of `cal skin`.")] = None,
+    points: Annotated[
+        Path | None, typer.Option(help="Known points of a tube's lens, as of `cal fit --only skin`.")
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few touches: for a first look and for CI.")] = False,
     depth_mm: Annotated[
         float | None, typer.Option(min=0.05, max=10, help="Deepest press below the contact. Default: the estimator's.")
@@ -92,7 +94,7 @@ def _fingertip(
     if rig != SIMULATED:
         raise InputError(
             f"board {board.name!r} is pressed by several tools while it is turned under them, which no machine of "
-            "`cal auto` does: record such presses and use `ruffini cal fingertip`; --rig sim plays it on the twin"
+            "`cal auto` does: use `ruffini cal fit --only fingertip`; --rig sim plays it on the twin"
         )
     before = None if previous is None else container.read(previous)
     if before is not None:
@@ -177,7 +179,7 @@ def _real(
     if task.program == INDENTERS:
         raise InputError(
             f"board {board.name!r} is fitted on indenters of many sizes and hardnesses, and `cal auto` does not know "
-            "yet which ones your bench has: use `ruffini cal contact`, or --rig sim"
+            "yet which ones your bench has: use `ruffini cal fit --only contact`, or --rig sim"
         )
     if task.stage == "operator" and (settings.tip is None or settings.tip.shape != "sphere"):
         raise InputError(f"{path}: `cal auto` learns the colours from a ball: give [tip] shape = 'sphere', diameter_mm")

@@ -10,15 +10,7 @@ import typer
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
 
-app = typer.Typer(no_args_is_help=True, help="Benchmarks on the digital twin: the sensors' limits and errors.")
 
-
-@app.callback()
-def bench() -> None:
-    """Our methods on the simulated truth."""
-
-
-@app.command("ifem")
 def ifem(
     board: BoardOption,
     quick: Annotated[bool, typer.Option("--quick", help="One depth, one seed, no model errors.")] = False,
@@ -48,7 +40,6 @@ def ifem(
     emit(result, json_, text)
 
 
-@app.command("slip")
 def slip(
     board: BoardOption,
     quick: Annotated[bool, typer.Option("--quick", help="Four contacts, two seeds, one noise.")] = False,
@@ -72,9 +63,8 @@ def slip(
     emit(result, json_, text)
 
 
-@app.command("held")
 def held(board: BoardOption, json_: JsonFlag = False) -> None:
-    """A gel that relaxes: the force of held touches before and after `cal relaxation` on other ones."""
+    """A gel that relaxes: the force of held touches before and after `cal fit --only relaxation` on other ones."""
     note(f"bench held: board {board}")
     from ruffini.bench import held as benchmark
     from ruffini.boards import find_board
@@ -85,7 +75,6 @@ def held(board: BoardOption, json_: JsonFlag = False) -> None:
     emit(result, json_, benchmark.table(result))
 
 
-@app.command("touch")
 def touch(board: BoardOption, json_: JsonFlag = False) -> None:
     """First touch: frames and newtons until it is reported, and false contacts on the untouched pad."""
     note(f"bench touch: board {board}")
@@ -97,7 +86,6 @@ def touch(board: BoardOption, json_: JsonFlag = False) -> None:
     emit(result, json_, benchmark.table(result))
 
 
-@app.command("light")
 def light(board: BoardOption, json_: JsonFlag = False) -> None:
     """Drifting lamps before and after they are followed, a contact held for minutes, and how late a touch is seen."""
     note(f"bench light: board {board}")
@@ -110,7 +98,6 @@ def light(board: BoardOption, json_: JsonFlag = False) -> None:
     emit(result, json_, benchmark.table(result))
 
 
-@app.command("health")
 def health(
     board: BoardOption,
     calibration: Annotated[
@@ -139,7 +126,6 @@ def health(
         raise typer.Exit(1)
 
 
-@app.command("presses")
 def presses(
     folder: Annotated[Path, typer.Argument(help="Recorded ball presses: reference.png, presses.csv, images.")],
     ball_mm: Annotated[
@@ -160,7 +146,6 @@ def presses(
     emit(result, json_, text)
 
 
-@app.command("rig")
 def rig(
     board: BoardOption,
     n: Annotated[int | None, typer.Option("--n", min=1, help="Touches. Default: 20, with --quick 4.")] = None,
@@ -185,7 +170,6 @@ def rig(
     emit(result, json_, benchmark.table(result))
 
 
-@app.command("auto")
 def auto(
     folders: Annotated[list[Path], typer.Argument(metavar="FOLDER...", help="--out of finished runs of `cal auto`.")],
     json_: JsonFlag = False,
@@ -198,7 +182,6 @@ def auto(
     emit({"runs": results}, json_, text)
 
 
-@app.command("fleet")
 def fleet(
     board: BoardOption,
     recordings: Annotated[Path, typer.Option("--recordings", help="Folder of the units' recordings; kept there.")],

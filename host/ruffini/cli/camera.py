@@ -1,4 +1,4 @@
-"""ruffini cal camera."""
+"""ruffini cal fit --only camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ruffini cal contact."""
+"""ruffini cal fit --only contact."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def contact(
         typer.Option("--log", help="Folder of presses as `reproduce --only recordings` makes them. Repeatable."),
     ],
     board: BoardOption,
-    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")],
+    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal file merge` or `cal flash`.")],
     report: Annotated[Path | None, typer.Option(help="JSON of the report.")] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Fit wrench, depth, area, kind of contact and hardness of a texture's flow; errors on what was not fitted.
 
-    What counts as a touch, from untouched frames, is `cal touch`.
+    What counts as a touch, from untouched frames, is `cal fit --only touch`.
     """
     note(f"cal contact: board {board}")
     from ruffini.boards import find_board

@@ -10,8 +10,10 @@ from typing import Annotated
 
 import typer
 
-from ruffini.cli.common import JsonFlag, emit, note, progress_bar
+from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
+
+PAPER_BENCH = "reproduce.toml"
 
 
 class Part(StrEnum):
@@ -36,7 +38,7 @@ def reproduce(
     ] = None,
     bench: Annotated[
         str, typer.Option(help="Of --only recordings: another bench in the board's folder.")
-    ] = "reproduce.toml",
+    ] = PAPER_BENCH,
     recordings: Annotated[
         Path | None, typer.Option("--recordings", help="Where recordings are kept (default: the user's cache).")
     ] = None,
@@ -61,6 +63,32 @@ def reproduce(
         _record(board, out, bench, quick, workers, json_)
     else:
         _experiment(board, out, recordings, network, quick, workers, json_)
+
+
+def sim_reproduce(
+    board: BoardOption,
+    out: Annotated[Path, typer.Option("--out")],
+    bench: Annotated[str, typer.Option()] = PAPER_BENCH,
+    quick: Annotated[bool, typer.Option("--quick")] = False,
+    workers: Annotated[int, typer.Option(min=1)] = 1,
+    json_: JsonFlag = False,
+) -> None:
+    """`reproduce --only recordings` under its former name."""
+    reproduce(board, Part.RECORDINGS, out, bench, quick=quick, workers=workers, json_=json_)
+
+
+def papers_of_bench(
+    board: Annotated[str | None, typer.Option("--board")] = None,
+    recordings: Annotated[Path | None, typer.Option("--recordings")] = None,
+    freeze: Annotated[bool, typer.Option("--freeze")] = False,
+    quick: Annotated[bool, typer.Option("--quick")] = False,
+    workers: Annotated[int, typer.Option(min=1)] = 1,
+    json_: JsonFlag = False,
+) -> None:
+    """`reproduce --only method` under its former name."""
+    reproduce(
+        board, Part.METHOD, None, PAPER_BENCH, recordings, freeze=freeze, quick=quick, workers=workers, json_=json_
+    )
 
 
 def papers(name: str) -> ModuleType:

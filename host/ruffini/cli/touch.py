@@ -1,4 +1,4 @@
-"""ruffini cal touch."""
+"""ruffini cal fit --only touch."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
 def touch(
     log: Annotated[Path, typer.Argument(metavar="RECORDING", help="Untouched frames: video, or folder of frames.")],
     calibration: Annotated[Path, typer.Option("--calibration", help="File with operator and colours of this unit.")],
-    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")],
+    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal file merge` or `cal flash`.")],
     board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
     json_: JsonFlag = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""ruffini cal wrench."""
+"""ruffini cal fit --only wrench."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def wrench(
         str | None, typer.Option("--board", help="Board name, or a folder with a board.toml; not needed with columns.")
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")
+        Path, typer.Option("--out", help="Calibration file to write, for `cal file merge` or `cal flash`.")
     ] = Path("wrench.safetensors"),
     holdout: Annotated[
         str | None,

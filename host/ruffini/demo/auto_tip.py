@@ -2,12 +2,12 @@
 
 1. the presses of the board's presses.toml are made: part "fit" is fitted, part "judge" (other tools, sizes, places,
    angles, seeds) is never fitted
-2. `cal fingertip`, and a page that says how presses left out of the fit are told
+2. `cal fit --only fingertip`, and a page that says how presses left out of the fit are told
 3. flashed to a real daemon where its gates pass
 4. every judged press is played through that daemon; what comes over its line is held against the twin's truth
 
 The machine that turns a fingertip under its tools is the twin's alone: on a real bench record such presses and use
-`ruffini cal fingertip`. What was made is kept: the same command goes on.
+`ruffini cal fit --only fingertip`. What was made is kept: the same command goes on.
 """
 
 from __future__ import annotations

@@ -145,7 +145,7 @@ def _write_settings(unit: Unit, out: Path, seed: int, program: str, faults: Sequ
 def record_balls(
     unit: TwinUnit, n: int, out: Path, *, ball_mm: float, seed: int, progress: Progress = lambda _: None
 ) -> int:
-    """Ball presses for `ruffini cal photometric`: reference images, presses, presses.csv, presses.toml.
+    """Ball presses for `ruffini cal fit --only photometric`: reference images, presses, presses.csv, presses.toml.
 
     The contact circle has the area of the truth's contact, as a person would mark it, with that
     person's error. Returns the number of presses.

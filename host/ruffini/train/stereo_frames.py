@@ -1,7 +1,7 @@
 """Presses on a fingertip as the stereo paper's network reads them: its region of both views, and six labels.
 
 Labels are in the units of the wire, so that a network says what the device sends. They are what the bench read, as
-`ruffini cal fingertip` takes it (ruffini.calibrate.tip_presses). Of the paper's seven attributes D is Z here. Not in
+`cal fit --only fingertip` takes it (ruffini.calibrate.tip_presses). Of the paper's seven attributes D is Z here. Not in
 paper: two untouched frames of each press, of force 0 and no other label, so that a network knows when nothing touches.
 """
 

@@ -1,4 +1,4 @@
-"""What `cal contact` fits: made-up flows whose wrench, depth and hardness are known."""
+"""What `cal fit --only contact` fits: made-up flows whose wrench, depth and hardness are known."""
 
 from __future__ import annotations
 

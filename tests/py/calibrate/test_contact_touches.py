@@ -1,4 +1,4 @@
-"""Presses of a log whose indenters were changed, as `cal contact` fits them."""
+"""Presses of a log whose indenters were changed, as `cal fit --only contact` fits them."""
 
 from __future__ import annotations
 

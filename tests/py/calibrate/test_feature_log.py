@@ -1,4 +1,4 @@
-"""What `cal wrench` reads: logs of the rig, folders of frames."""
+"""What `cal fit --only wrench` reads: logs of the rig, folders of frames."""
 
 from __future__ import annotations
 

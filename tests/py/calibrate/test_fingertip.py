@@ -88,7 +88,18 @@ def test_dots_of_both_eyes_are_paired_and_a_wrong_distance_is_refused(tips: Arra
 
 @pytest.mark.parametrize("baseline_mm", [0.0, -10.0, 44.1, float("nan"), float("inf")])
 def test_eyes_that_are_not_in_the_fingertip_are_one_sentence(baseline_mm: float, tmp_path: Path) -> None:
-    words = ["cal", "fingertip", "--board", str(BOARD.folder), "--presses", str(tmp_path), "--out", "x"]
+    words = [
+        "cal",
+        "fit",
+        "--only",
+        "fingertip",
+        "--board",
+        str(BOARD.folder),
+        "--presses",
+        str(tmp_path),
+        "--out",
+        "x",
+    ]
     done = CliRunner().invoke(app, [*words, "--baseline-mm", str(baseline_mm)])
     assert isinstance(done.exception, InputError)
     assert str(done.exception).startswith(f"--baseline-mm {baseline_mm:g}: the eyes are 0.1 to 44 mm apart")

@@ -43,7 +43,7 @@ def good(seed: int = 3) -> list[Circle]:
 
 
 def fit(folder: Path, out: Path) -> tuple[int, str]:
-    done = run_ruffini("cal", "photometric", folder, "--board", "gelslim", "--foreign", "--out", out)
+    done = run_ruffini("cal", "fit", "--only", "photometric", folder, "--board", "gelslim", "--foreign", "--out", out)
     return done.code, done.err
 
 

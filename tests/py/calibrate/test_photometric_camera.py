@@ -34,7 +34,7 @@ RADIUS_MM, CONTACT_MM = 2.5, 1.2
 
 @pytest.fixture(scope="module")
 def camera() -> container.CalibrationFile:
-    """The camera as `cal camera` would have it, of the true lens."""
+    """The camera as `cal fit --only camera` would have it, of the true lens."""
     lens = Lens(MATRIX, np.array([K1, K2, 0, 0, 0]), False)
     tensors, metadata = tables(CameraModel(lens, np.eye(3), np.array([0, 0, -20.0])), BOARD)
     return container.unpack(container.pack({**tensors}, {**container.base_metadata(BOARD), **metadata}).data)
@@ -89,7 +89,17 @@ def test_the_verb_takes_the_camera(
     folder = tmp_path / "balls"
     record_balls(TwinUnit.build(BOARD), 3, folder, ball_mm=2 * RADIUS_MM, seed=5)
     container.write(tmp_path / "camera", camera)
-    words = ["cal", "photometric", str(folder), "--board", str(BOARD.folder), "--out", str(tmp_path / "out")]
+    words = [
+        "cal",
+        "fit",
+        "--only",
+        "photometric",
+        str(folder),
+        "--board",
+        str(BOARD.folder),
+        "--out",
+        str(tmp_path / "out"),
+    ]
 
     def looked_at(_: MappedCamera, px: Array) -> tuple[Array, Array]:
         raise InputError(f"{len(px)} pixels looked at by the map")

@@ -191,7 +191,17 @@ def test_what_cannot_be_fitted(stereo_paths: list[Path], tmp_path: Path) -> None
 
 def test_the_verb(stereo_paths: list[Path], tmp_path: Path) -> None:
     paths, out = stereo_paths, tmp_path / "views.safetensors"
-    words = ["cal", "camera", *map(str, paths[:-1]), "--board", str(BOARD.folder), "--target", "chessboard"]
+    words = [
+        "cal",
+        "fit",
+        "--only",
+        "camera",
+        *map(str, paths[:-1]),
+        "--board",
+        str(BOARD.folder),
+        "--target",
+        "chessboard",
+    ]
     words += ["--size", "9x6", "--pitch-mm", str(PITCH_MM), "--views", "straight,straight", "--out", str(out)]
     refused = CliRunner().invoke(app, words)
     assert "--on-pad" in str(refused.exception)

@@ -190,7 +190,18 @@ def test_the_verb(calibration: Path, tmp_path: Path) -> None:
 
 def test_the_page_judges_each_press_by_a_table_of_the_others(tmp_path: Path) -> None:
     folder, page = write(tmp_path / "presses", (160, 200), 6, off_px=1.5), tmp_path / "page.html"
-    words = ["cal", "photometric", str(folder), "--board", str(BOARD.folder), "--foreign", "--report", str(page)]
+    words = [
+        "cal",
+        "fit",
+        "--only",
+        "photometric",
+        str(folder),
+        "--board",
+        str(BOARD.folder),
+        "--foreign",
+        "--report",
+        str(page),
+    ]
     done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "c.safetensors"), "--json"])
     assert done.exit_code == 0, done.output
     result = json.loads(page.with_suffix(".json").read_text())

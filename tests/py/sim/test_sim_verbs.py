@@ -41,7 +41,7 @@ def test_dataset_goes_on_where_it_was(board, ruffini, tmp_path):
 
 
 def test_bench_is_one_object(board, ruffini):
-    result = json.loads(ruffini("sim", "bench", "--board", board, "--json").out)
+    result = json.loads(ruffini("bench", "twin", "--board", board, "--json").out)
     assert min(result["rendering_fps"], result["mechanics_fps"]) > 0
 
 

@@ -1,4 +1,4 @@
-"""The camera map: it comes from `ruffini cal camera`, whose pictures no log of touches holds."""
+"""The camera map: it comes from `ruffini cal fit --only camera`, whose pictures no log of touches holds."""
 
 from __future__ import annotations
 

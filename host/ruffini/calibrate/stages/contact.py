@@ -1,4 +1,4 @@
-"""Wrench, depth, area, kind of contact and hardness of a texture's flow, as `ruffini cal contact` fits them."""
+"""Wrench, depth, area, kind of contact and hardness of a texture's flow, as `cal fit --only contact` fits them."""
 
 from __future__ import annotations
 

@@ -52,12 +52,14 @@ class Job:
     board: Board
     paths: list[Path]
     previous: CalibrationFile | None = None
-    parts: list[CalibrationFile] = field(default_factory=list)  # of `cal camera`, `cal photometric`
+    parts: list[CalibrationFile] = field(
+        default_factory=list
+    )  # of `cal fit --only camera`, `cal fit --only photometric`
     balls: Path | None = None
     fleet: Prior | None = None
     is_finite: bool = False
     n_error_touches: int = 0
-    points: Path | None = None  # known points of a tube's lens, as `cal skin` has them
+    points: Path | None = None  # known points of a tube's lens, as `cal fit --only skin` has them
 
     tensors: Tensors = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)

@@ -12,7 +12,7 @@ from ruffini.fem.operators import Noise
 
 Array = npt.NDArray[np.float64]
 
-SIGMA_M, TILT_M = (5e-6, 5e-6, 20e-6), 30e-6  # of the displacement under a touch: as `cal operator` has them
+SIGMA_M, TILT_M = (5e-6, 5e-6, 20e-6), 30e-6  # of the displacement under a touch: as `cal fit --only operator` has them
 
 
 def material_noise(job: Job) -> Noise:

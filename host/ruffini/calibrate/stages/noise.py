@@ -88,9 +88,11 @@ def _text(values: Array) -> str:
 
 
 def keep(job: Job) -> Outcome:
-    """What `cal operator` takes without measuring."""
+    """What `cal fit --only operator` takes without measuring."""
     job.noise = material_noise(job)
-    return Outcome("board", "as `cal operator` takes it: " + _text(np.array(job.noise.sigma_m)) + " um (x, y, z)")
+    return Outcome(
+        "board", "as `cal fit --only operator` takes it: " + _text(np.array(job.noise.sigma_m)) + " um (x, y, z)"
+    )
 
 
 def is_needed(job: Job) -> bool:

@@ -1,4 +1,4 @@
-"""Force and place on a skin that glows where it is pressed, as `ruffini cal skin` fits them."""
+"""Force and place on a skin that glows where it is pressed, as `ruffini cal fit --only skin` fits them."""
 
 from __future__ import annotations
 

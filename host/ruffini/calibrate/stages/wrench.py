@@ -1,4 +1,4 @@
-"""The wrench of a board's targets or markers, as `ruffini cal wrench` fits it."""
+"""The wrench of a board's targets or markers, as `ruffini cal fit --only wrench` fits it."""
 
 from __future__ import annotations
 
