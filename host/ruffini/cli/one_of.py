@@ -56,7 +56,7 @@ def register(
                     ctx.meta["ruffini.call"] = _call(functions, ctx)
                 except LookupError as missing:  # as where it is the verb's own, and always needed
                     parameter = next(p for p in self.params if p.name == missing.args[0])
-                    parameter.required, parameter.metavar = True, missing.args[1]  # type: ignore[attr-defined]
+                    parameter.required, parameter.metavar = True, missing.args[1]
                     parameter.process_value(ctx, None)
                 except ValueError as error:
                     ctx.fail(f"{name} {ctx.params['what']}: {error}")
