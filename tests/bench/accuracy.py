@@ -26,14 +26,14 @@ from ruffini.bench.ifem import Scores
 from ruffini.bench.states import Recipe, State
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.gauge import gauge_uncertainty_m
-from ruffini.calibrate.marker_lattice import NodesOnLattice, marker_places
-from ruffini.calibrate.material import fit_material, log_from_recording
-from ruffini.calibrate.operator import Material, OperatorKind, board_slab, make_operator, second_pass
-from ruffini.calibrate.pad_view import Pinhole
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import load_presses
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.estimators.material.fit import fit_material, log_from_recording
+from ruffini.estimators.operator.fit import Material, OperatorKind, board_slab, make_operator, second_pass
+from ruffini.estimators.operator.gauge import gauge_uncertainty_m
+from ruffini.estimators.operator.marker_lattice import NodesOnLattice, marker_places
+from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
+from ruffini.estimators.photometric.pad_view import Pinhole
+from ruffini.estimators.photometric.presses import load_presses
 from ruffini.fem.operators import Noise
 from ruffini.frames import read_frames
 from ruffini.sim import programs

@@ -24,9 +24,9 @@ import numpy.typing as npt
 from ruffini.bench.states import Recipe, Touch, make_states
 from ruffini.boards import find_board
 from ruffini.calibrate.container import base_metadata, pack, write
-from ruffini.calibrate.error_model import N_TOUCHES
-from ruffini.calibrate.operator import Tensors, make_operator
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.estimators.operator.error_model import N_TOUCHES
+from ruffini.estimators.operator.fit import Tensors, make_operator
 from ruffini.fem.compile import SHAPES, compile_matrix
 from ruffini.fem.operators import Noise
 from ruffini.fem.symmetry import Sites, node_sites

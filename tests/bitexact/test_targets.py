@@ -14,14 +14,14 @@ from odd_boards import small_board
 
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, metadata_without_board, pack
-from ruffini.calibrate.feature_log import Features
-from ruffini.calibrate.wrench_map import Fit
-from ruffini.calibrate.wrench_model import TIMES_S, Frames, WrenchMap
-from ruffini.calibrate.wrench_tables import tables as tables_of
-from ruffini.calibrate.wrench_warmth import Degrees, WrenchWarmth
 from ruffini.core import Pipeline
 from ruffini.core.feature_wrench import wrench_on_board
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.fit import Fit
+from ruffini.estimators.wrench.log import Features
+from ruffini.estimators.wrench.model import TIMES_S, Frames, WrenchMap
+from ruffini.estimators.wrench.tables import tables as tables_of
+from ruffini.estimators.wrench.warmth import Degrees, WrenchWarmth
 
 Picture = npt.NDArray[np.uint8]
 NOT_MEASURED, VALID, UNCALIBRATED, INVALID = 0, 1, 2, 3

@@ -166,7 +166,7 @@ def _presses(chance: random.Random, folder: Path) -> None:
 def _moduli(chance: random.Random, folder: Path) -> None:
     from ruffini.boards import find_board
     from ruffini.calibrate.gates import gates_of_modulus, verdict
-    from ruffini.calibrate.operator import Material, board_slab
+    from ruffini.estimators.operator.fit import Material, board_slab
 
     board = find_board(chance.choice(["gelslim", "gelsight-mini"]))
     slab = board_slab(board)

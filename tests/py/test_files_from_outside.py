@@ -14,10 +14,10 @@ import pytest
 from command_line import refusal_in, run_ruffini
 from touch_log_file import Spoil, write_log
 
-from ruffini.calibrate.column_log import Columns, read_column_logs
-from ruffini.calibrate.material import log_of_touches
-from ruffini.calibrate.reference_log import read_wrench_csv
+from ruffini.calibrate.log.columns import Columns, read_column_logs
+from ruffini.calibrate.log.reference import read_wrench_csv
 from ruffini.errors import InputError
+from ruffini.estimators.material.fit import log_of_touches
 from ruffini.files import readable
 from ruffini.frames import read_frames
 from ruffini.rig.convert import convert

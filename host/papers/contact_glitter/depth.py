@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ruffini.boards import Board
-from ruffini.calibrate.contact_log import Press, read_press
-from ruffini.calibrate.contact_model import Log, fit_model, seen_of, tell, true_sizes
+from ruffini.estimators.contact_model.fit import Log, fit_model, seen_of, tell, true_sizes
+from ruffini.estimators.contact_model.log import Press, read_press
 
 JUDGED = ("test", "repeat")
 

@@ -26,10 +26,10 @@ from papers.judged import default_folder
 from papers.recorded import Recorded, recorded_runs
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.contact_log import HERTZIAN, read_presses
-from ruffini.calibrate.contact_tables import fit_contact, tables
-from ruffini.calibrate.feature_log import features_of, zero_of
 from ruffini.core import Pipeline
+from ruffini.estimators.contact_model.log import HERTZIAN, read_presses
+from ruffini.estimators.contact_model.tables import fit_contact, tables
+from ruffini.estimators.wrench.log import features_of, zero_of
 from ruffini.sim.reproduce.make import digest
 from ruffini.sim.reproduce.make import reproduce as record
 

@@ -1,6 +1,6 @@
 """Cramer-Rao bound of Shore A from one frame's flow profile, size and depth unknown, by kind and band: an estimate.
 
-The profile's inputs of a log (`calibrate.contact_model`) are fitted, shape by shape, by a quadratic in log radius, log
+The profile's inputs of a log (`estimators.contact_model`) are fitted, shape by shape, by a quadratic in log radius, log
 gel depth and the object's compliance; its slopes are the Jacobian J, the covariance S of what is left the noise. Size
 and depth are nuisances: the bound is of (J^T S^-1 J)^-1 over all three. What the quadratic misses counts as noise, so
 the true bound is lower.
@@ -15,8 +15,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.calibrate.contact_log import Press
-from ruffini.calibrate.contact_model import Model, is_measured, seen_of
+from ruffini.estimators.contact_model.fit import Model, is_measured, seen_of
+from ruffini.estimators.contact_model.log import Press
 from ruffini.rubber import shore_a_modulus
 
 Array = npt.NDArray[np.float64]

@@ -25,8 +25,8 @@ from papers.judged import default_folder
 from papers.recorded import Recorded
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.skin import fit_skin, taxel_file
 from ruffini.core import Pipeline
+from ruffini.estimators.skin.fit import fit_skin, taxel_file
 from ruffini.sim.optics.known_points import known_points
 from ruffini.sim.reproduce.make import digest
 from ruffini.sim.reproduce.make import reproduce as record

@@ -23,17 +23,17 @@ from papers.ftouch.played import RANGES, Played
 from papers.recorded import Recorded
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.feature_log import FeatureRun, features_of, read_feature_runs
-from ruffini.calibrate.pad_view import pad_view
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import load_presses
-from ruffini.calibrate.reference_log import VALID
-from ruffini.calibrate.target_geometry import second_order_of
-from ruffini.calibrate.wrench_map import Fit, fit_wrench_map, linear_map, share_in_disagreement
-from ruffini.calibrate.wrench_model import AXES, Frames
-from ruffini.calibrate.wrench_tables import tables
-from ruffini.calibrate.wrench_warmth import Degrees
+from ruffini.calibrate.log.reference import VALID
 from ruffini.core import Pipeline
+from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
+from ruffini.estimators.photometric.pad_view import pad_view
+from ruffini.estimators.photometric.presses import load_presses
+from ruffini.estimators.wrench.fit import Fit, fit_wrench_map, linear_map, share_in_disagreement
+from ruffini.estimators.wrench.log import FeatureRun, features_of, read_feature_runs
+from ruffini.estimators.wrench.model import AXES, Frames
+from ruffini.estimators.wrench.tables import tables
+from ruffini.estimators.wrench.target_geometry import second_order_of
+from ruffini.estimators.wrench.warmth import Degrees
 from ruffini.sim.recording import record_balls
 from ruffini.sim.reproduce.make import digest
 from ruffini.sim.reproduce.make import reproduce as record

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from papers.ftouch.played import Played
-from ruffini.calibrate.wrench_model import AXES
+from ruffini.estimators.wrench.model import AXES
 
 # Fig. 7: what is applied, and which condition of Table II that is; the last one is twisted both ways.
 RESPONSES = (

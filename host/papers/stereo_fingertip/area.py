@@ -1,5 +1,5 @@
 """The direct area of the fingertip's judged presses: from the pins as the board followed them, against the same area of
-the twin's true wall (`calibrate/tip_area.py`), and beside the tool's face.
+the twin's true wall (`estimators/fingertip/area.py`), and beside the tool's face.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from papers.recorded import Recorded
 from ruffini.boards import Board
-from ruffini.calibrate.fingertip import Bench, taken
-from ruffini.calibrate.tip_area import area_of_nodes, area_of_pins
-from ruffini.calibrate.tip_presses import axes, read_press
+from ruffini.estimators.fingertip.area import area_of_nodes, area_of_pins
+from ruffini.estimators.fingertip.fit import Bench, taken
+from ruffini.estimators.fingertip.presses import axes, read_press
 
 Array = npt.NDArray[np.float64]
 FORCE, ROLL, PITCH, AREA = 0, 4, 5, 6  # columns of truth

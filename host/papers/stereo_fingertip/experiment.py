@@ -30,10 +30,10 @@ from papers.stereo_fingertip.played import AREA, FORCE, ROLL, Played, X, Y, Z
 from papers.stereo_fingertip.text import QUANTITIES, SURE_MM, text
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.fingertip import Scale, fit_fingertip
-from ruffini.calibrate.tip_presses import axes, face_area
-from ruffini.calibrate.tip_tables import calibration
 from ruffini.core import Pipeline
+from ruffini.estimators.fingertip.fit import Scale, fit_fingertip
+from ruffini.estimators.fingertip.presses import axes, face_area
+from ruffini.estimators.fingertip.tables import calibration
 from ruffini.sim.indenters.outline import OUTLINES
 from ruffini.sim.reproduce.make import digest
 from ruffini.sim.reproduce.make import reproduce as record

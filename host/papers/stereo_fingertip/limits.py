@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from papers.recorded import Recorded, shape_of
 from ruffini.boards import Board
-from ruffini.calibrate.fingertip import Bench, taken
-from ruffini.calibrate.tip_area import read_nodes
-from ruffini.calibrate.tip_presses import read_press
+from ruffini.estimators.fingertip.area import read_nodes
+from ruffini.estimators.fingertip.fit import Bench, taken
+from ruffini.estimators.fingertip.presses import read_press
 
 Array = npt.NDArray[np.float64]
 

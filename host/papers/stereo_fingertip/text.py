@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from papers.stereo_fingertip import teacher as stereo_teacher
-from ruffini.calibrate.tip_area import FLAT_MM
+from ruffini.estimators.fingertip.area import FLAT_MM
 
 QUANTITIES = ("force_n", "z_mm", "x_mm", "y_mm", "roll_deg", "pitch_deg", "area_percent")
 TESTS = ("force", "full-scale error", "X", "Y", "Z", "angle of 45")

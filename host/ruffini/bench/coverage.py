@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.bench.states import State
-from ruffini.calibrate.error_model import NodePlaces
+from ruffini.estimators.operator.error_model import NodePlaces
 from ruffini.fem.uncertainty import NodeSample, at_stake
 from ruffini.sim.unit import PadError
 

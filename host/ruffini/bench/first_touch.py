@@ -19,8 +19,8 @@ import numpy.typing as npt
 from ruffini.bench.light import SEED, WAY, Scene, fitted_calibration
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.contact_noise import ContactNoise, draw_largest, fit_contact_noise, linear_pressure
 from ruffini.core.pipeline import Pipeline
+from ruffini.estimators.threshold.fit import ContactNoise, draw_largest, fit_contact_noise, linear_pressure
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.surface import wrench_of
 

@@ -20,9 +20,9 @@ import numpy.typing as npt
 from ruffini.bench.fitted import NOISE, colours_of
 from ruffini.boards import Board, parse_board
 from ruffini.calibrate import container
-from ruffini.calibrate.operator import Material, board_slab, make_operator
-from ruffini.calibrate.relaxation import RelaxationFit, fit_relaxation, log_from_recording
 from ruffini.core.pipeline import Pipeline
+from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+from ruffini.estimators.relaxation.fit import RelaxationFit, fit_relaxation, log_from_recording
 from ruffini.frames import read_frames
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.programs import Rest, Step, Touch

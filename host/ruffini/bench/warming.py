@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
 from ruffini.core.pipeline import Frame, Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.threshold.fit import fit_contact_noise, linear_pressure
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.optics.settings import WarmingSettings
 from ruffini.sim.settings import TwinSettings, load_twin

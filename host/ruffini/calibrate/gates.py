@@ -16,14 +16,14 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import FAILED, PASSED, CalibrationFile
-from ruffini.calibrate.error_model import node_places
-from ruffini.calibrate.material import MIN_TOUCHES, MaterialFit
-from ruffini.calibrate.operator import Material, board_slab
-from ruffini.calibrate.skin_judge import REFERENCE, SAID
-from ruffini.calibrate.stages.job import HELD_S, Outcome, left_after
-from ruffini.calibrate.stages.material import left_out_figures
-from ruffini.calibrate.touch_log import TouchLog
+from ruffini.calibrate.fit.job import HELD_S, Outcome, left_after
+from ruffini.calibrate.log.touches import TouchLog
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.estimators.material.fit import MIN_TOUCHES, MaterialFit
+from ruffini.estimators.material.stage import left_out_figures
+from ruffini.estimators.operator.error_model import node_places
+from ruffini.estimators.operator.fit import Material, board_slab
+from ruffini.estimators.skin.judge import REFERENCE, SAID
 from ruffini.files import readable
 
 Array = npt.NDArray[np.float64]

@@ -16,9 +16,9 @@ from ruffini.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     from ruffini.boards import Board
+    from ruffini.calibrate.auto.run import Opened, Site
+    from ruffini.calibrate.auto.tasks import Task
     from ruffini.calibrate.container import CalibrationFile
-    from ruffini.demo.auto import Opened, Site
-    from ruffini.demo.auto_tasks import Task
 
 SIMULATED = "sim"
 
@@ -52,9 +52,9 @@ def auto(
     note(f"cal auto: board {board}, {'the simulated bench' if rig == SIMULATED else f'bench {rig}'}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container, keys
-    from ruffini.demo.auto import Auto
-    from ruffini.demo.auto_page import headline
-    from ruffini.demo.auto_tasks import task_of
+    from ruffini.calibrate.auto.page import headline
+    from ruffini.calibrate.auto.run import Auto
+    from ruffini.calibrate.auto.tasks import task_of
 
     found = find_board(board)
     if "fingertip" in found.pipeline.stages:
@@ -89,7 +89,7 @@ def _fingertip(
 ) -> None:
     """A fingertip is turned under several tools: only the twin's bench does that by itself."""
     from ruffini.calibrate import container
-    from ruffini.demo.auto_tip import TipAuto, eyes_apart_mm
+    from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm
 
     if rig != SIMULATED:
         raise InputError(
@@ -115,8 +115,8 @@ def _fingertip(
 
 
 def _simulated(board: Board, task: Task, folder: Path, depth_m: float, shear_m: float, number: int) -> Site:
-    from ruffini.demo.auto import Opened, Site
-    from ruffini.demo.truth import Truth
+    from ruffini.calibrate.auto.run import Opened, Site
+    from ruffini.calibrate.auto.truth import Truth
     from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated, reach_of
     from ruffini.rig.program import BY_STAGE, INDENTERS
     from ruffini.rig.session import ready_bench
@@ -167,7 +167,7 @@ def _real(
     board: Board, task: Task, path: Path, depth_m: float, shear_m: float, previous: CalibrationFile | None,
     points: Path | None, folder: Path, *, is_forced: bool,
 ) -> Site:  # fmt: skip
-    from ruffini.demo.auto import Opened, Site
+    from ruffini.calibrate.auto.run import Opened, Site
     from ruffini.files import write_whole
     from ruffini.rig.person import TerminalPerson
     from ruffini.rig.program import BY_STAGE, INDENTERS

@@ -138,7 +138,7 @@ def presses(
     """The twin's picture of a ball press beside recorded ones: lamps fitted on half of them, judged on the others."""
     note("bench presses ...")
     from ruffini.bench import presses as comparison
-    from ruffini.calibrate.presses import load_presses
+    from ruffini.estimators.photometric.presses import load_presses
 
     recorded = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm)
     with progress_bar("presses") as progress:
@@ -176,7 +176,7 @@ def auto(
 ) -> None:
     """Runs of `cal auto` in one table: presses, time, error before and after, clocks."""
     note("bench auto ...")
-    from ruffini.demo.auto_page import table_of
+    from ruffini.calibrate.auto.page import table_of
 
     results, text = table_of(folders)
     emit({"runs": results}, json_, text)

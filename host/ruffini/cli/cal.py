@@ -17,8 +17,8 @@ from ruffini.errors import InputError
 if TYPE_CHECKING:
     from ruffini.boards import Board
     from ruffini.calibrate.container import CalibrationFile
-    from ruffini.calibrate.operator import Material
-    from ruffini.calibrate.presses import PressSet
+    from ruffini.estimators.operator.fit import Material
+    from ruffini.estimators.photometric.presses import PressSet
     from ruffini.fem.operators import Noise
 
 
@@ -81,10 +81,10 @@ def operator(
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import gates_of_fit_file, manifest_of
-    from ruffini.calibrate.gauge import gauge_uncertainty_m
-    from ruffini.calibrate.material import read_material, read_stiffness_sigma
-    from ruffini.calibrate.operator import Material, board_slab, make_operator
-    from ruffini.calibrate.relaxation import read_relaxation
+    from ruffini.estimators.material.fit import read_material, read_stiffness_sigma
+    from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+    from ruffini.estimators.operator.gauge import gauge_uncertainty_m
+    from ruffini.estimators.relaxation.fit import read_relaxation
     from ruffini.fem.operators import Noise
 
     start = time.perf_counter()
@@ -165,7 +165,7 @@ def _ridge_weight(
     board: Board, material: Material | None, noise: Noise, method: str, weight: str, plot: Path | None
 ) -> tuple[float, dict[str, float]]:
     """The weight that --weight names, and what is to be said of it where it had to be looked for."""
-    from ruffini.calibrate.operator import board_slab
+    from ruffini.estimators.operator.fit import board_slab
     from ruffini.fem.ridge_weight import RULES, picture, weight_curve
 
     is_rule = weight in RULES
@@ -205,9 +205,9 @@ def material(
     note(f"cal material: board {board}")
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import gates_of_material
-    from ruffini.calibrate.gauge import gauge_uncertainty_m
-    from ruffini.calibrate.material import fit_material, log_from_recording
-    from ruffini.calibrate.reference_log import write_fit
+    from ruffini.calibrate.log.reference import write_fit
+    from ruffini.estimators.material.fit import fit_material, log_from_recording
+    from ruffini.estimators.operator.gauge import gauge_uncertainty_m
     from ruffini.fem.operators import Noise
 
     file = container.read(calibration)
@@ -231,7 +231,7 @@ def material(
         f"force RMSE {before:.1f} -> {after:.1f} mN"
     )
     if plot is not None:
-        from ruffini.calibrate.material_picture import residuals
+        from ruffini.estimators.material.picture import residuals
 
         residuals(plot, fit, title=f"{found.name}: material from {log.name}")
         text += f"\n{plot}"
@@ -252,8 +252,8 @@ def fit_relaxation_of_log(
     note(f"cal relaxation: board {board}")
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import gates_of_relaxation
-    from ruffini.calibrate.reference_log import write_fit
-    from ruffini.calibrate.relaxation import fit_relaxation, log_from_recording
+    from ruffini.calibrate.log.reference import write_fit
+    from ruffini.estimators.relaxation.fit import fit_relaxation, log_from_recording
 
     file = container.read(calibration)
     found = container.board_of(file, board)
@@ -306,10 +306,10 @@ def photometric(
     note(f"cal photometric: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.fit_presses import fit_presses
     from ruffini.calibrate.gates import gates_of_presses, manifest_of
-    from ruffini.calibrate.pad_view import pad_view
-    from ruffini.calibrate.presses import load_presses
+    from ruffini.estimators.photometric.fitted import fit_presses
+    from ruffini.estimators.photometric.pad_view import pad_view
+    from ruffini.estimators.photometric.presses import load_presses
 
     found = find_board(board)
     measured = None if camera is None else _camera_of(camera, found)
@@ -333,7 +333,7 @@ def photometric(
 
 def _less_dark(presses: PressSet, path: Path, board: Board) -> PressSet:
     from ruffini.calibrate import container, keys
-    from ruffini.calibrate.dark import dark_of
+    from ruffini.estimators.camera.dark import dark_of
 
     file = keys.read_verified(path)
     container.check_board(file, board)

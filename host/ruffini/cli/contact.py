@@ -11,7 +11,7 @@ import typer
 from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note, progress_bar
 
 if TYPE_CHECKING:
-    from ruffini.calibrate.contact_tables import ContactFit
+    from ruffini.estimators.contact_model.tables import ContactFit
 
 
 def contact(
@@ -31,11 +31,11 @@ def contact(
     note(f"cal contact: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.contact_log import read_presses
-    from ruffini.calibrate.contact_tables import fit_contact, tables
-    from ruffini.calibrate.feature_log import features_of
+    from ruffini.calibrate.fit.job import Outcome
     from ruffini.calibrate.gates import gates_of_stages, manifest_of
-    from ruffini.calibrate.stages.job import Outcome
+    from ruffini.estimators.contact_model.log import read_presses
+    from ruffini.estimators.contact_model.tables import fit_contact, tables
+    from ruffini.estimators.wrench.log import features_of
     from ruffini.files import write_whole
 
     found = find_board(board)

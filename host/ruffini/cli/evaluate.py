@@ -65,7 +65,7 @@ def wrench(
 ) -> None:
     """The wrench of named columns, in the board's integers: touches and recordings left out, beside scikit-learn."""
     note("eval wrench: fits for each part that is left out, minutes")
-    from ruffini.calibrate.column_log import read_column_logs
+    from ruffini.calibrate.log.columns import read_column_logs
     from ruffini.evaluate import wrench as judge
 
     named = columns_of(columns, time, features, unit, wrench_columns, wrench_unit, touch, recording)
@@ -120,7 +120,7 @@ def photometric(
     """Normals, cap shape and height of ball presses with the device's own arithmetic; depth of untouched images."""
     note(f"eval photometric: board {board}")
     from ruffini.calibrate import container
-    from ruffini.calibrate.presses import load_presses, reference_images
+    from ruffini.estimators.photometric.presses import load_presses, reference_images
     from ruffini.evaluate import photometric as judge
     from ruffini.frames import image_files
 

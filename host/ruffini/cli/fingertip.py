@@ -25,9 +25,9 @@ def fingertip(
     note(f"cal fingertip: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.fingertip import fit_fingertip
     from ruffini.calibrate.gates import gates_of_tip
-    from ruffini.calibrate.tip_tables import calibration
+    from ruffini.estimators.fingertip.fit import fit_fingertip
+    from ruffini.estimators.fingertip.tables import calibration
 
     found = find_board(board)
     with progress_bar("presses and fits") as progress:

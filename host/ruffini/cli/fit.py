@@ -12,7 +12,7 @@ import typer
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 
 if TYPE_CHECKING:
-    from ruffini.calibrate.stages.job import Outcome
+    from ruffini.calibrate.fit.job import Outcome
 
 
 def fit(
@@ -44,12 +44,12 @@ def fit(
     note(f"cal fit: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container, keys
-    from ruffini.calibrate.fit import finished, run_stages
+    from ruffini.calibrate.fit.job import Job
+    from ruffini.calibrate.fit.run import finished, run_stages
+    from ruffini.calibrate.fit.stages import STAGES
     from ruffini.calibrate.gates import failed
-    from ruffini.calibrate.prior import read_prior
-    from ruffini.calibrate.stages import STAGES
-    from ruffini.calibrate.stages.job import Job
     from ruffini.errors import InputError
+    from ruffini.estimators.material.prior import read_prior
 
     if strain not in ("linear", "finite"):
         raise InputError(f"--strain {strain!r}: choose linear or finite")

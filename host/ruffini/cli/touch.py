@@ -20,8 +20,8 @@ def touch(
     """Measure the noise of untouched frames: what counts as a touch on this unit."""
     note(f"cal touch: board {board}")
     from ruffini.calibrate import container
-    from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
     from ruffini.calibrate.gates import gates_of_noise, manifest_of
+    from ruffini.estimators.threshold.fit import fit_contact_noise, linear_pressure
     from ruffini.frames import read_frames
 
     file = container.read(calibration)

@@ -1,8 +1,9 @@
 """Presses on a fingertip as the stereo paper's network reads them: its region of both views, and six labels.
 
 Labels are in the units of the wire, so that a network says what the device sends. They are what the bench read, as
-`cal fit --only fingertip` takes it (ruffini.calibrate.tip_presses). Of the paper's seven attributes D is Z here. Not in
-paper: two untouched frames of each press, of force 0 and no other label, so that a network knows when nothing touches.
+`cal fit --only fingertip` takes it (ruffini.estimators.fingertip.presses). Of the paper's seven attributes D is Z
+here. Not in paper: two untouched frames of each press, of force 0 and no other label, so that a network knows when
+nothing touches.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.skin_presses import press_folders
-from ruffini.calibrate.tip_presses import COLUMNS, FORCE, told_of
 from ruffini.errors import InputError
+from ruffini.estimators.fingertip.presses import COLUMNS, FORCE, told_of
+from ruffini.estimators.skin.presses import press_folders
 from ruffini.frames import Frames
 
 Array = npt.NDArray[np.float64]

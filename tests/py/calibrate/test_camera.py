@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.camera import CameraFit, fit_camera, tables
-from ruffini.calibrate.targets import Target
 from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.camera.fit import CameraFit, fit_camera, tables
+from ruffini.estimators.camera.targets import Target
 from ruffini.sim.optics.camera import View, rotation
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.optics.settings import GelSettings, LensSettings, ViewSettings

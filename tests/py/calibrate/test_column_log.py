@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ruffini.calibrate import container
-from ruffini.calibrate.column_log import Columns, read_column_logs
+from ruffini.calibrate.log.columns import Columns, read_column_logs
 from ruffini.cli.app import app
 from ruffini.errors import InputError
 

@@ -10,15 +10,15 @@ import pytest
 from typer.testing import CliRunner
 
 from ruffini.boards import find_board
-from ruffini.calibrate import fingertip
-from ruffini.calibrate.fingertip import Bench, Eyes, ModeFit, Pins, Scale, fit_fingertip, labels_of, told_by
-from ruffini.calibrate.tip_field import field_of
-from ruffini.calibrate.tip_presses import FACES, Press, face_area, read_press, told_of
-from ruffini.calibrate.tip_turns import Samples, turned
 from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.core.pipeline import TipRow
 from ruffini.errors import InputError
+from ruffini.estimators.fingertip import fit as fingertip
+from ruffini.estimators.fingertip.field import field_of
+from ruffini.estimators.fingertip.fit import Bench, Eyes, ModeFit, Pins, Scale, fit_fingertip, labels_of, told_by
+from ruffini.estimators.fingertip.presses import FACES, Press, face_area, read_press, told_of
+from ruffini.estimators.fingertip.turns import Samples, turned
 from ruffini.sim.indenters.outline import OUTLINES
 from ruffini.sim.optics.patterns.discs import pin_feet, pin_tips
 from ruffini.sim.optics.renderer import Renderer

@@ -12,13 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 from ruffini.boards import find_board
-from ruffini.calibrate.find_discs import is_monochrome
-from ruffini.calibrate.fit_presses import fit_presses
-from ruffini.calibrate.intensity import IntensityFit, fit_intensity
-from ruffini.calibrate.press_change import Rest
-from ruffini.calibrate.presses import load_presses
 from ruffini.cli.app import app
 from ruffini.errors import InputError
+from ruffini.estimators.photometric.change import Rest
+from ruffini.estimators.photometric.find_discs import is_monochrome
+from ruffini.estimators.photometric.fitted import fit_presses
+from ruffini.estimators.photometric.intensity import IntensityFit, fit_intensity
+from ruffini.estimators.photometric.presses import load_presses
 
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "gelsight-mini")
 BALL_MM, PX_PER_MM = 6.0, 12.0

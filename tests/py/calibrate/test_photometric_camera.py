@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.camera import CameraModel, Lens, tables
-from ruffini.calibrate.pad_view import MappedCamera, PadView, Pinhole, mm_per_px, pad_view
-from ruffini.calibrate.photometric import angle_deg
-from ruffini.calibrate.presses import Press, ball_slope
 from ruffini.cli.app import app
 from ruffini.errors import InputError
+from ruffini.estimators.camera.fit import CameraModel, Lens, tables
+from ruffini.estimators.photometric.fit import angle_deg
+from ruffini.estimators.photometric.pad_view import MappedCamera, PadView, Pinhole, mm_per_px, pad_view
+from ruffini.estimators.photometric.presses import Press, ball_slope
 from ruffini.sim.optics.camera import View
 from ruffini.sim.optics.settings import LensSettings, ViewSettings
 from ruffini.sim.recording import record_balls

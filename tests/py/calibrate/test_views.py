@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.targets import Target
-from ruffini.calibrate.views import fit_views, tables, view_kinds
 from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.camera.targets import Target
+from ruffini.estimators.camera.views import fit_views, tables, view_kinds
 from ruffini.sim.optics.camera import View, rotation
 from ruffini.sim.optics.settings import LensSettings, MirrorSettings, ViewSettings
 

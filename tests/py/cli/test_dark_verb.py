@@ -12,12 +12,12 @@ import pytest
 from small_board import Files, Run
 
 from ruffini.calibrate import container
-from ruffini.calibrate.dark import dark_frame, dark_of
-from ruffini.calibrate.pad_view import pad_view
-from ruffini.calibrate.photometric import collect_samples
-from ruffini.calibrate.presses import load_presses
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.camera.dark import dark_frame, dark_of
+from ruffini.estimators.photometric.fit import collect_samples
+from ruffini.estimators.photometric.pad_view import pad_view
+from ruffini.estimators.photometric.presses import load_presses
 
 SHAPE = (240, 320, 3)
 LEAK = np.linspace(40, 0, 320)[None, :, None] * np.ones(SHAPE) + 4  # daylight from the left, and a black level

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.camera import CameraModel, Lens, tables
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import load_presses, reference_images
 from ruffini.cli.app import app
 from ruffini.errors import InputError
+from ruffini.estimators.camera.fit import CameraModel, Lens, tables
+from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
+from ruffini.estimators.photometric.presses import load_presses, reference_images
 from ruffini.evaluate.photometric import evaluate, table
 
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "gelsight-mini")

@@ -11,8 +11,8 @@ from papers.ftouch.experiment import BENCH, RANGES, Played, _judge, table
 from papers.recorded import Recorded
 
 from ruffini.boards import Board, find_board
-from ruffini.calibrate.wrench_model import AXES
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.model import AXES
 from ruffini.sim.reproduce.runs import runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
 
