@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -43,9 +44,9 @@ LEAK = 0.3  # of the mean level
 PAINTED_PX = 2.2  # times the bright or dark blob's own size
 
 
-def renders(board: Board) -> tuple[list[list[Picture]], dict[str, Picture]]:
+def renders(board: Board, seed: int = 0) -> tuple[list[list[Picture]], dict[str, Picture]]:
     """Pictures of each state, N_RENDERS times, and of what is bad; the first state is untouched."""
-    unit, rng = build_unit(board), np.random.default_rng(5)
+    unit, rng = build_unit(board), np.random.default_rng([5, seed])
     rig, renderer = unit.rig(), unit.renderer()
 
     def seen(conditions: Conditions | None = None) -> Picture:
@@ -107,14 +108,14 @@ def lit(picture: Picture, i: int, rng: np.random.Generator) -> Picture:
     return np.asarray(np.clip(np.rint(dithered * gain), 0, 255), dtype=np.uint8)
 
 
-def measure(board: Board, calibration: bytes | None, n_frames: int) -> dict[str, object]:
+def measure(board: Board, calibration: bytes | None, n_frames: int, seed: int = 0) -> dict[str, Any]:
     """Flagged good frames, and how many frames each bad thing needs until it is flagged (0: never)."""
     if board.camera.height_px % TILE_PX or board.camera.width_px % TILE_PX:
         raise SystemExit(f"board {board.name!r}: {board.resolution} is not whole tiles of {TILE_PX} px")
-    states, bad = renders(board)
-    drawn = [Drawn(pictures, np.random.default_rng([6, i])) for i, pictures in enumerate(states)]
+    states, bad = renders(board, seed)
+    drawn = [Drawn(pictures, np.random.default_rng([6, i, seed])) for i, pictures in enumerate(states)]
     flagged: dict[int, int] = {}
-    drift = np.random.default_rng(7)
+    drift = np.random.default_rng([7, seed])
     soon: dict[str, int] = {}
     time_s = 0.0
     with Pipeline(board, calibration) as core:
@@ -158,7 +159,7 @@ def main() -> None:
     print(f"{result['board']}: SIMULATED, {'no calibration' if file is None else file.name}")
     print(f"  good frames flagged: {result['flagged']} of {result['frames']} (flag masks {result['by_mask']}), "
           f"so fewer than {result['rate_below']:.1e} of them (95 %)")  # fmt: skip
-    for name, n in result["frames_until_flagged"].items():  # type: ignore[attr-defined]
+    for name, n in result["frames_until_flagged"].items():
         print(f"  {name}: " + (f"flagged in frame {n}" if n else f"NOT flagged within {MOST_FRAMES} frames"))
 
 

@@ -22,6 +22,7 @@ SEED = 20_261_124
 MODULES = {  # each offers rows(seed, quick) -> Iterator[Row]
     "pictures": "camera faults: old, moved and altered pictures, through the core",
     "punches": "flat faces, edges, plates, and presses while rest is learned, through the core",
+    "alarms": "good frames of every board, through the core: at most one in 10,000 is flagged",
     "stores": "files, stores, recordings, devices and starts, through the tools",
 }
 LINE = "{:46}{:>8}{:>8}{:>8}{:>12}  {}"

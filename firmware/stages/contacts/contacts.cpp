@@ -48,9 +48,10 @@ ContactList ContactFinder::find(std::span<const uint8_t> mask, std::span<const N
     if (component[i] != 0) add(node, component[i], force[i], displacement[i].z.raw());
   }
   ContactList list;
-  list.n_found = components_.count();
-  for (int i = 0; i < list.n_found; ++i) {
+  for (int i = 0; i < components_.count(); ++i) {
     const Contact contact = finish(sums_[static_cast<size_t>(i)]);
+    if (contact.n_nodes == 0) continue;
+    ++list.n_found;
     list.reaches_border = list.reaches_border || contact.reaches_border;
     const auto end = list.contacts.begin() + list.n_listed;
     const auto place =

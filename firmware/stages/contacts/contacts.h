@@ -1,7 +1,8 @@
 // The separate contacts of a frame: area, centre of pressure, force of each.
 //
 // 8-connected components of the contact mask, largest area first (then first node). Area counts the
-// nodes of the mask that press (f_z < 0); the centre of pressure is sum(X f_z) / sum(f_z) over those. A contact
+// nodes of the mask that press (f_z < 0); the centre of pressure is sum(X f_z) / sum(f_z) over those. A component in which
+// no node presses is no contact: the mask is by the linear solve, which the second pass may contradict. A contact
 // reaches the border where it presses harder than the threshold on a node beside which the camera sees no more pad.
 #pragma once
 

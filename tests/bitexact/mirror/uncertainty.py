@@ -75,7 +75,7 @@ def node_sigma(
 
 
 def touches_of(board: Board, mask: I64, force: I64) -> list[Touch]:
-    """Every 8-connected component of the mask, most pressing nodes first, then first node."""
+    """Every 8-connected component of the mask in which a node presses, most of them first, then first node."""
     x, size_x, steps_x = grid_steps(board, "x")
     y, size_y, steps_y = grid_steps(board, "y")
     f = force.reshape(*mask.shape, 3)
@@ -95,11 +95,11 @@ def touches_of(board: Board, mask: I64, force: I64) -> list[Touch]:
                         seen[v, u] = True
                         stack.append((v, u))
         pressing = [(int(f[n][2]), *n) for n in nodes if f[n][2] < 0]
+        if not pressing:
+            continue
         total = -sum(p for p, _, _ in pressing)
-        at_x = at_y = 0
-        if total > 0:
-            at_x = -to_um(sum(p * int(x[c]) for p, _, c in pressing), size_x, steps_x) // total
-            at_y = -to_um(sum(p * int(y[r]) for p, r, _ in pressing), size_y, steps_y) // total
+        at_x = -to_um(sum(p * int(x[c]) for p, _, c in pressing), size_x, steps_x) // total
+        at_y = -to_um(sum(p * int(y[r]) for p, r, _ in pressing), size_y, steps_y) // total
         force_z = sum(int(f[n][2]) for n in nodes) * board["field"]["force_lsb_un"]
         found.append((len(pressing), Touch(at_x, at_y, force_z)))
     return [touch for _, touch in sorted(found, key=lambda t: -t[0])]

@@ -66,6 +66,16 @@ TEST(Contacts, NodesThatPullAreSummedButNotCountedAsArea) {
   EXPECT_EQ(list.contacts[0].center_x_um, -3'000);
 }
 
+TEST(Contacts, AComponentInWhichNoNodePressesIsNone) {
+  Pad pad;
+  pad.touch(2, 3, 0, -80);
+  pad.touch(3, 3, 40, -80);
+  pad.touch(12, 9, -100, -8);
+  const ContactList list = pad.find();
+  ASSERT_EQ(list.n_found, 1);
+  EXPECT_EQ(list.contacts[0].force_z_un, -1'000);
+}
+
 TEST(Contacts, ListsTheEightLargestOfMany) {
   Pad pad;
   // Ten contacts in every second row and column; those of row 6 are two nodes wide.
