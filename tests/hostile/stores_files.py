@@ -223,4 +223,4 @@ def _smaller(chance: random.Random, folder: Path) -> None:
         writer.release()
         data = path.read_bytes()
         path.write_bytes(data[: int(chance.uniform(0.1, 0.8) * len(data))])
-        refused("track", path, "--board", "gelslim")
+        refused("offline", "track", path, "--board", "gelslim")

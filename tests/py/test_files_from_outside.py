@@ -212,7 +212,7 @@ def test_half_a_video_is_not_a_shorter_one(tmp_path: Path) -> None:
 def test_too_few_pictures_for_rest_are_counted(tmp_path: Path) -> None:
     for i in range(3):
         cv2.imwrite(str(tmp_path / f"{i}.png"), np.full((240, 320, 3), 120, np.uint8))
-    done = run_ruffini("track", tmp_path, "--board", "gelslim")
+    done = run_ruffini("offline", "track", tmp_path, "--board", "gelslim")
     assert done.code == 2
     assert f"{tmp_path} has 3 pictures, rest is learned from" in refusal_in(done.err)
 

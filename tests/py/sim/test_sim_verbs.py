@@ -70,9 +70,9 @@ def test_bad_input_is_one_sentence_and_exit_code_2(board, ruffini, tmp_path, wor
 
 
 def test_board_without_optics_is_refused(ruffini, tmp_path):
-    words = (("press", "--out", tmp_path / "out"), ("dataset", "--n", 1, "--out", tmp_path / "out"), ("bench",))
-    for word, *options in words:
-        done = ruffini("sim", word, "--board", "gelsight-mini", *options)
+    out = ("--out", tmp_path / "out")
+    for words in (("sim", "press", *out), ("sim", "dataset", "--n", 1, *out), ("bench", "twin")):
+        done = ruffini(*words, "--board", "gelsight-mini")
         assert done.code == 2
         assert "has no optics to simulate" in refusal_in(done.err)
     assert not (tmp_path / "out").exists()
