@@ -80,7 +80,7 @@ lint: lint-python lint-page lint-cpp werror  ## formatters, linters, types, and 
 lint-python: setup  ## ruff and mypy --strict
 	@$(PYTHON) -m ruff check --config host/pyproject.toml host tests
 	@$(PYTHON) -m ruff format --check --config host/pyproject.toml host tests
-	@$(PYTHON) -m mypy --config-file host/pyproject.toml host/ruffini
+	@$(PYTHON) -m mypy --config-file host/pyproject.toml host/ruffini host/papers
 
 lint-page: build  ## types of the page, strict
 	@npm --prefix host/page --silent run check

@@ -3,7 +3,7 @@
 //   c = (w . u + 2^(s-1)) >> s       u of all nodes as the stage displacement has it, any constant in it; `gauge.*`
 //   every node is lifted by c (pinhole_nodes.h), and so is every cell of the depth
 //
-// w is made by the host (host/ruffini/calibrate/depth_gauge.py): what the spacing of the markers says of nearness, what
+// w is made by the host (host/ruffini/estimators/operator/depth_gauge.py): what the spacing of the markers says of nearness, what
 // the rubber's volume says of the mean of a dent's shape, or both. Not in the paper.
 // Frame thread; no allocation after load.
 #pragma once

@@ -3,7 +3,7 @@
 //   u_z    = D d            a block program, `marker_depth.*`; d as the nodes see it with u_z = 0, x and y interleaved
 //   u_x, y = d + (X + d) u_z / H                        what of the motion was perspective (pinhole_nodes.h)
 //
-// D is the best linear estimate over simulated touches (host/ruffini/calibrate/marker_depth.py): how far a nearly
+// D is the best linear estimate over simulated touches (host/ruffini/estimators/operator/marker_depth.py): how far a nearly
 // incompressible layer spreads tells how deep it is pressed, and perspective adds its part. A sharp dent leaves little
 // of either, so it comes out too shallow. Without a free constant: far from a touch no marker moves. Not in the paper.
 // Frame thread; no allocation after load.

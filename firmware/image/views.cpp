@@ -16,7 +16,7 @@ constexpr int64_t kLeastAngle2 = int64_t{1} << 24;  // of slopes Q20: 0.004, a b
 Result<ViewMaps> ViewMaps::load(const Calibration& calibration, const BoardSettings& board) {
   const auto bad = [](const std::string& what) {
     return Error{ErrorKind::kBadInput,
-                 "calibration file: views.rays " + what + ": make it again with `ruffini cal camera`"};
+                 "calibration file: views.rays " + what + ": make it again with `ruffini cal fit --only camera`"};
   };
   const auto shift = calibration.integer("views.step_log2", 0, RayTable::kMaxShift);
   if (!shift) return shift.error();

@@ -13,7 +13,7 @@
 // Outside the contact f = 0: there f_e = sum g_k h_k, the dent that has not yet come back. What that dent does to
 // the neighbours' f_e is left out. Formats: h in 1/65536 force step, f_e held to 2^25 steps (counted), g and
 // 1 - exp in Q20, so that every product fits 63 bits. `relaxation` kind of the calibration, fitted by
-// `ruffini cal relaxation`. Not in the paper.
+// `ruffini cal fit --only relaxation`. Not in the paper.
 // Frame thread; no allocation after the constructor.
 #pragma once
 

@@ -11,6 +11,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from ruffini.version import __version__
+
 if TYPE_CHECKING:
     from ruffini.api import (
         AsyncSensor,
@@ -30,12 +32,12 @@ __all__ = [
     "Recording",
     "Sensor",
     "SensorFrame",
+    "__version__",
     "connect",
     "connect_async",
     "synchronized",
     "synchronized_async",
 ]
-__version__ = "0.1.0"
 
 
 def __dir__() -> list[str]:

@@ -44,7 +44,18 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
     (tree_gates.core_headers, {"firmware/store/calibration.cpp": "#include <unistd.h>\n"}, "<unistd.h>"),
     (tree_gates.missing_includes, {"tests/cpp/a.cpp": "int a = std::clamp(1, 2, 3);\n"}, "<algorithm>"),
     (tree_gates.host_layers, {"host/ruffini/sim/a.py": "from ruffini.fem import slab\n"}, "sim must not know fem"),
+    (tree_gates.host_layers, {"host/ruffini/cli/a.py": "def f():\n    import papers.b\n"}, "must not know host/papers"),
+    (tree_gates.host_layers, {"host/papers/b/method.py": "import ruffini.fem\n"}, "must know nothing of ours"),
     (tree_gates.host_layers, {"host/ruffini/fem/a.py": "def f():\n    import ruffini.sim.pad\n"}, "must not know sim"),
+    (
+        tree_gates.import_cycles,
+        {
+            "host/ruffini/a.py": "from ruffini.room import b\n",
+            "host/ruffini/room/b.py": "def f():\n    from ruffini.c import x\n",
+            "host/ruffini/c.py": "if TYPE_CHECKING:\n    import ruffini.a\n",
+        },
+        "import cycle",
+    ),
     (tree_gates.board_names, {"boards/toy/board.toml": "", "firmware/a.cpp": 'if (board == "toy") {}\n'}, "'toy'"),
     (tree_gates.test_module_names, {"tests/a/test_x.py": "", "tests/b/test_x.py": ""}, "of its own"),
     (tree_gates.workplace_paths, {"tests/a.py": 'open("/wo' + 'rk/main/x")\n'}, "workplace"),

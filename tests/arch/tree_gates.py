@@ -7,6 +7,7 @@ import re
 import subprocess
 import tomllib
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 # What each room of the firmware may include, besides itself. Order of the pipeline, one direction.
@@ -51,19 +52,20 @@ CORE_SYSTEM_HEADERS = {
     "arm_neon.h", "immintrin.h", "simde/arm/neon.h",
 }  # fmt: skip
 
+HOST_ROOTS = ("host/ruffini/", "host/papers/")
 # Packages of the host that must not know each other.
 HOST_MUST_NOT_IMPORT: dict[str, set[str]] = {
-    "fem": {"sim", "core", "device", "record", "calibrate", "cli", "demo", "wire", "papers"},
-    "sim": {"fem", "core", "device", "record", "cli", "demo", "wire", "papers"},
-    "wire": {"sim", "fem", "core", "device", "record", "calibrate", "cli", "demo", "boards"},
-    "boards": {"sim", "fem", "core", "device", "record", "calibrate", "cli", "demo", "wire"},
-    "core": {"sim", "fem", "device", "record", "cli", "demo", "wire", "papers"},
-    "device": {"sim", "fem", "cli", "demo", "papers"},
-    "record": {"sim", "fem", "cli", "demo", "papers"},
-    "calibrate": {"sim", "device", "record", "cli", "demo", "papers"},  # it reads the rig's logs
-    "rig": {"fem", "core", "record", "cli", "demo", "papers", "bench"},
-    # The papers' methods are references: they know nothing of ours, and nothing that ships uses them.
-    "papers": {"boards", "sim", "fem", "core", "device", "record", "calibrate", "cli", "demo", "wire", "bench"},
+    "fem": {"estimators", "sim", "core", "device", "record", "calibrate", "cli", "demo", "wire"},
+    "sim": {"fem", "core", "device", "record", "cli", "demo", "wire"},
+    "wire": {"estimators", "sim", "fem", "core", "device", "record", "calibrate", "cli", "demo", "boards"},
+    "boards": {"estimators", "sim", "fem", "core", "device", "record", "calibrate", "cli", "demo", "wire"},
+    "core": {"sim", "fem", "device", "record", "cli", "demo", "wire"},
+    "device": {"sim", "fem", "cli", "demo"},
+    "record": {"sim", "fem", "cli", "demo"},
+    "calibrate": {"sim", "device", "record", "cli", "demo"},  # it reads the rig's logs
+    "estimators": {"sim", "device", "record", "cli", "demo"},
+    "auto": {"cli", "demo"},
+    "rig": {"fem", "core", "record", "cli", "demo", "bench"},
 }
 
 # Names that one release of the standard library happens to bring with another header and the next does not.
@@ -204,13 +206,46 @@ def _imports(path: Path) -> Iterator[str]:
 def host_layers(root: Path) -> list[str]:
     """Packages of the host that must not know each other do not import each other."""
     found = []
+    for path in _sources(root, *HOST_ROOTS):
+        top = path.relative_to(root / "host").parts[0]
+        is_method = top == "papers" and path.name == "method.py"  # a reference that ours is judged by
+        for name in _imports(path):
+            if top == "ruffini" and name.partition(".")[0] == "papers":
+                found.append(f"{path.relative_to(root)} imports {name}: the product must not know host/papers")
+            if is_method and name.partition(".")[0] == "ruffini":
+                found.append(f"{path.relative_to(root)} imports {name}: a paper's method must know nothing of ours")
     for path in _sources(root, "host/ruffini/"):
-        package = path.relative_to(root / "host" / "ruffini").parts[0]
+        parts = path.relative_to(root / "host" / "ruffini").parts
+        package = parts[1] if parts[:2] == ("calibrate", "auto") else parts[0]  # `cal auto` plays all of them
         for name in _imports(path):
             parts = name.split(".")
             if parts[0] == "ruffini" and len(parts) > 1 and parts[1] in HOST_MUST_NOT_IMPORT.get(package, set()):
                 found.append(f"{path.relative_to(root)} imports {name}: {package} must not know {parts[1]}")
     return found
+
+
+def _module(root: Path, path: Path) -> str:
+    """Dotted name of a module below host/."""
+    name = ".".join(path.relative_to(root / "host").with_suffix("").parts)
+    return name.removesuffix(".__init__")
+
+
+def import_cycles(root: Path) -> list[str]:
+    """No module of the host imports itself through others.
+
+    Imports at the top, inside functions and for type checkers count alike; that a module's import also runs the
+    `__init__` of the packages around it does not.
+    """
+    paths = {_module(root, path): path for path in _sources(root, *HOST_ROOTS)}
+    graph: dict[str, set[str]] = {}
+    for module, path in paths.items():
+        named = {name if name in paths else name.rpartition(".")[0] for name in _imports(path)}
+        graph[module] = (named & paths.keys()) - {module}
+    try:
+        tuple(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        return [f"import cycle: {' <- '.join(error.args[1])}: move what both need to a module of its own"]
+    return []
 
 
 def board_names(root: Path) -> list[str]:

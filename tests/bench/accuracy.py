@@ -1,11 +1,11 @@
 """Newtons from rendered frames, judged on presses and pads that nothing was fitted on. SIMULATED.
 
 Four pads whose E, Poisson's ratio and thickness are each 3 % off the board's numbers, in four combinations of signs.
-Of each pad, colours come from its own ball presses and E, Poisson's ratio and thickness from `cal material` on a log of
-other presses; nothing is given. Judged: balls of 4-8 mm and flats of 3-6 mm, 0.3-1.0 mm deep, all sheared, half turned.
-Then where the error comes from: the same frames solved again with one part of the displacement, or the material,
-replaced by the truth. `--development` plays other seeds, for whoever looks for something better. `--network` judges a
-network of `ruffini train displacement` on the same frames, with the same operator in float64.
+Of each pad, colours come from its own ball presses and E, Poisson's ratio and thickness from `cal fit --only material`
+on a log of other presses; nothing is given. Judged: balls of 4-8 mm and flats of 3-6 mm, 0.3-1.0 mm deep, all sheared,
+half turned. Then where the error comes from: the same frames solved again with one part of the displacement, or the
+material, replaced by the truth. `--development` plays other seeds, for whoever looks for something better. `--network`
+judges a network of `ruffini train displacement` on the same frames, with the same operator in float64.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ruffini.bench.ifem import Scores
 from ruffini.bench.states import Recipe, State
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.gauge import gauge_uncertainty_m
-from ruffini.calibrate.marker_lattice import NodesOnLattice, marker_places
-from ruffini.calibrate.material import fit_material, log_from_recording
-from ruffini.calibrate.operator import Material, OperatorKind, board_slab, make_operator, second_pass
-from ruffini.calibrate.pad_view import Pinhole
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import load_presses
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.estimators.material.fit import fit_material, log_from_recording
+from ruffini.estimators.operator.fit import Material, OperatorKind, board_slab, make_operator, second_pass
+from ruffini.estimators.operator.gauge import gauge_uncertainty_m
+from ruffini.estimators.operator.marker_lattice import NodesOnLattice, marker_places
+from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
+from ruffini.estimators.photometric.pad_view import Pinhole
+from ruffini.estimators.photometric.presses import load_presses
 from ruffini.fem.operators import Noise
 from ruffini.frames import read_frames
 from ruffini.sim import programs
@@ -251,7 +251,7 @@ def check_integers(
 
 
 def noise_of(board: Board, material: Material | None = None) -> Noise:
-    """As `cal operator` takes it without options."""
+    """As `cal fit --only operator` takes it without options."""
     return Noise(SIGMA_M, gauge_m=gauge_uncertainty_m(board, material), tilt_m=TILT_M)
 
 

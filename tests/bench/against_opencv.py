@@ -21,8 +21,8 @@ from run import COLOUR_OF_SLOPE
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate.container import base_metadata, pack
-from ruffini.calibrate.feature_log import features_of
 from ruffini.core import Pipeline
+from ruffini.estimators.wrench.log import features_of
 from ruffini.sim.bodies.connector import RANGES
 from ruffini.sim.programs import Load, Rest
 from ruffini.sim.scenario import Scenario

@@ -1,4 +1,4 @@
-"""What making an operator takes: `ruffini cal operator` on the default board's pad with 31 x 25 and 61 x 49 nodes.
+"""What making an operator takes: `cal fit --only operator` on the default board's pad with 31 x 25 and 61 x 49 nodes.
 
 Seven element layers, with the second pass. Each is a process of its own, so that time and memory are its own.
 Wanted on two cores: 8 s for the smaller one, 4 minutes and 12 GB for the larger one.
@@ -24,7 +24,7 @@ GRIDS = ((31, 25), (61, 49))
 
 @dataclass(frozen=True)
 class Built:
-    """Time, memory and size of one `cal operator`."""
+    """Time, memory and size of one `cal fit --only operator`."""
 
     grid: tuple[int, int]
     touches: int
@@ -55,7 +55,16 @@ def build(board: Board, n_x: int, n_y: int, touches: int) -> Built:
         variant = Path(folder) / board.name
         variant.mkdir()
         (variant / "board.toml").write_text(with_grid(board, n_x, n_y))
-        command = [str(Path(sys.executable).parent / "ruffini"), "cal", "operator", "--json", "--touches", str(touches)]
+        command = [
+            str(Path(sys.executable).parent / "ruffini"),
+            "cal",
+            "fit",
+            "--only",
+            "operator",
+            "--json",
+            "--touches",
+            str(touches),
+        ]
         command += ["--board", str(variant), "--out", str(Path(folder) / "cal.safetensors")]
         before = processor_seconds()
         done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -2,9 +2,9 @@
 
     python tests/bench/contact_depth.py --calibration contact.safetensors --recording RUNS... --picture depth.png
 
-RUNS are folders of presses of `ruffini sim reproduce`, such as `test`, of which nothing is fitted. Of each press the
-frame whose told gel depth is nearest to 1.2 mm. `map` is the DEPTH that the board sends, read where the patch is seen;
-every other route's mean over the told area is the told depth:
+RUNS are folders of presses of `ruffini reproduce --only recordings`, such as `test`, of which nothing is fitted. Of
+each press the frame whose told gel depth is nearest to 1.2 mm. `map` is the DEPTH that the board sends, read where the
+patch is seen; every other route's mean over the told area is the told depth:
 
     density      fall of the density, smoothed
     phi          potential of the flow's curl-free part (stage helmholtz), its lowest place zero

@@ -2,8 +2,8 @@
 
     python tests/bench/contact_frame.py --calibration contact.safetensors --recording RUN
 
-RUN is a run of `ruffini sim reproduce`. For 640 x 480 the same frames are made twice as large. Times are the stages'
-own clock; the least and the median of the pressed frames.
+RUN is a run of `ruffini reproduce --only recordings`. For 640 x 480 the same frames are made twice as large. Times are
+the stages' own clock; the least and the median of the pressed frames.
 Then the same with the stage helmholtz, which takes the paper's sensor from 30 to 5 frames a second (section III-C).
 The stage contact_depth runs where the calibration has its tables.
 """

@@ -2,9 +2,9 @@
 
     python tests/bench/contact_twist.py --calibration contact.safetensors --recording RUNS
 
-RUNS is the folder `fit_shear` of `ruffini sim reproduce --bench presses.toml`: held at 1.5 mm, moved sideways, turned
-or not. Nothing is fitted here. By shape: told over true turn (least squares), RMS error of the turned runs, and RMS of
-those that were not.
+RUNS is the folder `fit_shear` of `ruffini reproduce BOARD --only recordings --bench presses.toml`: held at 1.5 mm,
+moved sideways, turned or not. Nothing is fitted here. By shape: told over true turn (least squares), RMS error of the
+turned runs, and RMS of those that were not.
 """
 
 from __future__ import annotations

@@ -22,10 +22,10 @@ from ruffini.bench.ifem import Scores
 from ruffini.bench.states import FRESH, JUDGED, TUNED, State, make_states
 from ruffini.boards import Board, find_board, parse_board
 from ruffini.calibrate import container
-from ruffini.calibrate.depth_gauge import AXES, DepthGauge, LitNodes, fit_depth_gauge
-from ruffini.calibrate.gauge import USUAL, gauge_nodes, gauge_uncertainty_m
-from ruffini.calibrate.operator import board_slab, make_operator, second_pass
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.estimators.operator.depth_gauge import AXES, DepthGauge, LitNodes, fit_depth_gauge
+from ruffini.estimators.operator.fit import board_slab, make_operator, second_pass
+from ruffini.estimators.operator.gauge import USUAL, gauge_nodes, gauge_uncertainty_m
 from ruffini.frames import read_frames
 from ruffini.sim import programs
 from ruffini.sim.recording import TwinUnit, record_touches

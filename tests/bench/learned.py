@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from ruffini.boards import Board, find_board
-from ruffini.demo.daemon import find_daemon
+from ruffini.daemon import find_daemon
 from ruffini.device import Connection, Learned
 
 NAME = "network.onnx"

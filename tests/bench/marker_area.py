@@ -29,9 +29,9 @@ from threadpoolctl import threadpool_limits
 
 from ruffini.bench.states import FRESH, JUDGED, make_states
 from ruffini.boards import Board, find_board
-from ruffini.calibrate.marker_depth import SEED, View, with_mirror_images
-from ruffini.calibrate.operator import board_slab
 from ruffini.core import Pipeline
+from ruffini.estimators.operator.fit import board_slab
+from ruffini.estimators.operator.marker_depth import SEED, View, with_mirror_images
 from ruffini.fem.touches import TouchMaker
 from ruffini.frames import read_frames
 from ruffini.sim import programs

@@ -19,9 +19,9 @@ from threadpoolctl import threadpool_limits
 from ruffini.bench.ifem import Scores
 from ruffini.bench.states import FRESH, JUDGED, TUNED, State, make_states
 from ruffini.boards import Board, find_board, parse_board
-from ruffini.calibrate.gauge import gauge_nodes, gauge_uncertainty_m
-from ruffini.calibrate.marker_depth import DISCREPANCY, MarkerDepth, View
-from ruffini.calibrate.operator import board_slab, make_operator, second_pass
+from ruffini.estimators.operator.fit import board_slab, make_operator, second_pass
+from ruffini.estimators.operator.gauge import gauge_nodes, gauge_uncertainty_m
+from ruffini.estimators.operator.marker_depth import DISCREPANCY, MarkerDepth, View
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.operators import ForcePrior, Noise
 from ruffini.reflection import dense_from_blocks, spd_inverse

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from ruffini.bench.states import JUDGED, State, make_states
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.operator import make_operator
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.estimators.operator.fit import make_operator
 from ruffini.fem.operators import Noise
 from ruffini.sim.unit import PadError
 

@@ -24,7 +24,7 @@ import scipy.fft
 
 from ruffini.boards import Board, find_board, parse_board
 from ruffini.calibrate.container import base_metadata, pack, write
-from ruffini.calibrate.operator import OperatorKind, make_operator
+from ruffini.estimators.operator.fit import OperatorKind, make_operator
 from ruffini.evaluate.flow import evaluate as evaluate_flow
 from ruffini.evaluate.flow import table as flow_table
 from ruffini.fem.operators import Noise

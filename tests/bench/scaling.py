@@ -24,9 +24,9 @@ import numpy.typing as npt
 from ruffini.bench.states import Recipe, Touch, make_states
 from ruffini.boards import find_board
 from ruffini.calibrate.container import base_metadata, pack, write
-from ruffini.calibrate.error_model import N_TOUCHES
-from ruffini.calibrate.operator import Tensors, make_operator
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.estimators.operator.error_model import N_TOUCHES
+from ruffini.estimators.operator.fit import Tensors, make_operator
 from ruffini.fem.compile import SHAPES, compile_matrix
 from ruffini.fem.operators import Noise
 from ruffini.fem.symmetry import Sites, node_sites
@@ -134,7 +134,7 @@ def synthetic_row(n_x: int, n_y: int, binary: Path, folder: Path, *, dense: bool
 
 
 def board_row(name: str, binary: Path, folder: Path) -> Row:
-    """The board's own operator, as `ruffini cal operator` makes it."""
+    """The board's own operator, as `ruffini cal fit --only operator` makes it."""
     start = time.perf_counter()
     kind = make_operator(find_board(name), method="optimal", noise=Noise((5e-6, 5e-6, 2e-5)))
     seconds = time.perf_counter() - start
@@ -168,7 +168,7 @@ def solve_ms(pipeline: Pipeline, u: npt.NDArray[np.int16]) -> float:
 
 
 def whole_solves(name: str) -> list[Solve]:
-    """Of a board as `ruffini cal operator` equips it, and with parts left out."""
+    """Of a board as `ruffini cal fit --only operator` equips it, and with parts left out."""
     board = find_board(name)
     noise = Noise((5e-6, 5e-6, 2e-5))
     linear = make_operator(board, method="optimal", noise=noise)

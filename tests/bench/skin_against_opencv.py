@@ -19,9 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board, find_board
-from ruffini.calibrate.skin import paper_file
-from ruffini.calibrate.skin_openings import TubeView
 from ruffini.core import Pipeline
+from ruffini.estimators.skin.fit import paper_file
+from ruffini.estimators.skin.openings import TubeView
 from ruffini.sim.indenters import Indenter
 from ruffini.sim.pose import Pose
 from ruffini.sim.units import build_unit

@@ -29,7 +29,7 @@ def board_row(name: str) -> str:
     """One board, measured in a process of its own: its memory is then its own."""
     code = "from ruffini.cli import main; import sys; sys.exit(main())"
     done = subprocess.run(
-        [sys.executable, "-c", code, "sim", "bench", "--board", name, "--json"], check=True, capture_output=True
+        [sys.executable, "-c", code, "bench", "twin", "--board", name, "--json"], check=True, capture_output=True
     )
     result = json.loads(done.stdout)
     mechanics = f"{result['mechanics_fps']:9.1f}" if result["mechanics_fps"] else "        -"

@@ -7,8 +7,8 @@ import numpy.typing as npt
 from odd_boards import small_board
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from ruffini.calibrate.perceptron import tanh_table
 from ruffini.core import Pipeline
+from ruffini.estimators.contact_model.perceptron import tanh_table
 
 Picture = npt.NDArray[np.uint8]
 Tensors = dict[str, npt.NDArray[np.generic]]

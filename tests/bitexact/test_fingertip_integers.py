@@ -14,9 +14,9 @@ from mirror.fingertip import Fingertip
 
 from ruffini.boards import find_board
 from ruffini.calibrate.container import base_metadata, pack
-from ruffini.calibrate.tip_eyes import Eyes
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.fingertip.eyes import Eyes
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.settings import load_twin
 

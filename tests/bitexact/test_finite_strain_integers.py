@@ -14,9 +14,9 @@ from test_frame_path import board_with_all_stages, photometric_tables
 
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, pack
-from ruffini.calibrate.operator import make_operator
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.operator.fit import make_operator
 from ruffini.fem.finite_strain import finite_strain
 from ruffini.fem.operators import Noise
 from ruffini.fem.slab import Slab

@@ -17,10 +17,10 @@ from test_stages import render
 
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, pack
-from ruffini.calibrate.operator import make_operator
-from ruffini.calibrate.relaxation import RelaxationFit
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.operator.fit import make_operator
+from ruffini.estimators.relaxation.fit import RelaxationFit
 from ruffini.fem.operators import Noise
 
 ALL_STAGES = (

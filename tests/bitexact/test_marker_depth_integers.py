@@ -21,9 +21,9 @@ from test_stages import render
 
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, pack
-from ruffini.calibrate.operator import OperatorKind, make_operator
 from ruffini.core import Pipeline
 from ruffini.errors import RuffiniError
+from ruffini.estimators.operator.fit import OperatorKind, make_operator
 from ruffini.fem.operators import Noise
 
 N_REST = 3

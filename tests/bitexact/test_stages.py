@@ -22,7 +22,7 @@ from odd_boards import board_text, small_board
 
 from ruffini.bench.markers import fill_lost
 from ruffini.boards import parse_board
-from ruffini.calibrate.marker_lattice import NodesOnLattice
+from ruffini.estimators.operator.marker_lattice import NodesOnLattice
 
 OpenStages = Callable[[str], tuple[CoreStages, Board]]
 

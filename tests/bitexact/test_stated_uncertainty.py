@@ -26,10 +26,10 @@ from test_stages import render
 
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
-from ruffini.calibrate.error_model import ErrorModel, error_tensors
-from ruffini.calibrate.operator import make_operator
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.operator.error_model import ErrorModel, error_tensors
+from ruffini.estimators.operator.fit import make_operator
 from ruffini.fem.operators import Noise
 from ruffini.fem.uncertainty import ContactLoad, NodeError, WrenchError
 from ruffini.fem.uncertainty import node_sigma as node_sigma_float

@@ -14,14 +14,14 @@ from odd_boards import small_board
 
 from ruffini.boards import parse_board
 from ruffini.calibrate.container import base_metadata, metadata_without_board, pack
-from ruffini.calibrate.feature_log import Features
-from ruffini.calibrate.wrench_map import Fit
-from ruffini.calibrate.wrench_model import TIMES_S, Frames, WrenchMap
-from ruffini.calibrate.wrench_tables import tables as tables_of
-from ruffini.calibrate.wrench_warmth import Degrees, WrenchWarmth
 from ruffini.core import Pipeline
 from ruffini.core.feature_wrench import wrench_on_board
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.fit import Fit
+from ruffini.estimators.wrench.log import Features
+from ruffini.estimators.wrench.model import TIMES_S, Frames, WrenchMap
+from ruffini.estimators.wrench.tables import tables as tables_of
+from ruffini.estimators.wrench.warmth import Degrees, WrenchWarmth
 
 Picture = npt.NDArray[np.uint8]
 NOT_MEASURED, VALID, UNCALIBRATED, INVALID = 0, 1, 2, 3
@@ -250,7 +250,7 @@ def test_a_row_that_could_overflow_is_refused() -> None:
 
 
 def test_a_fitted_map_says_the_same_in_integers() -> None:
-    """`cal wrench` tables on the core's arithmetic against the fit in float: within 1e-4 of full scale."""
+    """`cal fit --only wrench` tables on the core's arithmetic against the fit in float: within 1e-4 of full scale."""
     rng = np.random.default_rng(8)
     full = np.array([1.0, 1.0, 8.0, 20.0, 20.0, 20.0])
     features = rng.normal(size=(50, 9)) * 3e5

@@ -77,6 +77,7 @@ def host() -> None:
     need(SOURCE not in here.parents, f"{here} is the checkout, not what was installed")
     wanted = [p for p in SOURCE.glob("host/ruffini/**/*") if p.suffix in (".py", ".rules") and "_native" not in p.parts]
     wanted += SOURCE.glob("boards/*/*.toml")
+    need(not (here.parent / "papers").exists(), "the papers' methods are installed: they belong in a clone alone")
     n = all_there(wanted, list(here.glob("**/*")), str(here))
     native = native_folder()
     need(here in native.parents, f"{native} is not {here}'s own")

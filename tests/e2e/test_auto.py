@@ -12,11 +12,11 @@ import pytest
 from tiny_twin import Twin
 
 from ruffini.calibrate import container, gates
+from ruffini.calibrate.auto.page import table_of
+from ruffini.calibrate.auto.run import Auto, Opened, Site
+from ruffini.calibrate.auto.tasks import FORCES, Counts
+from ruffini.calibrate.auto.truth import Truth
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.demo.auto import Auto, Opened, Site
-from ruffini.demo.auto_page import table_of
-from ruffini.demo.auto_tasks import FORCES, Counts
-from ruffini.demo.truth import Truth
 from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated
 from ruffini.errors import RefusedError
 from ruffini.rig.program import Span

@@ -27,7 +27,7 @@ from tiny_sensor import Sensor, start, write_board, write_recording
 
 from ruffini.api import sensor as api_sensor
 from ruffini.calibrate import container
-from ruffini.demo.daemon import find_daemon
+from ruffini.daemon import find_daemon
 from ruffini.device import connection, ports
 from ruffini.record import mcap_file
 

@@ -16,7 +16,7 @@ from tiny_twin import Twin
 
 from ruffini import host_clock
 from ruffini.cli import main
-from ruffini.demo.daemon import running_daemon
+from ruffini.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
 from ruffini.rig.emulated_person import EmulatedPerson

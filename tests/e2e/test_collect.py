@@ -17,9 +17,9 @@ from tiny_sensor import ROOT
 from tiny_twin import Twin
 
 from ruffini.boards import Board, find_board
-from ruffini.calibrate.feature_log import read_feature_runs
 from ruffini.demo.twin_session import LOGGER_DRIFT, Simulated, TwinOptions, open_logged, open_simulated
 from ruffini.errors import InputError, NoDeviceError, RefusedError
+from ruffini.estimators.wrench.log import read_feature_runs
 from ruffini.rig.bench import Bench
 from ruffini.rig.by_log import join, record
 from ruffini.rig.collect import Progress, collect

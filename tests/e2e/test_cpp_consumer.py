@@ -15,7 +15,7 @@ import pytest
 from hang import HANG_S
 from tiny_sensor import N_FRAMES, Sensor, start
 
-from ruffini.demo.daemon import find_daemon
+from ruffini.daemon import find_daemon
 from ruffini.device import Connection, Wrench
 from ruffini.wire import Schema
 from ruffini.wire.framing import Decoder, encode_message

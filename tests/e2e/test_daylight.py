@@ -12,7 +12,7 @@ from tiny_sensor import write_board
 from tiny_twin import Twin
 
 from ruffini.boards import Board, find_board
-from ruffini.demo.daemon import running_daemon
+from ruffini.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.serve import Scripted, TwinServer

@@ -15,7 +15,7 @@ import pytest
 from hang import HANG_S
 from readme_texts import BLOCK, NOT_COMMANDS, PROGRAM, ROOT, TEXTS, fault_of, name_of, spans, words_of
 
-from ruffini.demo.daemon import find_daemon
+from ruffini.daemon import find_daemon
 
 SCRIPT = re.compile(r"(?:python )?(tests/\S+\.py)( .*)?")
 

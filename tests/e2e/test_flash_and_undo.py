@@ -91,7 +91,7 @@ def test_a_sensor_with_an_enrolled_key_takes_its_owners_files_only(sensor: Senso
             status = host._wait_for("STATUS", 3.0, lambda m: True)
             assert "HEALTH_DEVELOPMENT_KEY" not in host.schema.enum_names("HealthBit", status.health)
     assert ask("key", "sign", str(file), "--key", "lab", "--out", str(tmp_path / "signed"))[0] == 0
-    code, out, _ = ask("cal", "verify", str(tmp_path / "signed"), "--json")
+    code, out, _ = ask("cal", "file", "verify", str(tmp_path / "signed"), "--json")
     assert (code, json.loads(out)["signer"]) == (0, "lab")
     with start(sensor, tmp_path / "store2", "--wait-for-host") as daemon, Connection(daemon.port) as host:
         host._send("STATUS")

@@ -20,7 +20,7 @@ from test_live_twin import Still
 from tiny_twin import Twin
 
 from ruffini.bench import health as bench
-from ruffini.demo.daemon import find_daemon
+from ruffini.daemon import find_daemon
 from ruffini.device import Connection
 from ruffini.device.zeroing import learn_rest
 from ruffini.errors import RefusedError

@@ -21,7 +21,7 @@ from test_bad_input import run_host
 from tiny_twin import Twin
 
 from ruffini.boards import find_board
-from ruffini.demo.daemon import find_daemon, running_daemon
+from ruffini.daemon import find_daemon, running_daemon
 from ruffini.device import Connection, flashing
 from ruffini.errors import RefusedError, RuffiniError
 from ruffini.record import Recording

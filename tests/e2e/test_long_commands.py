@@ -17,9 +17,9 @@ from test_readme_blocks import BY_HAND, READERS_OWN, RUN_HERE, with_fewer
 LIMIT_S = 2400
 TURN, OF = (int(part) for part in os.environ.get("RUFFINI_READMES_TURN", "0/1").split("/"))  # "1/2": every other one
 SCRIPT = re.compile(r"(?:python )?(tests/bench/\S+\.py(?: .*)?)")
-HOURS = re.compile(r"ruffini (reproduce|bench papers|cal auto|sim reproduce) ")
+HOURS = re.compile(r"ruffini (reproduce|cal auto) ")
 ELSEWHERE = {  # command as a text shows it: what it wants, or what runs it
-    "ruffini bench papers": "each board's own",
+    "ruffini reproduce --only method": "each board's own",
     "ruffini cal auto --rig sim --board gelslim": "the same with --quick",
     "ruffini cal undo": "a sensor",
     "ruffini cal zero": "a sensor",

@@ -17,7 +17,7 @@ from tiny_twin import Twin
 
 import ruffini
 from ruffini.core import Pipeline
-from ruffini.demo.daemon import running_daemon
+from ruffini.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.device.results import VALID
 from ruffini.record import record_stream

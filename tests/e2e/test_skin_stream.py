@@ -12,13 +12,13 @@ from hang import HANG_S
 from tiny_sensor import Sensor, start
 
 from ruffini.boards import find_board
-from ruffini.calibrate.skin import SkinFit, taxel_file
-from ruffini.calibrate.skin_gain import no_gain
-from ruffini.calibrate.skin_openings import TubeView, find_openings, lattice_mm
-from ruffini.calibrate.skin_places import PlaceFit
-from ruffini.calibrate.skin_reach import REACH_SIZE, REACH_STEP_MM
-from ruffini.calibrate.skin_response import ForceFit, layout_of
 from ruffini.device import Connection
+from ruffini.estimators.skin.fit import SkinFit, taxel_file
+from ruffini.estimators.skin.gain import no_gain
+from ruffini.estimators.skin.openings import TubeView, find_openings, lattice_mm
+from ruffini.estimators.skin.places import PlaceFit
+from ruffini.estimators.skin.reach import REACH_SIZE, REACH_STEP_MM
+from ruffini.estimators.skin.response import ForceFit, layout_of
 
 Array = npt.NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from hang import finished, until
 from tiny_sensor import Sensor, start, write_board
 
 from ruffini.boards import find_board
-from ruffini.demo.daemon import find_daemon
+from ruffini.daemon import find_daemon
 
 PR_CAPBSET_DROP, CAP_SYS_NICE = 24, 23  # linux/prctl.h, linux/capability.h
 

@@ -37,11 +37,11 @@ def test_every_verb_has_json_and_help() -> None:
     def leaves(command: object, path: tuple[str, ...]) -> list[tuple[tuple[str, ...], object]]:
         children = getattr(command, "commands", None)
         if children is None:
-            return [(path, command)]
+            return [] if command.hidden else [(path, command)]  # type: ignore[attr-defined]
         return [leaf for name, child in children.items() for leaf in leaves(child, (*path, name))]
 
     verbs = leaves(typer.main.get_command(app), ())
-    assert len(verbs) >= 20
+    assert 20 <= len(verbs) <= 40
     for path, command in verbs:
         options = {o for parameter in command.params for o in parameter.opts}  # type: ignore[attr-defined]
         assert "--json" in options, path
@@ -64,15 +64,17 @@ def test_boards(sensor: Sensor) -> None:
 
 def test_calibrate_check_and_flash(sensor: Sensor, tmp_path: Path) -> None:
     operator, colours, both = (tmp_path / f"{n}.safetensors" for n in ("operator", "colours", "both"))
-    made = ask("cal", "operator", "--board", str(sensor.folder), "--method", "ridge", "--out", str(operator))
+    made = ask(
+        "cal", "fit", "--only", "operator", "--board", str(sensor.folder), "--method", "ridge", "--out", str(operator)
+    )
     assert made["method"] == "ridge"
     colours.write_bytes(sensor.calibration)
-    assert set(ask("cal", "merge", str(colours), str(operator), "--out", str(both))["kinds"]) >= {  # type: ignore[call-overload]
+    assert set(ask("cal", "file", "merge", str(colours), str(operator), "--out", str(both))["kinds"]) >= {  # type: ignore[call-overload]
         "operator",
         "photometric",
     }
-    assert ask("cal", "verify", str(both), "--board", str(sensor.folder))["ok"] is True
-    assert ask("cal", "show", str(both))["metadata"]["board"] == "tiny"  # type: ignore[index]
+    assert ask("cal", "file", "verify", str(both), "--board", str(sensor.folder))["ok"] is True
+    assert ask("cal", "file", "show", str(both))["metadata"]["board"] == "tiny"  # type: ignore[index]
     with start(sensor, tmp_path / "store", "--wait-for-host") as daemon:
         assert ask("cal", "flash", str(both), "--dry-run", port=daemon.port)["state"] == "dry-run"
         assert ask("cal", "flash", str(both), port=daemon.port)["state"] == "active"
@@ -120,7 +122,7 @@ def test_a_snapshot_says_what_is_not_measured_and_what_is_not_valid(sensor: Sens
 
 def test_track(sensor: Sensor, tmp_path: Path) -> None:
     out = tmp_path / "track.npz"
-    result = ask("track", str(sensor.recording), "--board", str(sensor.folder), "--out", str(out))
+    result = ask("offline", "track", str(sensor.recording), "--board", str(sensor.folder), "--out", str(out))
     assert result["frames"] == N_FRAMES
     assert result["markers_at_rest"] == 63
     moved = np.load(out)["displacement_px"]
@@ -134,7 +136,15 @@ def test_depth(sensor: Sensor, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "reference.png"), draw(sensor.board, 0.0, 1))
     cv2.imwrite(str(tmp_path / "pressed.png"), draw(sensor.board, 0.25, 2))
     out = tmp_path / "depth"
-    command = ["depth", "--calibration", str(file), "--board", str(sensor.folder), str(tmp_path / "pressed.png")]
+    command = [
+        "offline",
+        "depth",
+        "--calibration",
+        str(file),
+        "--board",
+        str(sensor.folder),
+        str(tmp_path / "pressed.png"),
+    ]
     result = ask(*command, "--out", str(out))
     assert result["images"][0]["lowest_um"] < -300  # type: ignore[index]
     depth = np.load(out / "pressed.npy")
@@ -154,7 +164,7 @@ def test_field_is_the_devices_solve(sensor: Sensor, tmp_path: Path) -> None:
     u[1, :, :, 2] = -0.8 * np.exp(-(x**2 + y**2) / 8)  # far above the threshold: its rim counts little
     u[2] = 2 * u[1]
     np.save(tmp_path / "u.npy", u)
-    command = ["field", "--calibration", str(file), "--board", str(sensor.folder)]
+    command = ["offline", "field", "--calibration", str(file), "--board", str(sensor.folder)]
     files = ["--displacement", str(tmp_path / "u.npy"), "--out", str(tmp_path / "f.npy")]
     result = ask(*command, *files)
     force = np.load(tmp_path / "f.npy")
@@ -181,7 +191,7 @@ def test_field_refuses(case: str, sensor: Sensor, tmp_path: Path) -> None:
     (tmp_path / "c.safetensors").write_bytes(sensor.calibration)
     np.save(tmp_path / "u.npy", values)
     code, _, text = run_host(
-        "field", "--calibration", str(tmp_path / "c.safetensors"), "--board", str(sensor.folder),
+        "offline", "field", "--calibration", str(tmp_path / "c.safetensors"), "--board", str(sensor.folder),
         "--displacement", str(tmp_path / "u.npy"), "--out", str(tmp_path / "f.npy"),
     )  # fmt: skip
     assert (code, is_one_sentence(text)) == (2, True)
@@ -190,19 +200,22 @@ def test_field_refuses(case: str, sensor: Sensor, tmp_path: Path) -> None:
 
 
 OFFLINE = {
-    "track without a video": (["track", "NOTHING.mp4", "--board", "gelslim"], 2),
-    "track with another board": (["track", "RECORDING", "--board", "gelslim"], 2),
+    "track without a video": (["offline", "track", "NOTHING.mp4", "--board", "gelslim"], 2),
+    "track with another board": (["offline", "track", "RECORDING", "--board", "gelslim"], 2),
     "field with a calibration of another board": (
-        ["field", "--calibration", "CALIBRATION", "--board", "gelslim", "--displacement", "X", "--out", "Y"], 4,
+        ["offline", "field", "--calibration", "CALIBRATION", "--board", "gelslim", "--displacement", "X",
+         "--out", "Y"], 4,
     ),
     "depth of a picture that is none": (
-        ["depth", "--calibration", "CALIBRATION", "--board", "BOARD", "CALIBRATION", "--reference", "CALIBRATION"], 2,
+        ["offline", "depth", "--calibration", "CALIBRATION", "--board", "BOARD",
+         "CALIBRATION", "--reference", "CALIBRATION"], 2,
     ),
-    "an operator of an unknown method": (["cal", "operator", "--board", "BOARD", "--out", "Y", "--method", "magic"], 2),
+    "an operator of an unknown method": (["cal", "fit", "--only", "operator", "--board", "BOARD",
+     "--out", "Y", "--method", "magic"], 2),
     "an operator of negative noise": (
-        ["cal", "operator", "--board", "BOARD", "--out", "Y", "--noise-um", "5,-5,20"], 2,
+        ["cal", "fit", "--only", "operator", "--board", "BOARD", "--out", "Y", "--noise-um", "5,-5,20"], 2,
     ),
-    "verify of something else": (["cal", "verify", "PICTURE"], 2),
+    "verify of something else": (["cal", "file", "verify", "PICTURE"], 2),
 }  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from tiny_twin import Twin
 from told_sensor import ToldSensor, info_of, told_tray
 
 from ruffini.boards import find_board
-from ruffini.demo.daemon import running_daemon
+from ruffini.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.errors import NoDeviceError
 from ruffini.sim.contact import Indenter, Pose

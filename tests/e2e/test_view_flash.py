@@ -11,7 +11,7 @@ from playwright.sync_api import Page
 from test_live_twin import Still
 from tiny_twin import Twin
 
-from ruffini.demo.daemon import running_daemon
+from ruffini.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.serve import TwinServer

@@ -13,7 +13,7 @@ from serial_bridge import FAKE_SERIAL, SerialBridge, serial_bridge
 from tiny_sensor import Sensor, start
 from tiny_twin import Twin
 
-from ruffini.demo.daemon import running_daemon
+from ruffini.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.record import record_stream
 from ruffini.sim.contact import Indenter, Pose

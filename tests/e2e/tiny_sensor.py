@@ -14,9 +14,9 @@ from hang import HANG_S
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.operator import make_operator
-from ruffini.demo.daemon import find_daemon
+from ruffini.daemon import find_daemon
 from ruffini.device import Connection
+from ruffini.estimators.operator.fit import make_operator
 from ruffini.fem.operators import Noise
 
 ROOT = Path(__file__).parents[2]

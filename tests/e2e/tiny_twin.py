@@ -15,10 +15,10 @@ from tiny_sensor import Sensor, write_board
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
-from ruffini.calibrate.pad_view import Pinhole
-from ruffini.calibrate.photometric import Choice, collect_samples, fit_model, tabulate
-from ruffini.calibrate.presses import load_presses
+from ruffini.estimators.photometric.fit import Choice, collect_samples, fit_model, tabulate
+from ruffini.estimators.photometric.pad_view import Pinhole
+from ruffini.estimators.photometric.presses import load_presses
+from ruffini.estimators.threshold.fit import fit_contact_noise, linear_pressure
 from ruffini.sim.pad import PadModel, surface_compliance
 from ruffini.sim.recording import record_balls
 from ruffini.sim.scenario import Scenario

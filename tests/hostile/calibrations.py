@@ -34,12 +34,12 @@ def calibration(name: str) -> bytes:
 def _of_the_main_job(name: str, path: Path) -> None:
     """As `ruffini demo` makes it, of the same simulated unit."""
     from ruffini.calibrate import container
-    from ruffini.calibrate.error_model import N_TOUCHES
-    from ruffini.calibrate.operator import make_operator
-    from ruffini.calibrate.pad_view import Pinhole
-    from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-    from ruffini.calibrate.presses import load_presses
     from ruffini.demo.main_job import BALL_MM, DEMO_ERROR, N_BALLS, NOISE
+    from ruffini.estimators.operator.error_model import N_TOUCHES
+    from ruffini.estimators.operator.fit import make_operator
+    from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
+    from ruffini.estimators.photometric.pad_view import Pinhole
+    from ruffini.estimators.photometric.presses import load_presses
     from ruffini.sim.recording import record_balls
     from ruffini.sim.unit import PadError, TwinUnit
 

@@ -23,9 +23,9 @@ from row import Row
 
 from ruffini.bench import picture_faults as faults
 from ruffini.boards import find_board
-from ruffini.calibrate.skin_presses import skin_of
 from ruffini.core import Pipeline
 from ruffini.core.pipeline import Frame
+from ruffini.estimators.skin.presses import skin_of
 from ruffini.sim.indenters import Indenter
 from ruffini.sim.pose import Pose
 from ruffini.sim.rig import Unit

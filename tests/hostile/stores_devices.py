@@ -91,7 +91,7 @@ def _store(chance: random.Random, folder: Path) -> None:
 
 @group("daemon: pictures of a replay", 16, 3)
 def _replay(chance: random.Random, folder: Path) -> None:
-    from ruffini.demo.daemon import find_daemon
+    from ruffini.daemon import find_daemon
 
     tiny = sensor()
     recording = shutil.copytree(tiny.recording, folder / "recording")
@@ -119,7 +119,7 @@ def _replay(chance: random.Random, folder: Path) -> None:
 
 @group("daemon: pipes and spoilt files at its start", 8, 2)
 def _start(chance: random.Random, folder: Path) -> None:
-    from ruffini.demo.daemon import find_daemon
+    from ruffini.daemon import find_daemon
 
     tiny = sensor()
     board, keys, camera = folder / "tiny", folder / "keys", folder / "camera"

@@ -24,15 +24,17 @@ from command_line import refusal_in, run_ruffini  # noqa: E402
 from touch_log_file import write_log  # noqa: E402
 
 READERS = (
-    ("cal", "show", "{}"), ("cal", "verify", "{}"), ("cal", "merge", "{}", "--out", "{}.out"), ("cal", "flash", "{}"),
+    ("cal", "file", "show", "{}"), ("cal", "file", "verify", "{}"),
+     ("cal", "file", "merge", "{}", "--out", "{}.out"), ("cal", "flash", "{}"),
     ("export", "{}", "--out", "{}.csv"), ("plot", "{}", "--out", "{}.html"), ("recover", "{}", "{}.mcap"),
     ("replay", "--text", "{}"), ("cal", "convert", "{}", "--out", "{}.h5"),
     ("cal", "fit", "--board", "gelslim", "{}", "--out", "{}.o"),
-    ("cal", "operator", "--board", "gelslim", "--material", "{}", "--out", "{}.out"),
-    ("cal", "operator", "--board", "gelslim", "--relaxation", "{}", "--out", "{}.out"),
+    ("cal", "fit", "--only", "operator", "--board", "gelslim", "--material", "{}", "--out", "{}.out"),
+    ("cal", "fit", "--only", "operator", "--board", "gelslim", "--relaxation", "{}", "--out", "{}.out"),
     ("cal", "report", "{}", "--log", "{}", "--out", "{}.html"),
-    ("cal", "photometric", "{}", "--board", "gelslim", "--out", "{}.o"),
-    ("cal", "wrench", "{}", "--time", "t", "--features", "f*", "--wrench", "a,b,c,d,e,g", "--out", "{}.o"),
+    ("cal", "fit", "--only", "photometric", "{}", "--board", "gelslim", "--out", "{}.o"),
+    ("cal", "fit", "--only", "wrench", "{}", "--time", "t", "--features", "f*",
+     "--wrench", "a,b,c,d,e,g", "--out", "{}.o"),
 )  # fmt: skip
 
 
@@ -151,7 +153,9 @@ def _presses(chance: random.Random, folder: Path) -> None:
         (balls / "presses.csv").write_text("\n".join(lines))
     ball = ["--ball-mm", str(BALL_MM * chance.choice([0.001, 0.3, 1000]))] if kind == "ball" else []
     out = folder / "a.safetensors"
-    done = run_ruffini("cal", "photometric", balls, "--board", "gelslim", "--foreign", *ball, "--out", out)
+    done = run_ruffini(
+        "cal", "fit", "--only", "photometric", balls, "--board", "gelslim", "--foreign", *ball, "--out", out
+    )
     assert done.code in (1, 2), f"{kind}: exit code {done.code}"
     if done.code == 1:
         flashed = run_ruffini("cal", "flash", out)
@@ -162,7 +166,7 @@ def _presses(chance: random.Random, folder: Path) -> None:
 def _moduli(chance: random.Random, folder: Path) -> None:
     from ruffini.boards import find_board
     from ruffini.calibrate.gates import gates_of_modulus, verdict
-    from ruffini.calibrate.operator import Material, board_slab
+    from ruffini.estimators.operator.fit import Material, board_slab
 
     board = find_board(chance.choice(["gelslim", "gelsight-mini"]))
     slab = board_slab(board)
@@ -208,7 +212,7 @@ def _smaller(chance: random.Random, folder: Path) -> None:
             assert not other.exists(), "a key was written through a link"
     elif kind == "json":
         odd_file(chance, folder / "file")
-        done = run_ruffini("cal", "show", folder / "file", "--json")
+        done = run_ruffini("cal", "file", "show", folder / "file", "--json")
         said = json.loads(done.out)
         assert (said["exit_code"], bool(said["error"])) == (done.code, True), done
     else:
@@ -219,4 +223,4 @@ def _smaller(chance: random.Random, folder: Path) -> None:
         writer.release()
         data = path.read_bytes()
         path.write_bytes(data[: int(chance.uniform(0.1, 0.8) * len(data))])
-        refused("track", path, "--board", "gelslim")
+        refused("offline", "track", path, "--board", "gelslim")

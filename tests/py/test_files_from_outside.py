@@ -14,10 +14,10 @@ import pytest
 from command_line import refusal_in, run_ruffini
 from touch_log_file import Spoil, write_log
 
-from ruffini.calibrate.column_log import Columns, read_column_logs
-from ruffini.calibrate.material import log_of_touches
-from ruffini.calibrate.reference_log import read_wrench_csv
+from ruffini.calibrate.log.columns import Columns, read_column_logs
+from ruffini.calibrate.log.reference import read_wrench_csv
 from ruffini.errors import InputError
+from ruffini.estimators.material.fit import log_of_touches
 from ruffini.files import readable
 from ruffini.frames import read_frames
 from ruffini.rig.convert import convert
@@ -36,10 +36,11 @@ def pipe(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     "words",
     [
-        ("cal", "show", "{}"), ("cal", "verify", "{}"), ("cal", "merge", "{}", "{}", "--out", "{}.out"),
+        ("cal", "file", "show", "{}"), ("cal", "file", "verify", "{}"),
+         ("cal", "file", "merge", "{}", "{}", "--out", "{}.out"),
         ("cal", "flash", "{}"), ("export", "{}", "--out", "{}.csv"), ("plot", "{}"), ("recover", "{}", "{}.mcap"),
         ("replay", "--text", "{}"),
-        ("cal", "operator", "--board", "gelslim", "--material", "{}", "--out", "{}.out"),
+        ("cal", "fit", "--only", "operator", "--board", "gelslim", "--material", "{}", "--out", "{}.out"),
         ("cal", "fit", "--board", "gelslim", "{}", "--out", "{}.out"),
         ("cal", "report", "{}", "--log", "{}", "--out", "{}.html"),
         ("cal", "convert", "{}", "--out", "{}.h5"),
@@ -55,7 +56,7 @@ def test_what_is_read_whole_has_a_limit(tmp_path: Path) -> None:
     huge = tmp_path / "huge.safetensors"
     with huge.open("wb") as file:
         file.truncate(200 << 30)  # sparse: takes no room
-    done = run_ruffini("cal", "show", huge)
+    done = run_ruffini("cal", "file", "show", huge)
     assert (done.code, refusal_in(done.err)) == (
         2, f"ruffini: {huge} has 200.0 GiB, more than 1 GiB: is it the right file?",
     )  # fmt: skip
@@ -211,7 +212,7 @@ def test_half_a_video_is_not_a_shorter_one(tmp_path: Path) -> None:
 def test_too_few_pictures_for_rest_are_counted(tmp_path: Path) -> None:
     for i in range(3):
         cv2.imwrite(str(tmp_path / f"{i}.png"), np.full((240, 320, 3), 120, np.uint8))
-    done = run_ruffini("track", tmp_path, "--board", "gelslim")
+    done = run_ruffini("offline", "track", tmp_path, "--board", "gelslim")
     assert done.code == 2
     assert f"{tmp_path} has 3 pictures, rest is learned from" in refusal_in(done.err)
 
@@ -228,11 +229,13 @@ def test_a_touch_with_nan_is_named() -> None:
 def test_brackets_without_end(tmp_path: Path, text: str) -> None:
     path = csv_of(tmp_path / "deep.json", text)
     for option in ("--material", "--relaxation"):
-        done = run_ruffini("cal", "operator", "--board", "gelslim", option, path, "--out", tmp_path / "o")
+        done = run_ruffini(
+            "cal", "fit", "--only", "operator", "--board", "gelslim", option, path, "--out", tmp_path / "o"
+        )
         assert done.code == 2, done.err
         refusal_in(done.err)
 
 
 def test_json_of_a_refusal_is_one_object(pipe: Path) -> None:
-    done = run_ruffini("cal", "show", pipe, "--json")
+    done = run_ruffini("cal", "file", "show", pipe, "--json")
     assert json.loads(done.out)["exit_code"] == 2

@@ -32,6 +32,7 @@ T = TypeVar("T")
 
 ROOT = Path(__file__).resolve().parents[2]
 TESTS, PACKAGE = ROOT / "tests", Path(ruffini.__file__).resolve().parent
+PAPERS = PACKAGE.parent / "papers"
 SHA_BYTES = 32
 MAX_BYTES = 4 << 30  # of four versions of the code; the least recently used go first. An operator takes up to 210 MB
 
@@ -65,7 +66,7 @@ def sources(module: str) -> list[Path]:
     All of the host package where one of them imports by a name made at run time or starts a process, and where the
     module's own source is not known.
     """
-    found = set() if _file_of(module) else set(PACKAGE.rglob("*.py"))
+    found = set() if _file_of(module) else _every_source()
     to_read = [_file_of(module)]
     while to_read:
         path = to_read.pop()
@@ -74,15 +75,19 @@ def sources(module: str) -> list[Path]:
         found.add(path)
         names, is_open_ended = _imports(path)
         if is_open_ended:
-            found.update(PACKAGE.rglob("*.py"))
+            found.update(_every_source())
         to_read += [_file_of(name) for name in names]
     return sorted(found)
+
+
+def _every_source() -> set[Path]:
+    return {*PACKAGE.rglob("*.py"), *PAPERS.rglob("*.py")}
 
 
 @functools.cache
 def _file_of(module: str) -> Path | None:
     """A module's source, where it is one of the project's."""
-    if module.partition(".")[0] == PACKAGE.name:
+    if module.partition(".")[0] in (PACKAGE.name, PAPERS.name):
         path = PACKAGE.parent.joinpath(*module.split("."))
         return next((p for p in (path.with_suffix(".py"), path / "__init__.py") if p.is_file()), None)
     loaded = sys.modules.get(module)

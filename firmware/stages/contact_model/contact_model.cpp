@@ -113,7 +113,7 @@ Status ContactModel::load_sigma(const Calibration& c) {
   if (std::any_of(values.begin(), values.end(), [](int32_t v) { return v < 1 || v > kMaxShoreQ4; })) {
     return Error{ErrorKind::kBadInput,
                  "calibration file: contact_model.sigma is not within 1/16 to 100 Shore A: make "
-                 "it again with `ruffini cal contact --log`"};
+                 "it again with `ruffini cal fit --only contact --log`"};
   }
   for (size_t kind = 0; kind < 2; ++kind) {
     std::copy_n(values.begin() + static_cast<ptrdiff_t>(kind * kBands), kBands, sigma_q4_[kind].begin());
@@ -127,7 +127,7 @@ Status ContactModel::load_odds(const Calibration& c) {
   const auto values = odds.value()->as<int32_t>();
   if (std::any_of(values.begin(), values.end(), [](int32_t v) { return std::abs(int64_t{v}) > kMaxOdds; })) {
     return Error{ErrorKind::kBadInput,
-                 "calibration file: contact_model.odds is beyond 4096: make it again with `ruffini cal contact --log`"};
+                 "calibration file: contact_model.odds is beyond 4096: make it again with `ruffini cal fit --only contact --log`"};
   }
   std::copy(values.begin(), values.end(), odds_q12_.begin());
   return Unit{};

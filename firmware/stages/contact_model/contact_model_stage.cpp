@@ -22,7 +22,7 @@ class ContactModelStage final : public Stage {
   Status load(const Calibration& calibration) override {
     if (!calibration.has_kind("wrench")) {
       return Error{ErrorKind::kBadInput,
-                   "calibration file: contact_model without wrench: make it again with `ruffini cal contact --log`"};
+                   "calibration file: contact_model without wrench: make it again with `ruffini cal fit --only contact --log`"};
     }
     return keep(ContactModel::load(calibration), model_);
   }

@@ -1,7 +1,7 @@
 """How honest the stated uncertainty is: how often the truth lies within one and two sigma. SIMULATED.
 
 On states of their own (FRESH), whose mechanics and contacts the error model has never seen and on which nothing was
-chosen, on pads whose material is off by what `ruffini cal material` leaves, with white noise alone and with noise of
+chosen, on pads whose material is off by what `cal fit --only material` leaves, with white noise alone and with noise of
 long correlation beside it.
 
 A node counts where something is at stake: where it has, in truth or as reported, a force above 1/16 of the contact
@@ -20,14 +20,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.bench.states import State
-from ruffini.calibrate.error_model import NodePlaces
+from ruffini.estimators.operator.error_model import NodePlaces
 from ruffini.fem.uncertainty import NodeSample, at_stake
 from ruffini.sim.unit import PadError
 
 Array = npt.NDArray[np.float64]
 
-# What `cal material` leaves: pads that have, between them, the standard deviations 1 % of Poisson's ratio and 1.5 % of
-# the thickness; the modulus is drawn for every frame (a linear pad's forces are proportional to it).
+# `cal fit --only material` leaves pads that have, between them, the standard deviations 1 % of Poisson's ratio and
+# 1.5 % of the thickness; the modulus is drawn for every frame (a linear pad's forces are proportional to it).
 RESIDUAL_ERRORS = (
     PadError(poisson=1.014),
     PadError(poisson=0.986),

@@ -1,4 +1,4 @@
-"""The total force with the material that `ruffini cal material` finds, and the noise that the sensor has.
+"""The total force with the material that `ruffini cal fit --only material` finds, and the noise that the sensor has.
 
 SIMULATED. The noise is measured: displacement of untouched frames that the twin renders and the real front end reads
 (dots, a photometric table made of the twin's own ball presses, Poisson), whole fields of it, so with the correlation
@@ -20,13 +20,13 @@ import numpy.typing as npt
 from ruffini.bench.states import JUDGED, LIGHT_N, Recipe, State, Touch, make_states
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.error_model import node_places
-from ruffini.calibrate.material import fit_material, log_from_frames
-from ruffini.calibrate.operator import Material, board_slab, make_operator
-from ruffini.calibrate.pad_view import Pinhole
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import load_presses
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.estimators.material.fit import fit_material, log_from_frames
+from ruffini.estimators.operator.error_model import node_places
+from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
+from ruffini.estimators.photometric.pad_view import Pinhole
+from ruffini.estimators.photometric.presses import load_presses
 from ruffini.fem.operators import Noise
 from ruffini.sim.recording import record_balls
 from ruffini.sim.settings import TwinSettings
@@ -103,7 +103,7 @@ class Bench:
         return np.asarray(state.displacement + self.noise[rng.integers(len(self.noise))])
 
     def fit(self, error: PadError, rng: np.random.Generator) -> Material:
-        """What `cal material` makes of the logged presses on a pad."""
+        """What `cal fit --only material` makes of the logged presses on a pad."""
         places = node_places(board_slab(self.board), self.board.observed)
         seen, wrench = [], []
         states = make_states(self.board, LOGGED, LOGGED_DEPTHS_MM, error)

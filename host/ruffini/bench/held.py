@@ -1,4 +1,4 @@
-"""A pad that relaxes: `ruffini cal relaxation` on some held touches, judged on others. SIMULATED.
+"""A pad that relaxes: `ruffini cal fit --only relaxation` on some held touches, judged on others. SIMULATED.
 
 Everything as on a real sensor: the twin's gel relaxes (a Prony series), its frames go through the real front end, the
 fit sees them and a load cell's wrench, and what it finds goes into the calibration that the board then computes with.
@@ -20,9 +20,9 @@ import numpy.typing as npt
 from ruffini.bench.fitted import NOISE, colours_of
 from ruffini.boards import Board, parse_board
 from ruffini.calibrate import container
-from ruffini.calibrate.operator import Material, board_slab, make_operator
-from ruffini.calibrate.relaxation import RelaxationFit, fit_relaxation, log_from_recording
 from ruffini.core.pipeline import Pipeline
+from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+from ruffini.estimators.relaxation.fit import RelaxationFit, fit_relaxation, log_from_recording
 from ruffini.frames import read_frames
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.programs import Rest, Step, Touch
@@ -113,7 +113,7 @@ def run(board: Board, *, progress: Progress = lambda _: None) -> dict[str, Any]:
 
 
 def _calibration(board: Board, colours: dict[str, Any], fit: RelaxationFit | None) -> container.CalibrationFile:
-    """As `cal operator`, without or with `--relaxation`."""
+    """As `cal fit --only operator`, without or with `--relaxation`."""
     slab = board_slab(board)
     gain, (tensors, metadata) = (1.0, ({}, {})) if fit is None else (fit.gain, fit.tensors())
     kind = make_operator(
@@ -148,7 +148,7 @@ def table(result: dict[str, Any]) -> str:
     terms = ", ".join(f"{100 * t['part']:.1f} % in {t['time_s']:g} s" for t in fit["terms"])
     lines = [
         f"{result['board']}, SIMULATED: a gel that loses {100 * result['true_loss']:.0f} % of its first force; "
-        f"`cal relaxation` on {len(LOGGED)} held touches finds {terms}",
+        f"`cal fit --only relaxation` on {len(LOGGED)} held touches finds {terms}",
         f"{'held force, error':20}{'held':>8}{'at first':>12}{'at the end':>12}{'rms':>10}",
     ]
     for name, touches in result["rows"].items():

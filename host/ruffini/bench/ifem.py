@@ -21,11 +21,11 @@ from ruffini.bench.markers import LostMarkers
 from ruffini.bench.states import FRESH, JUDGED, LIGHT_N, TUNED, State, make_states
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.error_model import N_TOUCHES, node_places
-from ruffini.calibrate.marker_lattice import NodesOnLattice
-from ruffini.calibrate.operator import OperatorKind, board_slab, make_operator, second_pass
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, NOT_MEASURED, Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.operator.error_model import N_TOUCHES, node_places
+from ruffini.estimators.operator.fit import OperatorKind, board_slab, make_operator, second_pass
+from ruffini.estimators.operator.marker_lattice import NodesOnLattice
 from ruffini.fem.condense import condense
 from ruffini.fem.operators import Noise, ridge_operator
 from ruffini.fem.sparse import SparseEstimator
@@ -336,7 +336,7 @@ def strain_cost(
 
 
 def coverage_of(methods: Methods, depths: tuple[float, ...]) -> dict[str, Any]:
-    """How often the truth lies within the default's sigmas, on pads that `cal material` has fitted to 1 to 2 %."""
+    """How often the truth lies within the default's sigmas, on pads fitted by `cal fit --only material` to 1 to 2 %."""
     board, rng = methods.board, np.random.default_rng(11)
     counted = coverage.Coverage(methods.places, board.field.force_lsb_un * 1e-6, board.contact.threshold_un * 1e-6)
     for error in coverage.RESIDUAL_ERRORS:

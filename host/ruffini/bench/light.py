@@ -18,8 +18,8 @@ from ruffini.bench import warming
 from ruffini.bench.fitted import NOISE, colours_of
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.operator import make_operator
 from ruffini.core.pipeline import Frame, Pipeline
+from ruffini.estimators.operator.fit import make_operator
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.settings import TwinSettings
 from ruffini.sim.surface import wrench_of

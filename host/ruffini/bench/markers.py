@@ -1,7 +1,7 @@
 """Markers as the board uses them: lost ones are filled smoothly, nodes interpolate over the lattice.
 
 The float twin of the filling in firmware/image/field_repair.h; the bit-exact tests hold it to the core within rounding.
-The nodes: `ruffini.calibrate.marker_lattice`.
+The nodes: `ruffini.estimators.operator.marker_lattice`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
-from ruffini.calibrate.marker_lattice import NodesOnLattice
+from ruffini.estimators.operator.marker_lattice import NodesOnLattice
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]

@@ -19,8 +19,8 @@ from scipy.optimize import least_squares
 
 from ruffini.boards import Board
 from ruffini.boards.pictures import picture_board
-from ruffini.calibrate.presses import Press, PressSet
 from ruffini.errors import InputError
+from ruffini.estimators.photometric.presses import Press, PressSet
 from ruffini.frames import read_image
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.settings import TwinSettings

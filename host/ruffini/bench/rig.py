@@ -20,12 +20,12 @@ import numpy as np
 from ruffini.bench.fitted import NOISE
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.operator import make_operator
-from ruffini.calibrate.pad_view import Pinhole
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import load_presses
-from ruffini.demo.truth import Truth
+from ruffini.calibrate.auto.truth import Truth
 from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated, reach_of
+from ruffini.estimators.operator.fit import make_operator
+from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
+from ruffini.estimators.photometric.pad_view import Pinhole
+from ruffini.estimators.photometric.presses import load_presses
 from ruffini.rig.collect import collect
 from ruffini.rig.log_file import LogWriter, read_log
 from ruffini.rig.program import plan, span_of

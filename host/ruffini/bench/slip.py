@@ -16,8 +16,8 @@ import numpy.typing as npt
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.operator import make_operator
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, ContactRow, Pipeline
+from ruffini.estimators.operator.fit import make_operator
 from ruffini.fem.operators import Noise
 from ruffini.sim.contact import SLIPS, ContactSolver, Indenter, Pose
 from ruffini.sim.settings import load_twin

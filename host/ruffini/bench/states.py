@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.marker_lattice import marker_places
+from ruffini.estimators.operator.marker_lattice import marker_places
 from ruffini.sim.cache import cached_state
 from ruffini.sim.contact import ContactSolver, Indenter, Pose, advance_together
 from ruffini.sim.response import Response

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate import container
-from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
 from ruffini.core.pipeline import Frame, Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.threshold.fit import fit_contact_noise, linear_pressure
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.optics.settings import WarmingSettings
 from ruffini.sim.settings import TwinSettings, load_twin
@@ -92,7 +92,7 @@ class WarmingScene:
 
 
 def with_noise(board: Board, calibration: bytes, scene: WarmingScene) -> bytes:
-    """A calibration with the unit's touch noise, as `ruffini cal touch` measures it before the lamps warm up."""
+    """A calibration with the unit's touch noise, as `cal fit --only touch` measures it before the lamps warm up."""
     file, n_rest = container.unpack(calibration), board.pipeline.n_rest_frames
     pressure = linear_pressure(board, file, (scene.frame(0.0) for _ in range(N_NOISE + n_rest)))
     noise = fit_contact_noise(pressure, n_rest)

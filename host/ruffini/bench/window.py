@@ -16,9 +16,9 @@ from ruffini.bench.disturbance import HALF_WHITE_UM, WHITE_UM, Disturbance
 from ruffini.bench.states import Recipe, State, Touch, make_states
 from ruffini.boards import Board, parse_board
 from ruffini.calibrate import container
-from ruffini.calibrate.error_model import N_TOUCHES, node_places
-from ruffini.calibrate.operator import board_slab, make_operator
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.estimators.operator.error_model import N_TOUCHES, node_places
+from ruffini.estimators.operator.fit import board_slab, make_operator
 from ruffini.fem.operators import Noise
 from ruffini.wire.covariance import full_covariance
 

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ruffini import __version__
 from ruffini.boards import Board, find_board
 from ruffini.errors import InputError, RefusedError, VerifyError
 from ruffini.files import readable, write_whole
+from ruffini.version import __version__
 
 Tensors = dict[str, npt.NDArray[np.generic]]
 SIGNATURE = "zz_signature"

@@ -16,14 +16,14 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.calibrate.container import FAILED, PASSED, CalibrationFile
-from ruffini.calibrate.error_model import node_places
-from ruffini.calibrate.material import MIN_TOUCHES, MaterialFit
-from ruffini.calibrate.operator import Material, board_slab
-from ruffini.calibrate.skin_judge import REFERENCE, SAID
-from ruffini.calibrate.stages.job import HELD_S, Outcome, left_after
-from ruffini.calibrate.stages.material import left_out_figures
-from ruffini.calibrate.touch_log import TouchLog
+from ruffini.calibrate.fit.job import HELD_S, Outcome, left_after
+from ruffini.calibrate.log.touches import TouchLog
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
+from ruffini.estimators.material.fit import MIN_TOUCHES, MaterialFit
+from ruffini.estimators.material.stage import left_out_figures
+from ruffini.estimators.operator.error_model import node_places
+from ruffini.estimators.operator.fit import Material, board_slab
+from ruffini.estimators.skin.judge import REFERENCE, SAID
 from ruffini.files import readable
 
 Array = npt.NDArray[np.float64]
@@ -223,7 +223,7 @@ def gates_of_reference(of_logs: list[dict[str, Any]]) -> list[Gate]:
 
 
 def gates_of_material(fit: MaterialFit, board: Board) -> list[Gate]:
-    """Gates of a `cal material` run, without the rest of a calibration."""
+    """Gates of a `cal fit --only material` run, without the rest of a calibration."""
     return _of_material(fit) + gates_of_modulus(fit.material, board)
 
 
@@ -279,7 +279,7 @@ def verdict(gates: Sequence[Gate]) -> str:
 
 
 def gates_of_presses(report: dict[str, Any]) -> list[Gate]:
-    """Of ball presses (`cal photometric`): normals or depth of presses left out, and how many places were pressed."""
+    """Of ball presses (`cal fit --only photometric`): normals or depth of presses left out, number of places."""
     gates = [_at_least("places", report["n_places"], MIN_PLACES, "different places or depths")]
     if "held_out_normal_median_deg" in report:
         gates += gates_of_stages({"photometric": Outcome("fitted", "", report)})
@@ -294,24 +294,24 @@ def gates_of_presses(report: dict[str, Any]) -> list[Gate]:
 
 
 def gates_of_noise(report: dict[str, Any], board: Board) -> list[Gate]:
-    """Of `cal touch`: what it takes for a touch is no more than the board's own threshold."""
+    """Of `cal fit --only touch`: what it takes for a touch is no more than the board's own threshold."""
     return [_at_most("touch noise", report["alone_mn"], board.contact.threshold_un * 1e-3, "mN on one node")]
 
 
 def gates_of_camera(report: dict[str, Any]) -> list[Gate]:
-    """Of `cal camera`, of one view or several."""
+    """Of `cal fit --only camera`, of one view or several."""
     views = report["views"] if isinstance(report["views"], list) else [report]
     worst = max(view["residual_px"] for view in views)
     return [_at_most("camera", worst, MAX_CAMERA_PX, "px RMS of the target's points")]
 
 
 def gates_of_dark(report: dict[str, Any]) -> list[Gate]:
-    """Of `cal dark`."""
+    """Of `cal fit --only dark`."""
     return [_at_most("dark level", max(report["level_bgr"]), MAX_DARK, "grey levels with the lamps off")]
 
 
 def gates_of_relaxation(report: dict[str, Any]) -> list[Gate]:
-    """Of `cal relaxation`."""
+    """Of `cal fit --only relaxation`."""
     left = report["rmse_after_n"] / max(report["rmse_before_n"], 1e-9)
     return [
         _at_most("relaxation", left, 1.0, "times the force error without it"),
@@ -320,7 +320,7 @@ def gates_of_relaxation(report: dict[str, Any]) -> list[Gate]:
 
 
 def gates_of_fit_file(path: Path) -> list[Gate] | None:
-    """What a file of `cal material` or `cal relaxation` says of its gates; None where it says nothing."""
+    """What a file of `cal fit --only material` or `relaxation` says of its gates; None where it says nothing."""
     try:
         return [Gate(**row) for row in json.loads(readable(path).read_text())["gates"]]
     except (OSError, ValueError, KeyError, TypeError):
@@ -328,7 +328,7 @@ def gates_of_fit_file(path: Path) -> list[Gate] | None:
 
 
 def gates_of_tip(report: dict[str, Any]) -> list[Gate]:
-    """Of `cal fingertip`."""
+    """Of `cal fit --only fingertip`."""
     off = report["mean_error_of_presses_left_out"]["both"]["force_n"]
     return [
         _at_least("presses", report["n_presses"], MIN_PRESSES, "presses"),

@@ -1,8 +1,14 @@
-"""The tree of commands: one line per verb or group."""
+"""The tree of commands: one line per verb, in the groups of the help."""
 
 from __future__ import annotations
 
+import functools
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any
+
 import typer
+from typer.core import TyperCommand
 
 from ruffini.cli import (
     auto,
@@ -15,11 +21,11 @@ from ruffini.cli import (
     contact,
     dark,
     demo,
+    design,
     device,
     doctor,
     eeprom,
     evaluate,
-    experiment,
     fingertip,
     fit,
     flash,
@@ -31,6 +37,7 @@ from ruffini.cli import (
     offline,
     recording,
     report,
+    reproduce,
     rerun,
     ros2,
     sim,
@@ -38,9 +45,60 @@ from ruffini.cli import (
     touch,
     train,
     udev,
+    validate,
     view,
     wrench,
 )
+from ruffini.cli.one_of import register
+
+USE, CALIBRATE, JUDGE, SIMULATE, MAINTAIN = ("Use", "Calibrate", "Judge", "Simulate", "Maintain")
+Function = Callable[..., None]
+
+# Stages that `cal fit --only` fits to something else than a log of touches: each with options of its own.
+OWN_FITS: dict[str, Function] = {
+    "operator": cal.operator,
+    "material": cal.material,
+    "relaxation": cal.fit_relaxation_of_log,
+    "photometric": cal.photometric,
+    "camera": camera.camera,
+    "dark": dark.dark,
+    "contact": contact.contact,
+    "touch": touch.touch,
+    "wrench": wrench.wrench,
+    "skin": skin.skin,
+    "fingertip": fingertip.fingertip,
+}
+
+
+class Fit(TyperCommand):
+    """`cal fit`; after `--only STAGE` the options of that stage's own fit, where it has one."""
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        for i, word in enumerate(args):
+            stage = word.removeprefix("--only=") if word.startswith("--only=") else "".join(args[i + 1 : i + 2])
+            if word.partition("=")[0] == "--only" and stage in OWN_FITS:
+                rest = args[:i] + args[i + 1 + ("=" not in word) :]
+                own = typer.Typer(add_completion=False)
+                own.command(stage)(OWN_FITS[stage])
+                return typer.main.get_command(own).make_context(f"fit --only {stage}", rest, parent=parent, **extra)
+        return super().make_context(info_name, args, parent=parent, **extra)
+
+
+def _add(group: typer.Typer, verbs: Mapping[str, Function], panel: str | None = None) -> None:
+    for name, function in verbs.items():
+        group.command(name, rich_help_panel=panel)(function)
+
+
+def told(old: str, new: str, function: Function) -> Function:
+    """`function` under the name of the release before: it prints the new one on stderr first."""
+
+    @functools.wraps(function)
+    def run(*args: Any, **values: Any) -> None:
+        print(f"ruffini: `{old}` is now `ruffini {new}`", file=sys.stderr)
+        function(*args, **values)
+
+    return run
+
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -50,48 +108,102 @@ app = typer.Typer(
     "130 interrupted.",
 )
 app.callback()(device.common_options)
-app.command("devices")(device.devices)
-app.command("info")(device.info)
-app.command("monitor")(monitor.monitor)
-app.command("record")(device.record)
-app.command("latency")(latency.latency)
-app.command("replay")(recording.replay)
-app.command("export")(recording.export)
-app.command("plot")(recording.plot)
-app.command("recover")(recording.recover)
-app.command("snapshot")(device.snapshot)
-app.command("view")(view.view)
-app.command("live")(live.live)
-app.command("rerun")(rerun.rerun)
-app.command("track")(offline.track)
-app.command("depth")(offline.depth)
-app.command("field")(offline.field)
-cal.app.command("camera")(camera.camera)
-cal.app.command("dark")(dark.dark)
-cal.app.command("contact")(contact.contact)
-cal.app.command("touch")(touch.touch)
-cal.app.command("wrench")(wrench.wrench)
-cal.app.command("collect")(collect.collect)
-cal.app.command("skin")(skin.skin)
-cal.app.command("fingertip")(fingertip.fingertip)
-cal.app.command("convert")(collect.convert)
-cal.app.command("fit")(fit.fit)
-cal.app.command("flash")(flash.flash)
-cal.app.command("undo")(flash.undo)
-cal.app.command("report")(report.report)
-cal.app.command("auto")(auto.auto)
-cal.app.command("check")(check.check)
-cal.app.command("fleet")(fleet.fleet)
-app.add_typer(cal.app, name="cal")
-app.add_typer(sim.app, name="sim")
-app.add_typer(bench.app, name="bench")
-app.add_typer(evaluate.app, name="eval")
-board.app.add_typer(eeprom.app, name="eeprom")
-app.add_typer(board.app, name="board")
-app.add_typer(train.app, name="train")
-app.add_typer(key.app, name="key")
-app.add_typer(ros2.app, name="ros2")
-app.add_typer(udev.app, name="udev")
-app.command("doctor")(doctor.doctor)
-app.command("demo")(demo.demo)
-app.command("reproduce")(experiment.reproduce)
+_add(
+    app,
+    {
+        "devices": device.devices,
+        "info": device.info,
+        "monitor": monitor.monitor,
+        "view": view.view,
+        "live": live.live,
+        "snapshot": device.snapshot,
+        "record": device.record,
+        "replay": recording.replay,
+        "export": recording.export,
+        "plot": recording.plot,
+        "recover": recording.recover,
+        "rerun": rerun.rerun,
+        "latency": latency.latency,
+    },
+    panel=USE,
+)
+register(
+    app, "ros2", "The stream in ROS 2.", {"bridge": ros2.bridge, "urdf": ros2.urdf, "messages": ros2.messages},
+    rich_help_panel=USE,
+)  # fmt: skip
+
+calibration = typer.Typer(no_args_is_help=True, help="Calibrate a sensor: collect, fit, judge, flash.")
+_add(calibration, {"auto": auto.auto, "collect": collect.collect, "convert": collect.convert})
+calibration.command("fit", cls=Fit)(fit.fit)
+_add(
+    calibration,
+    {
+        "report": report.report,
+        "check": check.check,
+        "flash": flash.flash,
+        "undo": flash.undo,
+        "zero": cal.zero,
+        "fleet": fleet.fleet,
+    },
+)
+register(calibration, "file", "Calibration files.", {"show": cal.show, "verify": cal.verify, "merge": cal.merge})
+app.add_typer(calibration, name="cal", rich_help_panel=CALIBRATE)
+
+register(
+    app, "eval", "Judge on your own recordings.",
+    {"markers": evaluate.markers, "wrench": evaluate.wrench, "real": evaluate.real,
+     "photometric": evaluate.photometric, "flow": evaluate.flow},
+    rich_help_panel=JUDGE,
+)  # fmt: skip
+register(
+    app, "bench", "Judge on the digital twin.",
+    {"ifem": bench.ifem, "slip": bench.slip, "held": bench.held, "touch": bench.touch, "light": bench.light,
+     "health": bench.health, "presses": bench.presses, "rig": bench.rig, "auto": bench.auto, "fleet": bench.fleet,
+     "mechanics": validate.validate, "twin": sim.bench},
+    {"papers": told("bench papers", "reproduce BOARD --only method", reproduce.papers_of_bench)},
+    rich_help_panel=JUDGE,
+)  # fmt: skip
+register(
+    app, "offline", "The device's arithmetic on pictures and tables.",
+    {"track": offline.track, "depth": offline.depth, "field": offline.field},
+    rich_help_panel=JUDGE,
+)  # fmt: skip
+app.command("reproduce", rich_help_panel=JUDGE)(reproduce.reproduce)
+
+twin = typer.Typer(no_args_is_help=True, help="The digital twin: simulated recordings with their truth.")
+_add(twin, {"press": sim.press, "dataset": sim.dataset, "serve": sim.serve, "design": design.design})
+app.add_typer(twin, name="sim", rich_help_panel=SIMULATE)
+app.command("demo", rich_help_panel=SIMULATE)(demo.demo)
+
+app.command("doctor", rich_help_panel=MAINTAIN)(doctor.doctor)
+register(
+    app, "board", "Board folders, and the EEPROMs that name a board or a gel.",
+    {"check": board.check, "show": board.show, "list": board.list_, "eeprom": eeprom.eeprom},
+    rich_help_panel=MAINTAIN,
+)  # fmt: skip
+register(
+    app, "key", "Owners' signing keys: a sensor with an enrolled one takes that owner's files only.",
+    {"new": key.new, "show": key.show, "enrol": key.enrol, "sign": key.sign},
+    rich_help_panel=MAINTAIN,
+)  # fmt: skip
+register(
+    app, "udev", "This computer's rules for sensors on USB.", {"install": udev.install, "show": udev.show},
+    rich_help_panel=MAINTAIN,
+)  # fmt: skip
+networks = typer.Typer(no_args_is_help=True, help="Train networks on the digital twin (needs PyTorch).")
+_add(networks, {"displacement": train.displacement, "stereo": train.stereo})
+app.add_typer(networks, name="train", rich_help_panel=MAINTAIN)
+
+
+def _renamed(group: typer.Typer, verbs: Mapping[str, Function], old: str, new: str) -> None:
+    """Names of the release before, which help does not show; {} stands for each."""
+    for name, function in verbs.items():
+        group.command(name, hidden=True)(told(old.format(name), new.format(name), function))
+
+
+_renamed(calibration, OWN_FITS, "cal {}", "cal fit --only {}")
+_renamed(calibration, {"show": cal.show, "verify": cal.verify, "merge": cal.merge}, "cal {}", "cal file {}")
+_renamed(app, {"track": offline.track, "depth": offline.depth, "field": offline.field}, "{}", "offline {}")
+_renamed(twin, {"validate": validate.validate}, "sim {}", "bench mechanics")
+_renamed(twin, {"bench": sim.bench}, "sim {}", "bench twin")
+_renamed(twin, {"reproduce": reproduce.sim_reproduce}, "sim {}", "reproduce BOARD --only recordings")

@@ -16,9 +16,9 @@ from ruffini.errors import InputError, RefusedError
 
 if TYPE_CHECKING:
     from ruffini.boards import Board
+    from ruffini.calibrate.auto.run import Opened, Site
+    from ruffini.calibrate.auto.tasks import Task
     from ruffini.calibrate.container import CalibrationFile
-    from ruffini.demo.auto import Opened, Site
-    from ruffini.demo.auto_tasks import Task
 
 SIMULATED = "sim"
 
@@ -33,7 +33,9 @@ def auto(
     previous: Annotated[
         Path | None, typer.Option(help="Calibration that is in force now: kept where the new one is no better.")
     ] = None,
-    points: Annotated[Path | None, typer.Option(help="Known points of a tube's lens, as of `cal skin`.")] = None,
+    points: Annotated[
+        Path | None, typer.Option(help="Known points of a tube's lens, as of `cal fit --only skin`.")
+    ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few touches: for a first look and for CI.")] = False,
     depth_mm: Annotated[
         float | None, typer.Option(min=0.05, max=10, help="Deepest press below the contact. Default: the estimator's.")
@@ -50,9 +52,9 @@ def auto(
     note(f"cal auto: board {board}, {'the simulated bench' if rig == SIMULATED else f'bench {rig}'}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container, keys
-    from ruffini.demo.auto import Auto
-    from ruffini.demo.auto_page import headline
-    from ruffini.demo.auto_tasks import task_of
+    from ruffini.calibrate.auto.page import headline
+    from ruffini.calibrate.auto.run import Auto
+    from ruffini.calibrate.auto.tasks import task_of
 
     found = find_board(board)
     if "fingertip" in found.pipeline.stages:
@@ -87,12 +89,12 @@ def _fingertip(
 ) -> None:
     """A fingertip is turned under several tools: only the twin's bench does that by itself."""
     from ruffini.calibrate import container
-    from ruffini.demo.auto_tip import TipAuto, eyes_apart_mm
+    from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm
 
     if rig != SIMULATED:
         raise InputError(
             f"board {board.name!r} is pressed by several tools while it is turned under them, which no machine of "
-            "`cal auto` does: record such presses and use `ruffini cal fingertip`; --rig sim plays it on the twin"
+            "`cal auto` does: use `ruffini cal fit --only fingertip`; --rig sim plays it on the twin"
         )
     before = None if previous is None else container.read(previous)
     if before is not None:
@@ -113,8 +115,8 @@ def _fingertip(
 
 
 def _simulated(board: Board, task: Task, folder: Path, depth_m: float, shear_m: float, number: int) -> Site:
-    from ruffini.demo.auto import Opened, Site
-    from ruffini.demo.truth import Truth
+    from ruffini.calibrate.auto.run import Opened, Site
+    from ruffini.calibrate.auto.truth import Truth
     from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated, reach_of
     from ruffini.rig.program import BY_STAGE, INDENTERS
     from ruffini.rig.session import ready_bench
@@ -144,8 +146,8 @@ def _points(board: Board, folder: Path) -> Path | None:
     """A twin's known points, as a person reads them off its picture; only a tube's lens needs them."""
     if board.skin is None or board.skin.shape != "tube":
         return None
-    from ruffini.bench.experiments.glowing_skin import known_points
     from ruffini.files import write_whole
+    from ruffini.sim.optics.known_points import known_points
 
     path, rows = folder / "points.csv", (",".join(f"{v:.3f}" for v in row) for row in known_points(board))
     write_whole(path, "\n".join(["x_px,y_px,z_mm", *rows, ""]).encode())
@@ -165,7 +167,7 @@ def _real(
     board: Board, task: Task, path: Path, depth_m: float, shear_m: float, previous: CalibrationFile | None,
     points: Path | None, folder: Path, *, is_forced: bool,
 ) -> Site:  # fmt: skip
-    from ruffini.demo.auto import Opened, Site
+    from ruffini.calibrate.auto.run import Opened, Site
     from ruffini.files import write_whole
     from ruffini.rig.person import TerminalPerson
     from ruffini.rig.program import BY_STAGE, INDENTERS
@@ -177,7 +179,7 @@ def _real(
     if task.program == INDENTERS:
         raise InputError(
             f"board {board.name!r} is fitted on indenters of many sizes and hardnesses, and `cal auto` does not know "
-            "yet which ones your bench has: use `ruffini cal contact`, or --rig sim"
+            "yet which ones your bench has: use `ruffini cal fit --only contact`, or --rig sim"
         )
     if task.stage == "operator" and (settings.tip is None or settings.tip.shape != "sphere"):
         raise InputError(f"{path}: `cal auto` learns the colours from a ball: give [tip] shape = 'sphere', diameter_mm")

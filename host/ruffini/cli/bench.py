@@ -10,15 +10,7 @@ import typer
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 from ruffini.errors import InputError
 
-app = typer.Typer(no_args_is_help=True, help="Benchmarks on the digital twin: our methods and the papers'.")
 
-
-@app.callback()
-def bench() -> None:
-    """Our methods and the papers' on the same simulated truth."""
-
-
-@app.command("ifem")
 def ifem(
     board: BoardOption,
     quick: Annotated[bool, typer.Option("--quick", help="One depth, one seed, no model errors.")] = False,
@@ -48,7 +40,6 @@ def ifem(
     emit(result, json_, text)
 
 
-@app.command("slip")
 def slip(
     board: BoardOption,
     quick: Annotated[bool, typer.Option("--quick", help="Four contacts, two seeds, one noise.")] = False,
@@ -72,9 +63,8 @@ def slip(
     emit(result, json_, text)
 
 
-@app.command("held")
 def held(board: BoardOption, json_: JsonFlag = False) -> None:
-    """A gel that relaxes: the force of held touches before and after `cal relaxation` on other ones."""
+    """A gel that relaxes: the force of held touches before and after `cal fit --only relaxation` on other ones."""
     note(f"bench held: board {board}")
     from ruffini.bench import held as benchmark
     from ruffini.boards import find_board
@@ -85,7 +75,6 @@ def held(board: BoardOption, json_: JsonFlag = False) -> None:
     emit(result, json_, benchmark.table(result))
 
 
-@app.command("touch")
 def touch(board: BoardOption, json_: JsonFlag = False) -> None:
     """First touch: frames and newtons until it is reported, and false contacts on the untouched pad."""
     note(f"bench touch: board {board}")
@@ -97,7 +86,6 @@ def touch(board: BoardOption, json_: JsonFlag = False) -> None:
     emit(result, json_, benchmark.table(result))
 
 
-@app.command("light")
 def light(board: BoardOption, json_: JsonFlag = False) -> None:
     """Drifting lamps before and after they are followed, a contact held for minutes, and how late a touch is seen."""
     note(f"bench light: board {board}")
@@ -110,7 +98,6 @@ def light(board: BoardOption, json_: JsonFlag = False) -> None:
     emit(result, json_, benchmark.table(result))
 
 
-@app.command("health")
 def health(
     board: BoardOption,
     calibration: Annotated[
@@ -139,7 +126,6 @@ def health(
         raise typer.Exit(1)
 
 
-@app.command("presses")
 def presses(
     folder: Annotated[Path, typer.Argument(help="Recorded ball presses: reference.png, presses.csv, images.")],
     ball_mm: Annotated[
@@ -152,7 +138,7 @@ def presses(
     """The twin's picture of a ball press beside recorded ones: lamps fitted on half of them, judged on the others."""
     note("bench presses ...")
     from ruffini.bench import presses as comparison
-    from ruffini.calibrate.presses import load_presses
+    from ruffini.estimators.photometric.presses import load_presses
 
     recorded = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm)
     with progress_bar("presses") as progress:
@@ -160,40 +146,6 @@ def presses(
     emit(result, json_, text)
 
 
-@app.command("papers")
-def papers(
-    board: Annotated[
-        str | None, typer.Option("--board", help="One board, by name or folder; default: every board with a paper.")
-    ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="The quick subset of each bench.")] = False,
-    workers: Annotated[int, typer.Option(min=1, help="Processes of this machine, for the recordings.")] = 1,
-    recordings: Annotated[
-        Path | None, typer.Option("--recordings", help="Folder of ruffini sim reproduce, with --board.")
-    ] = None,
-    freeze: Annotated[
-        bool, typer.Option("--freeze", help="Write the figures and the settings' digest to the board's frozen.toml.")
-    ] = False,
-    json_: JsonFlag = False,
-) -> None:
-    """The papers' own methods on the twin, beside what the papers print. Recordings are kept and gone on with."""
-    note(f"bench papers: board {board}")
-    if recordings is not None and board is None:
-        raise InputError("--recordings are of one board: say which with --board")
-    from ruffini.bench import papers as benchmark
-    from ruffini.boards import board_names, boards_folder, find_board
-
-    with_paper = [name for name in board_names() if (boards_folder() / name / "reproduce.toml").is_file()]
-    results = []
-    for one in map(find_board, [board] if board else with_paper):
-        with progress_bar(one.name) as progress:
-            result = benchmark.run(one, quick=quick, folder=recordings, n_workers=workers, progress=progress)
-        if freeze:
-            result["frozen"] = bool(benchmark.freeze(one, result))
-        results.append(result)
-    emit({"simulated": True, "boards": results}, json_, "\n\n".join(benchmark.table(r) for r in results))
-
-
-@app.command("rig")
 def rig(
     board: BoardOption,
     n: Annotated[int | None, typer.Option("--n", min=1, help="Touches. Default: 20, with --quick 4.")] = None,
@@ -218,20 +170,18 @@ def rig(
     emit(result, json_, benchmark.table(result))
 
 
-@app.command("auto")
 def auto(
     folders: Annotated[list[Path], typer.Argument(metavar="FOLDER...", help="--out of finished runs of `cal auto`.")],
     json_: JsonFlag = False,
 ) -> None:
     """Runs of `cal auto` in one table: presses, time, error before and after, clocks."""
     note("bench auto ...")
-    from ruffini.demo.auto_page import table_of
+    from ruffini.calibrate.auto.page import table_of
 
     results, text = table_of(folders)
     emit({"runs": results}, json_, text)
 
 
-@app.command("fleet")
 def fleet(
     board: BoardOption,
     recordings: Annotated[Path, typer.Option("--recordings", help="Folder of the units' recordings; kept there.")],

@@ -8,10 +8,7 @@ import typer
 
 from ruffini.cli.common import JsonFlag, emit
 
-app = typer.Typer(no_args_is_help=True, help="Board folders: check, show, list.")
 
-
-@app.command("check")
 def check(board: Annotated[str, typer.Argument(help="Board name, or a folder.")], json_: JsonFlag = False) -> None:
     """Read board.toml as the firmware does."""
     from ruffini.boards import find_board
@@ -20,7 +17,6 @@ def check(board: Annotated[str, typer.Argument(help="Board name, or a folder.")]
     emit({"board": found.name, "ok": True}, json_, f"{found.name}: ok")
 
 
-@app.command("show")
 def show(board: Annotated[str, typer.Argument(help="Board name, or a folder.")], json_: JsonFlag = False) -> None:
     """Print a board's settings."""
     from ruffini.boards import find_board
@@ -29,7 +25,6 @@ def show(board: Annotated[str, typer.Argument(help="Board name, or a folder.")],
     emit(found.model_dump(by_alias=True), json_, found.text)
 
 
-@app.command("list")
 def list_(json_: JsonFlag = False) -> None:
     """Names of the boards that come with ruffini."""
     from ruffini.boards import board_names

@@ -17,14 +17,10 @@ from ruffini.errors import InputError
 if TYPE_CHECKING:
     from ruffini.boards import Board
     from ruffini.calibrate.container import CalibrationFile
-    from ruffini.calibrate.operator import Material
-    from ruffini.calibrate.presses import PressSet
+    from ruffini.estimators.operator.fit import Material
+    from ruffini.estimators.photometric.presses import PressSet
     from ruffini.fem.operators import Noise
 
-app = typer.Typer(
-    no_args_is_help=True,
-    help="Calibration: operator, material, relaxation, photometric, flash, undo, verify, zero, show, merge.",
-)
 
 OutOption = Annotated[Path, typer.Option("--out", help="Calibration file to write.")]
 FILE = typer.Argument(help="Calibration file.")
@@ -40,7 +36,6 @@ def _micrometres(text: str) -> tuple[float, float, float]:
     return values[0], values[1], values[2]
 
 
-@app.command("operator")
 def operator(
     board: BoardOption,
     out: OutOption,
@@ -63,10 +58,11 @@ def operator(
     ] = "1e-4",
     plot: Annotated[Path | None, typer.Option(help="ridge: picture (PNG) of the curves behind the weight.")] = None,
     material: Annotated[
-        Path | None, typer.Option(help="File of `cal material`: E, Poisson's ratio, thickness as measured.")
+        Path | None, typer.Option(help="File of `cal fit --only material`: E, Poisson's ratio, thickness as measured.")
     ] = None,
     relaxation: Annotated[
-        Path | None, typer.Option(help="File of `cal relaxation`: what the pad loses under a held strain (support).")
+        Path | None,
+        typer.Option(help="File of `cal fit --only relaxation`: what the pad loses under a held strain (support)."),
     ] = None,
     strain: Annotated[
         str,
@@ -85,10 +81,10 @@ def operator(
     from ruffini.boards import find_board
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import gates_of_fit_file, manifest_of
-    from ruffini.calibrate.gauge import gauge_uncertainty_m
-    from ruffini.calibrate.material import read_material, read_stiffness_sigma
-    from ruffini.calibrate.operator import Material, board_slab, make_operator
-    from ruffini.calibrate.relaxation import read_relaxation
+    from ruffini.estimators.material.fit import read_material, read_stiffness_sigma
+    from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+    from ruffini.estimators.operator.gauge import gauge_uncertainty_m
+    from ruffini.estimators.relaxation.fit import read_relaxation
     from ruffini.fem.operators import Noise
 
     start = time.perf_counter()
@@ -169,7 +165,7 @@ def _ridge_weight(
     board: Board, material: Material | None, noise: Noise, method: str, weight: str, plot: Path | None
 ) -> tuple[float, dict[str, float]]:
     """The weight that --weight names, and what is to be said of it where it had to be looked for."""
-    from ruffini.calibrate.operator import board_slab
+    from ruffini.estimators.operator.fit import board_slab
     from ruffini.fem.ridge_weight import RULES, picture, weight_curve
 
     is_rule = weight in RULES
@@ -191,11 +187,10 @@ def _ridge_weight(
     return value, {"weight": value, "force_error": curve.error_at(value), "force_error_raw": curve.raw_error}
 
 
-@app.command("material")
 def material(
     log: Annotated[Path, typer.Option("--log", help="Recording of touches: video, or folder of frames.")],
     calibration: Annotated[Path, typer.Option("--calibration", help="File with operator, support and colours.")],
-    out: Annotated[Path, typer.Option("--out", help="JSON to write, for `cal operator --material`.")],
+    out: Annotated[Path, typer.Option("--out", help="JSON to write, for `cal fit --only operator --material`.")],
     reference: Annotated[
         Path | None,
         typer.Option(
@@ -210,9 +205,9 @@ def material(
     note(f"cal material: board {board}")
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import gates_of_material
-    from ruffini.calibrate.gauge import gauge_uncertainty_m
-    from ruffini.calibrate.material import fit_material, log_from_recording
-    from ruffini.calibrate.reference_log import write_fit
+    from ruffini.calibrate.log.reference import write_fit
+    from ruffini.estimators.material.fit import fit_material, log_from_recording
+    from ruffini.estimators.operator.gauge import gauge_uncertainty_m
     from ruffini.fem.operators import Noise
 
     file = container.read(calibration)
@@ -236,20 +231,19 @@ def material(
         f"force RMSE {before:.1f} -> {after:.1f} mN"
     )
     if plot is not None:
-        from ruffini.calibrate.material_picture import residuals
+        from ruffini.estimators.material.picture import residuals
 
         residuals(plot, fit, title=f"{found.name}: material from {log.name}")
         text += f"\n{plot}"
     emit_judged({"file": str(out), **report}, gates, json_, text)
 
 
-@app.command("relaxation")
 def fit_relaxation_of_log(
     log: Annotated[Path, typer.Option("--log", help="Recording of touches held for seconds: video, or frames.")],
     calibration: Annotated[Path, typer.Option("--calibration", help="File with operator, support and colours.")],
-    out: Annotated[Path, typer.Option("--out", help="JSON to write, for `cal operator --relaxation`.")],
+    out: Annotated[Path, typer.Option("--out", help="JSON to write, for `cal fit --only operator --relaxation`.")],
     reference: Annotated[
-        Path | None, typer.Option(help="CSV, a row a frame, as of `cal material` (default: wrench.csv).")
+        Path | None, typer.Option(help="CSV, a row a frame, as of `cal fit --only material` (default: wrench.csv).")
     ] = None,
     board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
     json_: JsonFlag = False,
@@ -258,8 +252,8 @@ def fit_relaxation_of_log(
     note(f"cal relaxation: board {board}")
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import gates_of_relaxation
-    from ruffini.calibrate.reference_log import write_fit
-    from ruffini.calibrate.relaxation import fit_relaxation, log_from_recording
+    from ruffini.calibrate.log.reference import write_fit
+    from ruffini.estimators.relaxation.fit import fit_relaxation, log_from_recording
 
     file = container.read(calibration)
     found = container.board_of(file, board)
@@ -275,7 +269,6 @@ def fit_relaxation_of_log(
          f"force RMSE {1e3 * fit.rmse_before_n:.1f} -> {1e3 * fit.rmse_after_n:.1f} mN")  # fmt: skip
 
 
-@app.command("photometric")
 def photometric(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Ball presses: reference.png, images.")],
     board: BoardOption,
@@ -287,11 +280,13 @@ def photometric(
     ] = None,
     camera: Annotated[
         Path | None,
-        typer.Option(help="File of `cal camera`: where each pixel looks, in place of board.toml's pinhole."),
+        typer.Option(help="File of `cal fit --only camera`: where each pixel looks, in place of board.toml's pinhole."),
     ] = None,
     dark: Annotated[
         Path | None,
-        typer.Option(help="File of `cal dark`, where the sensor will have it too: give both to `cal flash`."),
+        typer.Option(
+            help="File of `cal fit --only dark`, where the sensor will have it too: give both to `cal flash`."
+        ),
     ] = None,
     foreign: Annotated[
         bool,
@@ -311,10 +306,10 @@ def photometric(
     note(f"cal photometric: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.fit_presses import fit_presses
     from ruffini.calibrate.gates import gates_of_presses, manifest_of
-    from ruffini.calibrate.pad_view import pad_view
-    from ruffini.calibrate.presses import load_presses
+    from ruffini.estimators.photometric.fitted import fit_presses
+    from ruffini.estimators.photometric.pad_view import pad_view
+    from ruffini.estimators.photometric.presses import load_presses
 
     found = find_board(board)
     measured = None if camera is None else _camera_of(camera, found)
@@ -338,7 +333,7 @@ def photometric(
 
 def _less_dark(presses: PressSet, path: Path, board: Board) -> PressSet:
     from ruffini.calibrate import container, keys
-    from ruffini.calibrate.dark import dark_of
+    from ruffini.estimators.camera.dark import dark_of
 
     file = keys.read_verified(path)
     container.check_board(file, board)
@@ -355,11 +350,10 @@ def _camera_of(path: Path, board: Board) -> CalibrationFile:
     file = keys.read_verified(path)
     container.check_board(file, board)
     if "camera.rays" not in file.tensors:
-        raise InputError(f"{path} holds no camera: make one with `ruffini cal camera`")
+        raise InputError(f"{path} holds no camera: make one with `ruffini cal fit --only camera`")
     return file
 
 
-@app.command("merge")
 def merge(
     files: Annotated[list[Path], typer.Argument(help="Calibration files; later ones win.")],
     out: OutOption,
@@ -373,7 +367,6 @@ def merge(
     emit({"file": str(out), "kinds": merged.kinds}, json_, f"{out}: {', '.join(merged.kinds)}")
 
 
-@app.command("verify")
 def verify(
     file: Annotated[Path, FILE],
     board: Annotated[str | None, typer.Option(help="Also: is it for this board, and does the core take it?")] = None,
@@ -392,7 +385,6 @@ def verify(
          f"{file}: {', '.join(read.kinds)} for {read.metadata['board']}, signed by {signer}")  # fmt: skip
 
 
-@app.command("show")
 def show(file: Annotated[Path, FILE], json_: JsonFlag = False) -> None:
     """Print what a calibration file says of itself."""
     from ruffini.calibrate import container
@@ -405,7 +397,6 @@ def show(file: Annotated[Path, FILE], json_: JsonFlag = False) -> None:
     emit({"metadata": read.metadata, "tensors": tensors, "sha256": read.sha256.hex()}, json_, text)
 
 
-@app.command("zero")
 def zero(
     n: Annotated[int, typer.Option("--n", min=0, help="Frames to average (0 = the board's own number).")] = 0,
     touched: Annotated[

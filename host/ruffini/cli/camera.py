@@ -1,4 +1,4 @@
-"""ruffini cal camera."""
+"""ruffini cal fit --only camera."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ruffini.errors import InputError
 
 if TYPE_CHECKING:
     from ruffini.boards import Board
-    from ruffini.calibrate.targets import Target
+    from ruffini.estimators.camera.targets import Target
 
 
 def camera(
@@ -37,9 +37,9 @@ def camera(
     """Fit lens, mounting and refraction to pictures of a flat target."""
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.camera import fit_camera, tables
     from ruffini.calibrate.gates import gates_of_camera, manifest_of
-    from ruffini.calibrate.targets import Target
+    from ruffini.estimators.camera.fit import fit_camera, tables
+    from ruffini.estimators.camera.targets import Target
     from ruffini.frames import image_files
 
     found = find_board(board)
@@ -71,7 +71,7 @@ def _several(
 ) -> None:  # fmt: skip
     from ruffini.calibrate import container
     from ruffini.calibrate.gates import gates_of_camera, manifest_of
-    from ruffini.calibrate.views import fit_views, tables, view_kinds
+    from ruffini.estimators.camera.views import fit_views, tables, view_kinds
 
     kinds = view_kinds(views)
     if on_pad is None:

@@ -1,4 +1,4 @@
-"""ruffini cal contact."""
+"""ruffini cal fit --only contact."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ import typer
 from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note, progress_bar
 
 if TYPE_CHECKING:
-    from ruffini.calibrate.contact_tables import ContactFit
+    from ruffini.estimators.contact_model.tables import ContactFit
 
 
 def contact(
     log: Annotated[
         list[Path],
-        typer.Option("--log", help="Folder of presses as `sim reproduce` records them; those to fit. Repeatable."),
+        typer.Option("--log", help="Folder of presses as `reproduce --only recordings` makes them. Repeatable."),
     ],
     board: BoardOption,
-    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")],
+    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal file merge` or `cal flash`.")],
     report: Annotated[Path | None, typer.Option(help="JSON of the report.")] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Fit wrench, depth, area, kind of contact and hardness of a texture's flow; errors on what was not fitted.
 
-    What counts as a touch, from untouched frames, is `cal touch`.
+    What counts as a touch, from untouched frames, is `cal fit --only touch`.
     """
     note(f"cal contact: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.contact_log import read_presses
-    from ruffini.calibrate.contact_tables import fit_contact, tables
-    from ruffini.calibrate.feature_log import features_of
+    from ruffini.calibrate.fit.job import Outcome
     from ruffini.calibrate.gates import gates_of_stages, manifest_of
-    from ruffini.calibrate.stages.job import Outcome
+    from ruffini.estimators.contact_model.log import read_presses
+    from ruffini.estimators.contact_model.tables import fit_contact, tables
+    from ruffini.estimators.wrench.log import features_of
     from ruffini.files import write_whole
 
     found = find_board(board)

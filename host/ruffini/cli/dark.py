@@ -1,4 +1,4 @@
-"""ruffini cal dark."""
+"""ruffini cal fit --only dark."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ruffini.cli.common import BoardOption, JsonFlag, emit_judged, note, progres
 def dark(
     log: Annotated[Path, typer.Argument(metavar="RECORDING", help="Frames with the lamps off: video, or folder.")],
     board: BoardOption,
-    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")],
+    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal file merge` or `cal flash`.")],
     json_: JsonFlag = False,
 ) -> None:
     """Measure what the camera shows with its lamps off: black level and daylight, which then do not count."""
     note(f"cal dark: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.dark import dark_frame
     from ruffini.calibrate.gates import gates_of_dark, manifest_of
+    from ruffini.estimators.camera.dark import dark_frame
     from ruffini.frames import read_frames
 
     found = find_board(board)
@@ -34,4 +34,4 @@ def dark(
     level = ", ".join(f"{v:.2f}" for v in report["level_bgr"])
     emit_judged({"file": str(out), **report}, gates, json_,
          f"{out}: dark frame of {report['frames']} frames, mean level {level} (B, G, R), brightest "
-         f"{report['brightest']:.1f}; fit the colours with it too: `cal photometric --dark`")  # fmt: skip
+         f"{report['brightest']:.1f}; fit the colours with it too: `cal fit --only photometric --dark`")  # fmt: skip

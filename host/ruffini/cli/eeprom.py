@@ -17,8 +17,6 @@ from ruffini.errors import InputError, RefusedError
 if TYPE_CHECKING:
     from ruffini.device.eeprom import Eeprom, Identity
 
-app = typer.Typer(no_args_is_help=True, help="EEPROM of a board or of a gel cartridge: read, write.")
-
 
 class Kind(StrEnum):
     """Whose EEPROM it is."""
@@ -51,23 +49,22 @@ def _line(identity: Identity) -> str:
     return "  ".join(f"{name} {text}" for name, text in asdict(identity).items() if text)
 
 
-@app.command("read")
-def read(
-    kind: KindOption = Kind.gel,
-    bus: BusOption = Path("/dev/i2c-1"),
-    address: AddressOption = "0x50",
-    address_bytes: SizeOption = 1,
-    json_: JsonFlag = False,
-) -> None:
-    """Print what the EEPROM says."""
+def _read(kind: Kind, bus: Path, address: str, address_bytes: int, json_: bool) -> None:
     with _open(bus, address, address_bytes) as memory:
         identity = memory.identity(kind.value)
     emit({"kind": kind.value, **asdict(identity)}, json_, _line(identity))
 
 
-@app.command("write")
-def write(
-    serial: Annotated[str, typer.Option("--serial", help="1 to 23 letters, digits, - _ .")],
+class Action(StrEnum):
+    """What is done with it."""
+
+    read = "read"
+    write = "write"
+
+
+def eeprom(
+    action: Annotated[Action, typer.Argument(help="read or write.")],
+    serial: Annotated[str | None, typer.Option("--serial", help="1 to 23 letters, digits, - _ .")] = None,
     name: Annotated[str, typer.Option("--name", help="Of a board its folder's name, of a gel its type.")] = "",
     revision: Annotated[str, typer.Option("--revision")] = "",
     made: Annotated[str, typer.Option("--made", help="When, e.g. 2026-11.")] = "",
@@ -79,7 +76,12 @@ def write(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Write nothing.")] = False,
     json_: JsonFlag = False,
 ) -> None:
-    """Write an identity and read it back; one that is there already is only replaced with --yes."""
+    """Read it, or write an identity and read it back; one that is there already is only replaced with --yes."""
+    if action is Action.read:
+        _read(kind, bus, address, address_bytes, json_)
+        return
+    if serial is None:
+        raise InputError("board eeprom write needs the identity's --serial: give it")
     from ruffini.device import eeprom
 
     wanted = eeprom.Identity(serial, name, revision, made)

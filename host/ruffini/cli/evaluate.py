@@ -21,16 +21,9 @@ from ruffini.cli.wrench import (
 )
 from ruffini.errors import InputError
 
-app = typer.Typer(no_args_is_help=True, help="Judge markers, depth and flow on your own recordings.")
 PictureOption = Annotated[Path | None, typer.Option("--out", help="Picture (PNG).")]
 
 
-@app.callback()
-def evaluate() -> None:
-    """What the device computes, against a truth that it did not make."""
-
-
-@app.command("markers")
 def markers(
     video: Annotated[Path, typer.Argument(help="Video file, or folder of images; it starts untouched.")],
     board: BoardOption,
@@ -57,7 +50,6 @@ def markers(
     emit(result, json_, text)
 
 
-@app.command("wrench")
 def wrench(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="HDF5 or CSV with a force sensor's columns.")],
     columns: ColumnsOption = None,
@@ -73,7 +65,7 @@ def wrench(
 ) -> None:
     """The wrench of named columns, in the board's integers: touches and recordings left out, beside scikit-learn."""
     note("eval wrench: fits for each part that is left out, minutes")
-    from ruffini.calibrate.column_log import read_column_logs
+    from ruffini.calibrate.log.columns import read_column_logs
     from ruffini.evaluate import wrench as judge
 
     named = columns_of(columns, time, features, unit, wrench_columns, wrench_unit, touch, recording)
@@ -88,7 +80,6 @@ def wrench(
     emit(judge.as_json(found, flagged), json_, judge.table(found, flagged))
 
 
-@app.command("real")
 def real(
     folder: Annotated[
         Path | None, typer.Argument(metavar="DIR", help="Recordings of real sensors (default: $RUFFINI_RECORDED_DATA).")
@@ -113,7 +104,6 @@ def real(
     emit({"rows": [row._asdict() for row in rows], "page": str(out)}, json_, f"{judge.table(rows)}\n{out}")
 
 
-@app.command("photometric")
 def photometric(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Ball presses that were not fitted on, reference.png.")],
     calibration: Annotated[Path, typer.Option("--calibration", help="File with a photometric table.")],
@@ -130,14 +120,14 @@ def photometric(
     """Normals, cap shape and height of ball presses with the device's own arithmetic; depth of untouched images."""
     note(f"eval photometric: board {board}")
     from ruffini.calibrate import container
-    from ruffini.calibrate.presses import load_presses, reference_images
+    from ruffini.estimators.photometric.presses import load_presses, reference_images
     from ruffini.evaluate import photometric as judge
     from ruffini.frames import image_files
 
     file = container.read(calibration)
     found = container.board_of(file, board)
     if "photometric" not in file.kinds:
-        raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal photometric`")
+        raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal fit --only photometric`")
     presses = load_presses(folder, ball_mm=ball_mm, px_per_mm=px_per_mm, truth=truth, at_least=1, may_find=True)
     still = image_files(untouched) if untouched is not None else []
     with progress_bar("presses") as progress:
@@ -151,7 +141,6 @@ def photometric(
     emit(result, json_, text)
 
 
-@app.command("flow")
 def flow(
     picture: Annotated[
         Path | None,

@@ -25,8 +25,9 @@ def fingertip(
     note(f"cal fingertip: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.fingertip import calibration, fit_fingertip
     from ruffini.calibrate.gates import gates_of_tip
+    from ruffini.estimators.fingertip.fit import fit_fingertip
+    from ruffini.estimators.fingertip.tables import calibration
 
     found = find_board(board)
     with progress_bar("presses and fits") as progress:

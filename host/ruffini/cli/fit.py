@@ -12,7 +12,7 @@ import typer
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
 
 if TYPE_CHECKING:
-    from ruffini.calibrate.stages.job import Outcome
+    from ruffini.calibrate.fit.job import Outcome
 
 
 def fit(
@@ -23,12 +23,18 @@ def fit(
         Path | None, typer.Option(help="Calibration before: what is not fitted is kept, and few presses are enough.")
     ] = None,
     fleet: Annotated[Path | None, typer.Option("--prior", help="File of `cal fleet`: what units are like.")] = None,
-    balls: Annotated[Path | None, typer.Option(help="Ball presses, as of `cal photometric`.")] = None,
+    balls: Annotated[Path | None, typer.Option(help="Ball presses, as of `cal fit --only photometric`.")] = None,
     given: Annotated[
-        list[Path] | None, typer.Option("--with", help="File of `cal camera` or `cal photometric` to build on.")
+        list[Path] | None,
+        typer.Option("--with", help="File of `cal fit --only camera` or `cal fit --only photometric` to build on."),
     ] = None,
-    points: Annotated[Path | None, typer.Option(help="Known points of a tube's lens, as of `cal skin`.")] = None,
+    points: Annotated[
+        Path | None, typer.Option(help="Known points of a tube's lens, as of `cal fit --only skin`.")
+    ] = None,
     skip: Annotated[list[str] | None, typer.Option(help="Stage to leave out; may be given again.")] = None,
+    only: Annotated[
+        str | None, typer.Option(help="One stage alone; with --help the options of a stage that has its own.")
+    ] = None,
     strain: Annotated[str, typer.Option(help="finite for a real pad, or linear.")] = "linear",
     touches: Annotated[int, typer.Option(min=0, help="Simulated touches behind the stated uncertainty.")] = 120,
     serial: Annotated[str, typer.Option("--unit", help="Serial number of the sensor that it is for.")] = "*",
@@ -38,11 +44,12 @@ def fit(
     note(f"cal fit: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container, keys
-    from ruffini.calibrate.fit import finished, run_stages
+    from ruffini.calibrate.fit.job import Job
+    from ruffini.calibrate.fit.run import finished, run_stages
+    from ruffini.calibrate.fit.stages import STAGES
     from ruffini.calibrate.gates import failed
-    from ruffini.calibrate.prior import read_prior
-    from ruffini.calibrate.stages.job import Job
     from ruffini.errors import InputError
+    from ruffini.estimators.material.prior import read_prior
 
     if strain not in ("linear", "finite"):
         raise InputError(f"--strain {strain!r}: choose linear or finite")
@@ -54,9 +61,15 @@ def fit(
     )  # fmt: skip
     for file in [*job.parts, *([job.previous] if job.previous else [])]:
         container.check_board(file, found)
+    left_out = frozenset(skip or [])
+    if only is not None:
+        names = [stage.name for stage in STAGES]
+        if only not in names:
+            raise InputError(f"--only {only!r}: there is no such stage; there are {', '.join(names)}")
+        left_out |= set(names) - {only}
     start = time.monotonic()
     with progress_bar("fit") as bar:
-        outcomes = run_stages(job, frozenset(skip or []), tell=teller(), progress=lambda _, done: bar(done))
+        outcomes = run_stages(job, left_out, tell=teller(), progress=lambda _, done: bar(done))
         file, gates = finished(job, outcomes, serial)
     container.write(out, file)
     bad = failed(gates)

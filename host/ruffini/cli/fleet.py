@@ -27,10 +27,10 @@ def fleet(
     """Fit every unit on all cores or a Dask cluster; page with spread and outliers, prior for new units."""
     note("cal fleet ...")
     from ruffini.boards import find_board
-    from ruffini.calibrate.fleet import fit_fleet
-    from ruffini.calibrate.fleet_page import write_fleet_page
-    from ruffini.calibrate.prior import write_prior
+    from ruffini.calibrate.fleet.page import write_fleet_page
+    from ruffini.calibrate.fleet.units import fit_fleet
     from ruffini.errors import InputError
+    from ruffini.estimators.material.prior import write_prior
     from ruffini.files import write_whole
 
     found = find_board(board)

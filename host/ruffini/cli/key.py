@@ -9,14 +9,10 @@ import typer
 
 from ruffini.cli.common import JsonFlag, emit
 
-app = typer.Typer(
-    help="Signing keys: new, show, enrol, sign. A sensor with an enrolled key takes that owner's files only."
-)
 NAME = typer.Argument(help="Name of the key.")
 MAX_VERSION, MAX_EPOCH = 10**12 - 1, 10**9  # as the firmware reads them: proto/CALIBRATION.md
 
 
-@app.command("new")
 def new(name: Annotated[str, NAME], json_: JsonFlag = False) -> None:
     """Make a key; its secret half stays here."""
     from ruffini.calibrate import keys
@@ -26,7 +22,6 @@ def new(name: Annotated[str, NAME], json_: JsonFlag = False) -> None:
          f"key {name} ({key.key_id}) in {keys.folder()}: keep {name}.key, enrol {name} on your sensors")  # fmt: skip
 
 
-@app.command("show")
 def show(json_: JsonFlag = False) -> None:
     """The keys that are here."""
     from ruffini.calibrate import keys
@@ -38,7 +33,6 @@ def show(json_: JsonFlag = False) -> None:
     emit({"folder": str(keys.folder()), "keys": rows}, json_, text or f"no keys in {keys.folder()}: `ruffini key new`")
 
 
-@app.command("enrol")
 def enrol(
     name: Annotated[str, NAME],
     into: Annotated[Path, typer.Argument(help="Folder that `ruffinid --keys` names: on its card, or on the sensor.")],
@@ -51,7 +45,6 @@ def enrol(
     emit({"file": str(target)}, json_, f"{target}: calibrations signed by {name} are taken from the next start on")
 
 
-@app.command("sign")
 def sign(
     file: Annotated[Path, typer.Argument(help="Calibration file.")],
     out: Annotated[Path, typer.Option("--out", help="File to write.")],

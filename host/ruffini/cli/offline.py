@@ -27,7 +27,7 @@ def _read_picture(path: Path, board: Board) -> npt.NDArray[np.uint8]:
     height, width = picture.shape[:2]
     if (width, height) != (board.camera.width_px, board.camera.height_px):
         raise InputError(f"{path}: is {width}x{height}, board {board.name!r} needs {board.resolution}; "
-                         "`ruffini depth --px-per-mm` takes other sizes")  # fmt: skip
+                         "`ruffini offline depth --px-per-mm` takes other sizes")  # fmt: skip
     return picture
 
 
@@ -134,7 +134,7 @@ def depth(
     file = container.read(calibration)
     found = container.board_of(file, board)
     if "photometric" not in file.kinds:
-        raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal photometric`")
+        raise InputError(f"{calibration} has no photometric table: make one with `ruffini cal fit --only photometric`")
     beside, above = images[0].parent, images[0].parent.parent
     references = [reference] if reference else next(filter(None, (
         sorted(folder.glob(f"{name}*.png")) for name in ("reference", "press_ref") for folder in (beside, above)
@@ -195,7 +195,7 @@ def field(
     file = container.read(calibration)
     found = container.board_of(file, board)
     if "operator" not in file.kinds:
-        raise InputError(f"{calibration} has no operator: make one with `ruffini cal operator`")
+        raise InputError(f"{calibration} has no operator: make one with `ruffini cal fit --only operator`")
     u = read_array(displacement)
     shape = (found.grid.n_y, found.grid.n_x, 3)
     if u.ndim != 4 or u.shape[1:] != shape or u.dtype.kind != "f":

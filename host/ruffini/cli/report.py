@@ -28,10 +28,10 @@ def report(
     """Judge a calibration on a log: gates, residuals, coverage, accuracy against presses, as one page and JSON."""
     note(f"cal report: board {board}")
     from ruffini.calibrate import container
-    from ruffini.calibrate.prior import read_prior
-    from ruffini.calibrate.report import report_of
-    from ruffini.calibrate.report_page import write_page
-    from ruffini.calibrate.touch_log import read_touch_log
+    from ruffini.calibrate.log.touches import read_touch_log
+    from ruffini.calibrate.report.judged import report_of
+    from ruffini.calibrate.report.page import write_page
+    from ruffini.estimators.material.prior import read_prior
 
     file = container.read(calibration)
     found = container.board_of(file, board)
@@ -57,7 +57,7 @@ def _of_skin(
     board: Board, file: CalibrationFile, logs: list[Path], out: Path, previous: CalibrationFile | None, json_: bool
 ) -> None:
     """A skin that glows where it is pressed: force and place, by its pictures."""
-    from ruffini.calibrate.skin_report import skin_report_of, write_skin_page
+    from ruffini.estimators.skin.report import skin_report_of, write_skin_page
 
     with progress_bar("report") as progress:
         made = skin_report_of(board, file, logs, previous=previous, progress=progress)
@@ -70,7 +70,7 @@ def _of_wrench(
     board: Board, file: CalibrationFile, logs: list[Path], out: Path, previous: CalibrationFile | None, json_: bool
 ) -> None:
     """A wrench made of features: each axis, on logs or recordings."""
-    from ruffini.calibrate.wrench_report import wrench_report_of, write_wrench_page
+    from ruffini.estimators.wrench.report import wrench_report_of, write_wrench_page
 
     made = wrench_report_of(board, file, logs, previous=previous)
     write_wrench_page(out, file, made)
@@ -81,8 +81,8 @@ def _of_wrench(
 
 def _say(out: Path, tree: dict[str, Any], gates: list[Gate], off: str, json_: bool) -> None:
     """The numbers beside the page, one line, and exit code 1 where a gate fails."""
-    from ruffini.calibrate.fewer_presses import accuracy_text
     from ruffini.calibrate.gates import failed
+    from ruffini.calibrate.report.fewer_presses import accuracy_text
     from ruffini.files import write_whole
 
     for row in tree["accuracy_of_presses"]:

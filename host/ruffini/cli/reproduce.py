@@ -1,25 +1,127 @@
-"""The verb that plays a paper's bench."""
+"""ruffini reproduce: a paper's bench on the twin, its own method, and its experiment with ours beside it."""
 
 from __future__ import annotations
 
+import importlib
+from enum import StrEnum
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated
 
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
+from ruffini.errors import InputError
+
+PAPER_BENCH = "reproduce.toml"
+
+
+class Part(StrEnum):
+    """What of a paper is played."""
+
+    EXPERIMENT = "experiment"
+    METHOD = "method"
+    RECORDINGS = "recordings"
 
 
 def reproduce(
-    board: BoardOption,
-    out: Annotated[Path, typer.Option("--out", help="Folder; run the same command again to go on with it.")],
-    bench: Annotated[str, typer.Option(help="Another bench of that form in the board's folder.")] = "reproduce.toml",
-    quick: Annotated[bool, typer.Option("--quick", help="The quick subset: the same runs, fewer of them.")] = False,
+    board: Annotated[
+        str | None,
+        typer.Argument(metavar="BOARD", help="Board name, or a folder. --only method: every board with a paper."),
+    ] = None,
+    only: Annotated[
+        Part,
+        typer.Option(help="experiment: ours beside the paper's. method: the paper's own. recordings: its presses."),
+    ] = Part.EXPERIMENT,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for results or recordings; the same command goes on with it.")
+    ] = None,
+    bench: Annotated[
+        str, typer.Option(help="Of --only recordings: another bench in the board's folder.")
+    ] = PAPER_BENCH,
+    recordings: Annotated[
+        Path | None, typer.Option("--recordings", help="Where recordings are kept (default: the user's cache).")
+    ] = None,
+    network: Annotated[
+        Path | None, typer.Option("--network", help="Of `ruffini train stereo`: judged beside ours.")
+    ] = None,
+    freeze: Annotated[
+        bool, typer.Option("--freeze", help="Of --only method: write figures and digest to the board's frozen.toml.")
+    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer runs: not the figures of the README.")] = False,
     workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
     json_: JsonFlag = False,
 ) -> None:
-    """The presses of the board's paper, from its reproduce.toml, as recordings with what the bench read."""
-    note(f"sim reproduce: the presses of {board}'s paper, recordings in {out}")
+    """Play the bench of the board's paper on the twin: tables and figures, ours beside the paper's. SIMULATED."""
+    note(f"reproduce: the {only} of {board or 'every board'} on the SIMULATED sensor")
+    if only is Part.METHOD:
+        _method(board, recordings, freeze, quick, workers, json_)
+        return
+    if board is None or out is None:
+        raise InputError(f"reproduce --only {only} needs a BOARD and a folder --out: name both")
+    if only is Part.RECORDINGS:
+        _record(board, out, bench, quick, workers, json_)
+    else:
+        _experiment(board, out, recordings, network, quick, workers, json_)
+
+
+def sim_reproduce(
+    board: BoardOption,
+    out: Annotated[Path, typer.Option("--out")],
+    bench: Annotated[str, typer.Option()] = PAPER_BENCH,
+    quick: Annotated[bool, typer.Option("--quick")] = False,
+    workers: Annotated[int, typer.Option(min=1)] = 1,
+    json_: JsonFlag = False,
+) -> None:
+    """`reproduce --only recordings` under its former name."""
+    reproduce(board, Part.RECORDINGS, out, bench, quick=quick, workers=workers, json_=json_)
+
+
+def papers_of_bench(
+    board: Annotated[str | None, typer.Option("--board")] = None,
+    recordings: Annotated[Path | None, typer.Option("--recordings")] = None,
+    freeze: Annotated[bool, typer.Option("--freeze")] = False,
+    quick: Annotated[bool, typer.Option("--quick")] = False,
+    workers: Annotated[int, typer.Option(min=1)] = 1,
+    json_: JsonFlag = False,
+) -> None:
+    """`reproduce --only method` under its former name."""
+    reproduce(
+        board, Part.METHOD, None, PAPER_BENCH, recordings, freeze=freeze, quick=quick, workers=workers, json_=json_
+    )
+
+
+def papers(name: str) -> ModuleType:
+    """A module of host/papers, which no wheel has. Raises InputError where it is not there."""
+    try:
+        return importlib.import_module(f"papers.{name}")
+    except ModuleNotFoundError as error:
+        if error.name not in ("papers", f"papers.{name}"):
+            raise
+        raise InputError(
+            "the papers' methods are not part of this package: run this in a clone of ruffini's repository, "
+            "where host/papers has them (`--only recordings` works here)"
+        ) from error
+
+
+def _method(board: str | None, folder: Path | None, is_frozen: bool, quick: bool, workers: int, as_json: bool) -> None:
+    if folder is not None and board is None:
+        raise InputError("--recordings are of one board: name it")
+    judged = papers("judged")
+    from ruffini.boards import board_names, boards_folder, find_board
+
+    with_paper = [name for name in board_names() if (boards_folder() / name / "reproduce.toml").is_file()]
+    results = []
+    for one in map(find_board, [board] if board else with_paper):
+        with progress_bar(one.name) as progress:
+            result = judged.run(one, quick=quick, folder=folder, n_workers=workers, progress=progress)
+        if is_frozen:
+            result["frozen"] = bool(judged.freeze(one, result))
+        results.append(result)
+    emit({"simulated": True, "boards": results}, as_json, "\n\n".join(judged.table(r) for r in results))
+
+
+def _record(board: str, out: Path, bench: str, quick: bool, workers: int, as_json: bool) -> None:
     from ruffini.boards import find_board
     from ruffini.sim.reproduce.make import reproduce as make
 
@@ -30,4 +132,21 @@ def reproduce(
     result = {"folder": str(out), "made": outcome.n_made, "kept": outcome.n_kept, "failed": outcome.failed,
               "simulated": True}  # fmt: skip
     left = f", {len(outcome.failed)} left out" if outcome.failed else ""
-    emit(result, json_, f"{out}: {outcome.n_made} runs made, {outcome.n_kept} were there{left}, SIMULATED")
+    emit(result, as_json, f"{out}: {outcome.n_made} runs made, {outcome.n_kept} were there{left}, SIMULATED")
+
+
+def _experiment(
+    board: str, out: Path, recordings: Path | None, network: Path | None, quick: bool, workers: int, as_json: bool
+) -> None:
+    experiments = papers("experiments")
+    import json
+
+    from ruffini.boards import find_board
+    from ruffini.files import write_whole
+
+    with progress_bar("experiment") as progress:
+        options = experiments.Options(recordings, quick, workers, progress, network)
+        found = experiments.reproduce(find_board(board), out, options)
+    result = {**found.result, "pictures": [str(path) for path in found.pictures]}
+    write_whole(out / "result.json", json.dumps(result, indent=1).encode())
+    emit(result, as_json, found.text)

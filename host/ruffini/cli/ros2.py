@@ -10,8 +10,6 @@ import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, Settings, emit, note
 
-app = typer.Typer(no_args_is_help=True, help="A sensor in ROS 2, with and without a ROS install.")
-
 
 class Through(enum.StrEnum):
     """How messages get into ROS."""
@@ -20,7 +18,6 @@ class Through(enum.StrEnum):
     rclpy = "rclpy"
 
 
-@app.command()
 def bridge(
     through: Annotated[
         Through, typer.Option(help="zenoh: for nodes with rmw_zenoh, no ROS install here; rclpy: an ordinary node.")
@@ -59,7 +56,6 @@ def bridge(
     emit({"node": name, "frames": relay.n_frames}, json_, f"{relay.n_frames} frames published")
 
 
-@app.command()
 def urdf(
     board: BoardOption,
     name: Annotated[str, typer.Option(help="Prefix of the frames, as the bridge prints it: ruffini_SERIAL.")],
@@ -73,7 +69,6 @@ def urdf(
     emit({"urdf": text}, json_, text.rstrip("\n"))
 
 
-@app.command()
 def messages(
     out: Annotated[Path, typer.Argument(help="Folder of a workspace's sources; ruffini_msgs is put into it.")],
     json_: JsonFlag = False,

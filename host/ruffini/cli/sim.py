@@ -9,23 +9,9 @@ from typing import Annotated
 import typer
 
 from ruffini.cli.common import BoardOption, JsonFlag, emit, note, progress_bar
-from ruffini.cli.design import design
-from ruffini.cli.reproduce import reproduce
-from ruffini.cli.validate import validate
 from ruffini.errors import InputError
 
-app = typer.Typer(no_args_is_help=True, help="The digital twin: simulated recordings with their truth.")
-app.command("reproduce")(reproduce)
-app.command("validate")(validate)
-app.command("design")(design)
 
-
-@app.callback()
-def sim() -> None:
-    """Simulated recordings with their truth."""
-
-
-@app.command("press")
 def press(
     board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="New folder for the recording.")],
@@ -97,7 +83,6 @@ def press(
     emit({"folder": str(out), "frames": count, "simulated": True}, json_, f"{out}: {count} frames, SIMULATED")
 
 
-@app.command("dataset")
 def dataset(
     board: BoardOption,
     n: Annotated[int, typer.Option("--n", help="Number of samples: presses, each with its truth.")],
@@ -132,7 +117,6 @@ def dataset(
     emit(result, json_, text)
 
 
-@app.command("bench")
 def bench(board: BoardOption, json_: JsonFlag = False) -> None:
     """Frames a second of the twin on one core: mechanics and rendering apart."""
     from ruffini.boards import find_board
@@ -146,7 +130,6 @@ def bench(board: BoardOption, json_: JsonFlag = False) -> None:
     emit(result, json_, text)
 
 
-@app.command("serve")
 def serve(
     board: BoardOption,
     socket: Annotated[Path, typer.Option("--socket", help="UNIX socket, for ruffinid --camera twin:SOCKET.")],

@@ -29,10 +29,10 @@ def skin(
     note(f"cal skin: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate import skin as fits
+    from ruffini.calibrate.fit.job import Outcome
     from ruffini.calibrate.gates import gates_of_stages, manifest_of
-    from ruffini.calibrate.skin_openings import fit_view
-    from ruffini.calibrate.stages.job import Outcome
+    from ruffini.estimators.skin import fit as fits
+    from ruffini.estimators.skin.openings import fit_view
 
     found = find_board(board)
     if method not in ("taxels", "paper"):

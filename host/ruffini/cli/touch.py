@@ -1,4 +1,4 @@
-"""ruffini cal touch."""
+"""ruffini cal fit --only touch."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
 def touch(
     log: Annotated[Path, typer.Argument(metavar="RECORDING", help="Untouched frames: video, or folder of frames.")],
     calibration: Annotated[Path, typer.Option("--calibration", help="File with operator and colours of this unit.")],
-    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")],
+    out: Annotated[Path, typer.Option("--out", help="Calibration file to write, for `cal file merge` or `cal flash`.")],
     board: Annotated[str | None, typer.Option(help="Default: the board that the calibration names.")] = None,
     json_: JsonFlag = False,
 ) -> None:
     """Measure the noise of untouched frames: what counts as a touch on this unit."""
     note(f"cal touch: board {board}")
     from ruffini.calibrate import container
-    from ruffini.calibrate.contact_noise import fit_contact_noise, linear_pressure
     from ruffini.calibrate.gates import gates_of_noise, manifest_of
+    from ruffini.estimators.threshold.fit import fit_contact_noise, linear_pressure
     from ruffini.frames import read_frames
 
     file = container.read(calibration)

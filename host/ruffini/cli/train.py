@@ -30,15 +30,6 @@ def _set_threads(threads: int) -> None:
     torch.set_num_threads(threads)
 
 
-app = typer.Typer(no_args_is_help=True, help="Train networks on the digital twin (needs PyTorch).")
-
-
-@app.callback()
-def train() -> None:
-    """Float peers of what the device computes."""
-
-
-@app.command("displacement")
 def displacement(
     board: BoardOption,
     out: Annotated[Path, typer.Option("--out", help="Folder; run the same command again to go on with it.")],
@@ -75,10 +66,11 @@ def displacement(
     emit(result, json_, text)
 
 
-@app.command("stereo")
 def stereo(
     board: BoardOption,
-    presses: Annotated[Path, typer.Option("--presses", help="Folder of presses, as `ruffini cal fingertip` takes it.")],
+    presses: Annotated[
+        Path, typer.Option("--presses", help="Folder of presses, as `ruffini cal fit --only fingertip` takes it.")
+    ],
     out: Annotated[Path, typer.Option("--out", help="Folder; run the same command again to go on with it.")],
     only: Annotated[str, typer.Option(help="Pattern of the folders below --presses that are used.")] = "*",
     mode: Annotated[

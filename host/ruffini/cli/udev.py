@@ -9,10 +9,7 @@ import typer
 
 from ruffini.cli.common import JsonFlag, emit
 
-app = typer.Typer(no_args_is_help=True, help="udev rules of this computer: who may open a sensor, /dev/ruffini/SERIAL.")
 
-
-@app.command("install")
 def install(
     root: Annotated[Path, typer.Option("--root", help="Root of a system image.")] = Path("/"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done.")] = False,
@@ -26,7 +23,6 @@ def install(
          "\n".join(steps) or f"{udev.NAME} is installed already")  # fmt: skip
 
 
-@app.command("show")
 def show(json_: JsonFlag = False) -> None:
     """Print the rules."""
     from ruffini.device import udev

@@ -1,4 +1,4 @@
-"""`ruffini sim validate`."""
+"""`ruffini bench mechanics`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ruffini cal wrench."""
+"""ruffini cal fit --only wrench."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from ruffini.calibrate.column_log import Columns
-    from ruffini.calibrate.wrench_map import Fit
+    from ruffini.calibrate.log.columns import Columns
+    from ruffini.estimators.wrench.fit import Fit
 
 
 ColumnsOption = Annotated[
@@ -43,7 +43,7 @@ def columns_of(
     """Columns named on the command line, over those of the file; None where nothing is named."""
     from dataclasses import asdict
 
-    from ruffini.calibrate.column_log import Columns
+    from ruffini.calibrate.log.columns import Columns
 
     said = {
         "time": time, "features": features, "unit": unit, "wrench": wrench.split(",") if wrench else None,
@@ -69,7 +69,7 @@ def wrench(
         str | None, typer.Option("--board", help="Board name, or a folder with a board.toml; not needed with columns.")
     ] = None,
     out: Annotated[
-        Path, typer.Option("--out", help="Calibration file to write, for `cal merge` or `cal flash`.")
+        Path, typer.Option("--out", help="Calibration file to write, for `cal file merge` or `cal flash`.")
     ] = Path("wrench.safetensors"),
     holdout: Annotated[
         str | None,
@@ -98,16 +98,16 @@ def wrench(
     note(f"cal wrench: board {board}" if board else "cal wrench: columns of a log")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.column_log import read_column_logs
-    from ruffini.calibrate.feature_log import Features, features_of, read_feature_runs
+    from ruffini.calibrate.fit.job import Outcome
     from ruffini.calibrate.gates import gates_of_stages, manifest_of
-    from ruffini.calibrate.marker_prior import marker_prior
-    from ruffini.calibrate.stages.job import Outcome
-    from ruffini.calibrate.target_geometry import second_order_of
-    from ruffini.calibrate.wrench_map import fit_wrench_map
-    from ruffini.calibrate.wrench_model import recordings_of
-    from ruffini.calibrate.wrench_tables import tables
+    from ruffini.calibrate.log.columns import read_column_logs
     from ruffini.errors import InputError
+    from ruffini.estimators.wrench.fit import fit_wrench_map
+    from ruffini.estimators.wrench.log import Features, features_of, read_feature_runs
+    from ruffini.estimators.wrench.marker_prior import marker_prior
+    from ruffini.estimators.wrench.model import recordings_of
+    from ruffini.estimators.wrench.tables import tables
+    from ruffini.estimators.wrench.target_geometry import second_order_of
     from ruffini.files import write_whole
 
     paths = [*(logs or []), *(log or [])]
@@ -155,7 +155,7 @@ def wrench(
 
 
 def _text(out: Path, fit: Fit) -> str:
-    from ruffini.calibrate.wrench_model import AXES
+    from ruffini.estimators.wrench.model import AXES
 
     lines = [
         f"{out}: {fit.n_frames} frames of {fit.n_runs} recordings, reference {1e3 * fit.lag_s:.1f} ms behind the "

@@ -20,19 +20,19 @@ import numpy.typing as npt
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.error_model import N_TOUCHES
-from ruffini.calibrate.operator import make_operator
-from ruffini.calibrate.pad_view import Pinhole
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import load_presses
 from ruffini.cli.common import note, progress_bar
-from ruffini.demo.daemon import running_daemon
+from ruffini.daemon import running_daemon
 from ruffini.demo.live import LiveField
 from ruffini.demo.pictures import depth_map, field_over_frame, wrench_over_time
 from ruffini.demo.view import depth_places, node_pixels
 from ruffini.device import Connection
 from ruffini.device.results import RESULTS, UNCALIBRATED, VALID, Markers
 from ruffini.errors import InputError, NoDeviceError, RuffiniError
+from ruffini.estimators.operator.error_model import N_TOUCHES
+from ruffini.estimators.operator.fit import make_operator
+from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
+from ruffini.estimators.photometric.pad_view import Pinhole
+from ruffini.estimators.photometric.presses import load_presses
 from ruffini.fem.operators import Noise
 from ruffini.frames import read_frames
 from ruffini.wire import Schema

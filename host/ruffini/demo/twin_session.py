@@ -12,7 +12,7 @@ import numpy as np
 
 from ruffini import host_clock
 from ruffini.boards import Board
-from ruffini.demo.daemon import running_daemon
+from ruffini.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.rig.emulated_dialects import EmulatedGrbl, EmulatedMarlin
 from ruffini.rig.emulated_machine import EmulatedMachine

@@ -12,6 +12,7 @@ from typing import Any
 from ruffini.device import flashing
 from ruffini.device.backlog import Backlog
 from ruffini.device.device_clock import DeviceClock
+from ruffini.device.line import DEVICE
 from ruffini.device.line_gap import LineGap
 from ruffini.device.namesakes import REMEDY, Whereabouts
 from ruffini.device.ports import candidate_ports, open_port
@@ -29,7 +30,6 @@ REOPEN_HELLO_S = 0.6  # a sensor that was just plugged in answers, or the next t
 SILENCE_S = 5.0  # without a frame: the camera stands still
 MAX_TURN_S = 0.5  # a turn of a stream waits 20 ms for bytes; a longer one was spent suspended or on other work
 MAX_ASKED = 4096  # time exchanges that wait for their answers
-DEVICE = 255
 YOUNG_TYPES = ("learned", "residual")  # that a device in use may not know yet
 DAMAGED = (
     "two frames came damaged within six minutes: do not steer by these forces until the cable is seen to "

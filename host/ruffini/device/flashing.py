@@ -5,12 +5,10 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ruffini.device.line import Line
 from ruffini.errors import LineLostError, NoDeviceError, RefusedError, VerifyError
-
-if TYPE_CHECKING:
-    from ruffini.device.connection import Connection
 
 CHUNK_BYTES = 3072
 CHUNK_TRIES = 40  # of one chunk: a line that loses half of what is sent fails once in 1e12
@@ -28,7 +26,7 @@ FLASH_DURABLE, FLASH_ACTIVE = 3, 4  # FlashState of the schema
 MAX_FILE_BYTES = 128 << 20  # what a device may say that its calibration has
 
 
-def flash(sensor: Connection, data: bytes, progress: Callable[[float], None], say: Callable[[str], None]) -> Any:
+def flash(sensor: Line, data: bytes, progress: Callable[[float], None], say: Callable[[str], None]) -> Any:
     """Upload a file and see its trial through; Connection.flash says what comes of it.
 
     The device names the next byte that it wants: a lost chunk is sent again, and where the line was lost the upload
@@ -51,7 +49,7 @@ def flash(sensor: Connection, data: bytes, progress: Callable[[float], None], sa
     return reply
 
 
-def undo(sensor: Connection) -> Any:
+def undo(sensor: Line) -> Any:
     """Put in force what was so before the last flash."""
     before = sensor.hello.sensors[0].calibration.sha256
     reply = _in_force(sensor, flash_undo={})
@@ -60,7 +58,7 @@ def undo(sensor: Connection) -> Any:
     return reply
 
 
-def read_back(sensor: Connection, progress: Callable[[float], None]) -> bytes:
+def read_back(sensor: Line, progress: Callable[[float], None]) -> bytes:
     """The calibration in force; Connection.read_calibration says what comes of it.
 
     Each command asks for one piece, and nothing comes that was not asked for: a device cannot run ahead of the host.
@@ -95,7 +93,7 @@ class Pace:
         self._mean_s: float | None = None
         self._deviation_s = 0.0
 
-    def command(self, sensor: Connection, **action: Any) -> Any:
+    def command(self, sensor: Line, **action: Any) -> Any:
         """The reply to a command that brings or takes a piece."""
         sent, n_before = time.monotonic(), sensor.n_retries
         reply = sensor.command(waits_s=self.waits_s(), **action)
@@ -118,7 +116,7 @@ class Pace:
         self._mean_s += (round_trip_s - self._mean_s) / 8
 
 
-def _across_unplugs(sensor: Connection, say: Callable[[str], None], work: Callable[[], Any]) -> Any:
+def _across_unplugs(sensor: Line, say: Callable[[str], None], work: Callable[[], Any]) -> Any:
     """What `work` returns, which is begun again when the line was lost and is back."""
     for _ in range(RESUMES):
         try:
@@ -129,7 +127,7 @@ def _across_unplugs(sensor: Connection, say: Callable[[str], None], work: Callab
     raise NoDeviceError(f"{sensor.port}: the line was lost {RESUMES} times: see to the cable, and flash again")
 
 
-def _upload(sensor: Connection, data: bytes, sha256: bytes, progress: Callable[[float], None]) -> None:
+def _upload(sensor: Line, data: bytes, sha256: bytes, progress: Callable[[float], None]) -> None:
     reply = sensor.checked(flash_begin={"size_bytes": len(data), "sha256": sha256})
     offset, stuck, pace = reply.next_offset, 0, Pace()
     while offset < len(data):
@@ -144,7 +142,7 @@ def _upload(sensor: Connection, data: bytes, sha256: bytes, progress: Callable[[
         progress(offset / len(data))
 
 
-def _in_force(sensor: Connection, **action: Any) -> Any:
+def _in_force(sensor: Line, **action: Any) -> Any:
     """A command that ends with a calibration in force, on trial or for good, and HELLO as it is then."""
     reply = sensor.command(**action, waits_s=COMMIT_WAITS_S)
     if reply.code == sensor.schema.enum_number("ReplyCode", "REPLY_STORAGE"):
@@ -155,7 +153,7 @@ def _in_force(sensor: Connection, **action: Any) -> Any:
     return reply
 
 
-def _end_of_trial(sensor: Connection, sha256: bytes, say: Callable[[str], None]) -> Any:
+def _end_of_trial(sensor: Line, sha256: bytes, say: Callable[[str], None]) -> Any:
     """The reply that ends the trial of a calibration, and HELLO as it is then."""
     n_frames, since, said = 0, time.monotonic(), ""
     while (reply := sensor.command(flash_query={"sha256": sha256})).flash_state == FLASH_DURABLE:

@@ -6,12 +6,10 @@ import getpass
 import os
 import socket
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ruffini.device.line import DEVICE, Line
 from ruffini.errors import RefusedError
-
-if TYPE_CHECKING:
-    from ruffini.device.connection import Connection
 
 DOMAIN = b"ruffini command 1"
 CHANGES = frozenset(("zero", "set", "flash_begin", "flash_chunk", "flash_commit", "flash_abort", "flash_undo", "lease"))
@@ -32,7 +30,7 @@ class Writer:
         """The line was lost: so are lease and challenge."""
         self._nonce, self.has_lease = b"", False
 
-    def prepare(self, sensor: Connection, action: str) -> None:
+    def prepare(self, sensor: Line, action: str) -> None:
         """Before the first command that changes something: a challenge where the sensor wants one, and the lease.
 
         Raises
@@ -49,12 +47,10 @@ class Writer:
             sensor.checked(lease={"who": _who()})
             self.has_lease = True
 
-    def wrap(self, sensor: Connection, action: str, command: bytes) -> tuple[str, bytes]:
+    def wrap(self, sensor: Line, action: str, command: bytes) -> tuple[str, bytes]:
         """Type and payload that go over the line for a serialised Command."""
         if not self._nonce or action not in CHANGES:
             return "COMMAND", command
-        from ruffini.device.connection import DEVICE
-
         self._counter += 1
         head = DOMAIN + b"\0" + sensor.hello.device_serial.encode() + b"\0" + self._nonce
         message = head + self._counter.to_bytes(4, "little") + bytes([DEVICE]) + command
@@ -63,7 +59,7 @@ class Writer:
         return "SIGNED_COMMAND", signed.SerializeToString()
 
 
-def _signing_key(sensor: Connection) -> Any:
+def _signing_key(sensor: Line) -> Any:
     from nacl.signing import SigningKey
 
     from ruffini.calibrate import keys

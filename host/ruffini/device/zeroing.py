@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ruffini.device.connection import DEVICE, SILENCE_S, Connection
+from ruffini.device.connection import SILENCE_S, Connection
+from ruffini.device.line import DEVICE
 from ruffini.errors import NoDeviceError, RefusedError
 
 # Events that end the learning without a new rest image.

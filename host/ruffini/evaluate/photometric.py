@@ -18,10 +18,10 @@ import numpy.typing as npt
 from ruffini.boards import Board
 from ruffini.boards.pictures import picture_board
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack
-from ruffini.calibrate.pad_view import MappedCamera, PadView, mm_per_px, pad_view
-from ruffini.calibrate.presses import Press, PressSet, ball_slope
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.photometric.pad_view import MappedCamera, PadView, mm_per_px, pad_view
+from ruffini.estimators.photometric.presses import Press, PressSet, ball_slope
 from ruffini.frames import read_image
 
 Array = npt.NDArray[np.float64]

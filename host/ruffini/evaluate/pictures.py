@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ruffini.boards import Board
-from ruffini.calibrate.presses import Press, PressSet
 from ruffini.demo.pictures import COLOURS, PRESSURE_MAP, _figure, _save
+from ruffini.estimators.photometric.presses import Press, PressSet
 from ruffini.evaluate import flow
 from ruffini.evaluate.markers import Tracks
 from ruffini.evaluate.photometric import Surface, normal_error_deg

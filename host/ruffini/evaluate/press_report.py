@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate import container, intensity
-from ruffini.calibrate.fit_presses import PressFit
-from ruffini.calibrate.html_page import Page
-from ruffini.calibrate.photometric import MOVED_AT_MOST, PhotometricFit, Samples, models_without, tabulate
-from ruffini.calibrate.presses import FITTED_INSIDE, Press, PressSet
+from ruffini.calibrate import container
+from ruffini.calibrate.report.html import Page
+from ruffini.estimators.photometric import intensity
+from ruffini.estimators.photometric.fit import MOVED_AT_MOST, PhotometricFit, Samples, models_without, tabulate
+from ruffini.estimators.photometric.fitted import PressFit
+from ruffini.estimators.photometric.presses import FITTED_INSIDE, Press, PressSet
 from ruffini.evaluate.photometric import EQUATOR, INSIDE, REFIT_PX, Surface, evaluate, summary
 from ruffini.evaluate.pictures import press_depths, press_errors
 from ruffini.files import write_whole

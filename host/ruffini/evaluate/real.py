@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 
 from ruffini.boards.pictures import picture_board
 from ruffini.calibrate import container
-from ruffini.calibrate.column_log import Columns, read_column_logs
-from ruffini.calibrate.fit_presses import fit_presses
-from ruffini.calibrate.html_page import Page
-from ruffini.calibrate.presses import PressSet, load_presses, reference_images
-from ruffini.calibrate.wrench_model import AXES
+from ruffini.calibrate.log.columns import Columns, read_column_logs
+from ruffini.calibrate.report.html import Page
 from ruffini.errors import InputError
+from ruffini.estimators.photometric.fitted import fit_presses
+from ruffini.estimators.photometric.presses import PressSet, load_presses, reference_images
+from ruffini.estimators.wrench.model import AXES
 from ruffini.evaluate import photometric, wrench
 from ruffini.evaluate.pictures import press_depths
 

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.calibrate import container
-from ruffini.calibrate.column_log import ColumnLogs
-from ruffini.calibrate.feature_log import FeatureRun, Features
-from ruffini.calibrate.wrench_map import N_FOLDS, Fit, fit_wrench_map, folds_of
-from ruffini.calibrate.wrench_model import AXES, Frames, frames_of
-from ruffini.calibrate.wrench_tables import tables
+from ruffini.calibrate.log.columns import ColumnLogs
 from ruffini.core.feature_wrench import Stated, wrench_on_board
+from ruffini.estimators.wrench.fit import N_FOLDS, Fit, fit_wrench_map, folds_of
+from ruffini.estimators.wrench.log import FeatureRun, Features
+from ruffini.estimators.wrench.model import AXES, Frames, frames_of
+from ruffini.estimators.wrench.tables import tables
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -41,7 +41,7 @@ DEPTH_M = (0.3e-3, 1.1e-3)  # of the deepest place, log-uniform
 class MaterialSpread:
     """Standard deviations of what a pad really is against what its operator was made for, as fractions.
 
-    What `ruffini cal material` leaves: 1 to 2 % of each.
+    What `ruffini cal fit --only material` leaves: 1 to 2 % of each.
     """
 
     modulus: float = 0.015

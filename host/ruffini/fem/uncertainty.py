@@ -14,7 +14,7 @@ The wrench's error is, for each contact about its own centre of pressure, a cons
 pressing force (the lever: how far off the centre of pressure is), and for all contacts together a common factor of the
 shear and one of the pressure. Beside these, the whole wrench w errs with the pad's stiffness: s^2 w w^T is added. The
 fitted terms hold what a material known to 1 or 2 % makes (`touches.MaterialSpread`), s what is known of this pad: the
-board's `stiffness_sigma_1e3`, or what `cal material` leaves. The board does all of it in integers
+board's `stiffness_sigma_1e3`, or what `cal fit --only material` leaves. The board does all of it in integers
 (firmware/solve/node_sigma.h, firmware/estimators/wrench_covariance.h). Not in the paper.
 """
 

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ruffini.device import Connection
-from ruffini.device.connection import DEVICE, SILENCE_S
+from ruffini.device.connection import SILENCE_S
+from ruffini.device.line import DEVICE
 from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError, NoDeviceError
+from ruffini.record.recording import HELLO_ATTACHMENT, RAW_TOPIC, Recording
 from ruffini.record.ros_types import RosChannels
 from ruffini.wire import Frame
 
-RAW_TOPIC = "/ruffini/raw"
-HELLO_ATTACHMENT = "hello"
 CLOCK_EVERY_US = 10_000_000
 CHUNK_BYTES = 256 << 10  # what a power cut may cost
 
@@ -177,8 +177,6 @@ def attach_hello(writer: Any, hello: bytes) -> None:
 @contextlib.contextmanager
 def _full_disk_named(path: Path) -> Iterator[None]:
     """A medium that fails becomes an InputError with the number of frames that are on it."""
-    from ruffini.record.recording import Recording
-
     try:
         yield
     except OSError as error:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ruffini.api.frame import SensorFrame
 from ruffini.api.sensor import node_places, sensor_info
-from ruffini.calibrate.html_page import Page
+from ruffini.calibrate.report.html import Page
 from ruffini.device.results import NOT_MEASURED, VALID, Array
 from ruffini.errors import InputError
 from ruffini.record.export import chosen_sensor

@@ -18,14 +18,15 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ruffini.api.frame import Assembler, SensorFrame
-from ruffini.device.connection import DEVICE
 from ruffini.device.device_clock import MAX_DRIFT, WANDER
+from ruffini.device.line import DEVICE
 from ruffini.device.line_gap import LineGap
 from ruffini.errors import InputError
 from ruffini.files import readable
-from ruffini.record.mcap_file import HELLO_ATTACHMENT, RAW_TOPIC
 from ruffini.wire import Decoder, Frame, Schema
 
+RAW_TOPIC = "/ruffini/raw"
+HELLO_ATTACHMENT = "hello"
 MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA, FOOTER, LAST_KIND = 3, 4, 5, 6, 9, 12, 2, 15
 # Of a chunk record: opcode, length; begin, end, size, CRC; compression; length of what is compressed.

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ruffini.errors import InputError
-from ruffini.record.mcap_file import CHUNK_BYTES, RAW_TOPIC, attach_hello, register_messages
-from ruffini.record.recording import Recording
+from ruffini.record.mcap_file import CHUNK_BYTES, attach_hello, register_messages
+from ruffini.record.recording import RAW_TOPIC, Recording
 from ruffini.wire import encode_message
 
 DEVICE_NAMES = ("HELLO", "SCHEMA", "REPLY")  # answers to a host: they are no results

@@ -12,10 +12,10 @@ from scipy.optimize import least_squares
 from ruffini import host_clock
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.error_model import node_places
 from ruffini.calibrate.gates import MAX_ERROR, MAX_REST_N
-from ruffini.calibrate.operator import board_slab
 from ruffini.errors import InputError
+from ruffini.estimators.operator.error_model import node_places
+from ruffini.estimators.operator.fit import board_slab
 from ruffini.rig.bench import Bench
 from ruffini.rig.program import Weight
 from ruffini.rig.units import GRAVITY_M_S2

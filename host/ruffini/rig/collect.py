@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini import host_clock
-from ruffini.calibrate.warmth import CELSIUS
+from ruffini.calibrate.log.warmth import CELSIUS
 from ruffini.errors import RefusedError
 from ruffini.files import write_whole
 from ruffini.rig import by_hand

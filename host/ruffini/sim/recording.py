@@ -26,7 +26,6 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from ruffini import __version__
 from ruffini.errors import InputError
 from ruffini.files import write_whole
 from ruffini.sim.contact import ContactSolver, Pose
@@ -39,6 +38,7 @@ from ruffini.sim.story import Told, play
 from ruffini.sim.surface import hat_areas
 from ruffini.sim.toml import inline, settings_toml
 from ruffini.sim.unit import PadError, TwinUnit
+from ruffini.version import __version__
 
 __all__ = ["PadError", "TwinUnit", "record_balls", "record_touches"]
 
@@ -145,7 +145,7 @@ def _write_settings(unit: Unit, out: Path, seed: int, program: str, faults: Sequ
 def record_balls(
     unit: TwinUnit, n: int, out: Path, *, ball_mm: float, seed: int, progress: Progress = lambda _: None
 ) -> int:
-    """Ball presses for `ruffini cal photometric`: reference images, presses, presses.csv, presses.toml.
+    """Ball presses for `ruffini cal fit --only photometric`: reference images, presses, presses.csv, presses.toml.
 
     The contact circle has the area of the truth's contact, as a person would mark it, with that
     person's error. Returns the number of presses.

@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from ruffini import __version__
 from ruffini.boards import Board
 from ruffini.errors import InputError
 from ruffini.train import checkpoint
 from ruffini.train.network import DisplacementNet
 from ruffini.train.presses import Picture, Samples, shrink_factor
+from ruffini.version import __version__
 
 CHECKPOINT = "checkpoint.pt"
 BATCH = 16

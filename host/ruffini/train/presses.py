@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ruffini import __version__, sim
+from ruffini import sim
 from ruffini.boards import Board
 from ruffini.errors import RuffiniError
 from ruffini.files import write_whole
@@ -28,6 +28,7 @@ from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.programs import Rest, Touch, random_touch, sheared_and_turned
 from ruffini.sim.story import play
 from ruffini.sim.unit import TwinUnit
+from ruffini.version import __version__
 
 Array = npt.NDArray[np.float32]
 Picture = npt.NDArray[np.uint8]

@@ -15,16 +15,13 @@ import numpy.typing as npt
 import torch
 from torch import nn
 
-from ruffini import __version__
 from ruffini.boards import Board
 from ruffini.errors import VerifyError
 from ruffini.files import write_whole
-from ruffini.papers.stereo_pins import BINARY_LEVEL
-from ruffini.papers.stereo_pins import COLUMNS as ROI_COLUMNS
-from ruffini.papers.stereo_pins import ROWS as ROI_ROWS
-from ruffini.train.stereo_frames import GREY, OUTPUTS, Samples
+from ruffini.train.stereo_frames import BINARY_LEVEL, GREY, OUTPUTS, ROI_COLUMNS, ROI_ROWS, Samples
 from ruffini.train.stereo_network import HALF_RANGE, StereoNet
 from ruffini.train.stereo_predict import StereoNetwork
+from ruffini.version import __version__
 
 Array = npt.NDArray[np.float64]
 

@@ -18,13 +18,13 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from ruffini import __version__
 from ruffini.errors import InputError
 from ruffini.files import write_whole
 from ruffini.sim.cache import cache_folder
 from ruffini.train import checkpoint
 from ruffini.train.stereo_frames import UNITS, Samples
 from ruffini.train.stereo_network import PLANS, StereoNet, load_trunk
+from ruffini.version import __version__
 
 Progress = Callable[[float], None]
 Index = npt.NDArray[np.int64]

@@ -1,8 +1,9 @@
 """Presses on a fingertip as the stereo paper's network reads them: its region of both views, and six labels.
 
 Labels are in the units of the wire, so that a network says what the device sends. They are what the bench read, as
-`ruffini cal fingertip` takes it (ruffini.calibrate.tip_presses). Of the paper's seven attributes D is Z here. Not in
-paper: two untouched frames of each press, of force 0 and no other label, so that a network knows when nothing touches.
+`cal fit --only fingertip` takes it (ruffini.estimators.fingertip.presses). Of the paper's seven attributes D is Z
+here. Not in paper: two untouched frames of each press, of force 0 and no other label, so that a network knows when
+nothing touches.
 """
 
 from __future__ import annotations
@@ -16,17 +17,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.skin_presses import press_folders
-from ruffini.calibrate.tip_presses import COLUMNS, FORCE, told_of
 from ruffini.errors import InputError
+from ruffini.estimators.fingertip.presses import COLUMNS, FORCE, told_of
+from ruffini.estimators.skin.presses import press_folders
 from ruffini.frames import Frames
-from ruffini.papers.stereo_pins import COLUMNS as ROI_COLUMNS
-from ruffini.papers.stereo_pins import ROWS as ROI_ROWS
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint8]
 Progress = Callable[[float], None]
 
+ROI_ROWS, ROI_COLUMNS = slice(24, 216), slice(47, 271)  # of a view, what the paper's network sees
+BINARY_LEVEL = 90  # of modes 2 and 3; the paper prints none
 OUTPUTS = ("force_un", "way_um", "x_um", "y_um", "roll_urad", "pitch_urad")
 UNITS = np.array([1e6, 1e3, 1e3, 1e3, *2 * [np.deg2rad(1) * 1e6]])  # of tip_presses.COLUMNS in those of OUTPUTS
 GREY = (0.114, 0.587, 0.299)  # of B, G, R

@@ -22,10 +22,7 @@ import torch
 from torch import nn
 
 from ruffini.errors import InputError
-from ruffini.papers.stereo_pins import BINARY_LEVEL
-from ruffini.papers.stereo_pins import COLUMNS as ROI_COLUMNS
-from ruffini.papers.stereo_pins import ROWS as ROI_ROWS
-from ruffini.train.stereo_frames import GREY
+from ruffini.train.stereo_frames import BINARY_LEVEL, GREY, ROI_COLUMNS, ROI_ROWS
 
 Array = npt.NDArray[np.float64]
 

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ruffini.boards import Board
-from ruffini.calibrate.skin_presses import press_folders
 from ruffini.errors import InputError
+from ruffini.estimators.skin.presses import press_folders
 from ruffini.frames import Frames
 from ruffini.train.stereo_export import export
 from ruffini.train.stereo_fit import Choice, Pass, StereoTrainer

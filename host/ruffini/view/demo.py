@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ruffini.boards import Board, find_board
 from ruffini.cli.common import note, progress_bar
-from ruffini.demo.daemon import running_daemon
+from ruffini.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.errors import InputError
 from ruffini.sim.scenario import Scenario
@@ -59,15 +59,15 @@ def running_demo(board_name: str) -> Iterator[str]:
 
 def _calibration(board: Board, unit: TwinUnit) -> bytes:
     """What `make run` makes of the twin, kept for the next time."""
-    from ruffini import __version__
     from ruffini.calibrate import container
-    from ruffini.calibrate.error_model import N_TOUCHES
-    from ruffini.calibrate.operator import make_operator
-    from ruffini.calibrate.pad_view import Pinhole
-    from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-    from ruffini.calibrate.presses import load_presses
+    from ruffini.estimators.operator.error_model import N_TOUCHES
+    from ruffini.estimators.operator.fit import make_operator
+    from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
+    from ruffini.estimators.photometric.pad_view import Pinhole
+    from ruffini.estimators.photometric.presses import load_presses
     from ruffini.fem.operators import Noise
     from ruffini.sim.recording import record_balls
+    from ruffini.version import __version__
 
     assert board.folder is not None
     sources = [(board.folder / name).read_bytes() for name in ("board.toml", "twin.toml")]

@@ -10,7 +10,8 @@ from typing import Any
 
 from ruffini.device import Connection
 from ruffini.rig.bench import Bench, Person
-from ruffini.rig.guide import Guide, HeardPerson
+from ruffini.rig.guide import Guide
+from ruffini.rig.guide_view import HeardPerson, told
 from ruffini.rig.person import PageKeys
 from ruffini.rig.stage import Guard
 from ruffini.view.lent_line import LentLine
@@ -77,7 +78,7 @@ class GuidingPage:
             self.keys.close()
 
     def _state(self) -> dict[str, Any]:
-        return {"program": self._program, **self.guide.tell(self._bench), "end": self._end}
+        return {"program": self._program, **told(self.guide, self._bench), "end": self._end}
 
     def _hear(self, word: str, number: int) -> None:
         """An answer to a question of before, or a second one to this, is none."""

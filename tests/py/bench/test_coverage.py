@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ruffini.bench.coverage import Coverage, Stated, table
-from ruffini.calibrate.error_model import NodePlaces
+from ruffini.estimators.operator.error_model import NodePlaces
 
 STEP_N, THRESHOLD_N = 1e-5, 3e-3
 PLACES = NodePlaces(np.linspace(-5e-3, 5e-3, 21), np.linspace(-4e-3, 4e-3, 17))

@@ -9,8 +9,8 @@ from ruffini.bench.ifem import evaluate, observed
 from ruffini.bench.markers import LostMarkers, fill_lost
 from ruffini.bench.states import Recipe, State, Touch, make_states
 from ruffini.boards import Board, find_board
-from ruffini.calibrate.marker_lattice import NodesOnLattice, marker_places
 from ruffini.errors import InputError
+from ruffini.estimators.operator.marker_lattice import NodesOnLattice, marker_places
 
 
 @pytest.fixture(scope="module")

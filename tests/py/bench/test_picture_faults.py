@@ -14,8 +14,8 @@ from ruffini.bench import picture_faults as faults
 from ruffini.bench.fitted import NOISE, colours_of
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.operator import make_operator
 from ruffini.core import Pipeline
+from ruffini.estimators.operator.fit import make_operator
 from ruffini.sim.contact import Indenter, Pose
 from ruffini.sim.unit import TwinUnit
 

@@ -8,7 +8,7 @@ import pytest
 
 from ruffini.bench import presses as comparison
 from ruffini.boards import find_board
-from ruffini.calibrate.presses import load_presses
+from ruffini.estimators.photometric.presses import load_presses
 from ruffini.sim.recording import record_balls
 from ruffini.sim.settings import load_twin
 from ruffini.sim.unit import TwinUnit

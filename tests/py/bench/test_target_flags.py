@@ -9,8 +9,8 @@ import numpy.typing as npt
 import pytest
 
 from ruffini.boards import Board, find_board
-from ruffini.calibrate.target_geometry import TargetGeometry
 from ruffini.core import Pipeline
+from ruffini.estimators.wrench.target_geometry import TargetGeometry
 from ruffini.sim.programs import Load, Rest
 from ruffini.sim.scenario import Scenario
 from ruffini.sim.story import play

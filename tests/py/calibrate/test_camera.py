@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.camera import CameraFit, fit_camera, tables
-from ruffini.calibrate.targets import Target
 from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.camera.fit import CameraFit, fit_camera, tables
+from ruffini.estimators.camera.targets import Target
 from ruffini.sim.optics.camera import View, rotation
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.optics.settings import GelSettings, LensSettings, ViewSettings
@@ -209,7 +209,17 @@ def test_pictures_that_tell_no_lens(radtan_views: list[Path], tmp_path: Path) ->
 
 def test_the_verb(radtan_views: list[Path], tmp_path: Path) -> None:
     out = tmp_path / "camera.safetensors"
-    words = ["cal", "camera", str(radtan_views[0].parent), "--board", str(BOARD.folder), "--target", "chessboard"]
+    words = [
+        "cal",
+        "fit",
+        "--only",
+        "camera",
+        str(radtan_views[0].parent),
+        "--board",
+        str(BOARD.folder),
+        "--target",
+        "chessboard",
+    ]
     done = CliRunner().invoke(app, [*words, "--size", "9x6", "--pitch-mm", "1.8", "--out", str(out), "--json"])
     assert done.exit_code == 0, done.output
     report = json.loads(done.stdout)

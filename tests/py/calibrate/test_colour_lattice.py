@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ruffini.calibrate.colour_lattice import N_LINES, ColourAxis, bending
+from ruffini.estimators.photometric.lattice import N_LINES, ColourAxis, bending
 
 N_NODES = N_LINES**3
 

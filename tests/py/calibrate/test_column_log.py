@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ruffini.calibrate import container
-from ruffini.calibrate.column_log import Columns, read_column_logs
+from ruffini.calibrate.log.columns import Columns, read_column_logs
 from ruffini.cli.app import app
 from ruffini.errors import InputError
 
@@ -154,7 +154,8 @@ def test_a_cell_that_is_no_number(tmp_path: Path) -> None:
 
 
 def _command(paths: list[Path], out: Path) -> list[str]:
-    return ["cal", "wrench", *map(str, paths), "--time", "t", "--features", "moved", "--unit", "mm", "--wrench",
+    return ["cal", "fit", "--only", "wrench", *map(str, paths), "--time", "t", "--features", "moved",
+        "--unit", "mm", "--wrench",
             "wrench", "--touch", "touch", "--out", str(out), "--json"]  # fmt: skip
 
 
@@ -174,7 +175,18 @@ def test_two_recordings_without_untouched_frames_are_fitted(tmp_path: Path) -> N
     assert "wrench" in container.read(out).kinds
     mapping = tmp_path / "columns.toml"
     mapping.write_text('time = "t"\nfeatures = ["moved"]\nunit = "mm"\nwrench = "wrench"\ntouch = "touch"\n')
-    by_file = ["cal", "wrench", *map(str, paths), "--columns", str(mapping), "--out", str(out), "--json"]
+    by_file = [
+        "cal",
+        "fit",
+        "--only",
+        "wrench",
+        *map(str, paths),
+        "--columns",
+        str(mapping),
+        "--out",
+        str(out),
+        "--json",
+    ]
     again = json.loads(CliRunner().invoke(app, by_file, catch_exceptions=False).stdout)
     assert again["axes"] == said["axes"]
 

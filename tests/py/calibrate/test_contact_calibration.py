@@ -1,4 +1,4 @@
-"""What `cal contact` fits: made-up flows whose wrench, depth and hardness are known."""
+"""What `cal fit --only contact` fits: made-up flows whose wrench, depth and hardness are known."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy.typing as npt
 import pytest
 
 from ruffini.boards import Board, find_board
-from ruffini.calibrate.contact_log import Press, read_presses
-from ruffini.calibrate.contact_model import Log, fit_model, inputs_of, tell, true_sizes
-from ruffini.calibrate.contact_profile import radial_um
-from ruffini.calibrate.contact_tables import fit_contact, tables
-from ruffini.calibrate.contact_wrench import fit_contact_wrench, moment_per_flow, symmetric
-from ruffini.calibrate.feature_log import features_of
-from ruffini.calibrate.perceptron import Perceptron, run_tables, tanh_table
 from ruffini.errors import InputError
+from ruffini.estimators.contact_model.fit import Log, fit_model, inputs_of, tell, true_sizes
+from ruffini.estimators.contact_model.log import Press, read_presses
+from ruffini.estimators.contact_model.perceptron import Perceptron, run_tables, tanh_table
+from ruffini.estimators.contact_model.profile import radial_um
+from ruffini.estimators.contact_model.tables import fit_contact, tables
+from ruffini.estimators.contact_model.wrench import fit_contact_wrench, moment_per_flow, symmetric
+from ruffini.estimators.wrench.log import features_of
 
 Array = npt.NDArray[np.float64]
 CROSSTALK = np.array([0.02, 0.03, 0.0, 1e-3, -2e-3, 1.5e-3])  # of the bench: N/N and N m/N
@@ -124,9 +124,9 @@ def test_depth_kind_and_hardness_of_objects_that_were_not_fitted(board: Board, p
 def test_tables_say_what_the_fit_says(
     board: Board, presses: list[Press], rings: list[Press], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ruffini.calibrate.contact_tables.MOST_FOLDS", 2)
-    monkeypatch.setattr("ruffini.calibrate.contact_tables.FAILS_FOLDS", 2)
-    monkeypatch.setattr("ruffini.calibrate.perceptron.MAX_STEPS", 150)
+    monkeypatch.setattr("ruffini.estimators.contact_model.tables.MOST_FOLDS", 2)
+    monkeypatch.setattr("ruffini.estimators.contact_model.tables.FAILS_FOLDS", 2)
+    monkeypatch.setattr("ruffini.estimators.contact_model.perceptron.MAX_STEPS", 150)
     fit = fit_contact(board, [*presses, *rings], lambda _: None)
     tensors, metadata = tables(board, fit, features_of(board))
     report = json.loads(metadata["residuals"])

@@ -9,8 +9,8 @@ import numpy.typing as npt
 import pytest
 
 from ruffini.boards import Board, find_board
-from ruffini.calibrate import contact_depth
-from ruffini.calibrate.contact_depth import (
+from ruffini.estimators.contact_model import depth as contact_depth
+from ruffini.estimators.contact_model.depth import (
     Frame,
     JudgedMap,
     depth_tables,
@@ -18,10 +18,10 @@ from ruffini.calibrate.contact_depth import (
     fit_linear,
     inputs_of_patches,
 )
-from ruffini.calibrate.contact_flow import fall_of
-from ruffini.calibrate.contact_log import Press
-from ruffini.calibrate.contact_profile import radial_um
-from ruffini.calibrate.perceptron import run_tables, tanh_table
+from ruffini.estimators.contact_model.flow import fall_of
+from ruffini.estimators.contact_model.log import Press
+from ruffini.estimators.contact_model.perceptron import run_tables, tanh_table
+from ruffini.estimators.contact_model.profile import radial_um
 
 Array = npt.NDArray[np.float64]
 PX_PER_MM = 8.0
@@ -66,7 +66,7 @@ def presses(board: Board) -> list[Press]:
 @pytest.fixture(scope="module")
 def judged(board: Board, presses: list[Press]) -> JudgedMap:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ruffini.calibrate.perceptron.MAX_STEPS", 120)
+        patch.setattr("ruffini.estimators.contact_model.perceptron.MAX_STEPS", 120)
         patch.setattr(contact_depth, "MOST_ROWS", 2000)
         found = fit_contact_depth(board, presses, [lambda p: p.radius_mm == 5.5], lambda _: None)
     assert found is not None

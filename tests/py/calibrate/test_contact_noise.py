@@ -7,8 +7,8 @@ import numpy.typing as npt
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from ruffini.calibrate.contact_noise import ALLOWED_RATE, MIN_FRAMES, fit_contact_noise, largest_square
 from ruffini.errors import InputError
+from ruffini.estimators.threshold.fit import ALLOWED_RATE, MIN_FRAMES, fit_contact_noise, largest_square
 
 N_REST = 8
 SHAPE = (12, 15)

@@ -1,4 +1,4 @@
-"""Presses of a log whose indenters were changed, as `cal contact` fits them."""
+"""Presses of a log whose indenters were changed, as `cal fit --only contact` fits them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ruffini.boards import Board, find_board
-from ruffini.calibrate.contact_touches import felt_after_mm, presses_of_log
 from ruffini.errors import InputError
+from ruffini.estimators.contact_model.touches import felt_after_mm, presses_of_log
 from ruffini.rig.log_file import Log, TouchRecord, write_log
 
 N_X, N_Y, N = 34, 26, 30

@@ -1,4 +1,4 @@
-"""What `cal wrench` reads: logs of the rig, folders of frames."""
+"""What `cal fit --only wrench` reads: logs of the rig, folders of frames."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy.typing as npt
 import pytest
 
 from ruffini.boards import find_board, parse_board
-from ruffini.calibrate.feature_log import read_feature_runs, zero_of
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.log import read_feature_runs, zero_of
 from ruffini.rig.log_file import Log, TouchRecord, write_log
 
 BOARD = find_board("ftouch")

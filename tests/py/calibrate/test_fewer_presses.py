@@ -10,7 +10,7 @@ import pytest
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.fewer_presses import LEAST_JUDGED, accuracy_in, accuracy_of_presses, accuracy_text, draws
+from ruffini.calibrate.report.fewer_presses import LEAST_JUDGED, accuracy_in, accuracy_of_presses, accuracy_text, draws
 from ruffini.errors import InputError
 
 

@@ -11,12 +11,12 @@ import numpy.typing as npt
 import pytest
 from kept import kept
 
-from ruffini.calibrate import find_balls as find_balls_module
-from ruffini.calibrate.contact_circle import Circle
-from ruffini.calibrate.find_balls import NotFound, find_balls
-from ruffini.calibrate.press_change import Rest
-from ruffini.calibrate.presses import load_presses
 from ruffini.errors import InputError
+from ruffini.estimators.photometric import find_balls as find_balls_module
+from ruffini.estimators.photometric.change import Rest
+from ruffini.estimators.photometric.circle import Circle
+from ruffini.estimators.photometric.find_balls import NotFound, find_balls
+from ruffini.estimators.photometric.presses import load_presses
 
 BALL_PX = 40.0
 N = 5  # presses of a folder

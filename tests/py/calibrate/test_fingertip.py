@@ -10,15 +10,15 @@ import pytest
 from typer.testing import CliRunner
 
 from ruffini.boards import find_board
-from ruffini.calibrate import fingertip
-from ruffini.calibrate.fingertip import Bench, Eyes, ModeFit, Pins, Scale, fit_fingertip, labels_of, told_by
-from ruffini.calibrate.tip_field import field_of
-from ruffini.calibrate.tip_presses import FACES, Press, face_area, read_press, told_of
-from ruffini.calibrate.tip_turns import Samples, turned
 from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.core.pipeline import TipRow
 from ruffini.errors import InputError
+from ruffini.estimators.fingertip import fit as fingertip
+from ruffini.estimators.fingertip.field import field_of
+from ruffini.estimators.fingertip.fit import Bench, Eyes, ModeFit, Pins, Scale, fit_fingertip, labels_of, told_by
+from ruffini.estimators.fingertip.presses import FACES, Press, face_area, read_press, told_of
+from ruffini.estimators.fingertip.turns import Samples, turned
 from ruffini.sim.indenters.outline import OUTLINES
 from ruffini.sim.optics.patterns.discs import pin_feet, pin_tips
 from ruffini.sim.optics.renderer import Renderer
@@ -88,7 +88,18 @@ def test_dots_of_both_eyes_are_paired_and_a_wrong_distance_is_refused(tips: Arra
 
 @pytest.mark.parametrize("baseline_mm", [0.0, -10.0, 44.1, float("nan"), float("inf")])
 def test_eyes_that_are_not_in_the_fingertip_are_one_sentence(baseline_mm: float, tmp_path: Path) -> None:
-    words = ["cal", "fingertip", "--board", str(BOARD.folder), "--presses", str(tmp_path), "--out", "x"]
+    words = [
+        "cal",
+        "fit",
+        "--only",
+        "fingertip",
+        "--board",
+        str(BOARD.folder),
+        "--presses",
+        str(tmp_path),
+        "--out",
+        "x",
+    ]
     done = CliRunner().invoke(app, [*words, "--baseline-mm", str(baseline_mm)])
     assert isinstance(done.exception, InputError)
     assert str(done.exception).startswith(f"--baseline-mm {baseline_mm:g}: the eyes are 0.1 to 44 mm apart")

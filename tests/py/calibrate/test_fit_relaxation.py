@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ruffini.boards import find_board
-from ruffini.calibrate.reference_log import write_fit
-from ruffini.calibrate.relaxation import RelaxationFit, RelaxationLog, fit_relaxation, read_relaxation
+from ruffini.calibrate.log.reference import write_fit
 from ruffini.errors import InputError
+from ruffini.estimators.relaxation.fit import RelaxationFit, RelaxationLog, fit_relaxation, read_relaxation
 from ruffini.sim.prony import Memory, Prony
 
 PERIOD_S = 1 / 60

@@ -13,17 +13,17 @@ from kept import kept
 from test_glowing_skin import BOARD, LENS, PARTS, SCALE, SHIFT_MM, A, B
 
 from ruffini.calibrate.container import CalibrationFile
-from ruffini.calibrate.fit import finished, run_stages
+from ruffini.calibrate.fit.job import Job, Outcome
+from ruffini.calibrate.fit.run import finished, run_stages
+from ruffini.calibrate.fit.stages import STAGES
 from ruffini.calibrate.gates import Gate, failed, gates_of_stages
-from ruffini.calibrate.skin_judge import OFF_X, REFERENCE, SAID, judged_presses
-from ruffini.calibrate.skin_log import untouched_of, whole
-from ruffini.calibrate.skin_openings import lattice_mm
-from ruffini.calibrate.skin_report import skin_report_of, write_skin_page
-from ruffini.calibrate.skin_response import TIMES_S, Layout, layout_of, relaxed
-from ruffini.calibrate.skin_rubber import pyramid_force
-from ruffini.calibrate.stages import STAGES
-from ruffini.calibrate.stages.job import Job, Outcome
 from ruffini.errors import InputError
+from ruffini.estimators.skin.judge import OFF_X, REFERENCE, SAID, judged_presses
+from ruffini.estimators.skin.log import untouched_of, whole
+from ruffini.estimators.skin.openings import lattice_mm
+from ruffini.estimators.skin.report import skin_report_of, write_skin_page
+from ruffini.estimators.skin.response import TIMES_S, Layout, layout_of, relaxed
+from ruffini.estimators.skin.rubber import pyramid_force
 from ruffini.rig.log_file import Log, TouchRecord, read_log, write_log
 
 Array = npt.NDArray[np.float64]

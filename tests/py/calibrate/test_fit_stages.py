@@ -15,18 +15,23 @@ from kept import kept
 from test_material import TRUE, board, touches  # noqa: F401
 
 from ruffini.boards import Board, find_board
-from ruffini.calibrate import contact_noise, container
-from ruffini.calibrate.fit import finished, run_stages
-from ruffini.calibrate.fleet import fit_fleet, outliers_of
+from ruffini.calibrate import container
+from ruffini.calibrate.fit.job import HELD_S, Job, Outcome, left_after, material_of
+from ruffini.calibrate.fit.run import finished, run_stages
+from ruffini.calibrate.fit.stages import STAGES
+from ruffini.calibrate.fleet.units import fit_fleet, outliers_of
 from ruffini.calibrate.gates import MAX_ERROR, Gate, failed, gates_in, gates_of_stages
-from ruffini.calibrate.material import fit_material
-from ruffini.calibrate.operator import Material, board_slab, make_operator
-from ruffini.calibrate.report import report_of
-from ruffini.calibrate.report_page import write_page
-from ruffini.calibrate.stages import STAGES, material, operator, relaxation, threshold
-from ruffini.calibrate.stages.job import HELD_S, Job, Outcome, left_after, material_of
-from ruffini.calibrate.touch_log import Series, TouchLog, read_touch_log
+from ruffini.calibrate.log.touches import Series, TouchLog, read_touch_log
+from ruffini.calibrate.report.judged import report_of
+from ruffini.calibrate.report.page import write_page
 from ruffini.errors import InputError
+from ruffini.estimators.material import stage as material
+from ruffini.estimators.material.fit import fit_material
+from ruffini.estimators.operator import stage as operator
+from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+from ruffini.estimators.relaxation import stage as relaxation
+from ruffini.estimators.threshold import fit as contact_noise
+from ruffini.estimators.threshold import stage as threshold
 from ruffini.rig.log_file import Log, TouchRecord, write_log
 
 N_FRAMES = 12

@@ -14,9 +14,9 @@ from test_photometric import BALL_MM, PX_PER_MM, draw
 from ruffini.boards import find_board
 from ruffini.calibrate import container
 from ruffini.calibrate.gates import gates_in, gates_of_modulus, verdict
-from ruffini.calibrate.operator import Material
-from ruffini.calibrate.presses import load_presses
 from ruffini.errors import InputError
+from ruffini.estimators.operator.fit import Material
+from ruffini.estimators.photometric.presses import load_presses
 
 COLUMNS = "image,center_x_px,center_y_px,contact_radius_px"
 N = 12
@@ -43,7 +43,7 @@ def good(seed: int = 3) -> list[Circle]:
 
 
 def fit(folder: Path, out: Path) -> tuple[int, str]:
-    done = run_ruffini("cal", "photometric", folder, "--board", "gelslim", "--foreign", "--out", out)
+    done = run_ruffini("cal", "fit", "--only", "photometric", folder, "--board", "gelslim", "--foreign", "--out", out)
     return done.code, done.err
 
 

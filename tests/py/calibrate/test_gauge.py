@@ -11,10 +11,10 @@ from kept import kept
 
 from ruffini.bench.states import FRESH, TUNED, make_states
 from ruffini.boards import Board, find_board, parse_board
-from ruffini.calibrate.depth_gauge import LitNodes, fit_depth_gauge
-from ruffini.calibrate.gauge import USUAL, gauge_nodes, gauge_uncertainty_m
-from ruffini.calibrate.operator import Material, board_slab, make_operator
 from ruffini.errors import InputError
+from ruffini.estimators.operator.depth_gauge import LitNodes, fit_depth_gauge
+from ruffini.estimators.operator.fit import Material, board_slab, make_operator
+from ruffini.estimators.operator.gauge import USUAL, gauge_nodes, gauge_uncertainty_m
 from ruffini.fem.touches import TouchMaker
 
 BASE = Path(__file__).parents[2] / "data" / "boards" / "base.toml"

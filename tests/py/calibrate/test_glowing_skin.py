@@ -10,14 +10,14 @@ import pytest
 from kept import kept
 
 from ruffini.boards import find_board
-from ruffini.calibrate.skin_gain import fit_gain, no_gain
-from ruffini.calibrate.skin_openings import TubeView, find_openings, fit_view, lattice_mm
-from ruffini.calibrate.skin_places import errors, fit_places
-from ruffini.calibrate.skin_presses import Press, inward, out_of
-from ruffini.calibrate.skin_reach import fit_reach, stands_out, unexplained
-from ruffini.calibrate.skin_response import TIMES_S, Layout, fit_force, layout_of, relaxed
-from ruffini.calibrate.skin_rubber import pyramid_force
 from ruffini.errors import InputError
+from ruffini.estimators.skin.gain import fit_gain, no_gain
+from ruffini.estimators.skin.openings import TubeView, find_openings, fit_view, lattice_mm
+from ruffini.estimators.skin.places import errors, fit_places
+from ruffini.estimators.skin.presses import Press, inward, out_of
+from ruffini.estimators.skin.reach import fit_reach, stands_out, unexplained
+from ruffini.estimators.skin.response import TIMES_S, Layout, fit_force, layout_of, relaxed
+from ruffini.estimators.skin.rubber import pyramid_force
 
 BOARD = next(b for b in map(find_board, ("eltac",)) if b.skin is not None)
 LENS = TubeView(950.0, 160.0, -0.3, 0.2, 647.6, 357.5, 40.0, 0.0)

@@ -12,12 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 from ruffini.boards import find_board
-from ruffini.calibrate.fit_presses import fit_presses
-from ruffini.calibrate.intensity import IntensityFit, fit_intensity, is_monochrome
-from ruffini.calibrate.press_change import Rest
-from ruffini.calibrate.presses import load_presses
 from ruffini.cli.app import app
 from ruffini.errors import InputError
+from ruffini.estimators.photometric.change import Rest
+from ruffini.estimators.photometric.find_discs import is_monochrome
+from ruffini.estimators.photometric.fitted import fit_presses
+from ruffini.estimators.photometric.intensity import IntensityFit, fit_intensity
+from ruffini.estimators.photometric.presses import load_presses
 
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "gelsight-mini")
 BALL_MM, PX_PER_MM = 6.0, 12.0
@@ -83,7 +84,18 @@ def test_one_press_is_enough_and_says_that_none_was_left_out(folder: Path) -> No
 
 def test_the_verbs_fit_judge_and_report(folder: Path, tmp_path: Path) -> None:
     out, page = tmp_path / "dark.safetensors", tmp_path / "page.html"
-    words = ["cal", "photometric", str(folder), "--board", str(BOARD.folder), "--foreign", "--out", str(out)]
+    words = [
+        "cal",
+        "fit",
+        "--only",
+        "photometric",
+        str(folder),
+        "--board",
+        str(BOARD.folder),
+        "--foreign",
+        "--out",
+        str(out),
+    ]
     done = CliRunner().invoke(app, [*words, "--report", str(page), "--json"])
     assert done.exit_code == 0, done.output
     report = json.loads(page.with_suffix(".json").read_text())
@@ -104,9 +116,11 @@ def test_the_verbs_fit_judge_and_report(folder: Path, tmp_path: Path) -> None:
 def test_depth_of_a_picture_that_is_not_of_the_boards_size(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "dark.safetensors"
     board = ["--board", str(BOARD.folder)]
-    done = CliRunner().invoke(app, ["cal", "photometric", str(folder), *board, "--foreign", "--out", str(out)])
+    done = CliRunner().invoke(
+        app, ["cal", "fit", "--only", "photometric", str(folder), *board, "--foreign", "--out", str(out)]
+    )
     assert done.exit_code == 0, done.output
-    words = ["depth", str(folder / "press" / "0.png"), "--calibration", str(out), *board]
+    words = ["offline", "depth", str(folder / "press" / "0.png"), "--calibration", str(out), *board]
     assert "--px-per-mm" in str(CliRunner().invoke(app, words).exception)
     scale = ["--px-per-mm", str(PX_PER_MM)]
     done = CliRunner().invoke(app, [*words, *scale, "--out", str(tmp_path / "depth"), "--json"])

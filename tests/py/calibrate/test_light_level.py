@@ -9,10 +9,10 @@ import pytest
 
 from ruffini.boards import find_board
 from ruffini.calibrate.container import base_metadata, pack
-from ruffini.calibrate.light_level import light_level
-from ruffini.calibrate.presses import relative_change
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.photometric.light_level import light_level
+from ruffini.estimators.photometric.presses import relative_change
 
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "gelsight-mini")
 LIGHT = np.array([1.12, 0.97, 0.9])

@@ -8,9 +8,9 @@ from kept import kept
 
 from ruffini.bench.states import FRESH, State, make_states
 from ruffini.boards import Board, find_board, parse_board
-from ruffini.calibrate.marker_depth import MarkerDepth, fit_marker_depth
-from ruffini.calibrate.operator import OperatorKind, board_slab, make_operator, second_pass
 from ruffini.errors import InputError
+from ruffini.estimators.operator.fit import OperatorKind, board_slab, make_operator, second_pass
+from ruffini.estimators.operator.marker_depth import MarkerDepth, fit_marker_depth
 from ruffini.fem.operators import Noise
 
 NOISE = Noise((5e-6, 5e-6, 20e-6))

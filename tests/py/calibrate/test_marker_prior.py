@@ -8,9 +8,9 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from ruffini.boards import find_board, parse_board
-from ruffini.calibrate.error_model import node_places
-from ruffini.calibrate.marker_prior import marker_prior
-from ruffini.calibrate.operator import board_slab
+from ruffini.estimators.operator.error_model import node_places
+from ruffini.estimators.operator.fit import board_slab
+from ruffini.estimators.wrench.marker_prior import marker_prior
 from ruffini.fem.touches import TouchMaker
 
 TEXT = (Path(__file__).parents[2] / "data" / "boards" / "base.toml").read_text()

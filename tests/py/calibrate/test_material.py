@@ -11,18 +11,18 @@ import pytest
 from kept import kept
 
 from ruffini.boards import Board, find_board, parse_board
-from ruffini.calibrate.material import (
+from ruffini.calibrate.log.reference import read_wrench_csv, write_fit
+from ruffini.errors import InputError
+from ruffini.estimators.material.fit import (
     MaterialFit,
     fit_material,
     log_from_frames,
     read_material,
     read_stiffness_sigma,
 )
-from ruffini.calibrate.material_model import MaterialLog
-from ruffini.calibrate.operator import Material, board_slab
-from ruffini.calibrate.prior import Prior, board_prior, fleet_prior, next_gel_prior, read_prior, write_prior
-from ruffini.calibrate.reference_log import read_wrench_csv, write_fit
-from ruffini.errors import InputError
+from ruffini.estimators.material.model import MaterialLog
+from ruffini.estimators.material.prior import Prior, board_prior, fleet_prior, next_gel_prior, read_prior, write_prior
+from ruffini.estimators.operator.fit import Material, board_slab
 from ruffini.fem.condense import condense, surface_stiffness
 from ruffini.fem.operators import Noise
 from ruffini.fem.slab import Slab

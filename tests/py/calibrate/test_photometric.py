@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ruffini.calibrate.photometric import (
+from ruffini.errors import InputError
+from ruffini.estimators.photometric.fit import (
     Choice,
     best_choice,
     collect_samples,
@@ -16,8 +17,7 @@ from ruffini.calibrate.photometric import (
     simplest_good,
     tabulate,
 )
-from ruffini.calibrate.presses import load_presses
-from ruffini.errors import InputError
+from ruffini.estimators.photometric.presses import load_presses
 
 BALL_MM, PX_PER_MM = 5.0, 15.0
 SHAPE = (120, 160)

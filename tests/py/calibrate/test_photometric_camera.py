@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.camera import CameraModel, Lens, tables
-from ruffini.calibrate.pad_view import MappedCamera, PadView, Pinhole, mm_per_px, pad_view
-from ruffini.calibrate.photometric import angle_deg
-from ruffini.calibrate.presses import Press, ball_slope
 from ruffini.cli.app import app
 from ruffini.errors import InputError
+from ruffini.estimators.camera.fit import CameraModel, Lens, tables
+from ruffini.estimators.photometric.fit import angle_deg
+from ruffini.estimators.photometric.pad_view import MappedCamera, PadView, Pinhole, mm_per_px, pad_view
+from ruffini.estimators.photometric.presses import Press, ball_slope
 from ruffini.sim.optics.camera import View
 from ruffini.sim.optics.settings import LensSettings, ViewSettings
 from ruffini.sim.recording import record_balls
@@ -34,7 +34,7 @@ RADIUS_MM, CONTACT_MM = 2.5, 1.2
 
 @pytest.fixture(scope="module")
 def camera() -> container.CalibrationFile:
-    """The camera as `cal camera` would have it, of the true lens."""
+    """The camera as `cal fit --only camera` would have it, of the true lens."""
     lens = Lens(MATRIX, np.array([K1, K2, 0, 0, 0]), False)
     tensors, metadata = tables(CameraModel(lens, np.eye(3), np.array([0, 0, -20.0])), BOARD)
     return container.unpack(container.pack({**tensors}, {**container.base_metadata(BOARD), **metadata}).data)
@@ -89,7 +89,17 @@ def test_the_verb_takes_the_camera(
     folder = tmp_path / "balls"
     record_balls(TwinUnit.build(BOARD), 3, folder, ball_mm=2 * RADIUS_MM, seed=5)
     container.write(tmp_path / "camera", camera)
-    words = ["cal", "photometric", str(folder), "--board", str(BOARD.folder), "--out", str(tmp_path / "out")]
+    words = [
+        "cal",
+        "fit",
+        "--only",
+        "photometric",
+        str(folder),
+        "--board",
+        str(BOARD.folder),
+        "--out",
+        str(tmp_path / "out"),
+    ]
 
     def looked_at(_: MappedCamera, px: Array) -> tuple[Array, Array]:
         raise InputError(f"{len(px)} pixels looked at by the map")

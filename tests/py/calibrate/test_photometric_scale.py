@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ruffini.calibrate.photometric import Samples
-from ruffini.calibrate.photometric_scale import fit_scale, scaled
+from ruffini.estimators.photometric.fit import Samples
+from ruffini.estimators.photometric.scale import fit_scale, scaled
 
 TRUE = 1.12  # the next gel answers weaker: the table's normals must grow
 

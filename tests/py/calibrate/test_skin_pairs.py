@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from ruffini.calibrate.skin_pairs import excess, patch_about
-from ruffini.calibrate.skin_reach import REACH_SIZE, REACH_STEP_MM, reach_at
-from ruffini.calibrate.skin_response import Layout
+from ruffini.estimators.skin.pairs import excess, patch_about
+from ruffini.estimators.skin.reach import REACH_SIZE, REACH_STEP_MM, reach_at
+from ruffini.estimators.skin.response import Layout
 
 Array = npt.NDArray[np.float64]
 

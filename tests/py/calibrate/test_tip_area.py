@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from ruffini.calibrate.tip_area import FLAT_MM, N_TOP, STEP_MM, area_of_nodes, area_of_pins, flat_area, lattice
+from ruffini.estimators.fingertip.area import FLAT_MM, N_TOP, STEP_MM, area_of_nodes, area_of_pins, flat_area, lattice
 
 Array = npt.NDArray[np.float64]
 RADIUS_MM = 22.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
+from papers.stereo_fingertip.experiment import is_whole
 
-from ruffini.bench.experiments.stereo_pins import is_whole
-from ruffini.calibrate import tip_face
-from ruffini.calibrate.tip_face import bears_all_round, cells, fit_face, radii, rays, table_error
+from ruffini.estimators.fingertip import face as tip_face
+from ruffini.estimators.fingertip.face import bears_all_round, cells, fit_face, radii, rays, table_error
 
 Array = npt.NDArray[np.float64]
 DOME_MM = TIP_MM = 22.0

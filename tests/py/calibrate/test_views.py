@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 from ruffini.boards import Board, find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.targets import Target
-from ruffini.calibrate.views import fit_views, tables, view_kinds
 from ruffini.cli.app import app
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.camera.targets import Target
+from ruffini.estimators.camera.views import fit_views, tables, view_kinds
 from ruffini.sim.optics.camera import View, rotation
 from ruffini.sim.optics.settings import LensSettings, MirrorSettings, ViewSettings
 
@@ -191,7 +191,17 @@ def test_what_cannot_be_fitted(stereo_paths: list[Path], tmp_path: Path) -> None
 
 def test_the_verb(stereo_paths: list[Path], tmp_path: Path) -> None:
     paths, out = stereo_paths, tmp_path / "views.safetensors"
-    words = ["cal", "camera", *map(str, paths[:-1]), "--board", str(BOARD.folder), "--target", "chessboard"]
+    words = [
+        "cal",
+        "fit",
+        "--only",
+        "camera",
+        *map(str, paths[:-1]),
+        "--board",
+        str(BOARD.folder),
+        "--target",
+        "chessboard",
+    ]
     words += ["--size", "9x6", "--pitch-mm", str(PITCH_MM), "--views", "straight,straight", "--out", str(out)]
     refused = CliRunner().invoke(app, words)
     assert "--on-pad" in str(refused.exception)

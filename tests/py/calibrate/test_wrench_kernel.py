@@ -9,10 +9,11 @@ import numpy.typing as npt
 import pytest
 from kept import kept
 
-from ruffini.calibrate import wrench_kernel, wrench_kernel_choice
-from ruffini.calibrate.feature_log import FeatureRun
-from ruffini.calibrate.wrench_map import Fit, fit_wrench_map
-from ruffini.calibrate.wrench_model import Frames, frames_of
+from ruffini.estimators.wrench import kernel as wrench_kernel
+from ruffini.estimators.wrench import kernel_choice as wrench_kernel_choice
+from ruffini.estimators.wrench.fit import Fit, fit_wrench_map
+from ruffini.estimators.wrench.log import FeatureRun
+from ruffini.estimators.wrench.model import Frames, frames_of
 from ruffini.evaluate.wrench import on_board
 
 Array = npt.NDArray[np.float64]

@@ -12,13 +12,13 @@ from kept import kept
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.feature_log import FeatureRun, Features
-from ruffini.calibrate.target_geometry import TargetGeometry
-from ruffini.calibrate.wrench_map import Fit, fit_wrench_map
-from ruffini.calibrate.wrench_model import AXES, frames_of, memories
-from ruffini.calibrate.wrench_tables import map_in, tables
-from ruffini.calibrate.wrench_warmth import Degrees
 from ruffini.errors import InputError
+from ruffini.estimators.wrench.fit import Fit, fit_wrench_map
+from ruffini.estimators.wrench.log import FeatureRun, Features
+from ruffini.estimators.wrench.model import AXES, frames_of, memories
+from ruffini.estimators.wrench.tables import map_in, tables
+from ruffini.estimators.wrench.target_geometry import TargetGeometry
+from ruffini.estimators.wrench.warmth import Degrees
 
 Array = npt.NDArray[np.float64]
 

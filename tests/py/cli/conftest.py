@@ -10,7 +10,7 @@ from small_board import BASE, COARSE, Files, Run
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.operator import make_operator
+from ruffini.estimators.operator.fit import make_operator
 from ruffini.fem.operators import Noise
 
 

@@ -50,20 +50,20 @@ SPOILT = {
 def test_track_says_what_is_wrong_and_from_which_frame(case: str, files: Files, run: Run, tmp_path: Path) -> None:
     change, pitch, expected = SPOILT[case]
     log = write(tmp_path / "log", change, pitch)
-    code, text, err = run("track", log, "--board", files.folder, "--json")
+    code, text, err = run("offline", "track", log, "--board", files.folder, "--json")
     assert code == 0, err
     result = json.loads(text)
     first = {word: row["first"] for word, row in result["faults"].items()}
     assert {word: first.get(word) for word in expected} == expected
     assert bool(first) == bool(expected)
     assert all(row["faults"] == [] for row in result["per_frame"][: min(expected.values(), default=N)])
-    said = run("track", log, "--board", files.folder)[1]
+    said = run("offline", "track", log, "--board", files.folder)[1]
     assert ("NOT TO BE USED" in said) == bool(expected)
 
 
 def test_a_frame_of_another_size_is_named(files: Files, run: Run, tmp_path: Path) -> None:
     log = write(tmp_path / "log", lambda p, i: cv2.resize(p, (640, 480)) if i == 9 else p)
-    for words in (("track", log), ("eval", "markers", log)):
+    for words in (("offline", "track", log), ("eval", "markers", log)):
         code, _, err = run(*words, "--board", files.folder)
         assert code == 2
         assert "frame 9 is 640x480, board 'small' needs 320x240" in err
@@ -71,7 +71,7 @@ def test_a_frame_of_another_size_is_named(files: Files, run: Run, tmp_path: Path
 
 def test_no_markers(files: Files, run: Run, tmp_path: Path) -> None:
     log = write(tmp_path / "log", lambda p, _: np.full_like(p, 120))
-    for words in (("track", log), ("eval", "markers", log)):
+    for words in (("offline", "track", log), ("eval", "markers", log)):
         code, _, err = run(*words, "--board", files.folder)
         assert code == 2
         assert "no markers of board 'small'" in err

@@ -44,7 +44,9 @@ def write_presses(folder: Path, size: tuple[int, int] = (240, 320)) -> Path:
 
 def test_photometric_makes_a_table_that_the_core_takes(files: Files, run: Run, tmp_path: Path) -> None:
     folder, out = write_presses(tmp_path / "presses"), tmp_path / "colours.safetensors"
-    code, text, err = run("cal", "photometric", folder, "--board", files.folder, "--out", out, "--json")
+    code, text, err = run(
+        "cal", "fit", "--only", "photometric", folder, "--board", files.folder, "--out", out, "--json"
+    )
     assert code == 0, err
     report = json.loads(text)
     assert report["n_presses"] == 4
@@ -53,17 +55,19 @@ def test_photometric_makes_a_table_that_the_core_takes(files: Files, run: Run, t
     assert file.kinds == ["photometric"]
     assert file.metadata["optics"] == files.board.camera.optics
     assert json.loads(file.metadata["residuals"])["n_presses"] == 4
-    assert run("cal", "verify", out, "--board", files.folder)[0] == 0
+    assert run("cal", "file", "verify", out, "--board", files.folder)[0] == 0
 
 
 def test_presses_of_other_optics_need_to_be_called_so(files: Files, run: Run, tmp_path: Path) -> None:
     folder, out = write_presses(tmp_path / "presses", (200, 220)), tmp_path / "colours.safetensors"
-    code, _, err = run("cal", "photometric", folder, "--board", files.folder, "--out", out)
+    code, _, err = run("cal", "fit", "--only", "photometric", folder, "--board", files.folder, "--out", out)
     assert code == 2
     assert "220x200" in err
     assert "--foreign" in err
     assert not out.exists()
-    assert run("cal", "photometric", folder, "--board", files.folder, "--out", out, "--foreign")[0] == 0
+    assert (
+        run("cal", "fit", "--only", "photometric", folder, "--board", files.folder, "--out", out, "--foreign")[0] == 0
+    )
     assert container.read(out).metadata["optics"] == "foreign"
 
 
@@ -86,7 +90,7 @@ def test_presses_of_other_optics_need_to_be_called_so(files: Files, run: Run, tm
 )
 def test_operator_refuses(words: tuple[str, ...], said: str, files: Files, run: Run, tmp_path: Path) -> None:
     out = tmp_path / "o.safetensors"
-    code, text, err = run("cal", "operator", "--board", files.folder, "--out", out, *words)
+    code, text, err = run("cal", "fit", "--only", "operator", "--board", files.folder, "--out", out, *words)
     assert (code, text) == (2, ""), err
     assert said in refusal_in(err)
     assert not out.exists()
@@ -94,13 +98,13 @@ def test_operator_refuses(words: tuple[str, ...], said: str, files: Files, run: 
 
 def test_merge_of_a_file_with_itself_and_of_two_boards(files: Files, run: Run, tmp_path: Path) -> None:
     out = tmp_path / "m.safetensors"
-    code, text, _ = run("cal", "merge", files.operator, files.calibration, "--out", out, "--json")
+    code, text, _ = run("cal", "file", "merge", files.operator, files.calibration, "--out", out, "--json")
     assert (code, json.loads(text)["kinds"]) == (0, ["operator", "photometric"])
     file = container.read(files.operator)
     other = tmp_path / "other.safetensors"
     container.write(other, container.pack(file.tensors, {**file.metadata, "board": "another"}))
     before = out.read_bytes()
-    code, _, err = run("cal", "merge", out, other, "--out", out)
+    code, _, err = run("cal", "file", "merge", out, other, "--out", out)
     assert code == 4
     assert "another" in err
     assert out.read_bytes() == before
@@ -111,10 +115,10 @@ def test_verify_tells_a_changed_file_from_one_for_another_board(files: Files, ru
     data[-100] ^= 1
     changed = tmp_path / "changed.safetensors"
     changed.write_bytes(data)
-    assert run("cal", "verify", changed)[0] == 5
-    assert run("cal", "verify", files.operator, "--board", "gelslim")[0] == 4
-    assert run("cal", "verify", tmp_path / "none.safetensors")[0] == 2
-    assert run("cal", "verify", files.operator, "--board", files.folder)[0] == 0
+    assert run("cal", "file", "verify", changed)[0] == 5
+    assert run("cal", "file", "verify", files.operator, "--board", "gelslim")[0] == 4
+    assert run("cal", "file", "verify", tmp_path / "none.safetensors")[0] == 2
+    assert run("cal", "file", "verify", files.operator, "--board", files.folder)[0] == 0
 
 
 def test_a_path_that_no_verb_can_use_is_named(run: Run) -> None:
@@ -125,7 +129,21 @@ def test_a_path_that_no_verb_can_use_is_named(run: Run) -> None:
 
 def test_ridge_weight_by_rule(files: Files, run: Run, tmp_path: Path) -> None:
     out, plot = tmp_path / "o.safetensors", tmp_path / "plot.png"
-    words = ("cal", "operator", "--board", files.folder, "--out", out, "--method", "ridge", "--plot", plot, "--json")
+    words = (
+        "cal",
+        "fit",
+        "--only",
+        "operator",
+        "--board",
+        files.folder,
+        "--out",
+        out,
+        "--method",
+        "ridge",
+        "--plot",
+        plot,
+        "--json",
+    )
     code, text, err = run(*words, "--weight", "cv")
     assert code == 0, err
     result = json.loads(text)
@@ -139,7 +157,8 @@ def test_ridge_weight_by_rule(files: Files, run: Run, tmp_path: Path) -> None:
 def test_a_rule_that_finds_no_weight_writes_nothing(files: Files, run: Run, tmp_path: Path) -> None:
     """This board's mesh is too coarse for an L-curve with a corner."""
     out = tmp_path / "o.safetensors"
-    code, text, err = run("cal", "operator", "--board", files.folder, "--out", out, "--method", "ridge",
+    code, text, err = run("cal", "fit", "--only", "operator", "--board", files.folder, "--out", out,
+        "--method", "ridge",
                           "--weight", "lcurve")  # fmt: skip
     assert (code, text) == (2, "")
     assert "lcurve finds no ridge weight" in err
@@ -163,7 +182,7 @@ def test_operator_of_a_pad_that_cannot_be(
     (tmp_path / "small").mkdir()
     (tmp_path / "small" / "board.toml").write_text(text.replace(old, new))
     out = tmp_path / "o.safetensors"
-    code, text, err = run("cal", "operator", "--board", tmp_path / "small", "--out", out)
+    code, text, err = run("cal", "fit", "--only", "operator", "--board", tmp_path / "small", "--out", out)
     assert (code, text) == (2, ""), err
     assert said in refusal_in(err)
     assert [p.name for p in tmp_path.iterdir()] == ["small"]
@@ -172,7 +191,9 @@ def test_operator_of_a_pad_that_cannot_be(
 def test_operator_of_a_material_that_cannot_be(files: Files, run: Run, tmp_path: Path) -> None:
     material, out = tmp_path / "m.json", tmp_path / "o.safetensors"
     material.write_text(json.dumps({"board": "small", "modulus_pa": 2e5, "poisson": 0.5, "thickness_m": 4e-3}))
-    code, text, err = run("cal", "operator", "--board", files.folder, "--out", out, "--material", material)
+    code, text, err = run(
+        "cal", "fit", "--only", "operator", "--board", files.folder, "--out", out, "--material", material
+    )
     assert (code, text) == (2, "")
     assert refusal_in(err).startswith(f"ruffini: {material}: poisson 0.5 is no pad of board 'small'")
     assert not out.exists()
@@ -184,7 +205,19 @@ def test_operator_of_a_board_whose_depth_is_its_markers(files: Files, run: Run, 
     (tmp_path / "small").mkdir()
     (tmp_path / "small" / "board.toml").write_text(text.replace("[depth]\n", '[depth]\nsource = "markers"\n'))
     out = tmp_path / "o.safetensors"
-    words = ("cal", "operator", "--board", tmp_path / "small", "--out", out, "--method", "optimal", "--json")
+    words = (
+        "cal",
+        "fit",
+        "--only",
+        "operator",
+        "--board",
+        tmp_path / "small",
+        "--out",
+        out,
+        "--method",
+        "optimal",
+        "--json",
+    )
     code, _, err = run(*words, "--gauge-um", "3")
     assert code == 2
     assert "--gauge-um" in err

@@ -1,4 +1,4 @@
-"""ruffini cal dark as typed, and what the core makes of it: daylight that leaks in no longer makes slopes smaller."""
+"""cal fit --only dark as typed, and in the core: daylight that leaks in no longer makes slopes smaller."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import pytest
 from small_board import Files, Run
 
 from ruffini.calibrate import container
-from ruffini.calibrate.dark import dark_frame, dark_of
-from ruffini.calibrate.pad_view import pad_view
-from ruffini.calibrate.photometric import collect_samples
-from ruffini.calibrate.presses import load_presses
 from ruffini.core import Pipeline
 from ruffini.errors import InputError
+from ruffini.estimators.camera.dark import dark_frame, dark_of
+from ruffini.estimators.photometric.fit import collect_samples
+from ruffini.estimators.photometric.pad_view import pad_view
+from ruffini.estimators.photometric.presses import load_presses
 
 SHAPE = (240, 320, 3)
 LEAK = np.linspace(40, 0, 320)[None, :, None] * np.ones(SHAPE) + 4  # daylight from the left, and a black level
@@ -34,7 +34,9 @@ def write_dark(folder: Path, n: int = 12, level: float = 0.0) -> Path:
 
 def test_a_change_of_the_lamps_light_is_told_whatever_leaks_in(files: Files, run: Run, tmp_path: Path) -> None:
     out = tmp_path / "dark.safetensors"
-    code, text, err = run("cal", "dark", write_dark(tmp_path / "log"), "--board", files.folder, "--out", out, "--json")
+    code, text, err = run(
+        "cal", "fit", "--only", "dark", write_dark(tmp_path / "log"), "--board", files.folder, "--out", out, "--json"
+    )
     assert code == 0, err
     report = json.loads(text)
     assert report["frames"] == 12
@@ -57,7 +59,9 @@ def test_a_change_of_the_lamps_light_is_told_whatever_leaks_in(files: Files, run
 
 def test_lamps_that_are_on_are_refused(files: Files, run: Run, tmp_path: Path) -> None:
     out = tmp_path / "dark.safetensors"
-    code, _, err = run("cal", "dark", write_dark(tmp_path / "log", level=100), "--board", files.folder, "--out", out)
+    code, _, err = run(
+        "cal", "fit", "--only", "dark", write_dark(tmp_path / "log", level=100), "--board", files.folder, "--out", out
+    )
     assert code == 2
     assert "are the lamps off?" in err
     assert not out.exists()
@@ -110,7 +114,7 @@ def test_colours_are_fitted_without_what_leaks_in(files: Files, tmp_path: Path) 
 
 def test_the_verb_fits_colours_with_it(files: Files, run: Run, tmp_path: Path) -> None:
     folder, out = write_presses(tmp_path / "presses", LEAK), tmp_path / "colours.safetensors"
-    words = ("cal", "photometric", folder, "--board", files.folder, "--out", out, "--dark")
+    words = ("cal", "fit", "--only", "photometric", folder, "--board", files.folder, "--out", out, "--dark")
     code, _, err = run(*words, files.operator)
     assert code == 2
     assert "no dark frame" in err

@@ -42,7 +42,7 @@ def field(files: Files, run: Run, tmp_path: Path):
         else:
             np.save(path, displacement)
         return run(
-            "field", "--calibration", calibration, "--board", files.folder, "--displacement", path,
+            "offline", "field", "--calibration", calibration, "--board", files.folder, "--displacement", path,
             "--out", tmp_path / "f.npy", *words,
         )  # fmt: skip
 
@@ -125,8 +125,8 @@ def test_field_writes_the_file_that_it_names(files: Files, run: Run, tmp_path: P
     np.save(tmp_path / "u.npy", dent())
     out = tmp_path / "new" / "force"  # neither an ending nor a folder
     code, text, err = run(
-        "field", "--calibration", files.operator, "--board", files.folder, "--displacement", tmp_path / "u.npy",
-        "--out", out, "--json",
+        "offline", "field", "--calibration", files.operator, "--board", files.folder, "--displacement",
+        tmp_path / "u.npy", "--out", out, "--json",
     )  # fmt: skip
     assert code == 0, err
     assert json.loads(text)["file"] == str(out)
@@ -137,8 +137,8 @@ def test_field_where_nothing_can_be_written(files: Files, run: Run, tmp_path: Pa
     np.save(tmp_path / "u.npy", dent())
     (tmp_path / "file").write_text("")
     result = run(
-        "field", "--calibration", files.operator, "--board", files.folder, "--displacement", tmp_path / "u.npy",
-        "--out", tmp_path / "file" / "f.npy",
+        "offline", "field", "--calibration", files.operator, "--board", files.folder, "--displacement",
+        tmp_path / "u.npy", "--out", tmp_path / "file" / "f.npy",
     )  # fmt: skip
     assert_refused(result, 2, tmp_path / "file")
 
@@ -154,7 +154,7 @@ def test_a_calibration_that_names_no_board(verb: str, files: Files, run: Run, tm
         "field": ("--displacement", tmp_path / "u.npy", "--out", tmp_path / "f.npy"),
         "depth": (tmp_path / "u.npy",),
     }[verb]
-    assert_refused(run(verb, "--calibration", path, *words), 2, path, "board")
+    assert_refused(run("offline", verb, "--calibration", path, *words), 2, path, "board")
 
 
 def test_field_and_depth_say_which_table_is_missing(files: Files, run: Run, field, tmp_path: Path) -> None:
@@ -165,7 +165,7 @@ def test_field_and_depth_say_which_table_is_missing(files: Files, run: Run, fiel
     assert_refused(field(dent(), calibration=path), 2, "no operator", path)
     image = picture(tmp_path / "a.png")
     assert_refused(
-        run("depth", "--calibration", files.operator, "--board", files.folder, image, "--reference", image),
+        run("offline", "depth", "--calibration", files.operator, "--board", files.folder, image, "--reference", image),
         2, "no photometric table", files.operator,
     )  # fmt: skip
 
@@ -181,7 +181,7 @@ def picture(path: Path, size: tuple[int, int] = (240, 320), level: int = 120) ->
 
 @pytest.fixture
 def depth(files: Files, run: Run):
-    return lambda *words: run("depth", "--calibration", files.calibration, "--board", files.folder, *words)
+    return lambda *words: run("offline", "depth", "--calibration", files.calibration, "--board", files.folder, *words)
 
 
 def test_depth_names_each_picture_that_does_not_fit(depth, tmp_path: Path) -> None:
@@ -215,11 +215,11 @@ def test_track_of_a_pad_without_dots(files: Files, run: Run, tmp_path: Path) -> 
     for i in range(12):
         picture(tmp_path / "video" / f"{i:02d}.png")
     out = tmp_path / "t.npz"
-    result = run("track", tmp_path / "video", "--board", files.folder, "--out", out)
+    result = run("offline", "track", tmp_path / "video", "--board", files.folder, "--out", out)
     assert_refused(result, 2, tmp_path / "video", "no markers")
     assert not out.exists()
 
 
 def test_track_of_a_frame_of_another_size(files: Files, run: Run, tmp_path: Path) -> None:
     picture(tmp_path / "video" / "0.png", (100, 100))
-    assert_refused(run("track", tmp_path / "video", "--board", files.folder), 2, "100x100")
+    assert_refused(run("offline", "track", tmp_path / "video", "--board", files.folder), 2, "100x100")

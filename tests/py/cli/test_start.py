@@ -62,7 +62,7 @@ HELP = [
     "view",
     "cal",
     "cal auto",
-    "cal wrench",
+    "cal fit --only wrench",
     "sim press",
     "bench ifem",
     "eval photometric",
@@ -70,11 +70,12 @@ HELP = [
 ]
 LONG_VERBS = [
     "view --demo gelslim --no-browser --http-port 0", "cal auto --board gelslim --rig sim", "demo --board gelslim",
-    "reproduce gelslim --out {out}", "sim reproduce --board ftouch --out {out}",
-    "sim press --board gelslim --out {out}", "sim validate", "bench ifem --board gelslim",
-    "bench light --board gelslim", "bench papers --board gelslim", "cal operator --board gelslim --out {out}",
-    "cal fit {out} --board gelslim --out {out}", "cal photometric {out} --board gelslim --out {out}",
-    "eval markers {out} --board gelslim", "track {out} --board gelslim",
+    "reproduce gelslim --out {out}", "reproduce ftouch --only recordings --out {out}",
+    "sim press --board gelslim --out {out}", "bench mechanics", "bench ifem --board gelslim",
+    "bench light --board gelslim", "reproduce gelslim --only method",
+    "cal fit --only operator --board gelslim --out {out}",
+    "cal fit {out} --board gelslim --out {out}", "cal fit --only photometric {out} --board gelslim --out {out}",
+    "eval markers {out} --board gelslim", "offline track {out} --board gelslim",
 ]  # fmt: skip
 
 

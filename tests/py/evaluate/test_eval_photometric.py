@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.camera import CameraModel, Lens, tables
-from ruffini.calibrate.photometric import collect_samples, fit_photometric, tabulate
-from ruffini.calibrate.presses import load_presses, reference_images
 from ruffini.cli.app import app
 from ruffini.errors import InputError
+from ruffini.estimators.camera.fit import CameraModel, Lens, tables
+from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
+from ruffini.estimators.photometric.presses import load_presses, reference_images
 from ruffini.evaluate.photometric import evaluate, table
 
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "gelsight-mini")
@@ -190,7 +190,18 @@ def test_the_verb(calibration: Path, tmp_path: Path) -> None:
 
 def test_the_page_judges_each_press_by_a_table_of_the_others(tmp_path: Path) -> None:
     folder, page = write(tmp_path / "presses", (160, 200), 6, off_px=1.5), tmp_path / "page.html"
-    words = ["cal", "photometric", str(folder), "--board", str(BOARD.folder), "--foreign", "--report", str(page)]
+    words = [
+        "cal",
+        "fit",
+        "--only",
+        "photometric",
+        str(folder),
+        "--board",
+        str(BOARD.folder),
+        "--foreign",
+        "--report",
+        str(page),
+    ]
     done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "c.safetensors"), "--json"])
     assert done.exit_code == 0, done.output
     result = json.loads(page.with_suffix(".json").read_text())

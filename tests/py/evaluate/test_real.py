@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from ruffini.calibrate.html_page import Page
+from ruffini.calibrate.report.html import Page
 from ruffini.cli.app import app
 from ruffini.errors import InputError
 from ruffini.evaluate import real

@@ -14,8 +14,8 @@ import pytest
 
 from ruffini.boards import find_board
 from ruffini.calibrate import container
-from ruffini.calibrate.fit_presses import fit_presses
-from ruffini.calibrate.presses import load_presses
+from ruffini.estimators.photometric.fitted import fit_presses
+from ruffini.estimators.photometric.presses import load_presses
 from ruffini.evaluate.photometric import evaluate
 
 BOARD = find_board(Path(__file__).parents[3] / "boards" / "gelsight-mini")

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from ruffini.papers.inverse_fem import InverseFem, Slab, hexahedron
+from papers.gelslim.method import InverseFem, Slab, hexahedron
 
 
 def test_a_brick_moved_or_turned_rigidly_has_no_force():

@@ -3,8 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-
-from ruffini.papers import glitter_flow, glowing_skin, spring_tray, stereo_pins
+from papers.contact_glitter import method as glitter_flow
+from papers.eltac import method as glowing_skin
+from papers.ftouch import method as spring_tray
+from papers.stereo_fingertip import method as stereo_pins
 
 
 def expanding(scale, size=200):

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from ruffini.bench.papers import glowing_skin, spring_tray
+from papers.eltac import bench as glowing_skin
+from papers.ftouch import bench as spring_tray
 
 RNG = np.random.default_rng(5)
 K = RNG.normal(size=(6, 9))

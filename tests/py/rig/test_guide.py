@@ -13,7 +13,9 @@ import pytest
 
 from ruffini import host_clock
 from ruffini.errors import RefusedError
-from ruffini.rig.guide import KEPT_FAULTS, Guide, HeardPerson
+from ruffini.rig import guide_view
+from ruffini.rig.guide import KEPT_FAULTS, Guide
+from ruffini.rig.guide_view import HeardPerson
 from ruffini.rig.person import PageKeys, TerminalPerson
 from ruffini.rig.program import CONDITIONS, Condition, HandTouch, Touch, Weight
 from ruffini.rig.reference import Reading
@@ -61,7 +63,7 @@ def bench(
 
 def told(guide: Guide, at: Any = None) -> dict[str, Any]:
     """As it goes to the page: no NaN, nothing that is not JSON."""
-    return json.loads(json.dumps(guide.tell(at), allow_nan=False))
+    return json.loads(json.dumps(guide_view.told(guide, at), allow_nan=False))
 
 
 def rows(at: Any) -> dict[str, tuple[bool | None, str]]:

@@ -12,7 +12,7 @@ from hang import HANG_S, until
 from kept import kept
 
 from ruffini.boards import find_board
-from ruffini.demo.daemon import running_daemon
+from ruffini.daemon import running_daemon
 from ruffini.device import Connection
 from ruffini.sim.pad import PadModel, surface_compliance
 from ruffini.sim.settings import load_twin

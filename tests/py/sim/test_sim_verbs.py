@@ -41,7 +41,7 @@ def test_dataset_goes_on_where_it_was(board, ruffini, tmp_path):
 
 
 def test_bench_is_one_object(board, ruffini):
-    result = json.loads(ruffini("sim", "bench", "--board", board, "--json").out)
+    result = json.loads(ruffini("bench", "twin", "--board", board, "--json").out)
     assert min(result["rendering_fps"], result["mechanics_fps"]) > 0
 
 
@@ -70,9 +70,9 @@ def test_bad_input_is_one_sentence_and_exit_code_2(board, ruffini, tmp_path, wor
 
 
 def test_board_without_optics_is_refused(ruffini, tmp_path):
-    words = (("press", "--out", tmp_path / "out"), ("dataset", "--n", 1, "--out", tmp_path / "out"), ("bench",))
-    for word, *options in words:
-        done = ruffini("sim", word, "--board", "gelsight-mini", *options)
+    out = ("--out", tmp_path / "out")
+    for words in (("sim", "press", *out), ("sim", "dataset", "--n", 1, *out), ("bench", "twin")):
+        done = ruffini(*words, "--board", "gelsight-mini")
         assert done.code == 2
         assert "has no optics to simulate" in refusal_in(done.err)
     assert not (tmp_path / "out").exists()

@@ -7,7 +7,7 @@ import pytest
 from kept import kept
 from typer.testing import CliRunner
 
-from ruffini.cli.sim import app
+from ruffini.cli.app import app
 from ruffini.sim.bodies.pyramid import PyramidLaw
 from ruffini.sim.bodies.shell import Shell
 from ruffini.sim.pad import PadModel, surface_compliance
@@ -45,7 +45,7 @@ def test_a_number_outside_is_exit_code_1(monkeypatch):
         ]
     )
     monkeypatch.setattr(table, "validate", lambda **_: bad)
-    done = CliRunner().invoke(app, ["validate"])
+    done = CliRunner().invoke(app, ["bench", "mechanics"])
     assert done.exit_code == 1
     assert "OUTSIDE" in done.stdout
     assert "2 numbers, 1 outside" in done.stdout

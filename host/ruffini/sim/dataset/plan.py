@@ -40,8 +40,8 @@ class Plan(Section):
         InputError
             The board has no twin, or a number is out of range.
         """
-        from ruffini import __version__
         from ruffini.sim.settings import load_twin
+        from ruffini.version import __version__
 
         load_twin(board)
         assert board.folder is not None

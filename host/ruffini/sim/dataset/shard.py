@@ -92,7 +92,7 @@ def make_shard(plan_json: str, shard: int) -> bytes:
     import h5py
     from threadpoolctl import threadpool_limits
 
-    from ruffini import __version__
+    from ruffini.version import __version__
 
     plan = Plan.model_validate_json(plan_json)
     if plan.version != __version__:

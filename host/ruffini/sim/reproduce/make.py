@@ -20,12 +20,10 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ruffini import __version__
 from ruffini.boards import Board, find_board
 from ruffini.errors import InputError, RuffiniError
 from ruffini.files import write_whole
@@ -44,14 +42,13 @@ from ruffini.sim.reproduce.warmth import celsius_read, risen, warmed, warmer_k
 from ruffini.sim.rig import Unit
 from ruffini.sim.settings import load_twin
 from ruffini.sim.units import build_unit
+from ruffini.version import __version__
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 # Stages and sections of board.toml that change no picture of a twin, younger than the first frozen boards.
-ONLY_READ = ("targets", "feature_wrench", "contact_model", "helmholtz", "contact_depth")
-NO_PICTURE = {
-    "targets", "temperature", "learned", "exposure", "light", "eeprom", "reflex", "led_driver", "stereo", "threads",
-}  # fmt: skip
+DIGEST_SCHEMA = 2  # to be raised with a change of the twin after which recordings are others
+SEEN = {"camera", "pad", "grid", "markers"}  # sections of board.toml
 RING_LEFT = 0.6  # of the ringing of a bench that has touched, from frame to frame
 
 
@@ -202,45 +199,19 @@ def _write_run(folder: Path, run: Run) -> None:
 
 
 def digest(board: Board, bench: str = PAPER_BENCH) -> str:
-    """Of all that a board's recordings follow from: board.toml, twin.toml, the bench.
+    """Of all that a board's recordings follow from: the bench, twin.toml, and what the twin reads of board.toml.
 
-    Patches of a texture are not printed, so where they lie and that they are followed changes no recording.
+    How many runs are drawn of a set does not count: more of them leave those that are there as they are.
     """
-    settings = load_reproduce(board, bench)
-    unused: dict[str, Any] = {} if settings.mount else {"mount": True}  # younger than the first frozen boards
-    if not settings.rig.ring_force_un:
-        unused["rig"] = {"ring_force_un"}
-    seen = board.model_dump(mode="json", exclude=NO_PICTURE)
-    seen["memory"] = None  # room for a calibration changes no recording; as it was when the boards were frozen
-    del seen["pad"]["stiffness_sigma_1e3"]  # enters the stated uncertainty, not a recording
-    seen["pipeline"]["stages"] = [s for s in board.pipeline.stages if s not in ONLY_READ]
-    if board.depth.source == "light":  # the only one when they were frozen
-        del seen["depth"]["source"]
-    if board.markers is not None and board.markers.layout == "views":  # pins are the twin's, they are not printed
-        seen["markers"] = None
-        seen["pipeline"]["stages"] = ["difference"]
-    elif board.markers is not None and board.markers.polarity == "texture":
-        seen["markers"] = None
-        seen["pipeline"]["stages"] = [s for s in seen["pipeline"]["stages"] if s not in ("markers", "displacement")]
-    elif board.markers is not None and board.markers.layout == "lattice":  # the only one when they were frozen
-        del seen["markers"]["layout"], seen["markers"]["places_um"]
-    if seen.pop("skin") is not None:  # reads pictures, changes none: as it was when the first boards were frozen
-        seen["pipeline"]["stages"] = ["difference"]
-    told = settings.model_dump(mode="json", exclude=unused)
-    for pair in (one["second"] for one in told["set_"] if one["second"]):
-        if not pair["turn_mrad"]:  # younger too
-            del pair["turn_mrad"]
-    for one in told["set_"]:  # and this; more runs of a drawn set leave those that are there as they are
-        if one.pop("drawn") is not None:
-            one["is_drawn"] = True
-    if told["warmth"] is None:  # and these
-        del told["warmth"]
-    for hand in (one for one in told["hand"] if not one["warmer_mk"]):
-        del hand["warmer_mk"]
-    twin = load_twin(board).model_dump(mode="json")
-    if twin["warming"] is None:  # younger too
-        del twin["warming"]
-    tree = [seen, twin, told]
+    told = load_reproduce(board, bench).model_dump(mode="json", exclude={"method", "published"})
+    for one in told["set_"]:
+        one["drawn"] = one["drawn"] is not None
+    tree = {
+        "schema": DIGEST_SCHEMA,
+        "board": {**board.model_dump(mode="json", include=SEEN), "n_rest_frames": board.pipeline.n_rest_frames},
+        "twin": load_twin(board).model_dump(mode="json"),
+        "bench": told,
+    }
     return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
 
 

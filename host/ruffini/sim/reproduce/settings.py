@@ -2,7 +2,7 @@
 
 schema = 1
 paper = "its title"
-method = "inverse_fem"       # in ruffini.papers
+method = "name"              # the package in host/papers
 seed = 1
 [[published]]                # what the paper prints of its method's errors
 name = "normal force"
@@ -43,7 +43,7 @@ Positive = Annotated[int, Field(ge=1, le=200_000)]
 Place = Annotated[list[Um], Field(min_length=2, max_length=2)]
 Error = Annotated[int, Field(ge=0, le=100_000_000)]
 ThreeErrors = Annotated[list[Error], Field(min_length=3, max_length=3)]
-MethodName = Literal["inverse_fem", "glitter_flow", "spring_tray", "glowing_skin", "stereo_pins"]
+MethodName = Annotated[str, Field(pattern=r"^[a-z_]{1,40}$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$")]
 
 
@@ -174,7 +174,7 @@ class HandSet(Section):
 
 
 class Published(Section):
-    """[[published]]: what the paper prints of its method's errors; `ruffini bench papers` calls it by the same name."""
+    """[[published]]: what the paper prints of its method's errors, by the names of `reproduce --only method`."""
 
     name: Annotated[str, Field(min_length=1, max_length=60)]
     unit: Annotated[str, Field(max_length=12)]

@@ -1,1 +1,1 @@
-"""Theory beside the twin: what `ruffini sim validate` prints."""
+"""Theory beside the twin: what `ruffini bench mechanics` prints."""

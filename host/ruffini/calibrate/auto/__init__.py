@@ -1,0 +1,1 @@
+"""`ruffini cal auto`: collect, fit, report, flash, and judge where nothing was pressed before."""

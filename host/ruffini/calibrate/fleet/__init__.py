@@ -1,0 +1,1 @@
+"""`ruffini cal fleet`: many units fitted alike."""

@@ -1,0 +1,1 @@
+"""Logs of touches as the fits need them, whatever file they came in."""

@@ -1,0 +1,1 @@
+"""`ruffini cal report`: a calibration judged on a log, as numbers and as a page."""

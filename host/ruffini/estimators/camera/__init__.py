@@ -1,0 +1,1 @@
+"""Lens, mounting and dark frame of a camera."""

@@ -1,0 +1,1 @@
+"""Force, place, angles and area from the pins of a round fingertip."""

@@ -1,0 +1,1 @@
+"""E, Poisson's ratio and thickness of a pad."""

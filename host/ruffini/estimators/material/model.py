@@ -1,0 +1,153 @@
+"""What a log's displacements say of its wrenches for any (E, nu, h), and how well they fit each pad.
+
+The estimator's wrench W(u; E, nu, h) is linear in E and smooth in (nu, h): it is computed with the board's own second
+pass on a 3 x 3 grid of (nu, h) around the board's numbers and interpolated there.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.errors import InputError
+from ruffini.estimators.operator.fit import board_slab, board_window_m, observed_unknowns
+from ruffini.fem.condense import condense
+from ruffini.fem.operators import Noise, force_operator
+from ruffini.fem.slab import Slab
+from ruffini.fem.support import SupportSystem, contact_mask, solve_on_support, support_system
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+
+THICKNESS_FACTORS = (0.9, 1.0, 1.1)
+POISSON_FACTORS = (0.94, 1.0, 1.035)
+HIGHEST_FITTED_POISSON = 0.4985
+SHAPE_DEVIATION = 0.01  # of the displacement from any pad's, part of what touches explain of it (L2)
+SHAPE_LINES = 41  # along nu and h, on which the least misfit is looked for
+
+
+@dataclass(frozen=True)
+class MaterialLog:
+    """Displacement (t, m, 3) m at the observed nodes, reference wrench (t, 6) N and N m, number of the touch (t,).
+
+    What a reference does not measure is NaN in all frames.
+    """
+
+    displacement: Array
+    wrench: Array
+    touch: npt.NDArray[np.int64]
+
+    @property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """Which of the six numbers the reference measures."""
+        return np.asarray(np.isfinite(self.wrench).all(axis=0))
+
+
+class Predictor:
+    """Wrench of every frame, displacement (t, m, 3) m, for any (E, nu, h) within the grid."""
+
+    def __init__(self, board: Board, displacement: Array, noise: Noise, progress: Progress) -> None:
+        slab = board_slab(board)
+        observed = observed_unknowns(board)
+        self.nominal = np.array([slab.modulus_pa, slab.poisson, slab.thickness_m])
+        self.poisson = _poisson_grid(slab.poisson)
+        self.thickness = slab.thickness_m * np.array(THICKNESS_FACTORS)
+        u = displacement.reshape(len(displacement), -1)
+        threshold_n = board.contact.threshold_un * 1e-6
+        rows, columns = board.observed
+        shape = (rows.stop - rows.start, columns.stop - columns.start, 3)
+        operator = force_operator(slab, "optimal", noise=noise, window_m=board_window_m(board))
+        linear = u @ operator.T
+        masks = [
+            contact_mask(f.reshape(shape)[..., 2], threshold_n=threshold_n, min_nodes=board.contact.min_nodes)
+            for f in linear
+        ]
+        arms = _arms(board, slab)
+        self.at_grid = np.empty((3, 3, len(u), 6))
+        self.misfit = np.empty((3, 3, len(u)))
+        for i, poisson in enumerate(self.poisson):
+            for j, thickness in enumerate(self.thickness):
+                system = support_system(
+                    condense(replace(slab, poisson=poisson, thickness_m=thickness)), noise, observed, operator
+                )
+                self.at_grid[i, j], self.misfit[i, j] = _wrenches(system, u, linear, masks, arms)
+                progress((3 * i + j + 1) / 9)
+
+    def part(self, frames: slice) -> Predictor:
+        """The same for some of the frames; what it costs to make is shared."""
+        one = copy.copy(self)
+        one.at_grid, one.misfit = self.at_grid[:, :, frames], self.misfit[:, :, frames]
+        return one
+
+    def wrench(self, values: Array) -> Array:
+        """(t, 6); quadratic in nu and h, linear in E."""
+        along_nu = _lagrange(self.poisson, values[1])
+        along_h = _lagrange(self.thickness, values[2])
+        per_modulus = np.einsum("i,j,ijtc->tc", along_nu, along_h, self.at_grid) / self.nominal[0]
+        return np.asarray(per_modulus * values[0])
+
+
+class Shape:
+    """How much worse (nu, h) explain the displacement of some frames than the best pad does, in standard deviations."""
+
+    def __init__(self, predictor: Predictor, used: npt.NDArray[np.bool_]) -> None:
+        self._poisson, self._thickness = predictor.poisson, predictor.thickness
+        self._misfit = predictor.misfit[:, :, used].mean(axis=2)
+        along = [
+            _lagrange(axis, np.linspace(axis[0], axis[2], SHAPE_LINES)) for axis in (self._poisson, self._thickness)
+        ]
+        self._least = float((along[0].T @ self._misfit @ along[1]).min())
+
+    def deviation(self, values: Array) -> float:
+        """Zero where they explain it as well as any pad."""
+        at = float(_lagrange(self._poisson, values[1]) @ self._misfit @ _lagrange(self._thickness, values[2]))
+        explained = max(-self._least, 1e-9)  # of u^T R^-1 u, which is the same for all pads
+        return float(np.sqrt(max(at - self._least, 0.0) / explained) / SHAPE_DEVIATION)
+
+
+def _poisson_grid(poisson: float) -> Array:
+    """Three ratios about the board's, all of them below HIGHEST_FITTED_POISSON and apart."""
+    middle = min(poisson, HIGHEST_FITTED_POISSON / POISSON_FACTORS[2] ** 0.5)
+    grid = np.minimum(middle * np.array(POISSON_FACTORS), HIGHEST_FITTED_POISSON)
+    if grid[2] - grid[0] < 1e-3:
+        raise InputError(f"Poisson's ratio {poisson:g} of the board cannot be fitted: write what a datasheet says")
+    return np.asarray(grid)
+
+
+def _arms(board: Board, slab: Slab) -> Array:
+    """Places of the observed nodes from the pad's centre, (m, 3) m."""
+    rows, columns = board.observed
+    x = (np.arange(slab.n_x) - (slab.n_x - 1) / 2)[columns] * slab.step_m[0]
+    y = (np.arange(slab.n_y) - (slab.n_y - 1) / 2)[rows] * slab.step_m[1]
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return np.column_stack([grid, np.zeros(len(grid))])
+
+
+def _wrenches(
+    system: SupportSystem, u: Array, linear: Array, masks: list[tuple[Array, float]], arms: Array
+) -> tuple[Array, Array]:
+    """Wrench of each frame, and (u - C F)^T R^-1 (u - C F) less u^T R^-1 u."""
+    wrench, misfit = np.empty((len(u), 6)), np.empty(len(u))
+    for k, (u_k, start, (mask, threshold_n)) in enumerate(zip(u, linear, masks, strict=True)):
+        force = solve_on_support(system, u_k, start, mask.ravel(), threshold_n=threshold_n)
+        index = np.flatnonzero(force)
+        y = force[index] / system.scale_n[index]
+        misfit[k] = y @ (system.normal[np.ix_(index, index)] @ y - 2 * (system.project[index] @ u_k))
+        nodal = force.reshape(-1, 3)
+        wrench[k] = np.concatenate([nodal.sum(axis=0), np.cross(arms, nodal).sum(axis=0)])
+    return wrench, misfit
+
+
+def _lagrange(nodes: Array, at: float | Array) -> Array:
+    """Weights of the quadratic through three nodes, (3,) or (3, n)."""
+    a, b, c = nodes
+    return np.array([
+        (at - b) * (at - c) / ((a - b) * (a - c)),
+        (at - a) * (at - c) / ((b - a) * (b - c)),
+        (at - a) * (at - b) / ((c - a) * (c - b)),
+    ])  # fmt: skip

@@ -1,0 +1,1 @@
+"""Noise of the displacements on untouched frames."""

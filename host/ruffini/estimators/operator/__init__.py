@@ -1,0 +1,1 @@
+"""The inverse FEM of a board as its integers, with its depth gauges and error model."""

@@ -1,0 +1,1 @@
+"""Colour change or brightness to slope and depth, fitted on ball presses."""

@@ -1,0 +1,121 @@
+"""Colours to slope, or brightness to depth: fitted to ball presses; with a handful of them the previous colour table is
+adapted by one factor.
+
+The presses come from a folder (`--balls`), or from the pictures that a log holds of straight presses with a ball.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.calibrate.container import Tensors
+from ruffini.calibrate.fit.job import Job, Outcome, Progress, Stage
+from ruffini.errors import InputError
+from ruffini.estimators.photometric.fit import collect_samples
+from ruffini.estimators.photometric.fitted import fit_presses
+from ruffini.estimators.photometric.pad_view import pad_view
+from ruffini.estimators.photometric.presses import PressSet, load_presses
+from ruffini.estimators.photometric.scale import fit_scale, scaled
+from ruffini.rig.log_file import Log, read_log
+
+PRESS = "press"  # kind of a touch that a stage makes
+ENOUGH = 12  # presses for a table of its own; with fewer a previous one is only scaled
+
+
+def run(job: Job, progress: Progress) -> Outcome:
+    """Fit, adapt, or take what there is.
+
+    Raises
+    ------
+    InputError
+        No presses, no table that was given, no previous one.
+    """
+    if job.balls is None and any("photometric" in part.kinds for part in job.parts):
+        return _taken(job)
+    with tempfile.TemporaryDirectory(prefix="ruffini-") as folder:
+        presses = _presses(job, Path(folder))
+        if presses is None:
+            return _taken(job)
+        job.has_new_colours = True
+        view, n = pad_view(job.board, job.tensors, job.metadata), len(presses.presses)
+        if n < ENOUGH and job.take("photometric") is not None and "photometric.unmix" in job.tensors:
+            return _adapted(job, n, fit_scale(job.tensors, collect_samples(presses, view)))
+        fit = fit_presses(presses, job.board, is_foreign=False, view=view, progress=progress)
+    job.tensors = {k: v for k, v in job.tensors.items() if not k.startswith("photometric.")} | fit.tensors
+    job.metadata["optics"] = job.board.camera.optics
+    return Outcome("fitted", fit.summary, fit.report)
+
+
+def _adapted(job: Job, n: int, fit: tuple[float, float, float, float]) -> Outcome:
+    scale, sigma, before_deg, after_deg = fit
+    tables: Tensors = {k: v for k, v in job.tensors.items() if k.startswith("photometric.")}
+    job.tensors |= scaled(tables, scale)
+    report = {"scale": scale, "scale_sigma": sigma, "n_presses": n, "normal_before_deg": before_deg,
+              "normal_after_deg": after_deg}  # fmt: skip
+    return Outcome("fitted", f"the previous table times {scale:.3f} +- {sigma:.3f} ({n} presses): normals "
+                   f"{before_deg:.2f} -> {after_deg:.2f} deg", report)  # fmt: skip
+
+
+def _taken(job: Job) -> Outcome:
+    taken = job.take("photometric")
+    if taken is None and "operator" not in job.board.pipeline.stages:
+        return Outcome("open", "nothing gives this board its colours: it measures no depth")
+    if taken is None:
+        raise InputError(
+            "nothing gives this board its colours: add ball presses (--balls DIR), a file of `--only photometric` "
+            "(--with FILE), or the calibration before (--previous FILE)"
+        )
+    return taken
+
+
+def _presses(job: Job, folder: Path) -> PressSet | None:
+    if job.balls is not None:
+        return load_presses(job.balls, may_find=True, at_least=1 if job.previous is not None else 3)
+    logs = [read_log(path) for path in job.paths if path.suffix == ".h5"]
+    n = sum(_write_presses(log, folder, i) for i, log in enumerate(logs))
+    if not n or (n < ENOUGH and job.previous is None and not job.parts):
+        return None
+    tip = next(log.facts["tip"] for log in logs if _is_ball(log))
+    camera = job.board.camera
+    px_per_mm = camera.focal_mpx / camera.standoff_um
+    return load_presses(folder, ball_mm=2e3 * tip["radius_m"], px_per_mm=px_per_mm, may_find=True, at_least=1)
+
+
+def _is_ball(log: Log) -> bool:
+    tip = log.facts.get("tip")
+    return isinstance(tip, dict) and tip.get("shape") == "sphere" and "radius_m" in tip
+
+
+def _write_presses(log: Log, folder: Path, number: int) -> int:
+    """The pictures of a log's straight presses as a folder of presses; how many."""
+    if not _is_ball(log):
+        return 0
+    n = 0
+    for i, touch in enumerate(log.touches):
+        image, facts = touch.arrays.get("image"), touch.facts
+        is_straight = facts.get("kind", PRESS) == PRESS and not (facts.get("shear_x_m", 0) or facts.get("shear_y_m", 0))
+        if image is None or len(image) < 2 or facts.get("image_step_px", 1) != 1 or not is_straight:
+            continue
+        _write(folder / f"reference_{number}_{i:04d}.png", image[0])
+        _write(folder / "press" / f"{number}_{i:04d}.png", image[-1])
+        n += 1
+    return n
+
+
+def _write(path: Path, image: npt.NDArray[np.uint8]) -> None:
+    path.parent.mkdir(exist_ok=True)
+    if not cv2.imwrite(str(path), image):
+        raise InputError(f"{path} cannot be written: make room in the folder for temporary files (TMPDIR)")
+
+
+def is_needed(job: Job) -> bool:
+    """Whether the board's depth comes from colours."""
+    return "photometric" in job.board.pipeline.stages
+
+
+STAGE = Stage("photometric", is_needed, run, _taken)

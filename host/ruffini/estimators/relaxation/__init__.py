@@ -1,0 +1,1 @@
+"""How much force a pad loses under a held strain."""

@@ -1,0 +1,1 @@
+"""Touches on a skin that gets brighter where it is pressed."""

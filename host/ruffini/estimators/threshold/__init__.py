@@ -1,0 +1,1 @@
+"""What counts as a touch on one unit."""

@@ -1,0 +1,42 @@
+"""What counts as a touch on this unit: the noise of its linear estimate on the log's untouched frames."""
+
+from __future__ import annotations
+
+from ruffini.calibrate.fit.job import Job, Outcome, Progress, Stage
+from ruffini.errors import InputError
+from ruffini.estimators.threshold.fit import MIN_FRAMES, fit_contact_noise
+
+
+def run(job: Job, progress: Progress) -> Outcome:
+    """Fit where the log holds enough untouched frames."""
+    rest = job.log().rest
+    if job.matrix is None or len(rest) < MIN_FRAMES:
+        return _without(job, f"{len(rest)} untouched frames in the log, {MIN_FRAMES} are needed")
+    rows, columns = job.board.observed
+    shape = (len(rest), rows.stop - rows.start, columns.stop - columns.start, 3)
+    pressure = -(rest.reshape(len(rest), -1) @ job.matrix.T).reshape(shape)[..., 2]
+    try:
+        fit = fit_contact_noise(pressure, job.board.pipeline.n_rest_frames, progress=progress)
+    except InputError as error:
+        return _without(job, str(error))
+    job.tensors |= fit.tensors()
+    return Outcome("fitted", f"four neighbours above {1e3 * fit.square_n:.2f} mN, or one above "
+                   f"{1e3 * fit.alone_n:.2f} mN", fit.report())  # fmt: skip
+
+
+def _without(job: Job, why: str) -> Outcome:
+    kept = job.take("contact")
+    return Outcome("open", why) if kept is None else Outcome("kept", f"{why}; {kept.text}")
+
+
+def keep(job: Job) -> Outcome:
+    """The previous calibration's, or board.toml's threshold alone."""
+    return job.take("contact") or Outcome("board", "threshold of board.toml")
+
+
+def is_needed(job: Job) -> bool:
+    """Whether the board marks contacts by force."""
+    return "support" in job.board.pipeline.stages
+
+
+STAGE = Stage("threshold", is_needed, run, keep)

@@ -1,0 +1,1 @@
+"""A wrench of image features."""

@@ -1,0 +1,82 @@
+"""Which landmark kernel, if any, is used beside K: the one that errs least on what was not fitted (`wrench_kernel`)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.estimators.wrench import kernel as wrench_kernel
+from ruffini.estimators.wrench.model import PAIRS, TIMES_S, Frames, WrenchMap
+from ruffini.estimators.wrench.terms import LEAST_GAIN, rms
+
+Array = npt.NDArray[np.float64]
+Folds = list[npt.NDArray[np.bool_]]
+Numbers = npt.NDArray[np.intp]
+
+HEAVY = 0.5  # of the largest force: touches beyond it stand for those of a recording that presses harder
+
+
+class Kernel(NamedTuple):
+    """A shape by name, its errors (t, 6) on what was not fitted, and the distances (t,) there, lengths."""
+
+    name: str
+    errors: Array
+    nearest: Array
+
+
+def choose_kernel(
+    frames: Frames, touch: Numbers, folds: Folds, errors: Array, *, must_extrapolate: bool
+) -> Kernel | None:
+    """The kernel that errs less than `errors` on what was not fitted, if any; each fold learns its own directions.
+
+    must_extrapolate : the map is for other recordings, which may press harder, and no fold does: then the kernel is the
+        one that errs least on the heaviest touches, by a fit without them.
+    """
+    found, nearest = _left_out(frames, touch, folds)
+    judged = _left_out(frames, touch, [heavy(frames, touch)])[0] if must_extrapolate else found
+    spread = frames.wrench.std(axis=0)
+    best = int(np.argmin([_unexplained(each, spread) for each in judged]))
+    if _unexplained(found[best], spread) > (1 - LEAST_GAIN) ** 2 * _unexplained(errors, spread):
+        return None
+    return Kernel(list(wrench_kernel.CURVES)[best], found[best], nearest[best])
+
+
+def heavy(frames: Frames, touch: Numbers) -> npt.NDArray[np.bool_]:
+    """Frames of the touches that get beyond `HEAVY`."""
+    force = np.linalg.norm(frames.wrench[:, :3], axis=1)
+    return np.isin(touch, touch[force > HEAVY * force.max()])
+
+
+def _unexplained(errors: Array, spread: Array) -> float:
+    """Sum of 1 - R2 over the axes that are loaded."""
+    is_loaded = spread > 1e-9
+    return float(((rms(errors)[is_loaded] / spread[is_loaded]) ** 2).sum())
+
+
+def _left_out(frames: Frames, touch: Numbers, folds: Folds) -> tuple[list[Array], list[Array]]:
+    """Of each shape the errors (t, 6) and the distances to the nearest landmark (t,); NaN where no fold left it out."""
+    found = [np.full_like(frames.wrench, np.nan) for _ in wrench_kernel.CURVES]
+    nearest = [np.full(len(frames.wrench), np.nan) for _ in found]
+    for left in folds:
+        inside, outside = frames.take(~left), frames.take(left)
+        for i, shape in enumerate(wrench_kernel.candidates(inside.features, inside.wrench, touch[~left])):
+            gain, kernel = wrench_kernel.solve(inside.features, inside.wrench, shape)
+            found[i][left] = outside.features @ gain.T + kernel.added(outside.features) - outside.wrench
+            nearest[i][left] = kernel.nearest(outside.features)
+    return found, nearest
+
+
+def kernel_fitted(frames: Frames, touch: Numbers, full: Array, chosen: Kernel) -> WrenchMap:
+    """K and kernel of all frames; what is further from a landmark than frames left out were is outside."""
+    shapes = wrench_kernel.candidates(frames.features, frames.wrench, touch)
+    gain, kernel = wrench_kernel.solve(frames.features, frames.wrench, next(s for s in shapes if s.name == chosen.name))
+    reach = float(np.quantile(chosen.nearest, wrench_kernel.REACH_SHARE))
+    kernel = replace(kernel, weight=kernel.weight * (full > 0)[:, None], offset=kernel.offset * (full > 0), reach=reach,
+                     spread=1 / max(reach, 1e-6))  # fmt: skip
+    n = frames.features.shape[1]
+    none = np.zeros((6, len(PAIRS[0])))
+    return WrenchMap(gain, full, none, np.zeros((len(TIMES_S), 6)), np.zeros((n, 27)), np.ones(n), np.zeros((2, 6, 6)),
+                     None, kernel)  # fmt: skip

@@ -1,0 +1,188 @@
+"""Image features with a reference wrench beside them: what `ruffini cal fit --only wrench` fits and judges on.
+
+The features are the core's own integers (`Pipeline.features`), whatever the file: a folder of frames with
+`wrench.csv`, a run of `ruffini reproduce --only recordings` with what its bench read, a folder of such runs, or the
+targets or markers of a `cal collect` log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.log.reference import celsius_of_csv, reference_wrench
+from ruffini.calibrate.log.warmth import CELSIUS
+from ruffini.core.pipeline import Pipeline
+from ruffini.errors import InputError
+from ruffini.estimators.wrench.warmth import Degrees
+from ruffini.files import readable
+from ruffini.frames import read_frames
+from ruffini.rig.found import on_reference_clock, reference_in_pad
+from ruffini.rig.log_file import TouchRecord, read_log
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+LEAST_REST, ZERO_SIGMAS = 8, 12.0  # frames, and standard errors by which a zero must be off to be one
+LOST_OR_DARK = 8 | 64 | 128  # of FlagBit: markers lost, dark, overexposed
+STEPS = {"targets": (65536.0, 65536.0, 256.0), "markers": (65536.0, 65536.0)}  # the core's: px Q16, px^2 Q8
+
+
+@dataclass(frozen=True)
+class FeatureRun:
+    """One recording from rest on.
+
+    features (t, n) raw integers at time_s (t,), is_good (t,) nothing lost; reference (r, 6) N and N m at reference_s
+    (r,); degrees (t,) where the board has a thermometer. `touch` (t,) numbers the touches where the log does;
+    `recording` names the recording of a run that is only one touch of it.
+    """
+
+    name: str
+    time_s: Array
+    features: Array
+    is_good: npt.NDArray[np.bool_]
+    reference_s: Array
+    reference: Array
+    degrees: Degrees | None = None
+    touch: npt.NDArray[np.intp] | None = None
+    recording: str = ""
+
+    @property
+    def is_row_by_row(self) -> bool:
+        """Whether the reference was read once for each frame, at the frame's own time."""
+        return self.reference_s is self.time_s
+
+    def at(self, lag_s: float) -> Array:
+        """Reference of each frame (t, 6) where it is read `lag_s` after what the camera sees."""
+        when = self.time_s + lag_s
+        return np.stack([np.interp(when, self.reference_s, column) for column in self.reference.T], axis=1)
+
+
+class Features(NamedTuple):
+    """What the features of a log are: `targets` or `markers`, and how many numbers a frame has."""
+
+    sort: str
+    n: int
+
+
+def features_of(board: Board) -> Features:
+    """What the stage feature_wrench of a board reads.
+
+    Raises
+    ------
+    InputError
+        It has neither targets nor markers.
+    """
+    if board.targets is not None and "targets" in board.pipeline.stages:
+        return Features("targets", 3 * len(board.targets.places_um))
+    if board.markers is not None and "markers" in board.pipeline.stages:
+        return Features("markers", 2 * board.markers.n_x * board.markers.n_y)
+    raise InputError(f"board {board.name!r} has neither targets nor markers: there is nothing to make a wrench of")
+
+
+def read_feature_runs(paths: list[Path], board: Board, *, progress: Progress = lambda _: None) -> list[FeatureRun]:
+    """Every run of the files and folders.
+
+    Raises
+    ------
+    InputError
+        Nothing to read, another board's log, or a reference that does not fit its frames.
+    """
+    features_of(board)
+    sources = [run for path in paths for run in _runs_below(path)]
+    out: list[FeatureRun] = []
+    for i, source in enumerate(sources):
+        out += _of_log(source, board) if source.is_file() and source.suffix == ".h5" else [_of_frames(source, board)]
+        progress((i + 1) / len(sources))
+    return out
+
+
+def _runs_below(path: Path) -> list[Path]:
+    if not path.is_dir() or (path / "frames").is_dir() or (path / "wrench.csv").is_file():
+        return [path]
+    runs = sorted({folder.parent for folder in path.glob("**/frames")})
+    if not runs:
+        raise InputError(
+            f"{path} holds no recording: give frames with wrench.csv, or runs of ruffini reproduce --only recordings"
+        )
+    return runs
+
+
+def _of_frames(path: Path, board: Board) -> FeatureRun:
+    rig = path / "rig.npz"
+    wrench = np.load(readable(rig))["force"] if rig.is_file() else reference_wrench(path, None)
+    frames = read_frames(path)
+    if len(frames) != len(wrench):
+        raise InputError(f"{path} has {len(frames)} frames, the reference {len(wrench)} rows: one row a frame")
+    rows, good, kept = [], [], list[int]()
+    with Pipeline(board) as pipeline:
+        for i, image in enumerate(frames):
+            frame = pipeline.process(image)
+            if frame.has_reference:
+                kept.append(i)
+                rows.append(pipeline.features())
+                good.append(not frame.flags & LOST_OR_DARK)
+    if not any(good):
+        raise InputError(f"{path}: no frame shows all targets or markers: is it this board?")
+    period_s = 1000.0 / board.camera.rate_mhz
+    return FeatureRun(
+        f"{path.parent.name}/{path.name}", np.array(kept) * period_s, np.array(rows, dtype=np.float64), np.array(good),
+        np.arange(len(wrench), dtype=np.float64) * period_s, wrench - zero_of(wrench[: kept[0]]),
+        _degrees_of_frames(path, board, kept),
+    )  # fmt: skip
+
+
+def zero_of(at_rest: Array) -> Array:
+    """What a reference reads (6,) while rest is learned, (t, 6): where it is more than its noise there, else 0."""
+    if len(at_rest) < LEAST_REST:
+        return np.zeros(6)
+    mean, noise = at_rest.mean(axis=0), at_rest.std(axis=0, ddof=1) / np.sqrt(len(at_rest))
+    return np.asarray(np.where(np.abs(mean) > ZERO_SIGMAS * noise, mean, 0.0))
+
+
+def _degrees_of_frames(path: Path, board: Board, kept: list[int]) -> Degrees | None:
+    """Of the kept frames: of a bench's readings, or of the column `celsius` of wrench.csv."""
+    rig = path / "rig.npz"
+    celsius = np.load(readable(rig)).get("celsius") if rig.is_file() else celsius_of_csv(path / "wrench.csv")
+    if celsius is None or board.temperature is None:
+        return None
+    return Degrees(celsius[kept], np.full(len(kept), celsius[max(kept[0] - 1, 0)]))
+
+
+def _of_log(path: Path, board: Board) -> list[FeatureRun]:
+    log = read_log(path)
+    if log.facts.get("board") != board.name:
+        raise InputError(f"{path} was collected on board {log.facts.get('board')!r}, not {board.name!r}")
+    wanted = features_of(board)
+    out, rest_celsius = [], dict[str, float]()
+    for number, touch in enumerate(log.touches):
+        moved = touch.arrays.get("marker_displacement")
+        columns = STEPS[wanted.sort]
+        if moved is None or log.facts.get("marker_unit", "px") != "px" or moved.shape[2] != len(columns):
+            continue
+        rows = (moved.astype(np.float64) * columns).reshape(len(moved), -1)
+        if rows.shape[1] != wanted.n:
+            raise InputError(f"{path}, touch {number}: {moved.shape[1]} {wanted.sort}, the board has "
+                             f"{wanted.n // len(columns)}")  # fmt: skip
+        celsius = _celsius_of_touch(touch, board)
+        at_rest = rest_celsius.setdefault(str(touch.facts.get("session")), celsius)
+        offset = float(np.median(on_reference_clock(log, touch) - touch.arrays["stream_s"]))
+        out.append(FeatureRun(f"{path.name}/{number}", touch.arrays["marker_s"] + offset, rows,
+                              np.asarray(np.isfinite(rows).all(axis=1)), touch.arrays["reference_s"],
+                              reference_in_pad(log, touch),
+                              Degrees(np.full(len(rows), celsius), np.full(len(rows), at_rest)),
+                              np.full(len(rows), number), f"{path}/{touch.facts.get('session', '')}"))  # fmt: skip
+    if not out:
+        raise InputError(f"{path} holds no {wanted.sort} in pixels: give recordings of frames instead")
+    return out
+
+
+def _celsius_of_touch(touch: TouchRecord, board: Board) -> float:
+    """By the board's thermometer; NaN: not measured. A session's rest is as warm as its first touch."""
+    place = board.temperature.place if board.temperature else ""
+    return float(touch.facts.get(CELSIUS, {}).get(place, np.nan))

@@ -1,0 +1,74 @@
+"""The wrench of a board's targets or markers, as `ruffini cal fit --only wrench` fits it."""
+
+from __future__ import annotations
+
+from typing import Any, TypedDict
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.calibrate.fit.job import Job, Outcome, Progress, Stage
+from ruffini.calibrate.report.fewer_presses import Figures, Numbers, accuracy_of_presses
+from ruffini.errors import InputError
+from ruffini.estimators.contact_model import stage as contact
+from ruffini.estimators.wrench.fit import FEW, N_FOLDS, Fit, fit_wrench_map
+from ruffini.estimators.wrench.log import FeatureRun, features_of, read_feature_runs
+from ruffini.estimators.wrench.marker_prior import marker_prior
+from ruffini.estimators.wrench.model import AXES, frames_of, recordings_of
+from ruffini.estimators.wrench.tables import tables
+from ruffini.estimators.wrench.target_geometry import second_order_of
+from ruffini.estimators.wrench.terms import Bend
+
+
+class Mechanics(TypedDict):
+    """What a fit knows of the board beforehand (`fit_wrench_map`)."""
+
+    bend: Bend | None
+    prior: npt.NDArray[np.float64] | None
+
+
+def run(job: Job, progress: Progress) -> Outcome:
+    """Fit to features and reference of every log; errors on recordings, or touches, that were left out."""
+    runs = read_feature_runs(job.paths, job.board, progress=progress)
+    holdout = "recording" if len(set(recordings_of(runs))) >= N_FOLDS else "touch"
+    mechanics: Mechanics = {"bend": second_order_of(job.board), "prior": marker_prior(job.board)}
+    fit = fit_wrench_map(runs, holdout=holdout, **mechanics)
+    tensors, metadata = tables(fit, features_of(job.board))
+    job.tensors |= tensors
+    job.metadata |= metadata
+    errors = ", ".join(
+        f"{axis} {error:.3g}" for axis, error, full in zip(AXES, fit.rmse, fit.map.full, strict=True) if full
+    )
+    said = f"RMSE on {fit.left_out} left out, N and N mm: {errors}; {fit.n_frames} frames of {fit.n_runs} recordings"
+    return Outcome("fitted", said, {**fit.report(), "accuracy_of_presses": _of_fewer(runs, holdout, fit, mechanics)})
+
+
+def _of_fewer(runs: list[FeatureRun], holdout: str, fit: Fit, mechanics: Mechanics) -> list[dict[str, Any]]:
+    """RMS error over all axes, each over what it was loaded with; fits of many features would take hours."""
+    if runs[0].features.shape[1] > FEW:
+        return []
+    is_told = fit.map.full > 0
+
+    def error(used: Numbers, left: Numbers) -> Figures:
+        part = fit_wrench_map([runs[i] for i in used], holdout=holdout, **mechanics)
+        frames = frames_of([runs[i] for i in left], part.lag_s)
+        off = (part.map.predicted(frames) - frames.wrench)[:, is_told] / fit.map.full[is_told]
+        return {"error_percent": float(100 * np.sqrt(np.mean(off**2)))}
+
+    return accuracy_of_presses(len(runs), error)
+
+
+def keep(job: Job) -> Outcome:
+    """The previous calibration's."""
+    taken = job.take("wrench")
+    if taken is None:
+        raise InputError("--skip wrench needs a calibration that has one: give --previous FILE")
+    return taken
+
+
+def is_needed(job: Job) -> bool:
+    """Whether the board makes its wrench of features, and no contact model is fitted together with it."""
+    return "feature_wrench" in job.board.pipeline.stages and not contact.is_of(job.board)
+
+
+STAGE = Stage("wrench", is_needed, run, keep)
