@@ -159,7 +159,8 @@ YuvRule rule_of(const v4l2_pix_format& format) {
 
 std::string why_no_capture(const VideoCalls& calls, int fd, std::string& driver) {
   v4l2_capability about{};
-  if (calls.ioctl(fd, VIDIOC_QUERYCAP, &about) != 0) return "is not a V4L2 device";
+  if (calls.ioctl(fd, VIDIOC_QUERYCAP, &about) != 0)
+    return "is not a V4L2 device: ruffinid --list-cameras shows those that are";
   driver = reinterpret_cast<const char*>(about.driver);
   const uint32_t can = (about.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? about.device_caps : about.capabilities;
   if ((can & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0) {

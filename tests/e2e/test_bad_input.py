@@ -90,7 +90,7 @@ CAMERAS: dict[str, tuple[Callable[[Sensor, Path], str], int, str]] = {
     "wrong frame size": (other_size, 2, "frames are 60x50"),
     "recording of another board": (other_board, 2, 'recorded with board "another"'),
     "camera that is not there": (lambda s, f: "libcamera:NoSuchCamera", 3, "NoSuchCamera"),
-    "unknown camera": (lambda s, f: "webcam:0", 2, "give libcamera:NAME"),
+    "unknown camera": (lambda s, f: "webcam:0", 2, "give v4l2:NAME, libcamera:NAME"),
 }
 
 
