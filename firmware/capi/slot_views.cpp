@@ -277,6 +277,11 @@ constexpr SlotView kViews[] = {
                             c.is_strange, c.depth_validity, c.hardness_validity, c.mean_flow_um, c.moment_by_flow_unmm);
        return size_t{16};
      }},
+    {"vibration", Slot::kVibration, "i4", "by column", "level_cdb validity", row<2>,
+     [](FramePath& path, void* to) {
+       Out<int32_t>(to).put(path.state().vibration.level_cdb, path.state().vibration.validity);
+       return size_t{2};
+     }},
 };
 
 }  // namespace

@@ -155,6 +155,10 @@ struct FrameState {
   ModelledContact modelled;
   HelmholtzSums helmholtz;
   TipTouch tip;
+  struct {
+    int32_t level_cdb = 0;  // hundredths of a decibel over one grey level, rms
+    Validity validity = Validity::kNotMeasured;
+  } vibration;
 };
 
 enum class Slot : uint8_t {
@@ -178,6 +182,7 @@ enum class Slot : uint8_t {
   kContactModel,
   kHelmholtz,
   kToolTouch,
+  kVibration,
   kCount
 };
 inline constexpr size_t kSlotCount = static_cast<size_t>(Slot::kCount);
@@ -186,7 +191,7 @@ inline constexpr size_t kSlotCount = static_cast<size_t>(Slot::kCount);
   constexpr std::array<std::string_view, kSlotCount> kNames = {
       "difference",  "light",          "markers",    "targets",       "slope",     "depth",      "displacement",
       "node_forces", "force_validity", "node_sigma", "residual",      "wrench",    "covariance", "contacts",
-      "slip",        "skin",           "profile",    "contact_model", "helmholtz", "tool_touch"};
+      "slip",        "skin",           "profile",    "contact_model", "helmholtz", "tool_touch", "vibration"};
   return kNames[static_cast<size_t>(slot)];
 }
 
@@ -235,6 +240,7 @@ template <Slot slot, typename State>
   if constexpr (slot == Slot::kContactModel) return state.modelled;
   if constexpr (slot == Slot::kHelmholtz) return state.helmholtz;
   if constexpr (slot == Slot::kToolTouch) return state.tip;
+  if constexpr (slot == Slot::kVibration) return state.vibration;
 }
 
 template <Slot slot>
