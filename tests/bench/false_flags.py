@@ -38,7 +38,7 @@ MIDDLE_M = (1e-3, -1e-3, 0.6e-3)
 SHEAR_M, TURN_RAD = 0.3e-3, 0.1
 DRIFT, DRIFT_FRAMES, FLICKER = 0.004, 3_000, 0.002  # of all light; a period of the drift
 SAME_STATE = 25  # frames before the touch comes or goes
-UNCALIBRATED = 2 | 4
+UNCALIBRATED, OVER_RANGE = 2 | 4, 32
 MOST_FRAMES = 3  # a bad frame must be flagged within these
 LEAK = 0.3  # of the mean level
 PAINTED_PX = 2.2  # times the bright or dark blob's own size
@@ -115,6 +115,7 @@ def measure(board: Board, calibration: bytes | None, n_frames: int, seed: int = 
     states, bad = renders(board, seed)
     drawn = [Drawn(pictures, np.random.default_rng([6, i, seed])) for i, pictures in enumerate(states)]
     flagged: dict[int, int] = {}
+    of_state = [{"frames": 0, "flagged": 0, "over_range": 0} for _ in drawn]
     drift = np.random.default_rng([7, seed])
     soon: dict[str, int] = {}
     time_s = 0.0
@@ -130,8 +131,12 @@ def measure(board: Board, calibration: bytes | None, n_frames: int, seed: int = 
             shown(drawn[0].frame())
         for i in range(n_frames):
             step = i // SAME_STATE  # every second one is untouched
-            picture = drawn[0 if step % 2 == 0 else 1 + step // 2 % (len(drawn) - 1)].frame()
+            state = 0 if step % 2 == 0 else 1 + step // 2 % (len(drawn) - 1)
+            picture = drawn[state].frame()
             flags = shown(lit(picture, i, drift) if step // 2 % 2 else picture)
+            of_state[state]["frames"] += 1
+            of_state[state]["flagged"] += int(flags != 0)
+            of_state[state]["over_range"] += int(flags == OVER_RANGE)
             if flags:
                 flagged[flags] = flagged.get(flags, 0) + 1
         core.set_live(is_live=False)  # a bad picture is shown again as it is
@@ -140,7 +145,8 @@ def measure(board: Board, calibration: bytes | None, n_frames: int, seed: int = 
                 pass
             soon[name] = next((i for i in range(1, MOST_FRAMES + 1) if shown(picture)), 0)
     n = sum(flagged.values())
-    return {"board": board.name, "frames": n_frames, "flagged": n, "by_mask": {str(k): v for k, v in flagged.items()},
+    return {"board": board.name, "frames": n_frames, "flagged": n, "of_state": of_state,
+            "by_mask": {str(k): v for k, v in flagged.items()},
             "rate_below": float(chi2.ppf(0.95, 2 * (n + 1))) / 2 / n_frames, "frames_until_flagged": soon}  # fmt: skip
 
 
