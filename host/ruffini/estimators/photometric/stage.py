@@ -67,7 +67,8 @@ def _taken(job: Job) -> Outcome:
         return Outcome("open", "nothing gives this board its colours: it measures no depth")
     if taken is None:
         raise InputError(
-            "nothing gives this board its colours: add ball presses (--balls DIR), a file of `--only photometric` "
+            "nothing gives this board its colours: add ball presses (--balls DIR), "
+            "a file of `ruffini cal fit --only photometric` "
             "(--with FILE), or the calibration before (--previous FILE)"
         )
     return taken

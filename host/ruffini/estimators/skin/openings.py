@@ -76,7 +76,8 @@ def fit_view(board: Board, points: Array) -> TubeView:
     if skin is None or skin.shape != "tube":
         shape = "without a glowing skin" if skin is None else f"a {skin.shape}"
         raise InputError(
-            f"board {board.name!r} is {shape}, but known points are along a tube: `cal fit --only skin` fits tubes"
+            f"board {board.name!r} is {shape}, but known points say heights along a tube: "
+            "`ruffini cal fit --only skin` fits tubes alone"
         )
     if len(points) < 8 or not np.isfinite(points).all():
         raise InputError(f"{len(points)} known points: give eight at least, x, y in pixels and the height in mm")
