@@ -203,7 +203,7 @@ void Session::send_status(uint64_t now_us) {
   copy_text(m.store_problem, calibrator_.problem());
   m.saturations = exchange_.saturations.load();
   const uint64_t n = std::max<uint64_t>(frames - status_frames_, 1);
-  for (const std::string& name : stage_names()) {
+  for (const std::string& name : board_.stages) {
     const size_t i = stage_row(name);
     ruffini_StageTime& t = m.stage_times[m.stage_times_count++];
     copy_text(t.stage, name);
