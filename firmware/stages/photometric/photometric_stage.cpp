@@ -23,6 +23,9 @@ class PhotometricStage final : public Stage {
   }
 
   Status load(const Calibration& calibration) override {
+    if (calibration.has_kind("camera")) {
+      if (Status map = keep(SlopeRectifier::load(calibration, board_), rectifier_); !map) return map;
+    }
     if (!calibration.has_kind("photometric")) return Unit{};
     const auto table = PhotometricTable::load(calibration);
     if (!table) return table.error();
@@ -30,8 +33,7 @@ class PhotometricStage final : public Stage {
     slope_.is_balanced = photometric_->is_balanced();
     slope_.is_of_depth = photometric_->is_of_depth();
     slope_.is_foreign_optics = calibration.text("optics") != board_.camera.optics;
-    if (!calibration.has_kind("camera")) return Unit{};
-    return keep(SlopeRectifier::load(calibration, board_), rectifier_);
+    return Unit{};
   }
 
   [[nodiscard]] bool writes(Slot /*slot*/) const override { return photometric_.has_value(); }

@@ -104,7 +104,7 @@ def lattice_of(board: Board) -> tuple[int, int]:
     ends = (2 * m.first_x_um + (m.n_x - 1) * m.pitch_x_um, 2 * m.first_y_um + (m.n_y - 1) * m.pitch_y_um)
     if ends != (board.pad.size_x_um, board.pad.size_y_um):
         raise InputError(f"board {board.name!r}: its patches do not lie in the middle of the pad, as a fit by "
-                         "symmetry needs: use cal wrench")  # fmt: skip
+                         "symmetry needs: use cal fit --only wrench")  # fmt: skip
     return m.n_y, m.n_x
 
 
