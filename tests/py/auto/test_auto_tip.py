@@ -104,7 +104,7 @@ def test_a_real_bench_is_refused_and_the_twins_eyes_are_10_mm_apart(tmp_path: Pa
     words = ["cal", "auto", "--board", str(BOARD.folder), "--rig", str(tmp_path / "rig.toml")]
     done = CliRunner().invoke(app, words)
     assert isinstance(done.exception, InputError)
-    assert "cal fingertip" in str(done.exception)
+    assert "--only fingertip" in str(done.exception)
     assert eyes_apart_mm(BOARD) == 10
     with pytest.raises(InputError, match="two eyes"):
         eyes_apart_mm(find_board("gelslim"))
