@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ruffini.boards import Board
-from ruffini.demo.daemon import find_daemon
+from ruffini.daemon import find_daemon
 from ruffini.errors import InputError, NoDeviceError, RuffiniError, SeveralDevicesError
 
 LIST_TIMEOUT_S = 10.0

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ruffini.boards import Board
-from ruffini.demo.daemon import Daemon, started_daemon
+from ruffini.daemon import Daemon, started_daemon
 from ruffini.errors import InputError
 from ruffini.live.cameras import LocalCamera
 
