@@ -39,7 +39,7 @@ def test_python(sensor: Sensor, tmp_path: Path) -> None:
 def test_commands(sensor: Sensor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with start(sensor, tmp_path / "store", "--loop") as daemon:
-        for line in blocks("console")[0].splitlines():
+        for line in next(block for block in blocks("console") if "record" in block).splitlines():
             short = [word if word != "600" else "10" for word in shlex.split(line)[1:]]
             assert run_host(*short, port=daemon.port)[0] == 0
     commands = [line for block in blocks("sh") for line in block.splitlines()]

@@ -14,6 +14,7 @@ from tiny_sensor import N_FRAMES, Sensor, start
 from ruffini.api import SensorFrame
 from ruffini.device import Connection
 from ruffini.errors import InputError
+from ruffini.native import native_folder
 from ruffini.record import Recording, record_stream
 from ruffini.record.mcap_file import CHUNK_BYTES
 from ruffini.record.recover import recover
@@ -121,6 +122,14 @@ def test_a_schema_spoilt_in_the_summary_is_passed_over(
     assert at > chunks(run)[-1], "it is in the summary"
     path = spoilt(run, tmp_path, at, b"\xff")
     assert frames_of(path, good)[0] == N_FRAMES
+
+
+def test_a_schema_of_other_names_is_passed_over(run: Path) -> None:
+    recording = Recording(run)
+    data = (native_folder() / "ruffini.desc").read_bytes()
+    assert recording._schema_of(data) is not None
+    assert recording._schema_of(data.replace(b"device_serial", b"devicf_serial")) is None
+    assert "HELLO has no device_serial" in recording.problems[-1]
 
 
 def test_recover_writes_a_whole_file(run: Path, good: dict[int, dict[str, bytes]], tmp_path: Path) -> None:
