@@ -188,7 +188,8 @@ int ruffini_solve(ruffini_pipeline* pipeline, const int16_t* displacement, int32
 
 int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_q16, int32_t n, int32_t* out) {
   const auto& views = pipeline->views;
-  if (!views) return fail("the calibration holds no views of this board: make them with `ruffini cal fit --only camera --views`");
+  if (!views)
+    return fail("the calibration holds no views of this board: make them with `ruffini cal fit --only camera --views`");
   for (int32_t i = 0; i < n; ++i, places_q16 += 4, out += 4) {
     const ruffini::Meeting met =
         meet(views->at(0, places_q16[0], places_q16[1]), views->at(1, places_q16[2], places_q16[3]));

@@ -11,7 +11,8 @@ constexpr int64_t kMaxRuns = 1'000'000;
 constexpr uint32_t kMaxRunPixels = 1 << 17;  // of one taxel or patch: 2^17 x 8160 fits 31 bits
 
 Error bad(const std::string& what) {
-  return {ErrorKind::kBadInput, "calibration file: skin." + what + ": make it again with `ruffini cal fit --only skin`"};
+  return {ErrorKind::kBadInput,
+          "calibration file: skin." + what + ": make it again with `ruffini cal fit --only skin`"};
 }
 
 }  // namespace

@@ -127,7 +127,8 @@ Status ContactModel::load_odds(const Calibration& c) {
   const auto values = odds.value()->as<int32_t>();
   if (std::any_of(values.begin(), values.end(), [](int32_t v) { return std::abs(int64_t{v}) > kMaxOdds; })) {
     return Error{ErrorKind::kBadInput,
-                 "calibration file: contact_model.odds is beyond 4096: make it again with `ruffini cal fit --only contact --log`"};
+                 "calibration file: contact_model.odds is beyond 4096: make it again with `ruffini cal fit --only "
+                 "contact --log`"};
   }
   std::copy(values.begin(), values.end(), odds_q12_.begin());
   return Unit{};

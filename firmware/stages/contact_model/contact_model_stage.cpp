@@ -21,8 +21,9 @@ class ContactModelStage final : public Stage {
 
   Status load(const Calibration& calibration) override {
     if (!calibration.has_kind("wrench")) {
-      return Error{ErrorKind::kBadInput,
-                   "calibration file: contact_model without wrench: make it again with `ruffini cal fit --only contact --log`"};
+      return Error{
+          ErrorKind::kBadInput,
+          "calibration file: contact_model without wrench: make it again with `ruffini cal fit --only contact --log`"};
     }
     return keep(ContactModel::load(calibration), model_);
   }

@@ -12,7 +12,8 @@ constexpr int32_t kMaxPlaceUm = 1'000'000;
 constexpr int32_t kMaxForceUn = 1'000'000'000;
 
 Error bad(const std::string& what) {
-  return {ErrorKind::kBadInput, "calibration file: skin." + what + ": make it again with `ruffini cal fit --only skin`"};
+  return {ErrorKind::kBadInput,
+          "calibration file: skin." + what + ": make it again with `ruffini cal fit --only skin`"};
 }
 
 bool is_within(std::span<const int32_t> values, int32_t limit) {

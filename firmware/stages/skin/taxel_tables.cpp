@@ -18,7 +18,8 @@ constexpr int32_t kMaxSinkQ12 = 1 << 16;
 constexpr int32_t kMaxPress = 1 << 24;
 
 Error bad(const std::string& what) {
-  return {ErrorKind::kBadInput, "calibration file: skin." + what + ": make it again with `ruffini cal fit --only skin`"};
+  return {ErrorKind::kBadInput,
+          "calibration file: skin." + what + ": make it again with `ruffini cal fit --only skin`"};
 }
 
 template <typename T>

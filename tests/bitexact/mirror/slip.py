@@ -73,13 +73,13 @@ class SlipTracker:
         number, n = ndimage.label(mask.reshape(shape) > 0, structure=np.ones((3, 3)))
         first = {k: int(np.flatnonzero(number == k)[0]) for k in range(1, n + 1)}
         area = {k: int(((number == k) & (f[..., 2] < 0)).sum()) for k in first}
-        listed = sorted(first, key=lambda k: (-area[k], first[k]))[:MAX_LISTED]
+        listed = sorted((k for k in first if area[k] > 0), key=lambda k: (-area[k], first[k]))[:MAX_LISTED]
         plane, slips = np.zeros(shape, np.uint8), []
         held, self.held = self.held, np.zeros(shape, bool)
         for k in listed:
             inside = number == k
             peak = int((-f[..., 2])[inside].max())
-            pressed = inside & (5 * -f[..., 2] > max(peak, 0))
+            pressed = inside & (5 * -f[..., 2] > peak)
             slips.append(self._contact(pressed, held & pressed, f, place, plane))
             self.held |= pressed
         return plane, slips
