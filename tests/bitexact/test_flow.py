@@ -20,7 +20,8 @@ U8 = npt.NDArray[np.uint8]
 
 def textured(width: int, height: int) -> str:
     """Odd lattice over an odd image, patches up to the border."""
-    text = small_board(width=width, height=height, step=1).replace('"dark"', '"texture"').replace('"photometric", "poisson", ', "")
+    text = small_board(width=width, height=height, step=1).replace('"dark"', '"texture"')
+    text = text.replace('"photometric", "poisson", ', "")
     return text.replace("threshold_1e3 = 137", "threshold_1e3 = 700")
 
 
