@@ -94,8 +94,8 @@ def _fingertip(
     if rig != SIMULATED:
         raise InputError(
             f"board {board.name!r} is pressed by several tools while it is turned under them, which no machine of "
-            "`cal auto` does: record such presses and fit them with"
-            " `ruffini cal fit --only fingertip`; --rig sim plays it on the twin"
+            "`cal auto` does: record such presses and fit them with `ruffini cal fit --only fingertip`; "
+            "--rig sim plays it on the twin"
         )
     before = None if previous is None else container.read(previous)
     if before is not None:

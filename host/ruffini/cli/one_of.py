@@ -55,7 +55,8 @@ def register(
                 try:
                     ctx.meta["ruffini.call"] = _call(functions, ctx)
                 except LookupError as missing:  # as where it is the verb's own, and always needed
-                    parameter = next(p for p in self.params if p.name == missing.args[0])
+                    # A copy: the next call may be for one that does not need it.
+                    parameter = copy.copy(next(p for p in self.params if p.name == missing.args[0]))
                     parameter.required, parameter.metavar = True, missing.args[1]
                     parameter.process_value(ctx, None)
                 except ValueError as error:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Annotated, Any
 
+import click.testing
 import pytest
+import typer
 import typer.main
 from typer.testing import CliRunner
 
 from ruffini.cli.app import app
+from ruffini.cli.one_of import register
 
 MOST_VERBS = 40
 
@@ -68,3 +71,23 @@ def test_only_takes_the_options_of_the_stage() -> None:
         assert "--noise-um" in said
     said = CliRunner().invoke(app, ["cal", "fit", "--only", "noise", "--help"]).output
     assert "--skip" in said
+
+
+def test_what_one_call_needs_the_next_one_does_not() -> None:
+    own = typer.Typer()
+    own.command("other")(lambda: None)
+    seen: list[str] = []
+
+    def strict(board: Annotated[str, typer.Option("--board")]) -> None:
+        seen.append(board)
+
+    def easy() -> None:
+        seen.append("easy")
+
+    register(own, "verb", "Two.", {"strict": strict, "easy": easy})
+    command, runner = typer.main.get_command(own), click.testing.CliRunner()
+    missing = runner.invoke(command, ["verb", "strict"])
+    assert missing.exit_code == 2
+    assert "board" in missing.output
+    assert runner.invoke(command, ["verb", "easy"]).exit_code == 0
+    assert seen == ["easy"]
