@@ -54,10 +54,14 @@ SlotStore SlotStore::open(std::unique_ptr<Storage> medium) {
   store.has_lost_trial_ = names && std::find(names.value().begin(), names.value().end(), kTrial) != names.value().end();
   const Result<bool> on_trial = store.remove_if_there(kTrial);
   const Status writable = store.can_write();
+  // A rename whose sync failed before this start is seen, and a power cut would still take it back.
+  const Status durable = store.medium_->sync_folder();
   if (!writable) {
     store.problem_ = writable.error().message;
   } else if (!cleared || !on_trial) {
     store.problem_ = (cleared ? on_trial : cleared).error().message;
+  } else if (!durable) {
+    store.problem_ = durable.error().message;
   }
   return store;
 }

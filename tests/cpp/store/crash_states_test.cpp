@@ -238,6 +238,17 @@ TEST(CrashStates, TheOldFileOrTheNewOneIsInForceWhole) {
 }
 
 // The harness sees each of them. One wrong state shows it; all are counted if RUFFINI_CRASH_STEP is set.
+// A confirmation whose sync failed, then a restart without a power cut: what that start finds in force stays so.
+TEST(CrashStates, WhatAStartFindsInForceIsDurable) {
+  CrashMedium medium({{"calibration-1.safetensors", kept(table(1))}, {"trial.safetensors", kept(table(2))}});
+  ASSERT_TRUE(medium.rename("trial.safetensors", "calibration-2.safetensors"));
+  SlotStore store = SlotStore::open(std::make_unique<Medium>(medium));
+  EXPECT_EQ(store.problem(), "");
+  ASSERT_EQ(store.load().value(), table(2));
+  CrashMedium after(medium.names_after(0));
+  EXPECT_EQ(SlotStore::open(std::make_unique<Medium>(after)).load().value(), table(2));
+}
+
 TEST(CrashStates, StoresThatAreBrokenOnPurposeAreCaught) {
   const bool is_quick = std::getenv("RUFFINI_CRASH_STEP") == nullptr;
   const Tally file = visit<WithoutFileSync>(is_quick);

@@ -251,6 +251,13 @@ TEST_F(SlotStoreTest, AFolderThatIsNotSyncedIsSaid) {
   EXPECT_EQ(store.load(1).value(), Bytes(10, 1));
 }
 
+TEST_F(SlotStoreTest, AStartThatCannotMakeSureOfTheFolderSaysSo) {
+  g_fault = Fault::kFolderSync;
+  const SlotStore store = open();
+  g_fault = Fault::kNone;
+  EXPECT_NE(store.problem().find("sync"), std::string::npos) << store.problem();
+}
+
 TEST_F(SlotStoreTest, WhatIsNoPlainFileIsNotRead) {
   SlotStore store = open();
   fs::create_directory(folder_ / "calibration-7.safetensors");
