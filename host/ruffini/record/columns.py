@@ -14,7 +14,7 @@ from ruffini.device.results import (
     Learned,
     SkinTouch,
     ToolTouch,
-    believed,
+    valid_or_nan,
 )
 
 Row = dict[str, Any]
@@ -37,7 +37,7 @@ def contact_columns(contact: Contact | None, *, has_absent: bool = True) -> Row:
         "contact_area_m2": c.area if is_known and c is not None else NAN,
         **{f"contact_center_{axis}_m": v for axis, v in zip("xy", center, strict=True)},
         **{f"contact_force_{axis}_n": v for axis, v in zip("xyz", force, strict=True)},
-        "contact_peak_depth_m": NAN if c is None else float(believed([c.peak_depth], (c.validity,), c.flags)[0]),
+        "contact_peak_depth_m": NAN if c is None else float(valid_or_nan([c.peak_depth], (c.validity,), c.flags)[0]),
         "contact_reaches_border": c is not None and c.reaches_border,
         "contact_slip_state": "" if c is None or c.slip_state is None else c.slip_state,
     }  # fmt: skip
