@@ -98,7 +98,8 @@ void read_targets(BoardReader& in, const BoardSettings& board, TargetSettings& t
 void read_picture_features(BoardReader& in, const BoardSettings& board, PictureFeatureSettings& features) {
   if (!has_own_section(in, board, "picture_features")) return;
   in.section("picture_features");
-  for (const PadPlace& corner : in.places("corners_px", 0, 4'095)) features.corners.push_back({corner.x_um, corner.y_um});
+  for (const PadPlace& corner : in.places("corners_px", 0, 4'095))
+    features.corners.push_back({corner.x_um, corner.y_um});
   features.cells.n_x = static_cast<int>(in.integer("n_x", 1, 32));
   features.cells.n_y = static_cast<int>(in.integer("n_y", 1, 32));
 }

@@ -101,8 +101,8 @@ struct FrameState {
   } targets;
   // Numbers that a wrench is made of, as changes against rest.
   struct {
-    std::string_view sort;       // markers: dx, dy of each, px Q16; targets: dx, dy, px Q16, and change of area, px^2 Q8;
-                                 // picture: relative change of B, G and R over a grid, Q16
+    std::string_view sort;  // markers: dx, dy of each, px Q16; targets: dx, dy, px Q16, and change of area, px^2 Q8;
+                            // picture: relative change of B, G and R over a grid, Q16
     std::vector<int32_t> value;
   } features;
   struct {
@@ -196,9 +196,10 @@ inline constexpr size_t kSlotCount = static_cast<size_t>(Slot::kCount);
 
 [[nodiscard]] constexpr std::string_view slot_name(Slot slot) {
   constexpr std::array<std::string_view, kSlotCount> kNames = {
-      "difference",  "light",          "markers",    "targets",       "features",    "slope",     "depth",      "displacement",
-      "node_forces", "force_validity", "node_sigma", "residual",      "wrench",    "covariance", "contacts",
-      "slip",        "skin",           "profile",    "contact_model", "helmholtz", "tool_touch", "vibration"};
+      "difference",    "light",        "markers",     "targets",        "features",   "slope",
+      "depth",         "displacement", "node_forces", "force_validity", "node_sigma", "residual",
+      "wrench",        "covariance",   "contacts",    "slip",           "skin",       "profile",
+      "contact_model", "helmholtz",    "tool_touch",  "vibration"};
   return kNames[static_cast<size_t>(slot)];
 }
 

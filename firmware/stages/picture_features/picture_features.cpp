@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <bit>
 #include <cstdlib>
-#include <utility>
 
 namespace ruffini {
 namespace {
@@ -37,7 +36,10 @@ class Axis {
   [[nodiscard]] int part_of(const Triple& pixel, int n) const {
     int64_t a = dot(low_, pixel) * low_weight_;
     int64_t whole = a + dot(high_, pixel) * high_weight_;
-    if (whole < 0) std::tie(a, whole) = std::pair(-a, -whole);
+    if (whole < 0) {
+      a = -a;
+      whole = -whole;
+    }
     return a < 0 || a >= whole ? kOutside : static_cast<int>(n * a / whole);
   }
 
@@ -53,9 +55,8 @@ class Axis {
 PictureFeatures::PictureFeatures(const PictureFeatureSettings& s, int width_px, int height_px)
     : n_pixels_(static_cast<size_t>(s.cells.count())), sum_(n_pixels_.size()) {
   std::array<Triple, 4> corner{};
-  std::transform(s.corners.begin(), s.corners.end(), corner.begin(), [](const PicturePlace& p) {
-    return Triple{p.x_px, p.y_px, 1};
-  });
+  std::transform(s.corners.begin(), s.corners.end(), corner.begin(),
+                 [](const PicturePlace& p) { return Triple{p.x_px, p.y_px, 1}; });
   const Triple top = cross(corner[0], corner[1]);
   const Triple right = cross(corner[1], corner[2]);
   const Triple bottom = cross(corner[3], corner[2]);
@@ -70,7 +71,8 @@ PictureFeatures::PictureFeatures(const PictureFeatureSettings& s, int width_px, 
       const int j = down.part_of(pixel, s.cells.n_y);
       const int cell = i == kOutside || j == kOutside ? kOutside : j * s.cells.n_x + i;
       if (cell != kOutside) {
-        if (cell != before) runs_.push_back({static_cast<size_t>(y) * static_cast<size_t>(width_px) + static_cast<size_t>(x), 0, cell});
+        if (cell != before)
+          runs_.push_back({static_cast<size_t>(y) * static_cast<size_t>(width_px) + static_cast<size_t>(x), 0, cell});
         ++runs_.back().length;
         ++n_pixels_[static_cast<size_t>(cell)];
       }
