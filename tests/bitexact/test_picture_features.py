@@ -74,7 +74,8 @@ def test_every_pixel_of_the_whole_picture_but_its_last_row_and_column_is_in_a_ce
     cell = cells(read_board(board_text(CORNERS["whole"], 11, 9)))
     y, x = np.mgrid[:90, :121]
     assert (cell[:90, :121] == y * 9 // 90 * 11 + x * 11 // 121).all()
-    assert (cell[90] == -1).all() and (cell[:, 121] == -1).all()
+    assert (cell[90] == -1).all()
+    assert (cell[:, 121] == -1).all()
 
 
 def test_perspective_is_that_of_the_corners() -> None:
@@ -106,6 +107,8 @@ def test_corners_that_are_no_gel_are_refused(corners: list[list[int]], sentence:
 
 
 def test_markers_and_pictures_are_not_mixed() -> None:
-    text = board_text(CORNERS["upright"]).replace('"picture_features", "feature', '"markers", "picture_features", "feature')
+    text = board_text(CORNERS["upright"]).replace(
+        '"picture_features", "feature', '"markers", "picture_features", "feature'
+    )
     with pytest.raises(InputError, match="stages markers and picture_features both write the slot features"):
         parse_board(text.encode(), "small")

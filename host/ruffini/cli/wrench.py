@@ -91,6 +91,13 @@ def wrench(
     nonlinear: Annotated[
         bool, typer.Option("--nonlinear/--linear", help="Of many features: try kernels, kept where they err less.")
     ] = True,
+    videos: Annotated[
+        Path | None,
+        typer.Option(
+            help="LOG are videos, or folders of them, with a CSV of a load cell beside each; this TOML file names its "
+            "columns. Needs --board."
+        ),
+    ] = None,
     report: Annotated[Path | None, typer.Option(help="JSON of the report.")] = None,
     json_: JsonFlag = False,
 ) -> None:
@@ -101,6 +108,7 @@ def wrench(
     from ruffini.calibrate.fit.job import Outcome
     from ruffini.calibrate.gates import gates_of_stages, manifest_of
     from ruffini.calibrate.log.columns import read_column_logs
+    from ruffini.calibrate.log.videos import VideoColumns, read_video_log
     from ruffini.errors import InputError
     from ruffini.estimators.wrench.fit import fit_wrench_map
     from ruffini.estimators.wrench.log import Features, features_of, read_feature_runs
@@ -125,6 +133,12 @@ def wrench(
             if sort.n != len(read.names):
                 raise InputError(f"{paths[0]}: has {len(read.names)} features, board {found.name!r} makes {sort.n} of "
                                  f"its {sort.sort}: another sensor, or leave --board out")  # fmt: skip
+    elif videos is not None and found is not None:
+        with progress_bar("videos") as progress:
+            log_of_videos = read_video_log(paths, found, VideoColumns.read(videos), progress=progress)
+        runs, sort = log_of_videos.runs, features_of(found)
+        for line in log_of_videos.remarks:
+            note(line)
     elif found is None:
         raise InputError(f"{paths[0]}: name its columns (--columns FILE, or --time, --features, --wrench), or --board "
                          "for a recording of one of its sensors")  # fmt: skip

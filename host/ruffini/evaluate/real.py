@@ -11,20 +11,26 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from ruffini.boards import find_board
 from ruffini.boards.pictures import picture_board
 from ruffini.calibrate import container
 from ruffini.calibrate.log.columns import Columns, read_column_logs
+from ruffini.calibrate.log.videos import VideoColumns
 from ruffini.calibrate.report.html import Page
 from ruffini.errors import InputError
 from ruffini.estimators.photometric.fitted import fit_presses
 from ruffini.estimators.photometric.presses import PressSet, load_presses, reference_images
 from ruffini.estimators.wrench.model import AXES
-from ruffini.evaluate import photometric, wrench
+from ruffini.evaluate import photometric, pressed_videos, wrench
 from ruffini.evaluate.pictures import press_depths
 
 Progress = Callable[[float], None]
 MARKER_FORCE = Columns("vision/timestamp", ("vision/dxyz",), "mm", ("force/values",), ("N", "N m"), "force/segment_id")
 
+
+WEDGE = VideoColumns("force_n", "N", "frame", r"(.*)_\d+", 10.0)
 
 BALL_MM, PX_PER_MM = 4.70, 19.58  # of gelsight-ball-presses
 STANDOFF_MM = 500.0  # hardly any perspective: that camera's lens is not known
@@ -106,9 +112,46 @@ def _judged(fitted: PressSet, judged: PressSet) -> tuple[dict[str, Any], list[ph
     return photometric.evaluate(judged, file, board, [], [])
 
 
+def wedge_load_cell(folder: Path, page: Page, progress: Progress) -> list[Row]:
+    """Force of a gel without markers, by its picture alone, beside a load cell: objects that were not fitted."""
+    found = pressed_videos.evaluate(
+        folder, find_board("gelsight-wedge"), WEDGE, peers=wrench.has_peers(), progress=progress
+    )
+    page.heading("wedge-load-cell: a gel without markers against a load cell")
+    page.text(
+        "The board's integers on both closings on an object that its fit did not see, over the load cell's readings."
+    )
+    for line in found.remarks:
+        page.text(line)
+    page.picture(
+        pressed_videos.picture(found), "force of the board and of the load cell over the frames of each object"
+    )
+    name = "wedge-load-cell"
+    mae = found.errors()
+    named = {"ridge of 60 components": found.errors("peer")} if found.has_peer else {}
+    rows = [
+        Row(
+            name,
+            "MAE Fz, mean over objects left out",
+            "N",
+            float(np.mean(list(mae.values()))),
+            {k: float(np.mean(list(v.values()))) for k, v in named.items()},
+        ),
+        Row(name, "MAE Fz, worst object", "N", max(mae.values()), {k: max(v.values()) for k, v in named.items()}),
+    ]
+    rows += [
+        Row(name, f"MAE Fz, {each} left out", "N", mae[each], {k: v[each] for k, v in named.items()}) for each in mae
+    ]
+    for n, word in ((1, "one stated sigma"), (2, "two")):
+        rows.append(Row(name, f"truths within {word}", "%", 100 * found.within(n), {}))
+    rows.append(Row(name, "mean |Fz| of the first second, untouched", "N", found.at_rest(), {}))
+    return rows
+
+
 KINDS: dict[str, Callable[[Path, Page, Progress], list[Row]]] = {
     "marker-force": marker_force,
     "gelsight-ball-presses": ball_presses,
+    "wedge-load-cell": wedge_load_cell,
 }
 
 

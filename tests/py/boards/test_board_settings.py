@@ -39,12 +39,22 @@ DEFAULTS = {
     "depth": {"source": "light"},
     "light": {"alternation": "none"},
 }
+# Of sections that no stage of the board reads: the pad's corners as nodes, all of it observed.
+LEFT_OUT: dict[str, dict[str, Any]] = {
+    "grid": {"n_x": 2, "n_y": 2, "n_layers": 2},
+    "depth": {"gauge": "margin", "margin_um": 0, "step_px": 1, "source": "light"},
+    "contact": {"threshold_un": 1, "min_nodes": 1},
+    "field": {"force_lsb_un": 10},
+}
 
 
 def expected(text: str) -> dict[str, Any]:
     """The tree of the file with the defaults of boards/README.md."""
     tree = tomllib.loads(text)
     tree.setdefault("memory", {"calibration_kb": 131_072})
+    if "grid" not in tree:
+        size = {f"max_{axis}_um": tree["pad"][f"size_{axis}_um"] for axis in "xy"}
+        tree |= {**LEFT_OUT, "window": {"min_x_um": 0, "min_y_um": 0, **size}}
     for section, keys in DEFAULTS.items():
         if section in tree:
             tree[section] = {**keys, **tree[section]}

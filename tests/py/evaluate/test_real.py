@@ -37,6 +37,8 @@ def test_one_table_on_the_terminal_in_a_file_and_on_a_page(tmp_path: Path, monke
 
 
 def test_a_folder_without_recordings_names_what_it_may_hold(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"holds none of marker-force, gelsight-ball-presses: .*eval wrench"):
+    with pytest.raises(
+        InputError, match=r"holds none of marker-force, gelsight-ball-presses, wedge-load-cell: .*eval wrench"
+    ):
         real.evaluate(tmp_path, tmp_path / "page.html")
     assert not (tmp_path / "page.html").exists()

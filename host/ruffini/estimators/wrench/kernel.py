@@ -1,14 +1,16 @@
 """What of a wrench is not linear in its features: landmarks of the log and a kernel of the distance to them.
 
-Fitted together with K by robust least squares; firmware/stages/feature_wrench/kernel_map.h has the equations. Two
-shapes are tried (`candidates`): a wide one that bends K a little, and a narrow one whose directions are weighted by how
+Fitted together with K by robust least squares; firmware/stages/feature_wrench/kernel_map.h has the equations. Three
+shapes are tried (`candidates`): a wide one that bends K a little; a narrow one whose directions are weighted by how
 fast the wrench changes along them (automatic relevance: largest marginal likelihood of a Gaussian process, of blocks of
-touches). The narrow one is the better where all kinds of touches were fitted, the wide one beyond their loads: which is
-used is decided by errors on what was left out (`wrench_map`). Units here: N and N mm.
+touches); and a smooth one without K, which allows for more noise. The narrow one is the better where all kinds of
+touches were fitted, the wide one beyond their loads, the smooth one for objects that were not fitted and few touches:
+which is used is decided by errors on what was left out (`kernel_choice`). Units here: N and N mm.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,14 +26,16 @@ Array = npt.NDArray[np.float64]
 
 STEPS, LAST = 64, 16  # of the curve: entries a length, lengths
 N_LANDMARKS = 1024  # KernelMap::kMaxLandmarks
-N_DIRECTIONS = {"wide": 256, "narrow": 30}
+N_DIRECTIONS = {"wide": 256, "narrow": 30, "smooth": 60}
 WIDE_LENGTH, START_LENGTH = 3.0, 1.4  # of the spread of all features together
 # The narrow one is a sum of Gaussians from 4 lengths down by halves, variance growing as length^2.5: the exponent with
 # the largest likelihood of fitted touches of a real log. The longest is what remains far from all landmarks.
 LONGEST, N_LENGTHS, GROWTH = 4.0, 5, 2.5
 HALVED = tuple((LONGEST / 2**i, (LONGEST / 2**i) ** GROWTH) for i in range(N_LENGTHS))
-CURVES = {"wide": ((1.0, 1.0),), "narrow": HALVED}  # length and part
+CURVES = {"wide": ((1.0, 1.0),), "narrow": HALVED, "smooth": ((1.0, 1.0),)}  # length and part
+LEAST_TOUCHES = 50  # for relevance: fewer tell of no direction how fast the wrench changes along it
 NOISE = 2e-3  # of the wide one: variance over that of the kernel
+SMOOTH_LENGTH, SMOOTH_NOISE = 4.0, 3e-2  # least errors on objects left out of a real log of eight
 LINEAR = 0.64  # variance of K's part over that of the kernel, at one spread
 # Errors of neighbouring frames of a touch correlate by a half: there are a third as many independent ones.
 INDEPENDENT = 1 / 3
@@ -91,21 +95,33 @@ def distances(a: Array, b: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(square, 0)))
 
 
-def candidates(features: Array, wrench: Array, touch: npt.NDArray[np.intp]) -> list[Shape]:
-    """The shapes to choose from."""
+def shape_names(touch: npt.NDArray[np.intp]) -> list[str]:
+    """The shapes that a log of these touches is worth trying."""
+    return [name for name in CURVES if name != "narrow" or len(np.unique(touch)) >= LEAST_TOUCHES]
+
+
+def candidates(
+    features: Array, wrench: Array, touch: npt.NDArray[np.intp], names: Sequence[str] = tuple(CURVES)
+) -> list[Shape]:
+    """The shapes to choose from, by name."""
     spread = float(np.sqrt(features.var(axis=0).sum()))
     _, sizes, directions = np.linalg.svd((features - features.mean(axis=0)) / spread, full_matrices=False)
     curves = {name: _curve(parts) for name, parts in CURVES.items()}
     wide = directions[: N_DIRECTIONS["wide"]] / (WIDE_LENGTH * spread)
-    narrow = directions[: min(N_DIRECTIONS["narrow"], int((sizes > 1e-9).sum()))]
+    smooth = directions[: N_DIRECTIONS["smooth"]] / (SMOOTH_LENGTH * spread)
     noise = np.full(6, NOISE)
-    first = Shape("narrow", narrow / (START_LENGTH * spread), curves["wide"], noise, LINEAR, spread)
-    weight = _solved(features, wrench, first)[2]
-    lengths, noise_found, linear = _relevance(features @ narrow.T / spread, wrench, touch, weight)
-    return [
-        Shape("wide", wide, curves["wide"], noise, LINEAR, spread),
-        Shape("narrow", narrow / (lengths[:, None] * spread), curves["narrow"], noise_found, linear, spread),
-    ]
+    found = {
+        "wide": Shape("wide", wide, curves["wide"], noise, LINEAR, spread),
+        "smooth": Shape("smooth", smooth, curves["smooth"], np.full(6, SMOOTH_NOISE), 0.0, spread),
+    }
+    if "narrow" in names:
+        narrow = directions[: min(N_DIRECTIONS["narrow"], int((sizes > 1e-9).sum()))]
+        first = Shape("narrow", narrow / (START_LENGTH * spread), curves["wide"], noise, LINEAR, spread)
+        weight = _solved(features, wrench, first)[2]
+        lengths, noise_found, linear = _relevance(features @ narrow.T / spread, wrench, touch, weight)
+        scaled = narrow / (lengths[:, None] * spread)
+        found["narrow"] = Shape("narrow", scaled, curves["narrow"], noise_found, linear, spread)
+    return [found[name] for name in names]
 
 
 def _curve(parts: tuple[tuple[float, float], ...]) -> Array:

@@ -35,13 +35,14 @@ def choose_kernel(
     must_extrapolate : the map is for other recordings, which may press harder, and no fold does: then the kernel is the
         one that errs least on the heaviest touches, by a fit without them.
     """
-    found, nearest = _left_out(frames, touch, folds)
-    judged = _left_out(frames, touch, [heavy(frames, touch)])[0] if must_extrapolate else found
+    names = wrench_kernel.shape_names(touch)
+    found, nearest = _left_out(frames, touch, folds, names)
+    judged = _left_out(frames, touch, [heavy(frames, touch)], names)[0] if must_extrapolate else found
     spread = frames.wrench.std(axis=0)
     best = int(np.argmin([_unexplained(each, spread) for each in judged]))
     if _unexplained(found[best], spread) > (1 - LEAST_GAIN) ** 2 * _unexplained(errors, spread):
         return None
-    return Kernel(list(wrench_kernel.CURVES)[best], found[best], nearest[best])
+    return Kernel(names[best], found[best], nearest[best])
 
 
 def heavy(frames: Frames, touch: Numbers) -> npt.NDArray[np.bool_]:
@@ -56,13 +57,13 @@ def _unexplained(errors: Array, spread: Array) -> float:
     return float(((rms(errors)[is_loaded] / spread[is_loaded]) ** 2).sum())
 
 
-def _left_out(frames: Frames, touch: Numbers, folds: Folds) -> tuple[list[Array], list[Array]]:
+def _left_out(frames: Frames, touch: Numbers, folds: Folds, names: list[str]) -> tuple[list[Array], list[Array]]:
     """Of each shape the errors (t, 6) and the distances to the nearest landmark (t,); NaN where no fold left it out."""
-    found = [np.full_like(frames.wrench, np.nan) for _ in wrench_kernel.CURVES]
+    found = [np.full_like(frames.wrench, np.nan) for _ in names]
     nearest = [np.full(len(frames.wrench), np.nan) for _ in found]
     for left in folds:
         inside, outside = frames.take(~left), frames.take(left)
-        for i, shape in enumerate(wrench_kernel.candidates(inside.features, inside.wrench, touch[~left])):
+        for i, shape in enumerate(wrench_kernel.candidates(inside.features, inside.wrench, touch[~left], names)):
             gain, kernel = wrench_kernel.solve(inside.features, inside.wrench, shape)
             found[i][left] = outside.features @ gain.T + kernel.added(outside.features) - outside.wrench
             nearest[i][left] = kernel.nearest(outside.features)
@@ -71,8 +72,8 @@ def _left_out(frames: Frames, touch: Numbers, folds: Folds) -> tuple[list[Array]
 
 def kernel_fitted(frames: Frames, touch: Numbers, full: Array, chosen: Kernel) -> WrenchMap:
     """K and kernel of all frames; what is further from a landmark than frames left out were is outside."""
-    shapes = wrench_kernel.candidates(frames.features, frames.wrench, touch)
-    gain, kernel = wrench_kernel.solve(frames.features, frames.wrench, next(s for s in shapes if s.name == chosen.name))
+    (shape,) = wrench_kernel.candidates(frames.features, frames.wrench, touch, [chosen.name])
+    gain, kernel = wrench_kernel.solve(frames.features, frames.wrench, shape)
     reach = float(np.quantile(chosen.nearest, wrench_kernel.REACH_SHARE))
     kernel = replace(kernel, weight=kernel.weight * (full > 0)[:, None], offset=kernel.offset * (full > 0), reach=reach,
                      spread=1 / max(reach, 1e-6))  # fmt: skip

@@ -64,7 +64,7 @@ class FeatureRun:
 
 
 class Features(NamedTuple):
-    """What the features of a log are: `targets` or `markers`, and how many numbers a frame has."""
+    """What the features of a log are: `targets`, `markers` or `picture`, and how many numbers a frame has."""
 
     sort: str
     n: int
@@ -76,13 +76,17 @@ def features_of(board: Board) -> Features:
     Raises
     ------
     InputError
-        It has neither targets nor markers.
+        None of its stages writes features.
     """
     if board.targets is not None and "targets" in board.pipeline.stages:
         return Features("targets", 3 * len(board.targets.places_um))
     if board.markers is not None and "markers" in board.pipeline.stages:
         return Features("markers", 2 * board.markers.n_x * board.markers.n_y)
-    raise InputError(f"board {board.name!r} has neither targets nor markers: there is nothing to make a wrench of")
+    if board.picture_features is not None and "picture_features" in board.pipeline.stages:
+        return Features("picture", 3 * board.picture_features.n_x * board.picture_features.n_y)
+    raise InputError(
+        f"board {board.name!r} has no stage targets, markers or picture_features: nothing to make a wrench of"
+    )
 
 
 def read_feature_runs(paths: list[Path], board: Board, *, progress: Progress = lambda _: None) -> list[FeatureRun]:
@@ -159,6 +163,10 @@ def _of_log(path: Path, board: Board) -> list[FeatureRun]:
     if log.facts.get("board") != board.name:
         raise InputError(f"{path} was collected on board {log.facts.get('board')!r}, not {board.name!r}")
     wanted = features_of(board)
+    if wanted.sort not in STEPS:
+        raise InputError(
+            f"{path}: a log of cal collect keeps no {wanted.sort}: give videos (--videos FILE) or recordings of frames"
+        )
     out, rest_celsius = [], dict[str, float]()
     for number, touch in enumerate(log.touches):
         moved = touch.arrays.get("marker_displacement")

@@ -1,0 +1,144 @@
+"""The board's force of videos beside a load cell, on objects that its fit did not see, and a plain peer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ruffini.boards import Board
+from ruffini.calibrate.log.videos import VideoColumns, read_video_log, videos_in
+from ruffini.estimators.wrench.fit import fit_wrench_map
+from ruffini.estimators.wrench.log import FeatureRun
+from ruffini.estimators.wrench.model import frames_of
+from ruffini.evaluate.wrench import on_board
+from ruffini.frames import read_frames
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+Z = 2  # the axis that a load cell reads
+
+# The peer: principal components of the picture made small, less the first frames', and ridge regression.
+PEER_SIZE, N_COMPONENTS, N_REFERENCE, PEER_RIDGE = (40, 30), 60, 5, 1.0
+UNTOUCHED_S = 1.0  # the gripper closes later
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One closing: truth, statements and their standard deviation (t,), N along z; remarks and the chosen map."""
+
+    run: FeatureRun
+    force: Array
+    sigma: Array
+    flagged: npt.NDArray[np.bool_]
+    peer: Array | None
+    kernel: str
+
+    @property
+    def truth(self) -> Array:
+        return self.run.reference[:, Z]
+
+
+@dataclass(frozen=True)
+class Found:
+    """All closings; sentences on what was left out."""
+
+    closings: list[Judged]
+    remarks: list[str]
+
+    def errors(self, said: str = "force") -> dict[str, float]:
+        """Mean absolute error by object, of the attribute `force` or `peer` of each closing, N."""
+        off = dict[str, list[Array]]()
+        for each in self.closings:
+            off.setdefault(each.run.recording, []).append(np.abs(getattr(each, said) - each.truth))
+        return {name: float(np.concatenate(parts).mean()) for name, parts in off.items()}
+
+    def within(self, n_sigmas: float) -> float:
+        """Share of all truths within so many stated standard deviations."""
+        return float(np.concatenate([np.abs(c.force - c.truth) <= n_sigmas * c.sigma for c in self.closings]).mean())
+
+    def at_rest(self) -> float:
+        """Mean force of the first second, without a sign, N."""
+        return float(np.concatenate([np.abs(c.force[c.run.time_s < UNTOUCHED_S]) for c in self.closings]).mean())
+
+    @property
+    def has_peer(self) -> bool:
+        return all(each.peer is not None for each in self.closings)
+
+
+def evaluate(
+    folder: Path, board: Board, columns: VideoColumns, *, peers: bool = True, progress: Progress = lambda _: None
+) -> Found:
+    """Leave each object out wholly, fit to the others, and judge the board's integers on it.
+
+    Raises
+    ------
+    InputError
+        As `read_video_log`, or fewer than three objects.
+    """
+    log = read_video_log([folder], board, columns, progress=lambda part: progress(0.2 * part))
+    pictures = _small_pictures(folder, board, log.runs) if peers else {}
+    names = list(dict.fromkeys(run.recording for run in log.runs))
+    closings = list[Judged]()
+    for i, name in enumerate(names):
+        fitted = [run for run in log.runs if run.recording != name]
+        fit = fit_wrench_map(fitted, holdout="recording", nonlinear=True)
+        peer = _peer([(pictures[run.name], run.reference[:, Z]) for run in fitted]) if peers else None
+        for run in (r for r in log.runs if r.recording == name):
+            stated = on_board(fit, frames_of([run], 0.0))
+            closings.append(Judged(run, stated.wrench[:, Z], stated.sigma[:, Z], ~stated.is_in_range | ~stated.agrees,
+                                   peer(pictures[run.name]) if peer else None, fit.kernel or "K"))  # fmt: skip
+        progress(0.2 + 0.8 * (i + 1) / len(names))
+    return Found(closings, log.remarks)
+
+
+def _small_pictures(folder: Path, board: Board, runs: list[FeatureRun]) -> dict[str, Array]:
+    """Of each run's frames (t, n), less the mean of the video's first, by the run's name."""
+    import cv2
+
+    videos = {video.stem: video for video in videos_in(folder)}
+    out = dict[str, Array]()
+    for run in runs:
+        small = [cv2.resize(image, PEER_SIZE, interpolation=cv2.INTER_AREA) for image in read_frames(videos[run.name])]
+        rows = np.array(small, np.float64).reshape(len(small), -1)
+        used = np.round(run.time_s * board.camera.rate_mhz / 1000).astype(int)
+        out[run.name] = (rows - rows[:N_REFERENCE].mean(axis=0))[used]
+    return out
+
+
+def _peer(fitted: list[tuple[Array, Array]]) -> Callable[[Array], Array]:
+    from sklearn.decomposition import PCA
+    from sklearn.linear_model import Ridge
+    from sklearn.pipeline import make_pipeline
+
+    model = make_pipeline(PCA(N_COMPONENTS, random_state=0), Ridge(PEER_RIDGE))
+    model.fit(np.concatenate([x for x, _ in fitted]), np.concatenate([y for _, y in fitted]))
+    return lambda x: np.asarray(model.predict(x), np.float64)
+
+
+def picture(found: Found) -> object:
+    """Load cell and board over time, a column for each object."""
+    from matplotlib.figure import Figure
+
+    errors = found.errors()
+    figure = Figure(figsize=(3.2 * len(errors), 6.0), layout="constrained")
+    axes = figure.subplots(2, len(errors), sharey=True, squeeze=False)
+    for column, (name, error) in enumerate(errors.items()):
+        for row, each in enumerate(c for c in found.closings if c.run.recording == name):
+            at = axes[row % 2, column]
+            time_s = each.run.time_s
+            at.fill_between(time_s, -each.force - 2 * each.sigma, -each.force + 2 * each.sigma, color="#bcd4ea", lw=0)
+            at.plot(time_s, -each.truth, "k-", lw=1.4, label="load cell")
+            at.plot(time_s, -each.force, "-", color="#2f6fab", lw=1.0, label="board, 2 sigma")
+            at.plot(time_s[each.flagged], -each.force[each.flagged], ".", color="#c05020", ms=3, label="flagged")
+            at.set_title(f"{name}\nMAE {error:.2f} N, {each.kernel}" if row == 0 else each.run.name, fontsize=8)
+            at.set_ylim(-5, 30)
+    axes[0, 0].legend(fontsize=7)
+    for row in axes:
+        row[0].set_ylabel("pressing force, N")
+    for at in axes[-1]:
+        at.set_xlabel("s")
+    return figure
