@@ -1,6 +1,7 @@
 """Everything measured on recordings of real sensors, as one table of rows and one page.
 
-Each kind of recording has one function in `KINDS`, which reads its folder and returns its rows.
+Each kind of recording has one function in `KINDS`, which reads its folder and returns its rows; videos of pressed
+objects have a mapping file in the folder of their board (`kinds_of_boards`).
 """
 
 from __future__ import annotations
@@ -8,12 +9,12 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from ruffini.boards import find_board
+from ruffini.boards import board_names, boards_folder, find_board
 from ruffini.boards.pictures import picture_board
 from ruffini.calibrate import container
 from ruffini.calibrate.log.columns import Columns, read_column_logs
@@ -29,9 +30,6 @@ from ruffini.evaluate.pictures import press_depths
 Progress = Callable[[float], None]
 MARKER_FORCE = Columns("vision/timestamp", ("vision/dxyz",), "mm", ("force/values",), ("N", "N m"), "force/segment_id")
 
-
-WEDGE = VideoColumns("force_n", "N", "frame", r"(.*)_\d+", 10.0)
-
 BALL_MM, PX_PER_MM = 4.70, 19.58  # of gelsight-ball-presses
 STANDOFF_MM = 500.0  # hardly any perspective: that camera's lens is not known
 
@@ -44,6 +42,10 @@ class Row(NamedTuple):
     unit: str
     ours: float
     peers: dict[str, float]
+
+
+Kind = Callable[[Path, Page, Progress], list[Row]]
+MAPPING = ".videos.toml"
 
 
 def marker_force(folder: Path, page: Page, progress: Progress) -> list[Row]:
@@ -112,46 +114,41 @@ def _judged(fitted: PressSet, judged: PressSet) -> tuple[dict[str, Any], list[ph
     return photometric.evaluate(judged, file, board, [], [])
 
 
-def wedge_load_cell(folder: Path, page: Page, progress: Progress) -> list[Row]:
-    """Force of a gel without markers, by its picture alone, beside a load cell: objects that were not fitted."""
-    found = pressed_videos.evaluate(
-        folder, find_board("gelsight-wedge"), WEDGE, peers=wrench.has_peers(), progress=progress
-    )
-    page.heading("wedge-load-cell: a gel without markers against a load cell")
-    page.text(
-        "The board's integers on both closings on an object that its fit did not see, over the load cell's readings."
-    )
+def pressed_objects(mapping: Path, folder: Path, page: Page, progress: Progress) -> list[Row]:
+    """Force along a board's normal beside a load cell, for objects that were not fitted.
+
+    mapping : columns of the recordings, in the folder of the board that took them.
+    """
+    board, columns, name = find_board(mapping.parent), VideoColumns.read(mapping), folder.name
+    found = pressed_videos.evaluate(folder, board, columns, peers=wrench.has_peers(), progress=progress)
+    page.heading(f"{name}: board {board.name} against a load cell")
+    page.text("The board's integers on every recording of an object that its fit did not see, over the load cell.")
     for line in found.remarks:
         page.text(line)
-    page.picture(
-        pressed_videos.picture(found), "force of the board and of the load cell over the frames of each object"
-    )
-    name = "wedge-load-cell"
-    mae = found.errors()
-    named = {"ridge of 60 components": found.errors("peer")} if found.has_peer else {}
-    rows = [
-        Row(
-            name,
-            "MAE Fz, mean over objects left out",
-            "N",
-            float(np.mean(list(mae.values()))),
-            {k: float(np.mean(list(v.values()))) for k, v in named.items()},
-        ),
-        Row(name, "MAE Fz, worst object", "N", max(mae.values()), {k: max(v.values()) for k, v in named.items()}),
-    ]
-    rows += [
-        Row(name, f"MAE Fz, {each} left out", "N", mae[each], {k: v[each] for k, v in named.items()}) for each in mae
-    ]
+    page.picture(pressed_videos.picture(found), "force of the board and of the load cell, each object left out")
+    ours, peers = found.errors(), {"ridge of 60 components": found.errors("peer")} if found.has_peer else {}
+
+    def row(figure: str, of: Callable[[dict[str, float]], float]) -> Row:
+        return Row(name, f"MAE Fz, {figure}", "N", of(ours), {peer: of(errors) for peer, errors in peers.items()})
+
+    rows = [row("mean over objects left out", lambda e: sum(e.values()) / len(e))]
+    rows.append(row("worst object", lambda e: max(e.values())))
+    rows += [row(f"{left_out} left out", itemgetter(left_out)) for left_out in ours]
     for n, word in ((1, "one stated sigma"), (2, "two")):
         rows.append(Row(name, f"truths within {word}", "%", 100 * found.within(n), {}))
     rows.append(Row(name, "mean |Fz| of the first second, untouched", "N", found.at_rest(), {}))
     return rows
 
 
-KINDS: dict[str, Callable[[Path, Page, Progress], list[Row]]] = {
+def kinds_of_boards() -> dict[str, Kind]:
+    """Recordings of pressed objects, by folder: those for which a board has a mapping file `FOLDER.videos.toml`."""
+    mappings = sorted(path for name in board_names() for path in (boards_folder() / name).glob(f"*{MAPPING}"))
+    return {path.name.removesuffix(MAPPING): partial(pressed_objects, path) for path in mappings}
+
+
+KINDS: dict[str, Kind] = {
     "marker-force": marker_force,
     "gelsight-ball-presses": ball_presses,
-    "wedge-load-cell": wedge_load_cell,
 }
 
 
@@ -163,13 +160,14 @@ def evaluate(folder: Path, out: Path, progress: Progress = lambda _: None) -> li
     InputError
         There are none.
     """
-    kinds = [name for name in KINDS if (folder / name).is_dir()]
+    known = KINDS | kinds_of_boards()
+    kinds = [name for name in known if (folder / name).is_dir()]
     if not kinds:
-        raise InputError(f"{folder}: holds none of {', '.join(KINDS)}: name the folder of recordings, or judge a "
+        raise InputError(f"{folder}: holds none of {', '.join(known)}: name the folder of recordings, or judge a "
                          "log of your own with `ruffini eval wrench`")  # fmt: skip
     page, rows = Page("ruffini on recordings of real sensors"), list[Row]()
     for name in kinds:
-        rows += KINDS[name](folder / name, page, progress)
+        rows += known[name](folder / name, page, progress)
     page.heading("Table")
     page.table(["recordings", "figure", "unit", "ruffini", *_peers(rows)], [_cells(row, _peers(rows)) for row in rows])
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -1,11 +1,11 @@
 """What of a wrench is not linear in its features: landmarks of the log and a kernel of the distance to them.
 
-Fitted together with K by robust least squares; firmware/stages/feature_wrench/kernel_map.h has the equations. Three
-shapes are tried (`candidates`): a wide one that bends K a little; a narrow one whose directions are weighted by how
+Fitted together with K by robust least squares; firmware/stages/feature_wrench/kernel_map.h has the equations. Two
+shapes are tried (`candidates`): a wide one that bends K a little, and a narrow one whose directions are weighted by how
 fast the wrench changes along them (automatic relevance: largest marginal likelihood of a Gaussian process, of blocks of
-touches); and a smooth one without K, which allows for more noise. The narrow one is the better where all kinds of
-touches were fitted, the wide one beyond their loads, the smooth one for objects that were not fitted and few touches:
-which is used is decided by errors on what was left out (`kernel_choice`). Units here: N and N mm.
+touches), or, of few touches, which tell no relevance, a smooth one without K that allows for more noise. The narrow one
+is the better where all kinds of touches were fitted, the wide one beyond their loads, the smooth one for objects that
+were not fitted: which is used is decided by errors on what was left out (`kernel_choice`). Units here: N and N mm.
 """
 
 from __future__ import annotations
@@ -96,8 +96,8 @@ def distances(a: Array, b: Array) -> Array:
 
 
 def shape_names(touch: npt.NDArray[np.intp]) -> list[str]:
-    """The shapes that a log of these touches is worth trying."""
-    return [name for name in CURVES if name != "narrow" or len(np.unique(touch)) >= LEAST_TOUCHES]
+    """The shapes to try on a log of these touches."""
+    return ["wide", "narrow" if len(np.unique(touch)) >= LEAST_TOUCHES else "smooth"]
 
 
 def candidates(
