@@ -149,7 +149,10 @@ def test_where_no_fold_presses_harder_the_heaviest_touches_choose(
     frames = frames_of([pressed(1, 0.1)], 0.0)
     is_heavy = wrench_kernel_choice.heavy(frames, frames.touch)
 
-    def left_out(_: Frames, __: object, folds: list[npt.NDArray[np.bool_]]) -> tuple[list[Array], list[Array]]:
+    def left_out(
+        _: Frames, __: object, folds: list[npt.NDArray[np.bool_]], names: list[str]
+    ) -> tuple[list[Array], list[Array]]:
+        assert names == ["wide", "narrow"]
         parts = (0.1, 0.3) if len(folds) == 1 and (folds[0] == is_heavy).all() else (0.2, 0.1)
         return [part * frames.wrench for part in parts], [np.ones(len(frames.wrench)) for _ in parts]
 
@@ -164,3 +167,16 @@ def test_where_no_fold_presses_harder_the_heaviest_touches_choose(
         frames, frames.touch, folds, 0.05 * frames.wrench, must_extrapolate=must_extrapolate
     )
     assert worse is None
+
+
+def test_few_touches_tell_no_relevance_and_get_a_smooth_kernel_without_k() -> None:
+    few = wrench_kernel.LEAST_TOUCHES - 1
+    assert wrench_kernel.shape_names(np.arange(few)) == ["wide", "smooth"]
+    assert wrench_kernel.shape_names(np.arange(few + 1)) == ["wide", "narrow"]
+    frames = frames_of([pressed(1, 0.3)], 0.0)
+    (smooth,) = wrench_kernel.candidates(frames.features, frames.wrench, frames.touch, ["smooth"])
+    gain, kernel = wrench_kernel.solve(frames.features, frames.wrench, smooth)
+    assert not gain.any()
+    error = np.abs(kernel.added(frames.features) - frames.wrench).mean(axis=0)
+    assert (error < 0.05 * FULL).all()
+    assert (error > 0.001 * FULL).all()  # it follows no noise of the features
