@@ -36,7 +36,7 @@ def running_demo(board_name: str) -> Iterator[str]:
     board = find_board(board_name)
     with progress_bar("pad mechanics") as progress:
         unit = build_unit(board, progress=progress)
-    if not isinstance(unit, TwinUnit) or "operator" not in board.pipeline.stages:
+    if not isinstance(unit, TwinUnit) or not board.writes("node_forces"):
         raise InputError(f"--demo shows a force field: board {board.name!r} has none")
     calibration = _calibration(board, unit)
     scenario = Scenario()
