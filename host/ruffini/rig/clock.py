@@ -120,7 +120,7 @@ class _Smoothed(NamedTuple):
 
 
 def _smoothed(time_s: Array, force_n: Array, width_s: float) -> _Smoothed:
-    """The same low pass for both records: raw samples interpolated midway have less noise, which would bias the shift."""
+    """The same low pass for both records: samples interpolated midway have less noise, which biases the shift."""
     grid = np.arange(time_s[0], time_s[-1], FINE_S)
     return _Smoothed(grid, gaussian_filter1d(np.interp(grid, time_s, force_n), width_s / FINE_S, mode="nearest"))
 
