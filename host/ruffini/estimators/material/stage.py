@@ -19,7 +19,7 @@ from ruffini.fem.operators import Noise
 
 Array = npt.NDArray[np.float64]
 
-TIMES_REPORT = 2.0  # the 95th percentile: one touch in 20 is beyond it once, hardly one beyond it twice
+TIMES_REPORT = 2.0  # of the report's 95th percentile, which one touch in 20 exceeds, but hardly any by a factor of two
 SIGMA_M, TILT_M = (5e-6, 5e-6, 20e-6), 30e-6  # of the displacement under a touch: as `cal fit --only operator` has them
 
 

@@ -25,7 +25,7 @@ from ruffini.estimators.skin.task import TASK
 Array = npt.NDArray[np.float64]
 
 MAX_SKIN_PLACE = 0.5  # of the distance of two openings, mean: nearer to the right one than to the next
-TIMES_RMS = 3.0  # of a normal error three in a thousand are beyond it
+TIMES_RMS = 3.0  # exceeded by three in a thousand of normally distributed errors
 
 
 def _untouched(board: Board, path: Path) -> Array:
