@@ -147,7 +147,7 @@ def test_a_line_that_spoils_frames_is_said_to_be_bad_once(sensor: Sensor, tmp_pa
             while host.decoder.counters.damaged < 20:
                 next(stream, None)
     assert len(said) == 1
-    assert "do not steer" in said[0]
+    assert "do not use these forces for control" in said[0]
 
 
 def test_a_sensor_that_was_started_again_says_so_and_another_one_is_not_taken_for_it(

@@ -1,4 +1,4 @@
-"""A bench made ready: sensor, reference and stage connected, homed, at rest, and guarded."""
+"""Prepares a bench: connects sensor, reference and stage, homes, learns rest and sets up the guards."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ruffini.rig.placed_weight import PlacedWeight
 from ruffini.rig.program import Tool
 from ruffini.rig.reference import Reference
 from ruffini.rig.settings import RigSettings
-from ruffini.rig.stage import Guard, Place, Stage, nobody
+from ruffini.rig.stage import Guard, Place, Stage, no_guard
 from ruffini.rig.stream_watch import STALL_S, StreamWatch
 from ruffini.rig.touch import LONGEST_GAP_S
 from ruffini.rig.watch import Watch
@@ -101,7 +101,7 @@ def watched_stream(sensor: Connection, board: Board, pace: Pace) -> Iterator[Wat
 
 
 @contextlib.contextmanager
-def ready_bench(parts: Parts, board: Board, limits: Limits | None, key: Guard = nobody) -> Iterator[Bench]:
+def ready_bench(parts: Parts, board: Board, limits: Limits | None, key: Guard = no_guard) -> Iterator[Bench]:
     """The bench, homed and at rest; `key` raises when it is to stop."""
     with Watch(parts.reference) as watch, watched_stream(parts.sensor, board, parts.pace) as watched:
         sensor_guard = force_guard("the sensor", watched.stream.force, parts.max_force_n)

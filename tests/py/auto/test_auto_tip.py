@@ -88,18 +88,6 @@ def test_progress_is_told_at_tenths_with_the_time_that_is_left() -> None:
     assert said == ["presses: 52 %", "presses: 62 %; 15 s to go", "presses: 100 %; 0 s to go"]
 
 
-def test_without_pytorch_nothing_is_pressed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("ruffini.train.find_spec", lambda _: None)
-    pressed: list[Path] = []
-    monkeypatch.setattr(auto_tip, "reproduce", lambda _, folder, **__: pressed.append(folder))
-    words = ["cal", "auto", "--board", str(BOARD.folder), "--rig", "sim", "--quick", "--out", str(tmp_path)]
-    done = CliRunner().invoke(app, words)
-    assert isinstance(done.exception, InputError)
-    assert "needs packages that are not installed" in str(done.exception)
-    assert "'torch>=" in str(done.exception)
-    assert pressed == []
-
-
 def test_a_real_bench_is_refused_and_the_twins_eyes_are_10_mm_apart(tmp_path: Path) -> None:
     words = ["cal", "auto", "--board", str(BOARD.folder), "--rig", str(tmp_path / "rig.toml")]
     done = CliRunner().invoke(app, words)
@@ -165,7 +153,6 @@ def test_made_fitted_flashed_and_judged_over_the_line(
     recording = tmp_path / "presses" / run.key
     record(dome, recording)
     file = tables(recording)
-    monkeypatch.setattr(auto_tip, "need_torch", lambda _: None)
     monkeypatch.setattr(auto_tip, "reproduce", lambda *_, **__: None)
     monkeypatch.setattr(auto_tip, "fit_fingertip", lambda *_, **__: SimpleNamespace(report=REPORT))
     monkeypatch.setattr(auto_tip, "calibration", lambda *_: file)

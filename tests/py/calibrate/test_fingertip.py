@@ -18,6 +18,7 @@ from ruffini.estimators.fingertip import fit as fingertip
 from ruffini.estimators.fingertip.field import field_of
 from ruffini.estimators.fingertip.fit import Bench, Eyes, ModeFit, Pins, Scale, fit_fingertip, labels_of, told_by
 from ruffini.estimators.fingertip.presses import FACES, Press, face_area, read_press, told_of
+from ruffini.estimators.fingertip.tables import calibration
 from ruffini.estimators.fingertip.turns import Samples, turned
 from ruffini.sim.indenters.outline import OUTLINES
 from ruffini.sim.optics.patterns.discs import pin_feet, pin_tips
@@ -205,7 +206,6 @@ def test_presses_that_are_none_or_too_few_are_one_sentence(
 def test_the_core_says_what_was_fitted(
     tips: Array, dome: Renderer, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    pytest.importorskip("torch")
     for name, value in (("N_TURNS", 1), ("N_FOLDS", 2), ("N_ROUNDS", 40)):
         monkeypatch.setattr(fingertip, name, value)
     rng = np.random.default_rng(6)
@@ -224,7 +224,7 @@ def test_the_core_says_what_was_fitted(
     off = fit.report["mean_error_of_presses_left_out"]["both"]
     assert off["way_mm"] < 0.4  # of 0.25 to 2 mm
     assert off["roll_deg"] < 8  # of -35 to 35
-    with Pipeline(BOARD, fingertip.calibration(BOARD, fit).data) as path:
+    with Pipeline(BOARD, calibration(BOARD, fit).data) as path:
         for i in range(BOARD.pipeline.n_rest_frames):
             path.process(dome.image(dome.at_rest().reshape(-1, 3), np.random.default_rng(i)))
         path.process(dome.image(dome.at_rest().reshape(-1, 3), np.random.default_rng(40)))

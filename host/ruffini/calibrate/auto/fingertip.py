@@ -40,7 +40,6 @@ from ruffini.sim.reproduce.make import reproduce
 from ruffini.sim.reproduce.runs import Run, runs_of
 from ruffini.sim.reproduce.settings import load_reproduce
 from ruffini.sim.settings import load_twin
-from ruffini.train import need_torch
 
 Array = npt.NDArray[np.float64]
 
@@ -71,11 +70,10 @@ class TipAuto:
         Raises
         ------
         InputError
-            PyTorch is not installed, the board has no twin, or too few presses had a solution.
+            The board has no twin, or too few presses had a solution.
         RefusedError
             The calibration fails its gates; the page says why.
         """
-        need_torch("fitting a fingertip")
         presses = self.folder / "presses"
         with self._step("collect"):
             reproduce(self.board, presses, bench=BENCH, quick=self.is_quick, progress=tenths("presses", self.say))

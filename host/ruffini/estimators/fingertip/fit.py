@@ -20,9 +20,9 @@ from ruffini.errors import InputError
 from ruffini.estimators.fingertip.eyes import Eyes
 from ruffini.estimators.fingertip.face import FaceTable, bears_all_round, fit_face, radii
 from ruffini.estimators.fingertip.field import field_of, pressed
+from ruffini.estimators.fingertip.network import TipNetwork, train
 from ruffini.estimators.fingertip.presses import AREA, FORCE, PITCH, ROLL, WAY, Press, X, Y, axes, read_presses
 from ruffini.estimators.fingertip.turns import Samples, turned
-from ruffini.train.tip_net import TipNetwork, train
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -224,7 +224,7 @@ def fit_fingertip(board: Board, presses_at: Path, baseline_mm: float, progress: 
     Raises
     ------
     InputError
-        There are too few presses, a file is not as it should be, or PyTorch is not installed.
+        There are too few presses, or a file is not as it should be.
     """
     eyes = Eyes.of(board, baseline_mm)
     presses = read_presses(board, presses_at, only, lambda done: progress(0.3 * done))
