@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,8 @@ UNDAMPED_ROUNDS = 10  # then points at an edge of the tool may swing about it
 TOLERANCE = 1e-6  # of unbalanced force, of the tool's force
 MAX_MOVE_M = 1e-3  # of a control point in one round
 LEAST_FORCE_N = 1e-3
+NEAR = 0.03  # of unbalanced force, of the tool's force: so near, the last step's tangent will do
+CONTRACTION = 0.1  # of the unbalanced force in a round: else the tangent is made and factorised anew
 HALVINGS = 4  # of a step that finds no balance
 
 
@@ -103,6 +105,7 @@ class SheetState:
         self.place = model.shell.rest.copy()
         self._memory, self._foundation = Memory(relaxation or Prony()), foundation
         self._rest_points = model.rest_points()
+        self._solver: Any = None  # of the newest tangent that was factorised
         n = model.points.shape[0]
         self.force: Array = np.zeros((n, 3))  # N, at the samples of contact
         self.slips: Bools = np.zeros(n, dtype=bool)
@@ -158,24 +161,33 @@ class SheetState:
         if tool is not None:
             tool.begin(duration_s)
         place, free, load = self.place.copy(), model.is_free, np.zeros_like(self.force)
+        before = 0.0  # unbalanced force of the round before
         with BLAS.limit(limits=1):
             for i in range(MAX_ROUNDS):
-                force, tangent = shell.balance(place, memory.factor, memory.held)
+                force, tangent_of = shell.balance(place, memory.factor, memory.held)
                 points, total = np.asarray(model.points @ place), LEAST_FORCE_N
                 if self._foundation is not None:
                     held, held_tangent = self._foundation.hold(points - self._rest_points)
                     force -= model.points.T @ held
-                    tangent += held_tangent
                 if tool is not None:
                     pushed, pushed_tangent = tool.press(points, self.friction)
                     load = model.touch_areas.reshape(-1, 1) * pushed
                     force -= model.points.T @ load
-                    tangent += model.spread(pushed_tangent)
                     total += float(np.linalg.norm(load.sum(axis=0)))
                 lack = force[free]
-                if np.abs(lack).max() < TOLERANCE * total:
+                largest_lack = float(np.abs(lack).max())
+                if largest_lack < TOLERANCE * total:
                     break
-                move = -splu(model.matrix(tangent)).solve(lack)
+                is_near = largest_lack < CONTRACTION * before if i else tool is None or largest_lack < NEAR * total
+                if self._solver is None or not is_near:
+                    tangent = tangent_of()
+                    if self._foundation is not None:
+                        tangent += held_tangent
+                    if tool is not None:
+                        tangent += model.spread(pushed_tangent)
+                    self._solver = splu(model.matrix(tangent))
+                before = largest_lack
+                move = -self._solver.solve(lack)
                 largest = float(np.abs(move).max())
                 if not np.isfinite(largest):
                     raise RuffiniError("the simulated shell lost its stiffness: press less deep")

@@ -11,6 +11,7 @@ Strains are small, displacements and turns may be large. The resultants relax by
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,22 +99,27 @@ class Shell:
         return float((self._resultants(frame) * np.concatenate([strain, bend], axis=-1)).sum(axis=-1).ravel()
                      @ self.areas.ravel()) / 2  # fmt: skip
 
-    def balance(self, place: Array, factor: float = 1.0, held: Array | float = 0.0) -> tuple[Array, Array]:
-        """Nodal forces (n, 3) that hold the shell at `place`, and each element's tangent, (elements, 48, 48)."""
+    def balance(
+        self, place: Array, factor: float = 1.0, held: Array | float = 0.0
+    ) -> tuple[Array, Callable[[], Array]]:
+        """Nodal forces (n, 3) that hold the shell at `place`, and what makes their tangents, (elements, 48, 48)."""
         frame = self._frame(place)
         resultants = factor * self._resultants(frame) + held
         strain_r, bend_r, normal_r, long_r = _first_variations(self.patch.values, frame)
         w = self.areas[..., None]
         rows = np.concatenate([strain_r, bend_r], axis=2)  # (elements, 9, 6, 48)
         force = np.einsum("eqk,eqkr->er", w * resultants, rows, optimize=True)
-        t = self.thickness_m
-        law = np.zeros((*self._law.shape[:2], 6, 6))
-        law[..., :3, :3], law[..., 3:, 3:] = factor * t * self._law, factor * t**3 / 12 * self._law
-        left = (law @ rows) * w[..., None]
-        tangent = _gram(left, rows)
-        tangent += self._stressed(frame, resultants * w, normal_r, long_r)
         nodal = np.zeros((self.patch.n, 3))
         np.add.at(nodal, self.patch.functions, force.reshape(-1, 16, 3))
+
+        def tangent() -> Array:
+            t = self.thickness_m
+            law = np.zeros((*self._law.shape[:2], 6, 6))
+            law[..., :3, :3], law[..., 3:, 3:] = factor * t * self._law, factor * t**3 / 12 * self._law
+            out = _gram((law @ rows) * w[..., None], rows)
+            out += self._stressed(frame, resultants * w, normal_r, long_r)
+            return out
+
         return nodal, tangent
 
     def _stressed(self, frame: _Frame, resultants: Array, normal_r: Array, long_r: Array) -> Array:

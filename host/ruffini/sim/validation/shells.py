@@ -27,7 +27,7 @@ BESIDE_RAD = 0.35  # from the top
 
 def _moved(sheet: Sheet, force: Array) -> Array:
     """Displacement of the control points (n, 3) under small forces on them, linear about rest."""
-    _, tangent = sheet.shell.balance(sheet.shell.rest)
+    tangent = sheet.shell.balance(sheet.shell.rest)[1]()
     out = np.zeros(sheet.is_free.shape)
     out[sheet.is_free] = splu(sheet.matrix(tangent)).solve(force[sheet.is_free])
     return out

@@ -61,7 +61,7 @@ def panel(out: Outcome) -> None:
     a, b = np.meshgrid(line.greville(), line.greville())
     shell = Shell(patch, patch.interpolated(np.stack([a, b, 0 * a], axis=-1)), PANEL_M, PANEL_PA, PANEL_POISSON)
     sheet = Sheet(shell, np.ones_like(shell.rest, dtype=bool))
-    _, tangent = shell.balance(shell.rest)
+    tangent = shell.balance(shell.rest)[1]()
     bed = sheet.spread(np.broadcast_to(BED_PA_M * np.eye(3), (sheet.points.shape[0], 3, 3)))
     middle = np.asarray(patch.at_places(np.zeros(1), np.zeros(1)).toarray()[0])
     moved = splu(sheet.matrix(tangent + bed)).solve(np.outer(middle, [0, 0, 1.0]).ravel()).reshape(-1, 3)
@@ -82,7 +82,7 @@ def roof(out: Outcome) -> None:
     is_free[ends, :2] = False
     is_free[np.flatnonzero(ends)[0], 2] = False
     sheet = Sheet(shell, is_free)
-    _, tangent = shell.balance(rest)
+    tangent = shell.balance(rest)[1]()
     weight = sheet.points.T @ np.outer(sheet.touch_areas.ravel(), [-90.0, 0, 0])
     moved = np.zeros_like(rest)
     moved[is_free] = splu(sheet.matrix(tangent)).solve(weight[is_free])

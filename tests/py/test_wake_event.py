@@ -15,8 +15,8 @@ from hang import HANG_S
 
 from ruffini.api import SensorFrame
 from ruffini.api.frames import Frames
-from ruffini.bell import Bell
 from ruffini.rig.frame_clock import FrameClock
+from ruffini.wake_event import WakeEvent
 
 LIMIT_S = HANG_S
 LOOKS = ("CALL", "JUMP_BACKWARD", "RESUME")
@@ -112,33 +112,33 @@ def test_ctrl_c_while_a_bench_sleeps_leaves_its_camera_free() -> None:
 
 
 def test_all_who_wait_are_woken() -> None:
-    bell, said, woken = Bell(), list[str](), list[str]()
+    event, said, woken = WakeEvent(), list[str](), list[str]()
     threads = [
-        threading.Thread(target=lambda: woken.append(bell.wait_for(lambda: said and said[0], LIMIT_S)), daemon=True)
+        threading.Thread(target=lambda: woken.append(event.wait_for(lambda: said and said[0], LIMIT_S)), daemon=True)
         for _ in range(3)
     ]
     for thread in threads:
         thread.start()
-    while len(bell._waiting) < 3:
+    while len(event._waiting) < 3:
         time.sleep(1e-3)
     said.append("now")
-    bell.ring()
+    event.set()
     for thread in threads:
         thread.join(LIMIT_S)
     assert woken == ["now"] * 3
-    assert bell._waiting == []
+    assert event._waiting == []
 
 
 def test_who_waits_in_vain_gets_what_it_saw_last() -> None:
-    assert Bell().wait_for(lambda: 0, 0.01) == 0
-    assert Bell().wait_for(lambda: 7, 0.0) == 7
+    assert WakeEvent().wait_for(lambda: 0, 0.01) == 0
+    assert WakeEvent().wait_for(lambda: 7, 0.0) == 7
 
 
 def test_a_look_that_raises_ends_the_wait() -> None:
     def look() -> int:
         raise StopIteration
 
-    bell = Bell()
+    event = WakeEvent()
     with pytest.raises(StopIteration):
-        bell.wait_for(look)
-    assert bell._waiting == []
+        event.wait_for(look)
+    assert event._waiting == []
