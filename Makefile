@@ -39,7 +39,10 @@ compile = log=$$(cmake -G Ninja -S . -B $(1) $(2) 2>&1) || { echo "$$log" >&2; e
 build: setup  ## compile firmware, library and tests into build/
 	@$(call compile,$(BUILD),$(if $(WERROR),$(STRICT),-DRUFFINI_WERROR=OFF))
 
-run: build  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the digital twin without INPUT
+# What it and the page of `ruffini view` run, and no test.
+RUN := ruffinid ruffini ruffini_schema ruffini_page
+run: setup  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the digital twin without INPUT
+	@$(call compile,$(BUILD),$(if $(WERROR),$(STRICT),-DRUFFINI_WERROR=OFF),$(RUN))
 	@.venv/bin/ruffini demo --board '$(BOARD)' --out '$(OUT)' $(if $(INPUT),--input '$(INPUT)') $(if $(PRESSES),--presses '$(PRESSES)')
 
 # Test modules run longest first, by what each took last time; each stays with one worker, whose fixtures it shares.
