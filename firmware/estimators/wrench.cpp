@@ -13,7 +13,7 @@ NodeGrid::NodeGrid(const BoardSettings& board)
       size_y_um_(board.pad.size_y_um) {}
 
 int64_t NodeGrid::scale(int64_t sum, int64_t size_um, int64_t steps) {
-  // Whole and rest of sum / (2 steps) apart, so that sum size_um need not fit 64 bits.
+  // Splits sum / (2 steps) into quotient and remainder, so that sum size_um may exceed 64 bits.
   const int64_t whole = floor_div(sum, 2 * steps);
   const int64_t rest = sum - whole * 2 * steps;
   return whole * size_um + floor_div(rest * size_um + steps, 2 * steps);

@@ -28,6 +28,8 @@ from ruffini.estimators.operator.fit import make_operator
 from ruffini.estimators.photometric.fit import collect_samples, fit_photometric, tabulate
 from ruffini.estimators.photometric.pad_view import Pinhole
 from ruffini.estimators.photometric.presses import load_presses
+from ruffini.estimators.table import task_of
+from ruffini.estimators.task import Turned
 from ruffini.fem.operators import Noise
 from ruffini.sim.recording import record_balls
 from ruffini.sim.rig import Unit
@@ -43,13 +45,13 @@ MAX_WORKERS = 4
 
 
 def has_field(board: Board) -> bool:
-    """Whether its forces are those of finite elements."""
-    return "operator" in board.pipeline.stages
+    """True if the board computes the forces at the nodes."""
+    return board.writes("node_forces")
 
 
 def measures_depth(board: Board) -> bool:
-    """Whether its colours tell a depth."""
-    return "photometric" in board.pipeline.stages and "depth" not in board.board.not_measured
+    """True if the board measures depth from its colours."""
+    return board.writes("slope") and "depth" not in board.board.not_measured
 
 
 def calibrated(board: Board, unit: Unit, folder: Path) -> tuple[CalibrationFile, dict[str, Any]]:
@@ -74,7 +76,7 @@ def calibrated(board: Board, unit: Unit, folder: Path) -> tuple[CalibrationFile,
         with progress_bar("photometric") as progress:
             fit = fit_photometric(collect_samples(load_presses(balls), _pinhole(board)), progress=progress)
         tensors, report = tabulate(fit.model), fit.report()
-    kind_of = "support" if "support" in board.pipeline.stages else "optimal"
+    kind_of = "support" if board.writes("residual") else "optimal"
     noise = NOISE_WITHOUT_DEPTH if balls is None else NOISE
     with progress_bar("inverse FEM") as progress:
         kind = make_operator(board, method=kind_of, noise=noise, n_touches=N_TOUCHES, progress=progress)
@@ -126,7 +128,7 @@ def _of_bench(board: Board, folder: Path, balls: Path | None) -> CalibrationFile
         outcome = reproduce(board, presses, bench=BENCH, n_workers=n_workers, progress=progress)
     if not outcome.n_made:
         raise InputError(f"{BENCH} of {board.name}: no press has a solution: {next(iter(outcome.failed.values()))}")
-    if "fingertip" in board.pipeline.stages:
+    if isinstance(task_of(board), Turned):
         with progress_bar("fit") as progress:
             return calibration(board, fit_fingertip(board, presses, eyes_apart_mm(board), progress))
     is_tube = board.skin is not None and board.skin.shape == "tube"

@@ -59,7 +59,7 @@ class PadSolid:
         if twin.shape.kind != "plane" or twin.platform is not None or board.markers is None:
             body = "pad on a platform" if twin.platform is not None else twin.shape.kind
             raise InputError(
-                f"board {board.name!r} is a {body}: the reduced model has flat pads that are pressed, such as gelslim's"
+                f"board {board.name!r} is a {body}: the reduced model has flat pads only"
             )
         pad = board.pad
         cells = [
