@@ -25,7 +25,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants hostile bench aarch64 wheel deb arm64 vm pi board fresh clean
+.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile bench aarch64 wheel deb arm64 vm pi board fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -78,11 +78,17 @@ readmes: build  ## the commands of all READMEs that need no board and take minut
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -rs $(EXTRA_TESTS)
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -m long -vv --durations 0 tests/e2e/test_long_commands.py
 
-lint: lint-python lint-page lint-cpp werror  ## formatters, linters, types, and a build where warnings are errors
+lint: lint-docs lint-python lint-page lint-cpp werror  ## spelling, formatters, linters, types, and a build where warnings are errors
+
+docs: build  ## the documentation as a static site in build/docs/site: links and anchors checked, opens from the file system
+	@$(PYTHON) docs/build_site.py $(BUILD)/docs
+
+lint-docs: setup  ## spelling of the texts and comments
+	@git ls-files -z '*.md' '*.py' '*.h' '*.cpp' '*.proto' '*.toml' '*.ts' Makefile CMakeLists.txt | xargs -0 .venv/bin/codespell --ignore-words docs/vocabulary.txt
 
 lint-python: setup  ## ruff and mypy --strict
-	@$(PYTHON) -m ruff check --config host/pyproject.toml host tests
-	@$(PYTHON) -m ruff format --check --config host/pyproject.toml host tests
+	@$(PYTHON) -m ruff check --config host/pyproject.toml host tests docs
+	@$(PYTHON) -m ruff format --check --config host/pyproject.toml host tests docs
 	@$(PYTHON) -m mypy --config-file host/pyproject.toml host/ruffini host/papers
 
 lint-page: build  ## types of the page, strict
