@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 CONTACT_STIFFNESS = 50.0  # MPa/mm: 0.1 MPa of pressure goes 2 um into the indenter
 STICK_STIFFNESS = 25.0  # MPa/mm: shear traction over the way that a sticking point gives
-FIRST_INCREMENT, SMALLEST_INCREMENT = 0.5, 1e-4  # of a step
+SMALLEST_INCREMENT = 1e-4  # of a step
 # Share of the contact's points that may come and go in a settled iteration; the others are the solver's defaults.
 SETTLED_CONTACT = "0.01, 0.1, 100, 60"
 
@@ -58,14 +58,17 @@ class Place:
 
 
 def write_deck(
-    pad: Pad, mesh: PadMesh, indenter: Sheet, path: list[Place], friction: float, element: str = "C3D20R"
+    pad: Pad, mesh: PadMesh, indenter: Sheet, path: list[Place], friction: float, first_increment: float = 0.5
 ) -> str:
-    """The input file; the end of each place of the path is one step, whose results are printed."""
+    """The input file; the end of each place of the path is one step, whose results are printed.
+
+    `first_increment` is the part of a step that is tried first.
+    """
     n_pad, n_bricks = len(mesh.nodes), len(mesh.elements)
     start = Place(path[0].x, path[0].y, 0.0, path[0].turn).of(indenter.nodes)
     nodes = np.vstack([mesh.nodes, start])
     lines = ["*NODE, NSET=ALL", *(f"{i + 1},{x:.9g},{y:.9g},{z:.9g}" for i, (x, y, z) in enumerate(nodes))]
-    lines += [f"*ELEMENT, TYPE={element}, ELSET=PAD", *_rows(mesh.elements + 1, 1)]
+    lines += [f"*ELEMENT, TYPE=C3D20R, ELSET=PAD", *_rows(mesh.elements + 1, 1)]
     lines += ["*ELEMENT, TYPE=C3D8, ELSET=INDENTER", *_rows(indenter.elements + n_pad + 1, n_bricks + 1)]
     lines += _set("NSET", "BASE", mesh.base + 1) + _set("NSET", "TOP", mesh.top + 1)
     lines += _set("NSET", "RIGID", np.arange(n_pad, len(nodes)) + 1)
@@ -81,7 +84,7 @@ def write_deck(
     lines += ["*BOUNDARY", "BASE, 1, 3"]
     for place in path:
         moved = place.of(indenter.nodes) - start
-        lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", f"{FIRST_INCREMENT}, 1., {SMALLEST_INCREMENT}, 1."]
+        lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", f"{first_increment}, 1., {SMALLEST_INCREMENT}, 1."]
         lines += ["*CONTROLS, PARAMETERS=CONTACT", SETTLED_CONTACT, "*BOUNDARY"]
         lines += [f"{n_pad + i + 1},{c + 1},{c + 1},{u[c]:.9g}" for i, u in enumerate(moved) for c in range(3)]
         lines += ["*NODE PRINT, NSET=TOP, FREQUENCY=1000", "U"]

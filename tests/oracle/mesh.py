@@ -102,16 +102,26 @@ class Sheet:
     elements: Indices
 
 
-def sheet(height: Height, half_x: float, half_y: float, step: float, *, is_round: bool = False) -> Sheet:
-    """The lower side of an indenter, z = height(x, y) within +-half_x, +-half_y, or within that ellipse."""
-    n_x, n_y = (2 * max(2, round(half / step)) for half in (half_x, half_y))
-    u, v = np.meshgrid(np.linspace(-1, 1, n_x + 1), np.linspace(-1, 1, n_y + 1))
-    if is_round:
-        u, v = u * np.sqrt(1 - v**2 / 2), v * np.sqrt(1 - u**2 / 2)
-    x, y = (half_x * u).ravel(), (half_y * v).ravel()
-    z = height(x, y)
-    lower = np.column_stack([x, y, z])
-    nodes = np.vstack([lower, lower + np.array([0, 0, 0.5])])
-    i, j = np.meshgrid(np.arange(n_x), np.arange(n_y))
-    corner = (j * (n_x + 1) + i).ravel()[:, None] + np.array([0, 1, n_x + 2, n_x + 1])
-    return Sheet(nodes, np.hstack([corner, corner + len(lower)]))
+def sheet(height: Height, half_x: float, half_y: float, step: float) -> Sheet:
+    """The lower side of an indenter, z = height(x, y) within +-half_x, +-half_y."""
+    lines = (np.linspace(-half, half, 2 * max(2, round(half / step)) + 1) for half in (half_x, half_y))
+    x, y = np.meshgrid(*lines)
+    return _sheet(x, y, height(x, y))
+
+
+def punch(radius: float, flank: float, step: float) -> Sheet:
+    """The lower side of a flat punch: a disc, and around it a flank of 45 degrees, `flank` wide."""
+    n = max(2, round(radius / step))
+    line = np.concatenate([np.linspace(0, radius, n + 1), radius + flank * np.array([0.5, 1.0])])
+    u, v = np.meshgrid(*[np.concatenate([-line[:0:-1], line])] * 2)
+    ring, distance = np.maximum(abs(u), abs(v)), np.hypot(u, v)
+    scale = np.divide(ring, distance, out=np.ones_like(ring), where=distance > 0)  # squares become circles
+    return _sheet(scale * u, scale * v, np.maximum(ring - radius, 0.0))
+
+
+def _sheet(x: Array, y: Array, z: Array) -> Sheet:
+    n_x = x.shape[1]
+    lower = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+    i, j = np.meshgrid(np.arange(n_x - 1), np.arange(len(x) - 1))
+    corner = (j * n_x + i).ravel()[:, None] + np.array([0, 1, n_x + 1, n_x])
+    return Sheet(np.vstack([lower, lower + np.array([0, 0, 0.5])]), np.hstack([corner, corner + len(lower)]))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from deck import Pad, Place, write_deck
-from mesh import PadMesh, Sheet, graded, sheet
+from mesh import PadMesh, Sheet, graded, punch, sheet
 
 from ruffini.bench.states import NO_FRICTION, Recipe, Touch
 from ruffini.boards import Board
@@ -15,6 +15,7 @@ from ruffini.sim.indenters import Indenter
 FINE_STEP = 0.65  # of the elements under the contact; the finest of ours are 0.83 mm
 LAYERS = (0.4, 0.65, 1.2, 1.75)  # of a pad of 4 mm, from the surface down
 SHEET_STEP = 0.25
+FLANK = 0.4  # around the face of a flat punch, at 45 degrees as the twin has it
 STIFFENING = 4.0  # Ogden's exponent: a pad that is clearly stiffer at large strain than a neo-Hookean one
 FRICTION = 0.7
 
@@ -72,7 +73,7 @@ def pad_of(board: Board, exponent: float) -> Pad:
 def reach(touch: Touch, depth: float) -> tuple[float, float]:
     """Half width along x and y of what may touch at a depth."""
     if touch.shape == "flat":
-        return touch.radius, touch.radius
+        return touch.radius + FLANK, touch.radius + FLANK
     radius = touch.radius if touch.shape != "shell" else touch.radius / 0.45
     across = min(0.93 * touch.radius, 1.1 * float(np.sqrt(2 * radius * depth)) + 0.4)
     return (across, 2 * touch.radius + 0.25) if touch.shape == "cylinder" else (across, across)
@@ -91,13 +92,11 @@ def pad_mesh(pad: Pad, press: Press) -> PadMesh:
 
 
 def indenter(touch: Touch, depth: float) -> Sheet:
+    """The rigid surface of a touch, of the same shape as the twin's."""
+    if touch.shape == "flat":
+        return punch(touch.radius, FLANK, SHEET_STEP)
     shape = Indenter(touch.shape, touch.radius * 1e-3)
-    half_x, half_y = reach(touch, depth)
-    is_flat = touch.shape == "flat"
-    return sheet(
-        lambda x, y: 0 * x if is_flat else shape.height(x * 1e-3, y * 1e-3) * 1e3,
-        half_x, half_y, SHEET_STEP, is_round=is_flat,
-    )  # fmt: skip
+    return sheet(lambda x, y: shape.height(x * 1e-3, y * 1e-3) * 1e3, *reach(touch, depth), SHEET_STEP)
 
 
 def path_of(press: Press) -> tuple[list[Place], list[int]]:
@@ -119,4 +118,6 @@ def deck_of(board: Board, press: Press) -> tuple[PadMesh, str]:
     touch, pad = press.recipe.touches[0], pad_of(board, press.exponent)
     mesh = pad_mesh(pad, press)
     friction = FRICTION if touch.friction is None else 0.0
-    return mesh, write_deck(pad, mesh, indenter(touch, max(press.depths)), path_of(press)[0], friction)
+    first_increment = 0.2 if touch.shape == "flat" else 0.5  # a whole face touches at once
+    face, path = indenter(touch, max(press.depths)), path_of(press)[0]
+    return mesh, write_deck(pad, mesh, face, path, friction, first_increment)
