@@ -37,7 +37,7 @@ class CameraMotion {
   [[nodiscard]] std::span<const uint32_t> unknowns() const { return unknowns_; }
   // True if the camera has moved. `residual`: r of unknowns(), 1/64 standard deviation. `mask`: of all nodes, not 0 in
   // contact.
-  [[nodiscard]] bool is_moved(std::span<const int32_t> residual, std::span<const uint8_t> mask,
+  [[nodiscard]] bool has_moved(std::span<const int32_t> residual, std::span<const uint8_t> mask,
                               const Wrench& wrench) const;
 
  private:

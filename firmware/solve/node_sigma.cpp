@@ -96,7 +96,7 @@ int32_t NodeSigmaModel::sigma_of(const Axis& axis, const Neighbours& around, siz
 }
 
 // What lies around (x, y); none beyond the grid.
-NodeSigmaModel::Neighbours NodeSigmaModel::look_around(std::span<const NodeForce> force, int x, int y) const {
+NodeSigmaModel::Neighbours NodeSigmaModel::neighbours_of(std::span<const NodeForce> force, int x, int y) const {
   const auto force_at = [&](int u, int v) -> std::array<int64_t, 3> {
     if (v < 0 || v >= nodes_.n_y || u < 0 || u >= nodes_.n_x) return {};
     const NodeForce& f = force[static_cast<size_t>(v * nodes_.n_x + u)];
@@ -163,7 +163,7 @@ void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8
   size_t i = 0;
   for (int y = 0; y < nodes_.n_y; ++y) {
     for (int x = 0; x < nodes_.n_x; ++x, ++i) {
-      Neighbours around = look_around(force, x, y);
+      Neighbours around = neighbours_of(force, x, y);
       around.rough = rough_[i];
       sigma[i] = around.is_silent ? silent : sigma_with(around);
       if (is_filled[i] == 0) continue;

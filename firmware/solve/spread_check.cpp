@@ -15,7 +15,7 @@ Error bad(const char* what) {
 Result<SpreadCheck> SpreadCheck::load(const Calibration& calibration, GridSize nodes,
                                       std::span<const NodePlace> places) {
   const int n = 3 * nodes.count();
-  if (nodes.count() > kMostNodes) return bad("support.spread is for at most 4096 nodes");
+  if (nodes.count() > kMaxNodes) return bad("support.spread is for at most 4096 nodes");
   auto spread = calibration.tensor("support.spread", Tensor::Type::kI32, {n});
   if (!spread) return spread.error();
   auto limit = calibration.tensor("support.spread_limit", Tensor::Type::kI32, {1});
