@@ -107,7 +107,8 @@ void FramePath::learn_watched(const FrameView& frame) {
     return;
   }
   const bool can_feel = writes(Slot::kNodeForces) || writes(Slot::kWrench);
-  rest_watch_.is_comparable = rest_watch_.is_comparable && can_feel && rest_.is_relearning() && (seen_flags & kWrongFlags) == 0;
+  rest_watch_.is_comparable =
+      rest_watch_.is_comparable && can_feel && rest_.is_relearning() && (seen_flags & kWrongFlags) == 0;
   learn(frame);
   if (!rest_.is_ready()) return;
   const bool is_known = rest_watch_.is_requested || rest_watch_.is_comparable;

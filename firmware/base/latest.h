@@ -26,8 +26,8 @@ class Latest {
   static constexpr uint8_t kIndex = 3;
   static constexpr uint8_t kFresh = 4;
   std::array<T, 3> copy_{};
-  uint8_t back_ = 0;  // the writer's copy
-  uint8_t front_ = 1;  // the reader's copy
+  uint8_t back_ = 0;                // the writer's copy
+  uint8_t front_ = 1;               // the reader's copy
   std::atomic<uint8_t> middle_{2};  // the copy in between, and kFresh
 };
 

@@ -11,11 +11,11 @@ namespace ruffini {
 
 // Kind of failure. It decides who reacts, and how.
 enum class ErrorKind {
-  kBadInput,  // bytes from outside are malformed
+  kBadInput,     // bytes from outside are malformed
   kUnavailable,  // hardware, a file or a line is missing or busy
-  kRefused,  // well-formed, but not allowed: wrong board, wrong key
+  kRefused,      // well-formed, but not allowed: wrong board, wrong key
   kStorage,      // the medium failed
-  kBusy,  // in use by another client: try again later
+  kBusy,         // in use by another client: try again later
 };
 
 // `message`: one sentence that states what happened, to what, and what to do.

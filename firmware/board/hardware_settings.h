@@ -45,9 +45,9 @@ struct LightSettings {
 struct LedDriverSettings {
   std::string bus;
   int64_t address = 0;
-  int64_t resistor_ohm = 0;  // determines the current per step
-  std::vector<int64_t> currents_ua{};  // of the outputs, starting from the first; the others are off
-  int64_t ramp_ms = 0;  // duration of the ramp from dark to these currents
+  int64_t resistor_ohm = 0;               // determines the current per step
+  std::vector<int64_t> currents_ua{};     // of the outputs, starting from the first; the others are off
+  int64_t ramp_ms = 0;                    // duration of the ramp from dark to these currents
   int64_t max_milli_celsius = INT32_MAX;  // of [temperature]: the lamps are switched off above it
 };
 

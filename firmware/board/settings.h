@@ -17,7 +17,7 @@ namespace ruffini {
 inline constexpr size_t kMaxBoardBytes = 8'000;  // of the file
 inline constexpr size_t kMaxNotMeasured = 8;
 inline constexpr int64_t kMaxCalibrationKb = 131'072;  // size limit of one upload
-inline constexpr size_t kMaxListedLength = 23;  // length of a stage's or quantity's name
+inline constexpr size_t kMaxListedLength = 23;         // length of a stage's or quantity's name
 
 enum class Polarity { kDark, kLight, kTexture };                // dots, or patches of a texture
 enum class Gauge { kMargin, kMean, kSpacing, kVolume, kBoth };  // the last three use a table
@@ -60,7 +60,7 @@ struct PadPlace {
 
 struct MarkerSettings {
   Polarity polarity = Polarity::kDark;
-  bool is_scattered = false;  // not on the lattice, which then only gives their number
+  bool is_scattered = false;       // not on the lattice, which then only gives their number
   bool has_views = false;          // the frame is n_y views side by side, with n_x scattered markers in each
   std::vector<PadPlace> places{};  // of scattered markers, if they are listed
   GridSize lattice;
@@ -102,7 +102,7 @@ struct SkinSettings {
   int64_t n_panels = 1;  // separate panels, side by side along x
   SkinMode mode = SkinMode::kAuto;
   std::array<int64_t, 3> weights{};  // of B, G, R in the brightness
-  int64_t level = 0;  // of the weighted sum, in grey levels, above which a pixel is touched
+  int64_t level = 0;                 // of the weighted sum, in grey levels, above which a pixel is touched
   int64_t min_area_px = 0;
   int averaged_frames = 1;
 };

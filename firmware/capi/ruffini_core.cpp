@@ -281,6 +281,22 @@ const char* ruffini_stage_name(int32_t index) {
   return names[static_cast<size_t>(index)].c_str();
 }
 
+const char* ruffini_stage_writes(int32_t index) {
+  static const std::vector<std::string> writes = [] {
+    std::vector<std::string> all;
+    for (const std::string& name : ruffini::stage_names()) {
+      const ruffini::SlotSet slots = ruffini::stage_table()[ruffini::stage_row(name)].writes;
+      std::string& out = all.emplace_back();
+      for (size_t i = 0; i < ruffini::kSlotCount; ++i) {
+        const auto slot = static_cast<ruffini::Slot>(i);
+        if (slots.has(slot)) out += (out.empty() ? "" : " ") + std::string(slot_name(slot));
+      }
+    }
+    return all;
+  }();
+  return ruffini_stage_name(index) == nullptr ? nullptr : writes[static_cast<size_t>(index)].c_str();
+}
+
 int ruffini_stage_times(const ruffini_pipeline* pipeline, uint64_t* ns) {
   for (const std::string& name : ruffini::stage_names()) {
     *ns++ = pipeline->path->state().stage_ns[ruffini::stage_row(name)];

@@ -176,13 +176,13 @@ struct TipTouch {
   bool is_known = true;     // like what it was fitted on
   bool is_in_range = true;  // no harder than what it was fitted on
   bool has_camera_moved = false;
-  int64_t force_un = 0;  // along the tool's axis, into the fingertip
-  int64_t travel_um = 0;    // of the tool since it touched
-  int64_t x_um = 0;      // of the tool's axis from the fingertip's, in the tool's axes
+  int64_t force_un = 0;   // along the tool's axis, into the fingertip
+  int64_t travel_um = 0;  // of the tool since it touched
+  int64_t x_um = 0;       // of the tool's axis from the fingertip's, in the tool's axes
   int64_t y_um = 0;
   int64_t roll_urad = 0;  // of the fingertip under the tool, about x, then pitch about y
   int64_t pitch_urad = 0;
-  int64_t area_um2 = 0;  // of the tool's face; 0: not known, its deviation is above a fifth
+  int64_t area_um2 = 0;       // of the tool's face; 0: not known, its deviation is above a fifth
   int64_t flat_area_um2 = 0;  // of the wall that lies in the tool's plane; 0: not measured
   int64_t flat_area_sigma_um2 = 0;
   std::array<int64_t, 7> sigma{};      // of the above; of the area um^2

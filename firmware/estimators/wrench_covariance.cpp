@@ -11,7 +11,7 @@ namespace {
 constexpr int kFactorFraction = 20;
 constexpr int kGrowthFraction = 8;
 constexpr int64_t kUmPerMm = 1'000;
-constexpr int64_t kMostUnlisted = 16;  // counted one by one up to here
+constexpr int64_t kMostUnlisted = 16;  // contacts counted one by one, at most
 constexpr int64_t kMaxReading = int64_t{1} << 40;
 constexpr int64_t kMaxPlace_um = int64_t{1} << 17;
 
@@ -19,7 +19,7 @@ constexpr int64_t kMaxPlace_um = int64_t{1} << 17;
 constexpr std::array<int32_t, 4> kLowest = {100, 100, 0, 0};
 constexpr std::array<int32_t, 4> kHighest = {1 << 20, 1 << 24, 1 << 20, 1 << 20};
 
-// Half up.
+// Rounds half up.
 int64_t rounded(int64_t numerator, int64_t denominator) {
   return floor_div(2 * numerator + denominator, 2 * denominator);
 }
@@ -68,7 +68,7 @@ Result<WrenchErrorModel> WrenchErrorModel::load(const Calibration& calibration, 
   return out;
 }
 
-// sqrt(1 + kFilledShear share), Q8 rounded down, on what errs with the shear: fx, fy and tz.
+// Multiplies the errors that grow with shear (fx, fy, tz) by sqrt(1 + kFilledShear share), Q8, rounded down.
 WrenchErrorModel::ContactError WrenchErrorModel::scaled_for_filled(const TouchedNodes& touched) const {
   ContactError out = contact_;
   if (touched.n_filled == 0) return out;
@@ -81,7 +81,7 @@ WrenchErrorModel::ContactError WrenchErrorModel::scaled_for_filled(const Touched
   return out;
 }
 
-// Errors of a force at (x, y): its wrench about the origin is (F, X x F).
+// Adds the errors of a force at (x, y), whose wrench about the origin is (F, X x F).
 void WrenchErrorModel::add_contact(WrenchCovariance& sum, const ContactError& error, const Contact& contact) {
   const int64_t x = clamp_symmetric(contact.center_x_um, kMaxPlace_um);
   const int64_t y = clamp_symmetric(contact.center_y_um, kMaxPlace_um);
@@ -101,7 +101,7 @@ void WrenchErrorModel::add_contact(WrenchCovariance& sum, const ContactError& er
   }
 }
 
-// Half the pad is their arm, in both directions.
+// Their lever is half the pad in both directions.
 void WrenchErrorModel::add_unlisted(WrenchCovariance& sum, const ContactError& error, int64_t n_contacts) const {
   const int64_t n = std::min(n_contacts, kMostUnlisted);
   const auto [shear, normal] = error.force_un;

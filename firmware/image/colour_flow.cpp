@@ -11,9 +11,9 @@ using flow_kernel::kArea;
 using flow_kernel::kSide;
 
 constexpr size_t kNuisances = 6;
-constexpr int kGradientFraction = 4;  // of gradients while nuisances are removed
-constexpr int kSumFraction = 4;  // of sum h g^T: with it nine blocks stay below 2^32 and 2^28
-constexpr int64_t kMinContrast = 36;  // as for grey (flow_templates.cpp), in the same format
+constexpr int kGradientFraction = 4;   // of gradients while nuisances are removed
+constexpr int kSumFraction = 4;        // of sum h g^T: with it nine blocks stay below 2^32 and 2^28
+constexpr int64_t kMinContrast = 36;   // as for grey (flow_templates.cpp), in the same format
 constexpr int64_t kMaxStep = 1 << 16;  // Q16 px
 constexpr int kHalfHeight = 11;
 constexpr int kReach = 22;  // rows sampled: 7 x 3 + 1

@@ -11,7 +11,7 @@ namespace {
 
 constexpr int kEnd = 3;             // pixels of a ray's dark and bright ends
 constexpr int64_t kStepQ12 = 2048;  // half a pixel
-constexpr int kTaps = 2;  // of the filter, to each side
+constexpr int kTaps = 2;            // of the filter, to each side
 // Of the patch: reach of the first pass's rays, plus the same for the correction of the centre
 constexpr int kMargin = 28;
 constexpr int64_t kPiQ10 = 3'217;

@@ -23,7 +23,7 @@ struct DiscMeasurement {
   int64_t y_q16 = 0;
   int64_t radius_q12 = 0;  // px, mean of the rays
   int64_t area_q8 = 0;     // px^2
-  int64_t bright_q8 = 0;  // grey (image/difference.h) at the bright ends, mean
+  int64_t bright_q8 = 0;   // grey (image/difference.h) at the bright ends, mean
   bool is_seen = false;
 };
 
@@ -59,10 +59,10 @@ class DiscEdge {
 
   int width_px_;
   int height_px_;
-  int side_px_;  // side of the patch
+  int side_px_;      // side of the patch
   int left_px_ = 0;  // its position
   int top_px_ = 0;
-  std::vector<uint16_t> row_;  // one row of the picture, with repeated borders
+  std::vector<uint16_t> row_;    // one row of the picture, with repeated borders
   std::vector<uint16_t> along_;  // smoothed along x
   std::vector<uint16_t> patch_;
   std::array<std::array<int32_t, 2>, kRays> direction_q14_{};

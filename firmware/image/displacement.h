@@ -73,12 +73,12 @@ class Displacement {
   int64_t center_y_q16_;
   int64_t inverse_focal_q32_;          // 1 / px
   int64_t um_to_px_q32_;               // at z = 0
-  std::vector<PadPoint> rest_q3_;  // of each marker, relative to the pad's centre, micrometres
+  std::vector<PadPoint> rest_q3_;      // of each marker, relative to the pad's centre, micrometres
   std::vector<PadPoint> rest_ray_q8_;  // the same for the camera map
   std::vector<NodeDisplacement> marker_u_;
   int32_t least_outlier_q3_;
   std::optional<FieldRepair> repair_;  // of a lattice; none for scattered markers
-  std::vector<FieldValue> shear_;  // of each marker, 1/8 um; z is unused
+  std::vector<FieldValue> shear_;      // of each marker, 1/8 um; z is unused
   std::vector<uint8_t> is_missing_;
 };
 

@@ -8,7 +8,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kMinContrast = 576;  // squared Q4 gradient per pixel: 1.5 grey levels per pixel
+constexpr int64_t kMinContrast = 576;     // squared Q4 gradient per pixel: 1.5 grey levels per pixel
 constexpr int64_t kMaxStep = 1 << 16;     // Q16 px
 constexpr int64_t kMaxInverse = 1 << 30;  // K times two sums below 2^31 stays below 2^62
 constexpr int64_t kMaxGradient = 2'047;

@@ -27,7 +27,7 @@ namespace ruffini {
 
 class DotTemplates {
  public:
-  static constexpr int kMaxRadiusPx = 12;  // larger dots are measured by their weighted centre only
+  static constexpr int kMaxRadiusPx = 12;       // larger dots are measured by their weighted centre only
   static constexpr int64_t kUnknown = 1 << 20;  // error^2 of something that is not the dot, Q16 px
 
   explicit DotTemplates(const BoardSettings& board);
@@ -68,7 +68,7 @@ class DotTemplates {
   std::vector<int32_t> h_;  // per template: h_x and h_y of each pixel, interleaved
   std::vector<int32_t> t_;
   std::vector<int32_t> window_;  // luma around one dot in a frame
-  Values sample_;  // of one template
+  Values sample_;                // of one template
   std::array<Values, 2> gradient_;
   std::array<Values, 6> nuisance_;  // nuisance directions, mutually orthogonal
   Values free_;

@@ -48,7 +48,8 @@ class DotWeights {
     for (int x = from; x < to; x += Some::kCount) {
       const auto box = Some::sub(Some::load(high + x), Some::load(row.prefix_sum + x));
       const auto background = Some::narrow(Some::mul(box, Some::load(row.inverse_q32 + x)), 32);
-      const auto threshold = Some::template shift_right<15>(Some::mul_low(background, Some::broadcast(row.threshold_q15)));
+      const auto threshold =
+          Some::template shift_right<15>(Some::mul_low(background, Some::broadcast(row.threshold_q15)));
       const auto darker = Some::sub(background, level<Some>(row.grey + x));
       const auto v = row.is_light ? Some::sub(Some::broadcast(0), darker) : darker;
       Some::store_16(row.weight + x, Some::max(Some::sub(v, threshold), Some::broadcast(0)));

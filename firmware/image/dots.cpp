@@ -17,7 +17,8 @@ DotDetector::DotDetector(const DotParameters& parameters, DotRun version)
   dots_.reserve(kMaxDots);
 }
 
-DotDetector::DotDetector(const DotParameters& parameters) : DotDetector(parameters, kernels::fastest_supported().dots) {}
+DotDetector::DotDetector(const DotParameters& parameters)
+    : DotDetector(parameters, kernels::fastest_supported().dots) {}
 
 // Sums for the boxes of the row above the first one.
 void DotDetector::start(std::span<const uint16_t> grey) {

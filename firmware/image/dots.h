@@ -70,7 +70,7 @@ class DotDetector {
 
   DotParameters p_;
   DotRun run_;
-  std::vector<uint16_t> no_row_;  // zeros: the row that enters or leaves beyond the border
+  std::vector<uint16_t> no_row_;      // zeros: the row that enters or leaves beyond the border
   std::vector<int32_t> inverse_q32_;  // inverse area of each pixel's box, for n_box_rows_ rows
   int n_box_rows_ = 0;
   std::vector<int32_t> column_sum_;  // grey over the rows of the box

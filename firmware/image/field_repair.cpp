@@ -11,8 +11,8 @@ namespace {
 
 constexpr int kFraction = 4;
 constexpr int kResidualShift = 2;  // a residual is 4 x the error of the value
-constexpr int kDepthShift = 2;  // log2 of the factor by which depth counts less
-constexpr int64_t kSecond2 = 10;  // factor to the second largest residual, squared
+constexpr int kDepthShift = 2;     // log2 of the factor by which depth counts less
+constexpr int64_t kSecond2 = 10;   // factor to the second largest residual, squared
 constexpr int64_t kThird2 = 49;
 
 // Squared norm of a residual.

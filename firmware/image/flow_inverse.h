@@ -8,7 +8,7 @@ namespace ruffini {
 
 struct FlowInverse {
   std::array<int32_t, 4> k{};  // xx xy yx yy, |k| < 2^30
-  int shift = 0;  // from k times the misfit to Q16 px, at least 17; 0: no inverse
+  int shift = 0;               // from k times the misfit to Q16 px, at least 17; 0: no inverse
 };
 
 // Inverts a = sum h g^T over a patch (xx, xy, yx, yy, below 2^30). There is no inverse if det / trace is below `least`.

@@ -51,7 +51,8 @@ void FlowTemplates::learn(const GreyView& picture, std::span<const FlowVector> p
 }
 
 // Computes h along one axis, in the order of t.
-void FlowTemplates::remove_nuisances(std::span<const int32_t> g, const int16_t* t, int64_t tt, size_t axis, int16_t* h) const {
+void FlowTemplates::remove_nuisances(std::span<const int32_t> g, const int16_t* t, int64_t tt, size_t axis,
+                                     int16_t* h) const {
   const auto n = static_cast<size_t>(shape_.n_samples());
   int64_t sum = 0;
   for (size_t i = 0; i < n; ++i) sum += g[i];

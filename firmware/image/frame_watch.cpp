@@ -10,9 +10,9 @@ namespace {
 constexpr int kNearestPx = 12;
 constexpr int kJitterPx = 9;
 constexpr int kBandRows = 16;
-constexpr int kValues = 6;  // values of a sample
+constexpr int kValues = 6;          // values of a sample
 constexpr int64_t kJumpLevels = 8;  // threshold per value
-constexpr int kColumnRows = 40;  // approximate number of rows, without a period
+constexpr int kColumnRows = 40;     // approximate number of rows, without a period
 constexpr size_t kMaxColumnRows = UINT16_MAX / 255;
 constexpr int kLampRows = 8;  // each eighth row is used for the lamp check
 // Mean of |difference| of two pixels, B + G + R, with noise of 12 grey levels each.

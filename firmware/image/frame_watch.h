@@ -48,7 +48,7 @@ class FrameWatch {
 
   int width_px_;
   std::vector<int32_t> at_;           // first pixel of each sample of a row
-  std::vector<int> rows_;  // rows whose pixels form the columns
+  std::vector<int> rows_;             // rows whose pixels form the columns
   std::vector<uint16_t> column_sum_;  // of the current frame, per channel
   std::vector<int32_t> column_rest_;  // B + G + R
   std::vector<Row> rest_;

@@ -37,7 +37,8 @@ Glow::Glow(const BoardSettings& board, GlowRun glow_run, SmoothRun smooth_run)
   for (size_t c = 0; c < 3; ++c) weight_[c] = static_cast<int16_t>(board.skin.weights[c]);
 }
 
-Glow::Glow(const BoardSettings& board) : Glow(board, kernels::fastest_supported().glow, kernels::fastest_supported().smooth) {}
+Glow::Glow(const BoardSettings& board)
+    : Glow(board, kernels::fastest_supported().glow, kernels::fastest_supported().smooth) {}
 
 void Glow::learn(std::span<const uint16_t> rest) {
   constexpr int kMaxRest = 16 * 255;  // a stored image may contain larger values

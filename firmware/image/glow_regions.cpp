@@ -32,8 +32,8 @@ void GlowRegions::find(std::span<const int16_t> smoothed) {
     if (blob.parent != static_cast<int>(i) || blob.area < min_area_px_) continue;
     ++n_found_;
     list_by_area({ImagePx::from_raw(static_cast<int32_t>((blob.x << 16) / blob.area)),
-          ImagePx::from_raw(static_cast<int32_t>((blob.y << 16) / blob.area)), blob.area,
-          static_cast<int>(blob.weight / blob.area)});
+                  ImagePx::from_raw(static_cast<int32_t>((blob.y << 16) / blob.area)), blob.area,
+                  static_cast<int>(blob.weight / blob.area)});
   }
 }
 

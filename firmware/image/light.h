@@ -82,7 +82,7 @@ class LightTracker {
   int width_px_;
   int height_px_;
   std::vector<int32_t> sample_at_;              // first pixel of each usable sample
-  std::vector<uint8_t> side_;  // outer thirds that contain each sample: sum of Side
+  std::vector<uint8_t> side_;                   // outer thirds that contain each sample: sum of Side
   std::array<std::vector<int16_t>, 3> sample_;  // per channel
   std::vector<int16_t> sorted_;
   size_t n_samples_ = 0;

@@ -56,7 +56,7 @@ int64_t off_lines_q8(const MarkerGraph& graph, std::span<const Marker> markers, 
 }  // namespace
 
 void set_marker_quality(const MarkerGraph& graph, const DotAreas& areas, std::span<const int64_t> error2_q16,
-                   int64_t pitch_q8, std::span<Marker> markers, std::span<uint8_t> known) {
+                        int64_t pitch_q8, std::span<Marker> markers, std::span<uint8_t> known) {
   for (size_t i = 0; i < markers.size(); ++i) {
     Marker& marker = markers[i];
     marker.quality = 0;

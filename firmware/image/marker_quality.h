@@ -24,6 +24,6 @@ struct DotAreas {
 
 // Sets the quality of `known` markers and removes lost ones from `known`; the quality of the others is 0.
 void set_marker_quality(const MarkerGraph& graph, const DotAreas& areas, std::span<const int64_t> error2_q16,
-                   int64_t pitch_q8, std::span<Marker> markers, std::span<uint8_t> known);
+                        int64_t pitch_q8, std::span<Marker> markers, std::span<uint8_t> known);
 
 }  // namespace ruffini

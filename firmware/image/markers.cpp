@@ -29,7 +29,7 @@ int row_of(GridSize size) {
   return row;
 }
 
-constexpr int kRings = 16;  // of neighbours that predict a marker
+constexpr int kRings = 16;            // of neighbours that predict a marker
 constexpr int64_t kApartWeight = 16;  // weight of differences between neighbours, relative to the motion of one marker
 constexpr int64_t kMissingWeight = 16;  // pitches squared
 constexpr int64_t kLeftWeight = 8;      // pitches squared
@@ -325,13 +325,15 @@ MarkerTracker::AssignmentCost MarkerTracker::assess(size_t n_dots) const {
     }
   }
   assignment.n_unmatched = static_cast<int>(n_dots) - assignment.n_known;
-  assignment.cost += pitch_q8_ * pitch_q8_ * (kMissingWeight * assignment.n_missing + kLeftWeight * assignment.n_unmatched);
+  assignment.cost +=
+      pitch_q8_ * pitch_q8_ * (kMissingWeight * assignment.n_missing + kLeftWeight * assignment.n_unmatched);
   return assignment;
 }
 
 bool MarkerTracker::is_ambiguous(const AssignmentCost& assignment) const {
   const int64_t limit2 = pitch_q8_ * pitch_q8_ * (kDoubtPercent * kDoubtPercent) / 10'000;
-  if (assignment.n_missing > 0 || assignment.widest2 > limit2 || 2 * assignment.n_unmatched >= many_unmatched_) return true;
+  if (assignment.n_missing > 0 || assignment.widest2 > limit2 || 2 * assignment.n_unmatched >= many_unmatched_)
+    return true;
   for (size_t i = 0; i < markers_.size(); ++i) {
     const int64_t x = (markers_[i].displacement_x.raw() - last_[i].x) >> 8;
     const int64_t y = (markers_[i].displacement_y.raw() - last_[i].y) >> 8;

@@ -35,7 +35,7 @@ struct Marker {
   ImagePx rest_y;
   ImagePx displacement_x;  // in the image, relative to rest
   ImagePx displacement_y;
-  bool is_lost = true;  // the displacement is estimated from neighbours
+  bool is_lost = true;    // the displacement is estimated from neighbours
   bool is_absent = true;  // not seen at rest either
   uint8_t quality = 0;    // 255 / (1 + (expected error / 0.1 px)^2), at least 1; 0: lost
 
@@ -92,17 +92,17 @@ class MarkerTracker {
   GridSize size_;
   MarkerGraph graph_;
   bool is_scattered_;
-  bool is_listed_;  // the rest positions are known in advance
-  int64_t gate2_;  // squared, Q16 px: distance of a dot from the expected position
-  int64_t tight_gate2_;  // the same without memory
-  int64_t search2_;  // distance of a central marker's dot from its rest position
+  bool is_listed_;              // the rest positions are known in advance
+  int64_t gate2_;               // squared, Q16 px: distance of a dot from the expected position
+  int64_t tight_gate2_;         // the same without memory
+  int64_t search2_;             // distance of a central marker's dot from its rest position
   int64_t pitch_q8_;            // px
   Point view_{};                // size of the picture, Q16 px
-  int many_unmatched_;  // twice the number of unmatched dots that indicates a failure
-  int64_t edge_;  // a marker this close to the picture's border may be cut off, Q16 px
-  int middle_ = 0;  // the search starts from this marker
-  int64_t seed_gate2_;  // distance of the first dot from its nominal position
-  int64_t step_gate2_;  // distance of a dot from one nominal step beside its neighbour
+  int many_unmatched_;          // twice the number of unmatched dots that indicates a failure
+  int64_t edge_;                // a marker this close to the picture's border may be cut off, Q16 px
+  int middle_ = 0;              // the search starts from this marker
+  int64_t seed_gate2_;          // distance of the first dot from its nominal position
+  int64_t step_gate2_;          // distance of a dot from one nominal step beside its neighbour
   std::vector<Point> nominal_;  // the board's positions, if it lists them
   std::array<int, 4> seeds_{};  // central markers
   std::vector<Marker> markers_;
@@ -110,11 +110,11 @@ class MarkerTracker {
   std::vector<Nearest> dot_of_marker_;
   std::vector<Nearest> marker_of_dot_;
   std::vector<uint8_t> is_dot_taken_;
-  std::vector<int> by_height_;  // indices of the frame's dots, sorted by y
-  std::vector<int> queue_;  // markers found, in the order of growth
+  std::vector<int> by_height_;    // indices of the frame's dots, sorted by y
+  std::vector<int> queue_;        // markers found, in the order of growth
   std::vector<uint8_t> is_open_;  // still without a dot
-  std::vector<uint8_t> is_led_;  // has a predicted position
-  std::vector<uint8_t> known_;  // has a displacement, measured or filled
+  std::vector<uint8_t> is_led_;   // has a predicted position
+  std::vector<uint8_t> known_;    // has a displacement, measured or filled
   std::vector<uint8_t> known_next_;
   std::vector<int> area_;  // of each known marker's dot, px
   std::vector<int> rest_area_;

@@ -43,9 +43,9 @@ struct CellRow {
   ptrdiff_t unmix_plane = 0;
   const int16_t* unmix = nullptr;  // six planes, per cell
   const int32_t* slope = nullptr;  // the table, x in the low half and y in the high one
-  const int32_t* bend = nullptr;  // as slope; null if there is none
+  const int32_t* bend = nullptr;   // as slope; null if there is none
   std::array<int32_t, 3> bend_low_q16{};
-  std::array<int32_t, 3> bend_shift{};  // distance of two table lines: 2^9 (shift + 9 bits) in Q16
+  std::array<int32_t, 3> bend_shift{};                 // distance of two table lines: 2^9 (shift + 9 bits) in Q16
   const std::array<int32_t, 17>* per_count = nullptr;  // of B, G, R: 2^20 / (n (1 + m)); 0 for n = 0
   std::array<int32_t, 3> level_q16{};                  // m / (1 + m)
   CellSlope* out = nullptr;
@@ -59,7 +59,8 @@ class Photometric {
   static constexpr int kBendSize = PhotometricTable::kBendSize;
 
   Photometric(const BoardSettings& board, const PhotometricTable& table, CellRun version);
-  Photometric(const BoardSettings& board, const PhotometricTable& table);  // the fastest version that this processor supports
+  Photometric(const BoardSettings& board,
+              const PhotometricTable& table);  // the fastest version that this processor supports
 
   // `difference`: planes of B, G and R. `level`: within +-2^14; ignored if the table is not balanced.
   void run(std::span<const RelativeChange> difference, std::span<const Marker> markers, const LightLevel& level,

@@ -79,7 +79,8 @@ class PhotometricCells {
       typename Some::V sums[3];
       for (int c = 0; c < 3; ++c)
         sums[c] = sum<Some, kStep>(row.change + c * row.plane + pixel, row.keep + pixel, row.width);
-      const auto n_kept = Some::sub(Some::broadcast(0), sum<Some, kStep>(row.keep + pixel, row.keep + pixel, row.width));
+      const auto n_kept =
+          Some::sub(Some::broadcast(0), sum<Some, kStep>(row.keep + pixel, row.keep + pixel, row.width));
       Some::store_16(row.n_kept + x, n_kept);
       typename Some::V d[3];
       changes<Some, kStep>(row, sums, n_kept, d);

@@ -24,9 +24,9 @@ struct PhotometricTable {
   std::span<const int16_t> slope;         // [65][65][2]
   std::span<const int16_t> bend;          // [9][9][9][2], or empty
   std::array<int32_t, 3> bend_low_q12{};  // change of B, G, R at the first line
-  std::array<int32_t, 3> bend_shift{};  // distance of two lines: 2^shift in Q12
-  std::span<const int16_t> depth;  // [257], or empty: for skins that darken, instead of all tables above
-  bool is_balanced = false;  // the level of a frame's light is used
+  std::array<int32_t, 3> bend_shift{};    // distance of two lines: 2^shift in Q12
+  std::span<const int16_t> depth;         // [257], or empty: for skins that darken, instead of all tables above
+  bool is_balanced = false;               // the level of a frame's light is used
 };
 
 }  // namespace ruffini

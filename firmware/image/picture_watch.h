@@ -5,8 +5,8 @@
 
 #include "image/block_edges.h"
 #include "image/frame_watch.h"
-#include "image/repeated_pictures.h"
 #include "image/pixel_statistics.h"
+#include "image/repeated_pictures.h"
 
 namespace ruffini {
 

@@ -73,17 +73,20 @@ class PoissonGradient {
       const auto sx = Some::template shift_right<16>(Some::template shift_left<16>(both));
       const auto sy = Some::template shift_right<16>(both);
       const auto along = Some::add_scaled(Some::mul(sx, Some::load(&t_.ray_x_q16[x])), sy, t_.ray_y_q16[y]);
-      const auto e = Some::max(Some::min(Some::narrow(along, 14), Some::broadcast(kMaxFold)), Some::broadcast(kMinFold));
+      const auto e =
+          Some::max(Some::min(Some::narrow(along, 14), Some::broadcast(kMaxFold)), Some::broadcast(kMinFold));
       const auto rest = Some::sub(Some::broadcast(kOneQ14), e);
       const auto line = Some::template shift_right<PoissonTables::kFoldStep>(rest);
       const auto fraction = Some::bit_and(rest, Some::broadcast((1 << PoissonTables::kFoldStep) - 1));
       const auto low = Some::gather(t_.inverse_q24.data(), line);
       const auto high = Some::gather(t_.inverse_q24.data() + 1, line);
-      const auto inverse =
-          Some::add(low, Some::round_shift_right(Some::mul_low(Some::sub(high, low), fraction), PoissonTables::kFoldStep));
+      const auto inverse = Some::add(
+          low, Some::round_shift_right(Some::mul_low(Some::sub(high, low), fraction), PoissonTables::kFoldStep));
       const auto scale = Some::narrow(Some::scale(inverse, t_.cell_um_q10), 20);  // Q14
-      Some::store(b_.row_x(y) + x, clamp_counted<Some>(Some::narrow(Some::mul(sx, scale), 16), kMaxGradient, n_clamped));
-      Some::store(b_.row_y(y) + x, clamp_counted<Some>(Some::narrow(Some::mul(sy, scale), 16), kMaxGradient, n_clamped));
+      Some::store(b_.row_x(y) + x,
+                  clamp_counted<Some>(Some::narrow(Some::mul(sx, scale), 16), kMaxGradient, n_clamped));
+      Some::store(b_.row_y(y) + x,
+                  clamp_counted<Some>(Some::narrow(Some::mul(sy, scale), 16), kMaxGradient, n_clamped));
     }
     saturations_.count += static_cast<uint64_t>(Some::sum(n_clamped));
   }

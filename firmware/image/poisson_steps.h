@@ -26,7 +26,7 @@ class PoissonSteps {
 
  private:
   static constexpr int kMaxDepth = 1 << 21;  // Q8: 8 mm
-  static constexpr int kFarOff = 1 << 29;  // Q8: 2 m, larger than any saturated value
+  static constexpr int kFarOff = 1 << 29;    // Q8: 2 m, larger than any saturated value
 
   PoissonSteps(const PoissonTables& tables, PoissonBuffers& buffers, SaturationCounter& saturations)
       : t_(tables),

@@ -105,7 +105,7 @@ class PoissonWaves {
   using V = typename L::V;
   static constexpr size_t kLanes = L::kCount;
   static constexpr int kMaxWave = 1 << 29;  // Q8 of n_x / 2 heights
-  static constexpr int kMaxUp = 16;  // a larger shift gains nothing: inputs are whole steps
+  static constexpr int kMaxUp = 16;         // a larger shift gains nothing: inputs are whole steps
 
   // Loads rows y, y + 1, ... of f, one per lane, transposed to vectors of one column each.
   void load_columns(size_t y, V* out) {

@@ -83,7 +83,7 @@ class Rest {
   bool has_image_ = false;  // remains set while another image is learned
   std::vector<uint32_t> sum_;
   std::vector<uint16_t> image_;
-  std::vector<uint16_t> dark_;  // at most the image; empty: 0
+  std::vector<uint16_t> dark_;    // at most the image; empty: 0
   std::vector<int16_t> planes8_;  // 8 times the rest image
   std::vector<int16_t> reciprocal_;
   std::vector<int16_t> unit_reciprocal_;  // at gain 1

@@ -59,7 +59,7 @@ class TextureFlow {
   GridSize coarse_lattice_;
   int threshold_1e3_;
   std::array<Picture, kLevels> picture_;
-  std::vector<int16_t> mean_;  // one row of the mean, with one more pixel at either end
+  std::vector<int16_t> mean_;                     // one row of the mean, with one more pixel at either end
   std::vector<int16_t> row_;                      // three rows, smoothed along x
   std::array<std::vector<FlowVector>, 2> place_;  // of fine and coarse patches, Q16 px of the image
   std::vector<FlowTemplates> templates_;          // per level

@@ -40,7 +40,7 @@ int ignore_error(int, const char*, const char*, const char*, int, void*) { retur
 }  // namespace ruffini
 
 extern "C" ruffini::Network* ruffini_open_network(const char* path) {
-  cv::setNumThreads(1);                     // the frame path has the other cores
+  cv::setNumThreads(1);                      // the frame path has the other cores
   cv::redirectError(ruffini::ignore_error);  // the daemon reports each failure once
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   try {

@@ -52,7 +52,7 @@ class Inference {
   NetworkCard card_;
   std::unique_ptr<Network> network_;
   std::vector<float> raw_;
-  uint64_t result_us_ = 0;  // time of the last result
+  uint64_t result_us_ = 0;           // time of the last result
   std::vector<LearnedStamp> stamp_;  // of each buffer of the pool
   IndexMailbox mailbox_;
   std::atomic<int> n_pending_{0};  // posted frames that are neither processed nor returned

@@ -22,11 +22,11 @@ struct LearnedStamp {
 struct LearnedResult {
   LearnedStamp stamp;
   bool is_valid = false;  // finite, and within the range of the training data
-  size_t n_values = 0;  // 0: the network gave no number
+  size_t n_values = 0;    // 0: the network gave no number
   std::array<int64_t, kMaxLearned> value{};
-  uint32_t took_us = 0;  // time of the network alone
+  uint32_t took_us = 0;     // time of the network alone
   uint32_t latency_us = 0;  // from mid-exposure to the result
-  uint32_t period_us = 0;  // since the previous result; 0: first result
+  uint32_t period_us = 0;   // since the previous result; 0: first result
 };
 
 // Numbers are those of NetworkState in ruffini.proto.

@@ -6,7 +6,7 @@
 namespace ruffini {
 namespace {
 
-constexpr size_t kStored = 2;  // stored files that a start tries
+constexpr size_t kStored = 2;    // stored files that a start tries
 constexpr size_t kMaxTried = 8;  // stored files that an undo tries
 
 uint32_t first_four_bytes(const std::string& hash) {

@@ -18,7 +18,7 @@ inline constexpr int32_t kNoTemperature = INT32_MIN;
 inline constexpr int kNoZeroRequest = -1;
 inline constexpr int kCancelZero = -2;
 inline constexpr uint32_t kUndervoltageNow = 0x1;  // bit of `throttled`
-inline constexpr uint32_t kThrottledNow = 0xF;  // bits of `throttled` that hold at present (hw/throttling.h)
+inline constexpr uint32_t kThrottledNow = 0xF;     // bits of `throttled` that hold at present (hw/throttling.h)
 
 // Numbers are those of ReflexState in ruffini.proto.
 enum class ReflexState : uint8_t { kNotConfigured = 0, kOff = 1, kOn = 2, kFailed = 3 };
@@ -41,7 +41,7 @@ static_assert(std::atomic<PathTally>::is_always_lock_free);
 struct Exchange {
   // Written by the link thread, read by the frame thread.
   std::array<std::atomic<uint32_t>, kMessageTypes> every{};  // send every n-th frame; 0: none
-  std::atomic<int> zero_frames{kNoZeroRequest};  // request, or one of the two constants above
+  std::atomic<int> zero_frames{kNoZeroRequest};              // request, or one of the two constants above
   std::atomic<bool> zero_even_if_touched{false};             // of that request
   std::atomic<FramePath*> next_path{nullptr};                // to swap in between frames; ownership passes
   std::atomic<int32_t> milli_celsius{kNoTemperature};        // of the board's thermometer
@@ -58,15 +58,15 @@ struct Exchange {
   std::atomic<PathTally> tally{};
   LastFrame last_frame;
   std::atomic<uint32_t> wrong_flags{0};  // union of the kWrongFlags of all frames of the path in use
-  std::atomic<bool> is_touched{false};  // the pad is in contact
-  std::atomic<bool> is_zeroing{false};  // a new rest image is being learned
+  std::atomic<bool> is_touched{false};   // the pad is in contact
+  std::atomic<bool> is_zeroing{false};   // a new rest image is being learned
   std::atomic<uint32_t> refused_zeros{0};
   std::atomic<uint64_t> missed_deadlines{0};
   std::atomic<uint32_t> zero_moved_nm{0};  // due to creep, since rest was learned
   std::atomic<bool> is_zero_at_limit{false};
   std::atomic<ReflexState> reflex{ReflexState::kNotConfigured};
   std::atomic<uint64_t> reflex_trips{0};
-  std::atomic<uint32_t> skin_light_1e3{0};  // at rest, relative to the calibration; 0: unknown
+  std::atomic<uint32_t> skin_light_1e3{0};                       // at rest, relative to the calibration; 0: unknown
   std::array<std::atomic<uint64_t>, kMaxStages> stage_sum_ns{};  // since the last status
   std::array<std::atomic<uint64_t>, kMaxStages> stage_max_ns{};
   // Written by the thread of the learned network, if the board has one.
@@ -76,7 +76,7 @@ struct Exchange {
   std::atomic<uint64_t> frames_captured{0};
   std::atomic<uint64_t> frames_overrun{0};
   std::atomic<uint64_t> frames_invalid{0};
-  std::atomic<uint64_t> frames_missed{0};  // numbers that the camera skipped
+  std::atomic<uint64_t> frames_missed{0};    // numbers that the camera skipped
   std::atomic<uint64_t> frames_repeated{0};  // discarded (capture/frame_order.h)
   std::atomic<uint64_t> time_faults{0};
   std::atomic<uint64_t> capture_iterations{0};  // iterations of its loop, for the watchdog

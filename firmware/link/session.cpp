@@ -196,7 +196,7 @@ void Session::flash(const ruffini_Command& request, ruffini_Reply& reply) {
         break;
       }
       fill_reply(reply, calibrator_.begin(begin.size_bytes,
-                                      {reinterpret_cast<const char*>(begin.sha256.bytes), begin.sha256.size}));
+                                          {reinterpret_cast<const char*>(begin.sha256.bytes), begin.sha256.size}));
       break;
     }
     case ruffini_Command_flash_chunk_tag: {

@@ -10,11 +10,12 @@ namespace {
 
 constexpr size_t kBlock = block_kernel::kBlock;
 
-// Sum of the signed values that one row of a fold names; values[0] is zero. Signs are as good as random, so no branch.
+// Sums the signed values that one row of a fold refers to; values[0] is zero. Branch-free, because the signs are
+// unpredictable.
 int64_t signed_sum(std::span<const int32_t> row, std::span<const int64_t> values) {
   int64_t sum = 0;
   for (const int32_t i : row) {
-    const int32_t negative = i >> 31;  // all bits, or none
+    const int32_t negative = i >> 31;  // all bits set, or none
     sum += (values[static_cast<size_t>((i ^ negative) - negative)] ^ negative) - negative;
   }
   return sum;
@@ -64,7 +65,7 @@ void BlockProgram::store_vector(size_t index, size_t n_values) {
   exponent_[index] = shift;
 }
 
-// The panel's part of its source side by side, zero padded, and which blocks of it are not zero.
+// Gathers the panel's part of its source vector, zero padded, and lists the blocks that are not all zero.
 void BlockProgram::gather(const Panel& panel) {
   const std::vector<int16_t>& source = vector_[panel.source];
   size_t n = 0;

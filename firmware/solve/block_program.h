@@ -81,7 +81,7 @@ class BlockProgram {
   std::vector<std::vector<int16_t>> vector_;
   std::vector<int> exponent_;
   std::vector<int64_t> input_;  // as sum_
-  std::vector<int64_t> sum_;  // of the current stage, after one leading zero, which index 0 of a fold refers to
+  std::vector<int64_t> sum_;    // of the current stage, after one leading zero, which index 0 of a fold refers to
   std::vector<uint32_t> selected_;
   std::vector<uint8_t> wanted_;  // values of the last stage
   std::vector<int16_t> gathered_;

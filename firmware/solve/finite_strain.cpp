@@ -44,7 +44,7 @@ Result<WaveTable> load_waves(const Calibration& c, const std::string& name, int 
   return WaveTable(entries, n_waves, n_places);
 }
 
-// 1 to `largest`, all of them.
+// True if all values are within 1 to `largest`.
 Status fill(const Calibration& c, const std::string& name, const std::vector<int64_t>& shape, int64_t largest,
             std::span<const int32_t>& out) {
   auto table = c.tensor("finite_strain." + name, Tensor::Type::kI32, shape);
@@ -199,10 +199,11 @@ void FiniteStrain::find_pressure(const Layer& layer, int exponent, SaturationCou
   for (size_t i = 0; i < n; ++i) sums[i] = p[i] * wave_[i] + p[n + i] * wave_[n + i] + p[2 * n + i] * wave_[2 * n + i];
   const int shift = narrow_to_14(sums, part_) + exponent - pressure_shift_;
   const int right = -(shift + at_middles_.to_places(part_, pressure_) + kPressureFraction);
-  for (int32_t& v : pressure_) v = static_cast<int32_t>(clamp_counted(shift_saturating(v, right), saturations, kPressureLimit));
+  for (int32_t& v : pressure_)
+    v = static_cast<int32_t>(clamp_counted(shift_saturating(v, right), saturations, kPressureLimit));
 }
 
-// One element layer: H, the stress (p H^T - (H^T)^2) on its corners, tr H^2 times its volume.
+// One element layer: computes H, the stress (p H^T - (H^T)^2) at its corners, and tr H^2 times its volume.
 void FiniteStrain::deform(size_t k, SaturationCounter& saturations) {
   const Layer& layer = layers_[k];
   const size_t n_x = count(nodes_.n_x);

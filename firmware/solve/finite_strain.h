@@ -43,7 +43,7 @@ class FiniteStrain {
   struct Layer {
     std::array<int32_t, 3> slope{};  // factor from the sum of four differences along x, y, z to H, Q15
     std::array<int32_t, 3> limit{};  // clamp of that sum
-    std::array<int32_t, 3> area{};  // area of the element's faces normal to x, y, z, divided by 4
+    std::array<int32_t, 3> area{};   // area of the element's faces normal to x, y, z, divided by 4
     int32_t volume = 0;
     std::span<const int16_t> extension;  // 3 x 3 x waves
     std::span<const int16_t> pressure;   // 3 x waves
@@ -74,12 +74,12 @@ class FiniteStrain {
 
   std::vector<int16_t> wave_;      // of U, three components
   std::vector<int16_t> part_;      // of one plane or layer
-  std::vector<int32_t> sums_;  // before narrowing to part_
+  std::vector<int32_t> sums_;      // before narrowing to part_
   std::vector<int32_t> field_;     // at the nodes, three components
-  std::vector<int32_t> planes_;  // E U, plane by plane; the last plane is bonded and zero
-  std::vector<int32_t> load_;  // nodal forces, in the layout of planes_
+  std::vector<int32_t> planes_;    // E U, plane by plane; the last plane is bonded and zero
+  std::vector<int32_t> load_;      // nodal forces, in the layout of planes_
   std::vector<int32_t> pressure_;  // p / mu at the element centres
-  std::vector<int32_t> square_;  // tr H^2 times volume, at the element centres
+  std::vector<int32_t> square_;    // tr H^2 times volume, at the element centres
   std::vector<int64_t> total_;     // waves of Q
   std::vector<NodeForce> force_;
 };

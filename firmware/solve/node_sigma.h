@@ -74,7 +74,7 @@ class NodeSigmaModel {
   int64_t stiffness2_q16_ = 0;  // s^2
   std::array<Axis, 2> axis_;
   std::vector<int64_t> contrast2_;  // d_z^2
-  std::vector<int64_t> along_x_;  // sums over 7 adjacent nodes of a row
+  std::vector<int64_t> along_x_;    // sums over 7 adjacent nodes of a row
   std::vector<int64_t> rough_;      // r^2
 };
 

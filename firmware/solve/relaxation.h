@@ -48,7 +48,7 @@ class Relaxation {
   struct Term {
     int64_t part_q20 = 0;
     int64_t time_us = 1;
-    int64_t step_q20 = 0;  // 1 - exp for this frame's interval
+    int64_t step_q20 = 0;                       // 1 - exp for this frame's interval
     std::vector<std::array<int64_t, 3>> state;  // h of each node
   };
 

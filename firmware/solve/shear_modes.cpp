@@ -11,8 +11,8 @@ using namespace block_float;
 
 constexpr int kWeightFraction = 7;
 constexpr int64_t kFull = int64_t{1} << kWeightFraction;
-constexpr int kOrthogonalFraction = 8;              // kept while a vector is made orthogonal
-constexpr int64_t kLeastShare = 32;                 // of a vector's square that must remain, as 1 / share
+constexpr int kOrthogonalFraction = 8;              // fraction bits kept during orthogonalization
+constexpr int64_t kLeastShare = 32;                 // a mode is kept if at least 1 / share of its square remains
 constexpr int kDotBits = 38;                        // of a factor of `scaled`
 constexpr int64_t kEnergyLimit = int64_t{1} << 54;  // of one mode: 96 of them stay below 2^61
 
@@ -66,7 +66,8 @@ void ShearModes::assign(std::span<const uint8_t> mask, std::span<const uint32_t>
   }
 }
 
-// Amplitudes in at most 30 bits, places from the centre of pressure; false where nothing presses.
+// Scales amplitudes to at most 30 bits, and positions relative to the centre of pressure. Returns false if nothing
+// presses.
 bool ShearModes::measure(const Contact& contact, std::span<const int64_t> y, std::span<const int64_t> weight) {
   const size_t n = contact.node.size();
   for (auto* values : {&shape_.pressure, &shape_.weight, &shape_.bulge, &shape_.x_um, &shape_.y_um}) values->resize(n);
@@ -167,7 +168,7 @@ void ShearModes::shrink(const Contact& contact, std::span<int64_t> y, std::span<
   }
 }
 
-// |r| < 2^32, and by Cauchy and Schwarz what is added to z stays below 2^32 times the root of the support's size.
+// r| < 2^32 and, by Cauchy-Schwarz, the vector added to z stays below 2^32 times the square root of the support's size.
 int64_t ShearModes::precondition(std::span<const int64_t> r, std::span<int64_t> z, int energy_shift) const {
   int64_t energy = 0;
   for (int c = 0; c < n_contacts_; ++c) {

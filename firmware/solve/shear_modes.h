@@ -33,7 +33,7 @@ class ShearModes {
  public:
   static constexpr int kMaxContacts = 8;
   static constexpr int kModes = 12;
-  static constexpr int kGainShift = 1;  // the prior of the modes is twice that of a node with full weight
+  static constexpr int kGainShift = 1;         // the prior of the modes is twice that of a node with full weight
   static constexpr int64_t kNoiseShare = 192;  // 1.5 in Q7
 
   // noise_y: standard deviation of the linear estimate's shear, in the unit of y; at most 2^24.
@@ -75,7 +75,7 @@ class ShearModes {
   std::array<Contact, kMaxContacts> contacts_;
   int n_contacts_ = 0;
   Shape shape_;
-  std::vector<int64_t> vector_;  // the vector being orthogonalized
+  std::vector<int64_t> vector_;            // the vector being orthogonalized
   mutable std::vector<int64_t> residual_;  // shear remaining after projection on the modes
 };
 

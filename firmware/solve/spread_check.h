@@ -38,7 +38,7 @@ class SpreadCheck {
   static constexpr int64_t kPressedLimits = 3;
   static constexpr int32_t kMaxSpread = 1 << 23;
   static constexpr int32_t kMaxForce = 1 << 27;  // steps
-  static constexpr int kMaxNodes = 4'096;  // keeps the sums within int64: 3 x 2^12 2^23 2^27 < 2^63
+  static constexpr int kMaxNodes = 4'096;        // keeps the sums within int64: 3 x 2^12 2^23 2^27 < 2^63
 
   [[nodiscard]] static Result<SpreadCheck> load(const Calibration& calibration, GridSize nodes,
                                                 std::span<const NodePlace> places);

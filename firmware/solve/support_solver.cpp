@@ -10,7 +10,7 @@ namespace {
 
 using namespace block_float;
 
-constexpr int64_t kImageLimit = int64_t{1} << 33;  // of H p16: its energy over 2^14 unknowns stays below 2^62
+constexpr int64_t kImageLimit = int64_t{1} << 33;  // clamp of H p16: its energy over 2^14 unknowns stays below 2^62
 constexpr int kImageFraction = 8;
 constexpr int kForceFraction = 30;
 constexpr int kUnitFraction = 14;  // of y and r
@@ -87,7 +87,7 @@ void SupportSolver::multiply(SaturationCounter& saturations) {
   for (Watched& w : watched_) w.image = clamp_counted(wide_[w.unknown], watched_saturations_, kImageLimit);
 }
 
-// y = w times the linear estimate, and b.
+// y = w times the linear estimate; computes b.
 void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce> force,
                           SaturationCounter& saturations) {
   y_.resize(index_.size());
@@ -107,7 +107,7 @@ void SupportSolver::start(std::span<const int16_t> u, std::span<const NodeForce>
   }
 }
 
-// H (beyond / d), all nodes: beyond is not zero outside the support.
+// H (beyond / d) at all nodes, since the finite-strain part is not zero outside the support.
 void SupportSolver::add_to_b(std::span<const NodeForce> beyond, SaturationCounter& saturations) {
   for (size_t i = 0; i < beyond_.size(); ++i) {
     const NodeForce& f = beyond[i / 3];
@@ -123,7 +123,7 @@ void SupportSolver::add_to_b(std::span<const NodeForce> beyond, SaturationCounte
   std::fill(p16_.begin(), p16_.end(), int16_t{0});
 }
 
-// w and y times clamp(-f_z / T, 0, 1), node by node: index_ holds x, y, z of each node in turn.
+// Multiplies w and y by clamp(-f_z / T, 0, 1), node by node: index_ holds x, y, z of each node in turn.
 void SupportSolver::weaken_pull(int64_t threshold_lsb) {
   for (size_t i = 0; i < index_.size(); i += 3) {
     const int64_t pressure = -round_shift(y_[i + 2] * scale_[index_[i + 2]], kForceFraction);
@@ -135,7 +135,7 @@ void SupportSolver::weaken_pull(int64_t threshold_lsb) {
   }
 }
 
-// z = M r with M = w^2, a quarter of that for shear, and the shear modes; returns r . z.
+// z = M r with M = w^2, a quarter of that for shear, plus the shear modes. Returns r . z.
 SupportSolver::Energy SupportSolver::precondition() {
   for (size_t i = 0; i < index_.size(); ++i) {
     const int shift = ContactMask::kFraction + (is_shear(index_[i]) ? 1 : 0);
@@ -148,7 +148,7 @@ SupportSolver::Energy SupportSolver::precondition() {
   return out;
 }
 
-// By how much y = p16 2^shift, whose image is there, explains b best.
+// Returns the factor by which y = p16 2^shift, whose image is computed, explains b best.
 int64_t SupportSolver::size_q12(int shift) const {
   const int b_shift = common_shift(b_);
   int64_t explained = 0;  // p16 . b16
@@ -170,9 +170,11 @@ void SupportSolver::round(bool is_first, SaturationCounter& saturations) {
   const int64_t size = is_first ? size_q12(shift) : kUnitSize;
   for (size_t i = 0; i < index_.size(); ++i) {
     y_[i] = clamp_counted(shift_saturating(p16_[index_[i]] * size, kSizeFraction - shift), saturations);
-    r_[i] = clamp_counted(b_[i] - shift_saturating(image_[i] * size, kSizeFraction + kImageFraction - shift), saturations);
+    r_[i] =
+        clamp_counted(b_[i] - shift_saturating(image_[i] * size, kSizeFraction + kImageFraction - shift), saturations);
   }
-  for (Watched& w : watched_) w.r = clamp_counted(w.b - shift_saturating(w.image, kImageFraction - shift), watched_saturations_);
+  for (Watched& w : watched_)
+    w.r = clamp_counted(w.b - shift_saturating(w.image, kImageFraction - shift), watched_saturations_);
   Energy current = precondition();
   for (size_t i = 0; i < index_.size(); ++i) p_[i] = clamp_counted(z_[i], saturations);
   for (int i = 0; i < kSteps && current.sum > 0; ++i) {
@@ -191,7 +193,8 @@ bool SupportSolver::step(Energy& current, SaturationCounter& saturations) {
     y_[i] = clamp_counted(y_[i] + scaled(p16_[index_[i]], step, shift), saturations);
     r_[i] = clamp_counted(r_[i] - scaled(image_[i], step, shift - kImageFraction), saturations);
   }
-  for (Watched& w : watched_) w.r = clamp_counted(w.r - scaled(w.image, step, shift - kImageFraction), watched_saturations_);
+  for (Watched& w : watched_)
+    w.r = clamp_counted(w.r - scaled(w.image, step, shift - kImageFraction), watched_saturations_);
   const Energy next = precondition();
   if (next.sum == 0) return false;
   const Quotient beta = quotient(next.sum, current.sum, 2 * (next.shift - current.shift));
@@ -236,7 +239,7 @@ void SupportSolver::watched_residual(std::span<int32_t> residual) const {
 }
 
 void SupportSolver::residual(std::span<const int16_t> u, std::span<int32_t> residual, SaturationCounter& saturations) {
-  // What the linear pad's displacement is explained by: y - beyond / d.
+  // The linear pad explains y - beyond / d.
   std::fill(residual_.begin(), residual_.end(), int64_t{0});
   if (has_beyond_) std::transform(beyond_.begin(), beyond_.end(), residual_.begin(), [](int64_t v) { return -v; });
   for (size_t i = 0; i < index_.size(); ++i) residual_[index_[i]] += y_[i];
@@ -246,7 +249,8 @@ void SupportSolver::residual(std::span<const int16_t> u, std::span<int32_t> resi
   normal_.select(all_);
   normal_.run(p16_, wide_);
   std::transform(wide_.begin(), wide_.end(), residual_.begin(), [&](int64_t v) {
-    return clamp_counted(shift_saturating(clamp_counted(v, saturations, kImageLimit), kImageFraction - shift), saturations);
+    return clamp_counted(shift_saturating(clamp_counted(v, saturations, kImageLimit), kImageFraction - shift),
+                         saturations);
   });
   project_.select(all_);
   project_.run(u, wide_);

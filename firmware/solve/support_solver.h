@@ -94,8 +94,8 @@ class SupportSolver {
   std::vector<int16_t> p16_;        // all unknowns
   std::vector<int64_t> wide_;       // all unknowns of a product
   bool has_beyond_ = false;
-  std::vector<int64_t> beyond_;  // all unknowns
-  std::vector<int64_t> residual_;    // all unknowns
+  std::vector<int64_t> beyond_;    // all unknowns
+  std::vector<int64_t> residual_;  // all unknowns
   std::vector<int64_t> weight_;
   std::vector<int64_t> b_;
   std::vector<int64_t> y_;

@@ -19,8 +19,8 @@ namespace {
 
 constexpr char kName[] = "last-run";
 constexpr uint32_t kMagic = 0x314E5552;  // "RUN1"
-constexpr uint32_t kRunning = 3;  // no end has been recorded yet
-constexpr size_t kNameBytes = 16;  // length of a thread name in Linux
+constexpr uint32_t kRunning = 3;         // no end has been recorded yet
+constexpr size_t kNameBytes = 16;        // length of a thread name in Linux
 constexpr int kSignals[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
 
 struct Record {

@@ -18,10 +18,10 @@ struct LastRun {
   RunEnd end = RunEnd::kStopped;
   uint32_t signal = 0;
   std::string thread;  // name of the thread that crashed
-  std::string stuck;  // name of the thread that the watchdog waited for
+  std::string stuck;   // name of the thread that the watchdog waited for
   uint64_t uptime_us = 0;
   std::string calibration_id;  // 4 bytes, or empty
-  uint32_t crashes = 0;  // consecutive, each within kSoonUs of its start
+  uint32_t crashes = 0;        // consecutive, each within kSoonUs of its start
 };
 
 class RunRecord {

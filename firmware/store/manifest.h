@@ -11,9 +11,9 @@ namespace ruffini {
 
 struct Manifest {
   int64_t version = 0;
-  uint32_t epoch = 0;  // security epoch: a device that has reached one refuses files of lower ones
+  uint32_t epoch = 0;         // security epoch: a device that has reached one refuses files of lower ones
   bool allows_older = false;  // the owner permits this file although a newer version is in force
-  bool allows_jump = false;  // the owner permits this file although its numbers are far ahead
+  bool allows_jump = false;   // the owner permits this file although its numbers are far ahead
 };
 
 // A larger step is a mistake, or an attempt to lock out all later files.

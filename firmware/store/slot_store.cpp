@@ -51,7 +51,8 @@ SlotStore SlotStore::open(std::unique_ptr<Storage> medium) {
   SlotStore store(std::move(medium));
   const Result<bool> cleared = store.remove_if_present(kIncoming);
   const auto names = store.medium_->list();
-  store.has_discarded_trial_ = names && std::find(names.value().begin(), names.value().end(), kTrial) != names.value().end();
+  store.has_discarded_trial_ =
+      names && std::find(names.value().begin(), names.value().end(), kTrial) != names.value().end();
   const Result<bool> on_trial = store.remove_if_present(kTrial);
   const Status writable = store.can_write();
   // A rename whose sync failed before this start is visible, but a power cut could still revert it.

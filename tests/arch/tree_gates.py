@@ -315,6 +315,34 @@ def seeded_bugs(root: Path) -> list[str]:
     ]
 
 
+def stage_names(root: Path) -> list[str]:
+    """No module of the host outside estimators/ compares stages of a board or kinds of a calibration with a name."""
+    tables = [root / "firmware/core/stages.cpp", root / "host/ruffini/calibrate/container.py"]
+    text = "".join(_text(path) for path in tables if path.is_file())
+    names = set(re.findall(r'\.name = "(\w+)"|^    "(\w+)",$', text, re.M))
+    known = {name for pair in names for name in pair if name}
+    found = []
+    for path in _sources(root, "host/ruffini/"):
+        if path.suffix != ".py" or path.is_relative_to(root / "host/ruffini/estimators"):
+            continue
+        for node in ast.walk(ast.parse(_text(path))):
+            if not isinstance(node, ast.Compare | ast.BinOp | ast.Call):
+                continue
+            inner = [*ast.walk(node)]
+            words = {n.value for n in inner if isinstance(n, ast.Constant) and isinstance(n.value, str)} & known
+            asked = {n.attr for n in inner if isinstance(n, ast.Attribute)}
+            asked |= {n.id for n in inner if isinstance(n, ast.Name)}
+            is_call = isinstance(node, ast.Call)
+            is_test = not is_call or getattr(node.func, "attr", "") in {"isdisjoint", "issubset", "issuperset", "count"}
+            if is_test and words and asked & {"stages", "kinds", "stage"}:
+                word = sorted(words)[0]
+                found.append(
+                    f"{path.relative_to(root)}:{node.lineno} tests for the stage {word!r}: ask the board for a slot "
+                    "(Board.writes), or the estimators (ruffini.estimators.table)"
+                )
+    return found
+
+
 STAGE_ROW = re.compile(
     r'\.name = "(?P<name>\w+)",\s*\.reads = \{(?P<reads>[^}]*)\},\s*\.reads_if_written = \{(?P<optional>[^}]*)\},\s*'
     r"(?:\.needs_one = true,\s*)?\.writes = \{(?P<writes>[^}]*)\},\s*\.amends = \{(?P<amends>[^}]*)\},\s*"

@@ -57,7 +57,8 @@ std::vector<uint8_t> SimLine::host_read(size_t at_most) {
     Piece piece = std::move(up_.front());
     up_.pop_front();
     n_up_ -= piece.bytes.size();
-    if (swarm_.strikes(Fault::kEcho, 20'000) && n_dropped_on_hang_up_ + piece.bytes.size() < kMostDown) send(down_, piece.bytes);
+    if (swarm_.strikes(Fault::kEcho, 20'000) && n_dropped_on_hang_up_ + piece.bytes.size() < kMostDown)
+      send(down_, piece.bytes);
     out.insert(out.end(), piece.bytes.begin(), piece.bytes.end());
   }
   return out;

@@ -147,7 +147,7 @@ void ContactDepth::refine(std::span<const int32_t> fall, const Profile& profile,
 }
 
 void ContactDepth::resample(std::span<const FlowPoint> flow, std::span<DisplacementUm> out,
-                        SaturationCounter& saturations) const {
+                            SaturationCounter& saturations) const {
   const auto at = [&](int x, int y) { return static_cast<size_t>(y * lattice_.n_x + x); };
   const auto place_q4 = [&](int cell, int64_t center_mpx) {
     const int64_t twice_mpx = (2 * cell * step_px_ + step_px_ - 1) * 1'000 - 2 * center_mpx;

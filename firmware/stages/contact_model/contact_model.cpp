@@ -199,7 +199,7 @@ int64_t ContactModel::strange_q8(const Inputs& x) const {
 }
 
 void ContactModel::accumulate(const Inputs& x, const Profile& profile, const Wrench& wrench,
-                            SaturationCounter& saturations) {
+                              SaturationCounter& saturations) {
   const int64_t depth = contact_.gel_depth_um;
   const bool is_on_the_way_back = depth + kBackUm < press_.deepest_um;
   press_.deepest_um = std::max(press_.deepest_um, depth);

@@ -44,7 +44,7 @@ class ContactModel {
   static constexpr int64_t kRangeUm = 2'500;  // paper, section V-A
   static constexpr size_t kBands = 10;        // of Shore A
   static constexpr int64_t kMinFrames = 3;
-  static constexpr int kMaxUnseen = 2;  // in a row: nobody exchanges an object within three intervals
+  static constexpr int kMaxUnseen = 2;               // in a row: nobody exchanges an object within three intervals
   static constexpr uint64_t kMaxUnseenUs = 500'000;  // between two trusted frames
   using Inputs = ModelledContact::Inputs;
 

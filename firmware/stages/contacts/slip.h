@@ -50,9 +50,9 @@ class SlipTracker {
     int64_t y = 0;
   };
   struct Memory {
-    Place anchor;  // position of the node if it had stuck, 1/8 um
+    Place anchor;          // position of the node if it had stuck, 1/8 um
     int64_t friction = 0;  // Q16
-    uint8_t phase = 0;  // SlipState, and a bit if it has slid
+    uint8_t phase = 0;     // SlipState, and a bit if it has slid
     bool is_held = false;  // pressed in the previous frame
   };
   // Motion of the indenter since the previous frame, 1/8 um, and its rotation, Q20 of that per um, about a point in um.

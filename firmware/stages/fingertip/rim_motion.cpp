@@ -8,12 +8,12 @@
 namespace ruffini {
 namespace {
 
-constexpr size_t kPart = 5;               // of the pins
-constexpr int64_t kShift = 7'864;         // 0.12 px
+constexpr size_t kPart = 5;              // of the pins
+constexpr int64_t kShift = 7'864;        // 0.12 px
 constexpr int64_t kShiftAtMax = 78'643;  // 1.2 px
-constexpr int64_t kZoom = 3'932;          // 0.06 px
+constexpr int64_t kZoom = 3'932;         // 0.06 px
 constexpr int64_t kZoomAtMax = 39'322;   // 0.6 px
-constexpr int kPlaceShift = 8;            // of squares: Q8 px
+constexpr int kPlaceShift = 8;           // of squares: Q8 px
 
 enum Sector : size_t { kRight, kLeft, kBelow, kAbove };
 

@@ -151,7 +151,8 @@ TipAreas TipArea::run(const TipField& field, const Vector& axis_1e6, int64_t for
     for (size_t k = 0; k < kRays; ++k) sum += ring[k] * ring[(k + 1) % kRays];
     return floor_sqrt((sum << 16) / int64_t{kRays});
   };
-  const auto [area_1e3, part_q16, whole_q16] = look_up({force_un, travel_um, radius_q8(key.bend), radius_q8(key.ridge)});
+  const auto [area_1e3, part_q16, whole_q16] =
+      look_up({force_un, travel_um, radius_q8(key.bend), radius_q8(key.ridge)});
   if (whole_q16 < kWhole) return out;
   out.face_um2 = area_1e3 * 1'000;
   out.face_sigma_um2 = std::max<int64_t>(area_1e3 * part_q16 * 1'000 >> 16, 1);

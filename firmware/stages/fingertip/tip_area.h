@@ -60,7 +60,7 @@ class TipArea {
 
   std::vector<TipField::Vector> ray_;   // [kRays][kRings]
   std::array<int64_t, kRings> cell_{};  // um^2
-  int64_t tip_ = 0;  // radius of the sphere of pin tips
+  int64_t tip_ = 0;                     // radius of the sphere of pin tips
   std::array<Axis, kInputs> axis_{};
   std::vector<int32_t> table_;  // [inputs ...][kOutputs]: 1e-3 mm^2, Q16, Q16
   std::vector<int64_t> height_;

@@ -94,7 +94,7 @@ class TipField {
   std::vector<int32_t> kernel_;
   std::vector<int32_t> features_;
   int n_contradicted_ = 0;
-  int64_t gate_q8_ = 0;  // of a pin at rest from its calibrated position
+  int64_t gate_q8_ = 0;    // of a pin at rest from its calibrated position
   int64_t min_press_ = 0;  // smallest -n . u of a touch
   Vector middle_{};
   Matrix turn_{};

@@ -63,7 +63,7 @@ class Helmholtz {
   std::vector<int64_t> wide_;
   std::vector<int32_t> plane_;
   std::vector<int32_t> line_;  // a column, its transform, and work space
-  int scale_ = 0;  // of plane_ after solve(): phi over the step along x, 2^scale_ / 16 um
+  int scale_ = 0;              // of plane_ after solve(): phi over the step along x, 2^scale_ / 16 um
   std::vector<FlowPoint> u_;
   std::vector<FlowPoint> gradient_;
   HelmholtzSums sums_;

@@ -12,7 +12,7 @@
 namespace ruffini {
 
 struct TaxelTables {
-  static constexpr int kStep = 64;  // step of ratio (image/taxels.h) between two values of `sink` and `press`
+  static constexpr int kStep = 64;            // step of ratio (image/taxels.h) between two values of `sink` and `press`
   static constexpr int kSize = 577;           // from -1 to 8 times the light at rest
   static constexpr size_t kNeighbours = 8;    // left, right, up, down, then the diagonals
   static constexpr size_t kCoefficients = 4;  // of a polynomial of the third degree
@@ -23,7 +23,7 @@ struct TaxelTables {
   struct Taxel {
     int64_t x_um = 0;
     int64_t y_um = 0;
-    size_t kind = 0;  // selects its gain
+    size_t kind = 0;                                            // selects its gain
     std::array<int16_t, kNeighbours> near{};                    // -1: none
     std::array<std::array<int64_t, kCoefficients>, 2> shift{};  // um Q8, of 1, q, q^2, q^3; along x and y
   };
@@ -39,7 +39,7 @@ struct TaxelTables {
 
   std::vector<Taxel> taxels;
   std::vector<int32_t> gain_q16;   // of force: [kind][load][lean along y][lean along x]
-  std::vector<int32_t> sink_q12;  // indentation of a taxel, in any unit, over its ratio
+  std::vector<int32_t> sink_q12;   // indentation of a taxel, in any unit, over its ratio
   std::vector<int32_t> press_lsb;  // its elastic force in force steps, over its ratio
   std::vector<int16_t> reach;      // [y][x], by offset
   GridSize reach_size;
@@ -48,8 +48,8 @@ struct TaxelTables {
   int64_t taxel_area_um2 = 0;
   int64_t floor_q12 = 0;  // a taxel with less sink is not touched
   int64_t apart_q12 = 0;  // unexplained sink over own sink that indicates another touch
-  int64_t pair_q12 = 0;  // improvement by two positions over one that indicates two touches (touch_pair.h)
-  int64_t sigma_un = 0;  // standard deviation of a touch's force: a constant, and a share of the force
+  int64_t pair_q12 = 0;   // improvement by two positions over one that indicates two touches (touch_pair.h)
+  int64_t sigma_un = 0;   // standard deviation of a touch's force: a constant, and a share of the force
   int64_t sigma_q12 = 0;
   int64_t place_sigma_um = 0;  // standard deviation of its position: a constant, and the value at the contact threshold
   int64_t faint_place_sigma_um = 0;

@@ -174,7 +174,8 @@ int64_t TaxelTouches::lean_q12(const TaxelTables::Taxel& taxel, const Touch& tou
     const int64_t b = residual_sink(static_cast<size_t>(behind), &touch);
     q = floor_div((b - a) * kOneQ12, std::max<int64_t>(here - std::min(a, b), 1));
   } else if (before >= 0 || behind >= 0) {
-    q = floor_div(residual_sink(static_cast<size_t>(std::max(before, behind)), &touch) * kOneQ12, std::max<int64_t>(here, 1));
+    q = floor_div(residual_sink(static_cast<size_t>(std::max(before, behind)), &touch) * kOneQ12,
+                  std::max<int64_t>(here, 1));
   }
   return std::clamp(q, -kOneQ12, kOneQ12);
 }

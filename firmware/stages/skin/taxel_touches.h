@@ -84,7 +84,7 @@ class TaxelTouches {
   std::vector<int64_t> sink_q12_;
   std::vector<int64_t> residual_q12_;  // around the touch that may be two
   TouchPair pair_;
-  std::vector<NodeForce> press_;  // z only, positive into the skin
+  std::vector<NodeForce> press_;    // z only, positive into the skin
   std::vector<uint8_t> all_nodes_;  // mask for the relaxation: every taxel is always measured
   std::array<Touch, SkinTouchList::kMax> touch_{};
   std::array<int64_t, SkinTouchList::kMax> force_lsb_{};

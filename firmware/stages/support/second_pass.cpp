@@ -60,7 +60,8 @@ void SecondPass::refine(bool is_light_steady, SolvedForces& forces, SaturationCo
       !(has_rim_gauge_ && (covers_pad(forces.mask) || is_rim_pressed(nodes_, forces.force, forces.threshold_lsb)));
 }
 
-void SecondPass::compute_residual(const SolvedForces& forces, std::span<int32_t> residual, SaturationCounter& saturations) {
+void SecondPass::compute_residual(const SolvedForces& forces, std::span<int32_t> residual,
+                                  SaturationCounter& saturations) {
   support_->residual(forces.u, residual, saturations);
 }
 

@@ -31,15 +31,15 @@ def contact(
     note(f"cal contact: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.fit.job import Outcome
-    from ruffini.calibrate.gates import gates_of_stages, manifest_of
+    from ruffini.calibrate.gates import manifest_of
     from ruffini.estimators.contact_model.log import read_presses
+    from ruffini.estimators.contact_model.stage import CONTACT
     from ruffini.estimators.contact_model.tables import fit_contact, tables
     from ruffini.estimators.wrench.log import features_of
     from ruffini.files import write_whole
 
     found = find_board(board)
-    if "contact_model" not in found.pipeline.stages:
+    if not CONTACT.applies(found):
         note(f"board {found.name!r} has no stage contact_model: it would not use these tables")
     with progress_bar("frames") as progress:
         presses = read_presses(log, found, progress=progress)
@@ -47,7 +47,7 @@ def contact(
         fit = fit_contact(found, presses, progress)
     tensors, metadata = tables(found, fit, features_of(found))
     residuals = json.loads(metadata["residuals"])
-    gates = gates_of_stages({"contact": Outcome("fitted", "", residuals)})
+    gates = CONTACT.gates(residuals, found)
     base = container.base_metadata(found)
     container.write(out, container.pack(tensors, {**base, **metadata, **manifest_of(residuals, gates)}))
     said = {"file": str(out), **residuals, "gates": [gate._asdict() for gate in gates]}

@@ -46,10 +46,10 @@ def fit(
     from ruffini.calibrate import container, keys
     from ruffini.calibrate.fit.job import Job
     from ruffini.calibrate.fit.run import finished, run_stages
-    from ruffini.calibrate.fit.stages import STAGES
     from ruffini.calibrate.gates import failed
     from ruffini.errors import InputError
     from ruffini.estimators.material.prior import read_prior
+    from ruffini.estimators.table import BY_NAME
 
     if strain not in ("linear", "finite"):
         raise InputError(f"--strain {strain!r}: choose linear or finite")
@@ -63,10 +63,9 @@ def fit(
         container.check_board(file, found)
     left_out = frozenset(skip or [])
     if only is not None:
-        names = [stage.name for stage in STAGES]
-        if only not in names:
-            raise InputError(f"--only {only!r}: there is no such stage; there are {', '.join(names)}")
-        left_out |= set(names) - {only}
+        if only not in BY_NAME:
+            raise InputError(f"--only {only!r}: there is no such stage; there are {', '.join(BY_NAME)}")
+        left_out |= BY_NAME.keys() - {only}
     start = time.monotonic()
     with progress_bar("fit") as bar:
         outcomes = run_stages(job, left_out, tell=teller(), progress=lambda _, done: bar(done))

@@ -29,10 +29,10 @@ def skin(
     note(f"cal skin: board {board}")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.fit.job import Outcome
-    from ruffini.calibrate.gates import gates_of_stages, manifest_of
+    from ruffini.calibrate.gates import manifest_of
     from ruffini.estimators.skin import fit as fits
     from ruffini.estimators.skin.openings import fit_view
+    from ruffini.estimators.skin.stage import SKIN
 
     found = find_board(board)
     if method not in ("taxels", "paper"):
@@ -50,7 +50,7 @@ def skin(
     with progress_bar("presses and fits") as progress:
         fit = fits.fit_skin(found, known, presses, progress)
     file = fits.taxel_file(found, fit)
-    gates = gates_of_stages({"skin": Outcome("fitted", "", fit.report)})
+    gates = SKIN.gates(fit.report, found)
     named = {**file.metadata, **manifest_of(fit.report, gates)}
     container.write(out, container.pack(file.tensors, named))
     r = fit.report

@@ -20,8 +20,9 @@ def touch(
     """Measure the noise of untouched frames: what counts as a touch on this unit."""
     note(f"cal touch: board {board}")
     from ruffini.calibrate import container
-    from ruffini.calibrate.gates import gates_of_noise, manifest_of
+    from ruffini.calibrate.gates import manifest_of
     from ruffini.estimators.threshold.fit import fit_contact_noise, linear_pressure
+    from ruffini.estimators.threshold.stage import THRESHOLD
     from ruffini.frames import read_frames
 
     file = container.read(calibration)
@@ -30,7 +31,7 @@ def touch(
         pressure = linear_pressure(found, file, read_frames(log))
         noise = fit_contact_noise(pressure, found.pipeline.n_rest_frames, progress=progress)
     report = noise.report()
-    gates = gates_of_noise(report, found)
+    gates = THRESHOLD.gates(report, found)
     metadata = {**container.base_metadata(found), **manifest_of(report, gates)}
     container.write(out, container.pack(noise.tensors(), metadata))
     threshold_mn = found.contact.threshold_un * 1e-3

@@ -1,4 +1,4 @@
-"""What a log says of a calibration: `ruffini cal report`, as numbers; `report_page` shows them.
+"""What a log says of a calibration: `ruffini cal report`, as numbers; `page` shows them.
 
 The calibration is run over the log's displacements on the board's own integers. Beside that, what pads fitted to parts
 of the log say of the rest of it: each touch left out, and growing numbers of presses, with and without a prior.
@@ -16,27 +16,28 @@ from threadpoolctl import threadpool_limits
 from ruffini.boards import Board
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import material_of
-from ruffini.calibrate.gates import (
-    Gate,
-    Judged,
-    contact_places,
-    coverage,
-    failed,
-    force_rmse_n,
-    gates_in,
-    gates_of,
-    judged,
-)
+from ruffini.calibrate.gates import Gate, failed, gates_in, gates_of_reference
 from ruffini.calibrate.log.touches import TouchLog
 from ruffini.calibrate.log.warmth import celsius_ranges
 from ruffini.calibrate.report import fewer_presses
 from ruffini.calibrate.report.fewer_presses import Figures, Numbers
+from ruffini.calibrate.report.page import about
 from ruffini.errors import InputError
 from ruffini.estimators.material.fit import MIN_TOUCHES, MaterialFit, MaterialProblem, log_of_touches
+from ruffini.estimators.material.judge import gates_of_material, left_out_figures
 from ruffini.estimators.material.model import MaterialLog, Predictor, Progress
 from ruffini.estimators.material.prior import Prior, board_prior, next_gel_prior
-from ruffini.estimators.material.stage import SIGMA_M, TILT_M, left_out_figures
+from ruffini.estimators.material.stage import SIGMA_M, TILT_M
 from ruffini.estimators.operator.gauge import gauge_uncertainty_m
+from ruffini.estimators.operator.judge import (
+    Judged,
+    contact_places,
+    coverage,
+    force_rmse_n,
+    gates_of_forces,
+    gates_of_touches,
+    judged,
+)
 from ruffini.fem.operators import Noise
 
 Array = npt.NDArray[np.float64]
@@ -46,7 +47,7 @@ DRAWS = 8  # of presses, for each number of them
 
 
 @dataclass(frozen=True)
-class Report:
+class ForceReport:
     """`tree` is the JSON; the arrays behind its pictures: places (n, 3) m, error of each touch (n, 6), fit."""
 
     tree: dict[str, Any]
@@ -60,7 +61,7 @@ class Report:
 def report_of(
     board: Board, file: CalibrationFile, log: TouchLog, *, previous: CalibrationFile | None = None,
     fleet: Prior | None = None, progress: Progress = lambda _: None,
-) -> Report:  # fmt: skip
+) -> ForceReport:  # fmt: skip
     """Judge a calibration on a log, the one that it was fitted to or another.
 
     Raises
@@ -82,7 +83,13 @@ def report_of(
             fit, curve = _fitted(board, log, prior, progress)
     except InputError as error:  # the log contradicts every pad: that is for the page, too
         unfit = Gate("pad", False, None, None, str(error))
-    gates = [*gates_of(board, log, {}, fit, now, before), *([unfit] if unfit else [])]
+    gates = [
+        *gates_of_touches(board, log, is_informed=fit is not None and fit.prior.is_informed),
+        *gates_of_reference(log.found),
+        *([] if fit is None else gates_of_material(fit, board)),
+        *gates_of_forces(log, now, before),
+        *([unfit] if unfit else []),
+    ]
     if origin["in_the_fit"]:  # what its own stages found is not in this log any more
         gates += [g for g in gates_in(file) or [] if g.name not in {gate.name for gate in gates}]
     tree = {
@@ -93,7 +100,9 @@ def report_of(
         "valid_for": _ranges(board, log),
         "previous": None if before is None else {"force_rmse_n": force_rmse_n(log, before.wrench)},
     }  # fmt: skip
-    return Report(tree, gates, contact_places(board, log), by_touch(log, now.wrench), by_touch(log, log.wrench), fit)
+    return ForceReport(
+        tree, gates, contact_places(board, log), by_touch(log, now.wrench), by_touch(log, log.wrench), fit
+    )
 
 
 def _prior_of(previous: CalibrationFile | None) -> Prior | None:
@@ -154,16 +163,6 @@ def touch_errors(log: MaterialLog, wrench: Array, touches: npt.NDArray[np.int64]
     seen = log.seen[:3]
     error = (wrench - log.wrench)[:, :3][:, seen]
     return np.array([np.linalg.norm(error[log.touch == t].mean(axis=0)) for t in touches])
-
-
-def about(file: CalibrationFile) -> dict[str, Any]:
-    """What a file says of itself, and what it is."""
-    keys = ("created_utc", "tool_version", "sensor_serial", "gel_serial", "optics", "operator.material")
-    return {
-        "sha256": file.sha256.hex(),
-        "kinds": file.kinds,
-        **{k: file.metadata[k] for k in keys if k in file.metadata},
-    }
 
 
 def _origin(file: CalibrationFile, log: TouchLog) -> dict[str, Any]:
