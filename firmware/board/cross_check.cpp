@@ -105,7 +105,7 @@ void check_targets(BoardReader& in, const BoardSettings& board) {
 
 void check_flow(BoardReader& in, const BoardSettings& board) {
   const MarkerSettings& m = board.markers;
-  const int64_t most = 4;  // Helmholtz::kMostOblong
+  const int64_t most = 4;  // Helmholtz::kMaxOblong
   if (has_stage(board, "contact_model") && m.polarity != Polarity::kTexture) {
     in.fail("stage contact_model needs markers.polarity texture");
   } else if (has_stage(board, "helmholtz") &&
