@@ -121,7 +121,7 @@ void FramePath::learn_watched(const FrameView& frame) {
 // untouched by the rest of before tells them apart.
 void FramePath::verify_rest() {
   RestWatch& watch = rest_watch_;
-  if (!watch.is_unverified || !watch.is_of_before) return;
+  if (!watch.is_unverified || !watch.is_from_last_run) return;
   const bool is_untouched = (state_.flags & kWrongFlags) == 0 && !presses(state_.flags);
   watch.n_untouched = is_untouched ? watch.n_untouched + 1 : 0;
   if (watch.n_untouched >= board_.n_rest_frames) watch.is_unverified = false;
