@@ -27,7 +27,7 @@ class FlowNuisances {
 
  private:
   static constexpr int kBits = 15;
-  static constexpr int kLeastBits = 8;  // a 64th, including rounding
+  static constexpr int kMinBits = 8;  // a 64th, including rounding
   // Shifts v so that its largest element has kBits bits. Returns the number of bits before.
   static int scale(std::span<int32_t> v);
   [[nodiscard]] std::span<const int32_t> direction(size_t i) const {

@@ -6,7 +6,7 @@
 namespace ruffini {
 namespace {
 
-// What is touched on more than five sixteenths of its nodes shows too little rest beside it to measure depth from.
+// If more than five sixteenths of the nodes are touched, the remaining pad is too small a reference for depth.
 bool covers_pad(std::span<const uint8_t> mask) {
   return 16 * std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; }) > 5 * std::ssize(mask);
 }
