@@ -118,8 +118,8 @@ void FramePath::learn_watched(const FrameView& frame) {
   if (is_known) ++rest_watch_.n_accepted;
 }
 
-// A start may have been refused because of a load, or because pad or camera were exchanged since the last run. A pad that
-// appears untouched relative to the previous rest image excludes the latter.
+// A start may have been refused because of a load, or because pad or camera were exchanged since the last run. A pad
+// that appears untouched relative to the previous rest image excludes the latter.
 void FramePath::verify_rest() {
   RestWatch& watch = rest_watch_;
   if (!watch.is_unverified || !watch.is_from_last_run) return;

@@ -1,8 +1,8 @@
 // Directions in which the samples of a texture patch change without displacement; displacement must not be estimated
 // from them.
 //
-//   add      v minus its projection on earlier directions (Gram-Schmidt, twice), scaled to 2^14 <= max |v| < 2^15; dropped
-//            if less than a 64th of it remains
+//   add      v minus its projection on earlier directions (Gram-Schmidt, twice), scaled to 2^14 <= max |v| < 2^15;
+//            dropped if less than a 64th of it remains
 //   remove   g - sum of q (q . g) / (q . q)
 //
 // Any thread; no allocation after the constructor.

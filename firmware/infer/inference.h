@@ -22,7 +22,8 @@ class Inference {
  public:
   static constexpr int kBuffers = 2;  // buffers of the pool that it may hold: one being processed, one waiting
 
-  // With `is_lockstep` it runs at full priority, because the frame thread waits for it. Its thread calls `on_thread_start` first.
+  // With `is_lockstep` it runs at full priority, because the frame thread waits for it. Its thread calls
+  // `on_thread_start` first.
   Inference(NetworkLoader loader, FramePool& pool, int n_buffers, NetworkHealth& health, bool is_lockstep,
             std::function<void()> on_thread_start = {});
   Inference(const Inference&) = delete;

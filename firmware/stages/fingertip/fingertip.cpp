@@ -72,7 +72,7 @@ Result<Fingertip> Fingertip::load(const Calibration& c) {
   const auto zero = c.tensor("fingertip.zero", Tensor::Type::kI32, {n});
   const auto scale = c.tensor("fingertip.scale", Tensor::Type::kI32, {n});
   const auto trust = c.tensor("fingertip.trust", Tensor::Type::kI32, {static_cast<int64_t>(kModes), n});
-  const auto most = c.integer("fingertip.max_un", 1, 1'000'000'000);
+  const auto most = c.integer("fingertip.most_un", 1, 1'000'000'000);
   for (const auto* each : {&zero, &scale, &trust}) {
     if (!*each) return each->error();
   }

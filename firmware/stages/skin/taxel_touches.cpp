@@ -181,13 +181,13 @@ int64_t TaxelTouches::lean_q12(const TaxelTables::Taxel& taxel, const Touch& tou
   return std::clamp(q, -kOneQ12, kOneQ12);
 }
 
-// q, `here` being what the others leave on its taxel.
+// Computes q; `here`: sink of its taxel that the other touches leave.
 void TaxelTouches::lean(Touch& touch, int64_t here) const {
   const TaxelTables::Taxel& taxel = tables_.taxels[touch.taxel];
   for (const size_t axis : {size_t{0}, size_t{1}}) touch.q_q12[axis] = lean_q12(taxel, touch, axis, here);
 }
 
-// Place and strength, the other touches as they are; it may move on by one taxel. Of one of a pair q alone.
+// Fits position and strength with the other touches fixed; the touch may move by one taxel. For one of a pair only q.
 void TaxelTouches::fit(Touch& touch) const {
   int64_t here = residual_sink(touch.taxel, &touch);
   if (touch.pair_q12 > 0) {
@@ -256,7 +256,7 @@ SkinTouchList TaxelTouches::run(std::span<const int32_t> ratio, uint64_t capture
   if (relaxation_ && is_trusted && capture_us != 0) relaxation_->run(capture_us, all_nodes_, press_, saturations);
   n_touches_ = 0;
   while (find_another()) {
-    if (n_touches_ == 1) continue;  // nothing to fit again
+    if (n_touches_ == 1) continue;  // nothing to refit
     for (int round = 0; round < kRounds; ++round) {
       for (size_t k = 0; k < n_touches_; ++k) fit(touch_[k]);
     }
@@ -266,7 +266,7 @@ SkinTouchList TaxelTouches::run(std::span<const int32_t> ratio, uint64_t capture
   for (size_t k = 0; k < n_touches_; ++k) {
     const SkinTouch touch = to_skin_touch(k);
     if (touch.press_un < threshold_un_) continue;
-    auto at = static_cast<size_t>(list.n_listed++);  // hardest first
+    auto at = static_cast<size_t>(list.n_listed++);  // strongest first
     for (; at > 0 && list.touch[at - 1].press_un < touch.press_un; --at) list.touch[at] = list.touch[at - 1];
     list.touch[at] = touch;
   }

@@ -65,7 +65,8 @@ void SecondPass::compute_residual(const SolvedForces& forces, std::span<int32_t>
   support_->residual(forces.u, residual, saturations);
 }
 
-// To the linear forces, and so to the mask. What it added; empty where nothing touches or the calibration is linear.
+// Adds the finite-strain part to the linear forces, and so to the mask. Returns it; empty without contact or finite
+// strain.
 std::span<const NodeForce> SecondPass::add_finite_strain(bool is_light_steady, SolvedForces& forces,
                                                          SaturationCounter& saturations) {
   const auto is_touched = [](uint8_t m) { return m != 0; };
