@@ -214,7 +214,7 @@ int run(const Arguments& arguments) {
     return fail({ruffini::ErrorKind::kBadInput,
                  fmt::format("--serial {}: give at most {} bytes", arguments.serial, kMaxSerialBytes)});
   }
-  if (const std::string shown = ruffini::plain(arguments.serial); shown != arguments.serial) {
+  if (const std::string shown = ruffini::to_plain_ascii(arguments.serial); shown != arguments.serial) {
     return fail({ruffini::ErrorKind::kBadInput,
                  fmt::format("--serial {}: holds what is no printable ASCII: give letters, digits and - _ .", shown)});
   }
