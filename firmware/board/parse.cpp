@@ -95,6 +95,15 @@ void read_targets(BoardReader& in, const BoardSettings& board, TargetSettings& t
   targets.threshold_1e3 = in.integer("threshold_1e3", 10, 900);
 }
 
+void read_picture_features(BoardReader& in, const BoardSettings& board, PictureFeatureSettings& features) {
+  if (!has_own_section(in, board, "picture_features")) return;
+  in.section("picture_features");
+  for (const PadPlace& corner : in.places("corners_px", 0, 4'095))
+    features.corners.push_back({corner.x_um, corner.y_um});
+  features.cells.n_x = static_cast<int>(in.integer("n_x", 1, 32));
+  features.cells.n_y = static_cast<int>(in.integer("n_y", 1, 32));
+}
+
 void read_skin(BoardReader& in, const BoardSettings& board, SkinSettings& skin) {
   if (!has_own_section(in, board, "skin")) return;
   in.section("skin");
@@ -165,6 +174,7 @@ Result<ReadBoard> read_board(std::string_view text, const std::string& where) {
   read_markers(in, board, board.markers);
   read_skin(in, board, board.skin);
   read_targets(in, board, board.targets);
+  read_picture_features(in, board, board.picture_features);
   read_rest(in, board);
   in.refuse_unknown();
   if (in.error().empty()) cross_check(in, board);

@@ -58,6 +58,17 @@ struct PadPlace {
   int64_t y_um = 0;
 };
 
+struct PicturePlace {
+  int64_t x_px = 0;
+  int64_t y_px = 0;
+};
+
+// Grid on a gel that is a quadrilateral in the picture.
+struct PictureFeatureSettings {
+  std::vector<PicturePlace> corners{};  // top left, top right, bottom right, bottom left
+  GridSize cells;
+};
+
 struct MarkerSettings {
   Polarity polarity = Polarity::kDark;
   bool is_scattered = false;       // not on the lattice, which then only gives their number
@@ -126,6 +137,7 @@ struct BoardSettings {
   WindowSettings window;
   MarkerSettings markers;
   TargetSettings targets;
+  PictureFeatureSettings picture_features;
   DepthSettings depth;
   ContactSettings contact;
   SkinSettings skin;
