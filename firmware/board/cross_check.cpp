@@ -124,7 +124,7 @@ void check_picture_features(BoardReader& in, const BoardSettings& board) {
 
 void check_flow(BoardReader& in, const BoardSettings& board) {
   const MarkerSettings& m = board.markers;
-  const int64_t most = 4;  // Helmholtz::kMostOblong
+  const int64_t most = 4;  // Helmholtz::kMaxOblong
   if (has_stage(board, "contact_model") && m.polarity != Polarity::kTexture) {
     in.fail("stage contact_model needs markers.polarity texture");
   } else if (has_stage(board, "helmholtz") &&

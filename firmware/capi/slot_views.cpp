@@ -64,7 +64,7 @@ const char* no_sigma(FramePath& path) {
 }
 // Computed when it is asked for.
 const char* no_residual(FramePath& path) {
-  path.find_residual();
+  path.compute_residual();
   return path.state().residual.validity == Validity::kNotMeasured ? "the last frame had no second pass" : "";
 }
 
@@ -109,7 +109,7 @@ constexpr SlotView kViews[] = {
      [](FramePath& path, void* to) {
        Out<int64_t> out(to);
        for (const Target& t : path.targets()) {
-         for (const DiscSight& s : {t.rest, t.now}) out.put(s.x_q16, s.y_q16, s.area_q8, s.bright_q8);
+         for (const DiscMeasurement& s : {t.rest, t.now}) out.put(s.x_q16, s.y_q16, s.area_q8, s.bright_q8);
          out.put(t.is_lost);
        }
        return path.targets().size();

@@ -81,7 +81,7 @@ struct FrameState {
   struct {
     // Of several views in one frame ([markers] layout "views").
     struct View {
-      int n_unsure = 0;  // markers that were there at rest and are lost, or not sure
+      int n_low_confidence = 0;  // markers that were there at rest and are lost, or not sure
       bool was_seen_at_rest = false;
     };
     std::span<const Marker> marker;
@@ -91,7 +91,7 @@ struct FrameState {
 
     // A view that has lost too many, or that never saw them.
     [[nodiscard]] bool is_blind(size_t i, int64_t max_lost) const {
-      return !view[i].was_seen_at_rest || view[i].n_unsure > max_lost;
+      return !view[i].was_seen_at_rest || view[i].n_low_confidence > max_lost;
     }
   } markers;
   struct {

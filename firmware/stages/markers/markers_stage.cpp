@@ -70,7 +70,7 @@ class MarkersStage final : public Stage {
       *shift++ = m.displacement_y.raw();
     }
     if (!board_.markers.has_views) return;
-    for (size_t i = 0; i < markers_.view.size(); ++i) markers_.view[i].n_unsure = printed_->n_unsure(i);
+    for (size_t i = 0; i < markers_.view.size(); ++i) markers_.view[i].n_low_confidence = printed_->n_low_confidence(i);
   }
 
   [[nodiscard]] bool are_lost(uint32_t& flags) const {

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from ruffini.native import stage_slots
+
 
 class Section(BaseModel):
     """A table of a settings file: unknown keys are errors, nothing is converted."""
@@ -301,6 +303,10 @@ class Board(Section):
     @property
     def folder(self) -> Path | None:
         return self._folder
+
+    def writes(self, slot: str) -> bool:
+        """True if one of the board's stages writes the slot (firmware/core/slots.h)."""
+        return any(slot in stage_slots()[stage] for stage in self.pipeline.stages)
 
     @property
     def resolution(self) -> str:

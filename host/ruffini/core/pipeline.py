@@ -33,7 +33,7 @@ from ruffini.core.rows import (
     TouchRow as TouchRow,
 )
 from ruffini.errors import InputError
-from ruffini.native import library
+from ruffini.native import library, stage_slots
 
 N_COVARIANCE = 21  # upper triangle of 6 x 6
 DISPLACEMENT_LSB_M = 125e-9
@@ -99,12 +99,6 @@ class Slot:
     columns: tuple[str, ...]
 
 
-def stages() -> tuple[str, ...]:
-    """The stages that a board may list, in their order."""
-    core = library()
-    return tuple(core.ruffini_stage_name(i).decode() for i in range(core.ruffini_stage_count()))
-
-
 @dataclass(frozen=True)
 class Frame:
     """What one frame gave, beyond the arrays of `Pipeline`.
@@ -165,7 +159,7 @@ class Pipeline:
         self.board = board
         self.layout = layout
         self.slots = dict(self._describe())
-        self._stages = stages()
+        self._stages = tuple(stage_slots())
         self._n_frames = 0
 
     def __enter__(self) -> Pipeline:

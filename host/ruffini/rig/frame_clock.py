@@ -1,8 +1,8 @@
-"""Simulated time: as fast as a twin's frames can be made and read, and no faster.
+"""Simulated time, driven by the twin's frames.
 
-Each frame that is made takes one period of the camera; the next is made when the host has read the one before, and what
-the reference said of it. So a bench sees the same on a fast computer, on a slow one, and on one that is busy. Where no
-frame is made, since no camera wants one or the camera stands still, time goes on at its real pace.
+Each frame advances time by one camera period; the next frame is made once the host has read the last one and the
+reference's readings for it. A bench therefore behaves the same on fast, slow and busy computers. While no frame is
+made, because no camera is open or the camera has stalled, time runs at its real pace.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ GRACE_S = 5.0  # real: longer without a frame, and time goes on without; a busy 
 
 
 class FrameClock:
-    """A `host_clock.Clock` that a `TwinServer` drives. Of the camera's frames only each `step`-th is made.
+    """A `host_clock.Clock` driven by a `TwinServer`, which makes only each `step`-th of the camera's frames.
 
-    `real` is what patience and grace are counted by, seconds; `event` wakes who waits.
+    `real` is the clock of patience and grace, seconds; `event` wakes the waiting threads.
     """
 
     def __init__(
