@@ -61,7 +61,8 @@ TEST(Refusal, NamesTheStagesThatWriteWhatIsMissing) {
   EXPECT_EQ(refuse_stages(Stages{"difference", "markers", "displacement", "operator"}), "");
   EXPECT_EQ(refuse_stages(Stages{"difference", "markers", "operator"}), "stage operator needs the stage displacement");
   EXPECT_EQ(refuse_stages(Stages{"markers"}), "stage markers needs the stage difference");
-  EXPECT_EQ(refuse_stages(Stages{"feature_wrench"}), "stage feature_wrench needs the stage markers, targets or picture_features");
+  EXPECT_EQ(refuse_stages(Stages{"feature_wrench"}),
+            "stage feature_wrench needs the stage markers, targets or picture_features");
 }
 
 TEST(Refusal, NamesTwoWritersOfASlot) {
@@ -72,7 +73,9 @@ TEST(Refusal, NamesTwoWritersOfASlot) {
 TEST(Refusal, NamesTheOrder) {
   for (const Stages& stages : {Stages{}, Stages{"markers", "difference"}, Stages{"skin", "skin"}, Stages{"light"}}) {
     const std::string said = refuse_stages(stages);
-    EXPECT_EQ(said.find("pipeline.stages must be some of difference, markers, targets, photometric, "), 0U) << said;
+    EXPECT_EQ(
+        said.find("pipeline.stages must be some of difference, markers, targets, picture_features, photometric, "), 0U)
+        << said;
   }
 }
 
