@@ -180,3 +180,23 @@ def test_few_touches_tell_no_relevance_and_get_a_smooth_kernel_without_k() -> No
     error = np.abs(kernel.added(frames.features) - frames.wrench).mean(axis=0)
     assert (error < 0.05 * FULL).all()
     assert (error > 0.001 * FULL).all()  # it follows no noise of the features
+
+
+def test_a_glitch_of_the_reference_does_not_choose_the_kernel_of_few_touches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel errs half as much as K but in one frame, where it is far from what the reference says."""
+    frames = frames_of([pressed(1, 0.1)], 0.0)
+    touch = frames.touch // 2
+    errors = 0.1 * frames.wrench
+    kernel_errors = 0.5 * errors
+    kernel_errors[0] = 5 * FULL
+
+    def left_out(*_: object) -> tuple[list[Array], list[Array]]:
+        return [kernel_errors, 2 * errors], [np.ones(len(errors))] * 2
+
+    monkeypatch.setattr(wrench_kernel_choice, "_left_out", left_out)
+    chosen = wrench_kernel_choice.choose_kernel(frames, touch, [touch == 0], errors, must_extrapolate=False)
+    assert chosen is not None
+    assert chosen.name == "wide"
+    assert (
+        wrench_kernel_choice.choose_kernel(frames, frames.touch, [touch == 0], errors, must_extrapolate=False) is None
+    )
