@@ -54,7 +54,7 @@ def heavy(frames: Frames, touch: Numbers) -> npt.NDArray[np.bool_]:
 
 
 def _unexplained(error: Array, spread: Array) -> float:
-    """Sum of the squares of each axis' error (6,) over its spread, of the axes that are loaded: 1 - R2 of an RMS error."""
+    """Sum of (error / spread)^2 over the axes that are loaded: of RMS errors (6,) their 1 - R2."""
     is_loaded = spread > 1e-9
     return float(((error[is_loaded] / spread[is_loaded]) ** 2).sum())
 
