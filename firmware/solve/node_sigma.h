@@ -44,7 +44,7 @@ class NodeSigmaModel {
   static constexpr int64_t kMaxForce = (int64_t{1} << 20) - 1;
   static constexpr int32_t kMaxFactor = 1 << 18;  // 4
   // Shear of a filled node errs 1.6, 1.7 and 2.2 times as much (rms) as with all markers, 5, 10 and 20 % of them lost;
-  // of other nodes at most 1.3 times, and pressure as ever (host/ruffini/fem/README.md, "Lost markers").
+  // of other nodes at most 1.3 times, and pressure as ever (host/ruffini/fem/DESIGN.md, "Lost markers").
   static constexpr int32_t kFilledShear = 2;
 
   // Tensors support.error_reported, _quiet and _local. threshold_lsb: T in steps, above zero. stiffness_q20: s, at most a

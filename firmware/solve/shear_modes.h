@@ -9,7 +9,7 @@
 //                is multiplied by 1 - 1.5 E_noise / E_left, not below 0 (James and Stein, 1961; E: sums of squares)
 //   precondition z += 2 sum b (b . r) / (b . b): a prior that gives the modes freedom, so that two steps find them
 // Contacts beyond kMaxContacts have no modes and keep their shear. All vectors are 16 bits with exact 64-bit
-// sums. Frame thread; no allocation after the constructor. Not in the paper; measured in host/ruffini/fem/README.md.
+// sums. Frame thread; no allocation after the constructor. Not in the paper; measured in host/ruffini/fem/DESIGN.md.
 #pragma once
 
 #include <array>

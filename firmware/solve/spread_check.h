@@ -10,7 +10,7 @@
 // A punch so wide that its pressure stays below what counts as a touch moves the surface around it by many times the noise; a
 // plate wider than the pad only comes nearer to the camera, which perspective shows as the same motion, and so does a camera
 // that moved. Of punches and balls 0.08 remain unexplained at most, 0.16 of those that hang over the pad's edge
-// (firmware/README.md).
+// (firmware/DESIGN.md).
 //
 // Depth whose zero is the mean of the rim (board.toml [depth] gauge = "margin") needs a rim at rest. A pad that is pressed on
 // more than an eighth of its rim has none. One that is touched on more than 5/16 of its nodes (stages/support/second_pass) has too

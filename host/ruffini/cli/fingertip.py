@@ -14,7 +14,7 @@ def fingertip(
     board: BoardOption,
     presses: Annotated[
         Path,
-        typer.Option("--presses", help="Folder of presses: each frames/ and press.csv (calibrate/README.md says how)."),
+        typer.Option("--presses", help="Folder of presses: each frames/ and press.csv (calibrate/DESIGN.md says how)."),
     ],
     out: Annotated[Path, typer.Option("--out", help="Calibration file to write.")],
     baseline_mm: Annotated[float, typer.Option("--baseline-mm", help="Distance between the eyes.")],
