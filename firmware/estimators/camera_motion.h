@@ -34,12 +34,12 @@ class CameraMotion {
  public:
   explicit CameraMotion(GridSize nodes);
 
-  // Unknowns whose residual is_moved needs; empty if the grid has too few nodes.
+  // Unknowns whose residual has_moved needs; empty if the grid has too few nodes.
   [[nodiscard]] std::span<const uint32_t> unknowns() const { return unknowns_; }
   // Returns true if the camera has moved. `residual`: r of unknowns(), in 1/64 standard deviation. `mask`: all nodes,
   // nonzero in contact.
-  [[nodiscard]] bool is_moved(std::span<const int32_t> residual, std::span<const uint8_t> mask,
-                              const Wrench& wrench) const;
+  [[nodiscard]] bool has_moved(std::span<const int32_t> residual, std::span<const uint8_t> mask,
+                               const Wrench& wrench) const;
 
  private:
   static constexpr size_t kPerSide = 2;

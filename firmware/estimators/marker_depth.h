@@ -25,11 +25,11 @@ namespace ruffini {
 
 class MarkerDepth {
  public:
-  // kBadInput where the tables do not fit the board's nodes; kRefused beside the kind `camera`, whose rays are no
-  // pinhole's.
+  // Returns kBadInput if the tables do not fit the board's nodes, kRefused if the calibration has kind `camera`, whose
+  // rays are not those of a pinhole.
   [[nodiscard]] static Result<MarkerDepth> load(const Calibration& calibration, const BoardSettings& board);
 
-  // `node`: displacement with u_z = 0 in, the whole one out.
+  // `node`: displacement with u_z = 0 in, complete displacement out.
   void run(std::span<NodeDisplacement> node, SaturationCounter& saturations);
 
  private:

@@ -50,9 +50,9 @@ class NodeGrid {
 
 [[nodiscard]] Wrench sum_wrench(const NodeGrid& grid, std::span<const NodeForce> force, int64_t force_lsb_un);
 
-// What the moment gains because the nodes have moved: sum u x f, for pads at finite strain. Each component is rounded
-// half up once and limited so that it fits beside the sums above, counted.
-void move_arms(std::span<const NodeForce> force, std::span<const NodeDisplacement> displacement, int64_t force_lsb_un,
-               Wrench& wrench, SaturationCounter& saturations);
+// Adds the moment due to the nodes' displacement, sum u x f, for pads at finite strain. Each component is rounded half
+// up once and clamped so that it can be added to the sums above; clamping is counted.
+void add_displacement_moment(std::span<const NodeForce> force, std::span<const NodeDisplacement> displacement,
+                             int64_t force_lsb_un, Wrench& wrench, SaturationCounter& saturations);
 
 }  // namespace ruffini

@@ -66,7 +66,7 @@ class WrenchErrorModel {
 
   static void add_contact(WrenchCovariance& sum, const ContactError& error, const Contact& contact);
   void add_unlisted(WrenchCovariance& sum, const ContactError& error, int64_t n_contacts) const;
-  [[nodiscard]] ContactError grown(const TouchedNodes& touched) const;
+  [[nodiscard]] ContactError scaled_for_filled(const TouchedNodes& touched) const;
 
   ContactError contact_;
   std::array<int64_t, 2> factor_q20_{};

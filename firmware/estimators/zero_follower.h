@@ -38,7 +38,7 @@ class ZeroFollower {
   void follow(int64_t elapsed_us);
 
   std::vector<int32_t> zero_;  // Q16 of a step of DisplacementUm
-  std::vector<int32_t> sum_;  // sums over the frames of the current second, in steps
+  std::vector<int32_t> sum_;   // sums over the frames of the current second, in steps
   int64_t n_frames_ = 0;
   uint64_t began_us_ = 0;  // 0: no second has begun
   int64_t moved_nm_ = 0;

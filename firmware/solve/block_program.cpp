@@ -42,7 +42,7 @@ void BlockProgram::run(std::span<const int16_t> u, std::span<int64_t> out) {
     for (uint32_t p = 0; p < stage.n_panels; ++p) multiply(panel_[stage.first_panel + p], is_last);
     if (!is_last) {
       for (size_t i = 1; i <= stage.n_values; ++i) sum_[i] = block_float::to_16(sum_[i], stage.shift);
-      keep(s + 1, stage.n_values);
+      store_vector(s + 1, stage.n_values);
     }
   }
   for (const uint32_t r : selected_) {
@@ -54,10 +54,10 @@ void BlockProgram::fold(std::span<const int16_t> u) {
   const size_t n = vector_[0].size();
   std::copy_n(u.begin(), n_in_, input_.begin() + 1);
   for (size_t i = 0; i < n; ++i) sum_[i + 1] = signed_sum(in_.subspan(i * n_fold_, n_fold_), input_);
-  keep(0, n);
+  store_vector(0, n);
 }
 
-void BlockProgram::keep(size_t index, size_t n_values) {
+void BlockProgram::store_vector(size_t index, size_t n_values) {
   const std::span<const int64_t> values(sum_.data() + 1, n_values);
   const int shift = block_float::common_shift(values);
   std::vector<int16_t>& out = vector_[index];

@@ -30,7 +30,7 @@ class BlockProgramLoader {
 
   Result<BlockProgram> run(int n_in, int n_out) {
     p_.n_in_ = n_in;
-    p_.kernel_ = block_kernel::best();
+    p_.kernel_ = block_kernel::fastest_supported();
     std::string problem = tables(n_out);
     if (problem.empty()) problem = stages();
     if (problem.empty()) problem = panels();

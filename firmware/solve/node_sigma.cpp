@@ -37,12 +37,12 @@ int64_t floor_sqrt(int64_t x) {
 // Clamped forces of a node, and statistics of its neighbourhood.
 struct NodeSigmaModel::Neighbours {
   std::array<int64_t, 3> force{};
-  std::array<int64_t, 3> sum{};  // over the eight neighbours
+  std::array<int64_t, 3> sum{};   // over the eight neighbours
   std::array<int64_t, 3> step{};  // largest difference from a neighbour
-  int64_t pressure = 0;  // largest |f_z| of the neighbours
+  int64_t pressure = 0;           // largest |f_z| of the neighbours
   int64_t rough = 0;              // r^2
   int64_t weight = 0;             // Q7
-  bool is_silent = true;  // no force here or at a neighbour
+  bool is_silent = true;          // no force here or at a neighbour
 };
 
 Result<NodeSigmaModel> NodeSigmaModel::load(const Calibration& calibration, GridSize nodes, int64_t threshold_lsb,
@@ -96,7 +96,7 @@ int32_t NodeSigmaModel::sigma_of(const Axis& axis, const Neighbours& around, siz
 }
 
 // Statistics of the neighbours of (x, y); nodes outside the grid count as zero.
-NodeSigmaModel::Neighbours NodeSigmaModel::look_around(std::span<const NodeForce> force, int x, int y) const {
+NodeSigmaModel::Neighbours NodeSigmaModel::neighbours_of(std::span<const NodeForce> force, int x, int y) const {
   const auto force_at = [&](int u, int v) -> std::array<int64_t, 3> {
     if (v < 0 || v >= nodes_.n_y || u < 0 || u >= nodes_.n_x) return {};
     const NodeForce& f = force[static_cast<size_t>(v * nodes_.n_x + u)];
@@ -163,7 +163,7 @@ void NodeSigmaModel::run(std::span<const NodeForce> force, std::span<const uint8
   size_t i = 0;
   for (int y = 0; y < nodes_.n_y; ++y) {
     for (int x = 0; x < nodes_.n_x; ++x, ++i) {
-      Neighbours around = look_around(force, x, y);
+      Neighbours around = neighbours_of(force, x, y);
       around.rough = rough_[i];
       sigma[i] = around.is_silent ? silent : sigma_with(around);
       if (is_filled[i] == 0) continue;

@@ -144,7 +144,7 @@ def contacts_beside_frame(
         right.annotate(f"{np.linalg.norm(force):.2f} N", at, (8, 8), textcoords="offset points", color="white")
     right.set_aspect("equal")
     right.invert_yaxis()
-    right.set(xlabel="x, mm", ylabel="y, mm", title=f"measured: {len(contacts)} contact(s), white crosses")
+    right.set(xlabel="x, mm", ylabel="y, mm", title="measured contacts: white crosses" if contacts else "pad")
     figure.suptitle(title)
     return _save(figure, path)
 

@@ -60,6 +60,10 @@ class Estimator:
         """Judge the report of its fit, on what the fit left out."""
         return []
 
+    def details(self, report: dict[str, Any]) -> str:
+        """The report of a fit beyond its one line: a table, for a person."""
+        return ""
+
     def gates_of_log(self, job: Job, file: CalibrationFile) -> list[Gate]:
         """Judge the finished file on the job's log, on the board's own integers."""
         return []

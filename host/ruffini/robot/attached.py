@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,7 +10,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from ruffini.robot.mechanics import PadContact, PadSolid
+from ruffini.robot.mechanics import PadContact, PadSolid, wrench_about
 from ruffini.robot.shapes import Hull, entry
 
 Array = npt.NDArray[np.float64]
@@ -51,6 +52,9 @@ class _Touching:
     friction: float
     reach_m: float
     before: Frame | None = None  # in the last step, in the pad's frame
+
+
+_Near = tuple[_Touching, Frame, Array]
 
 
 @dataclass
@@ -123,11 +127,11 @@ class AttachedPad:
         rotation = data.xmat[self.body].reshape(3, 3)
         return Frame(rotation @ self.place.rotation, data.xpos[self.body] + rotation @ self.place.origin)
 
-    def depths(self, data: Any) -> list[tuple[_Touching, Frame, Array]]:
+    def depths(self, data: Any, pad: Frame) -> list[_Near]:
         """Geoms near the pad, where they are in its frame, and how far below its face at each node, (n,)."""
-        pad, out = self.frame(data), []
+        out = []
         for other in self._others:
-            if np.linalg.norm(data.geom_xpos[other.geom] - pad.origin) > other.reach_m + self._reach_m + NEAR_M:
+            if math.dist(data.geom_xpos[other.geom], pad.origin) > other.reach_m + self._reach_m + NEAR_M:
                 other.before = None
                 continue
             seen = pad.of(Frame(data.geom_xmat[other.geom].reshape(3, 3), data.geom_xpos[other.geom]))
@@ -140,7 +144,8 @@ class AttachedPad:
         n = len(self._points)
         depth, motion, friction = np.full(n, -np.inf), np.zeros((n, 2)), np.zeros(n)
         owner = np.full(n, -1)
-        near = self.depths(data)
+        pad = self.frame(data)
+        near = self.depths(data, pad)
         for i, (other, seen, own) in enumerate(near):
             nearest = own > depth
             depth[nearest], owner[nearest], friction[nearest] = own[nearest], i, other.friction
@@ -157,21 +162,28 @@ class AttachedPad:
             self._last = depth
             return
         depth = np.minimum(depth, self.solid.unit.model.thickness_m / 2)
-        sinks = np.where(np.isfinite(self._last) & (depth > 0), depth - np.where(np.isfinite(self._last), self._last, 0), 0)
-        lead = np.column_stack([motion, sinks]) * (DAMPING_S / step_s)
+        lead = np.zeros((n, 3))
+        lead[:, :2] = motion
+        follows = np.isfinite(self._last) & (depth > 0)
+        lead[follows, 2] = depth[follows] - self._last[follows]
+        lead *= DAMPING_S / step_s
         self._last = depth
         self.contact.advance(depth, motion, friction, lead)
-        self.wrench = self.contact.wrench
-        self._apply(data, near, owner, applied)
+        self._apply(data, pad, near, owner, applied)
 
-    def _apply(self, data: Any, near: list[Any], owner: npt.NDArray[np.intp], applied: Array) -> None:
-        pad = self.frame(data)
+    def _apply(self, data: Any, pad: Frame, near: list[_Near], owner: npt.NDArray[np.intp], applied: Array) -> None:
+        self.wrench = np.zeros(6)
+        force = self.contact.force
         for i, (other, _, _) in enumerate(near):
-            mine = (owner == i) & (self.contact.force[:, 2] < 0)
-            if mine.any():
-                point = pad.origin + self._points[mine] @ pad.rotation.T
-                force = self.contact.force[mine] @ pad.rotation.T
-                for body, sign in ((self.body, 1.0), (other.body, -1.0)):
-                    arm = point - data.xipos[body]
-                    applied[body, :3] += sign * force.sum(axis=0)
-                    applied[body, 3:] += sign * np.cross(arm, force).sum(axis=0)
+            part = wrench_about(self.solid.place, force if len(near) == 1 else force * (owner == i)[:, None])
+            self.wrench += part
+            push, turn = pad.rotation @ part[:3], pad.rotation @ part[3:]
+            for body, sign in ((self.body, 1.0), (other.body, -1.0)):
+                arm = (pad.origin - data.xipos[body]).tolist()
+                applied[body, :3] += sign * push
+                applied[body, 3:] += sign * (turn + _cross(arm, push.tolist()))
+
+
+def _cross(a: list[float], b: list[float]) -> list[float]:
+    """Of two vectors: numpy's takes longer than the rest of a step."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

@@ -51,9 +51,15 @@ def _check_step(model: Any, pad: AttachedPad, n_pads: int) -> None:
     if model.opt.timestep * frequency > STABLE:
         raise InputError(
             f"a step of {1e3 * model.opt.timestep:g} ms is too long for pad {pad.name!r}, which pressed all over is a "
-            f'spring of {1e-3 * pad.solid.stiffness_n_per_m:.0f} N/mm: set <option timestep="{0.9 * STABLE / frequency:.1g}"/>'
-            " or less, or make the lightest body that it touches heavier"
+            f"spring of {1e-3 * pad.solid.stiffness_n_per_m:.0f} N/mm: set <option timestep="
+            f'"{_rounded_down(STABLE / frequency):g}"/> or make the lightest body that it touches heavier'
         )
+
+
+def _rounded_down(step_s: float) -> float:
+    """To one digit."""
+    digit = 10.0 ** np.floor(np.log10(step_s))
+    return float(np.floor(step_s / digit) * digit)
 
 
 def _check_facets(model: Any, geom: int, pad: AttachedPad) -> None:
@@ -72,17 +78,17 @@ def _check_facets(model: Any, geom: int, pad: AttachedPad) -> None:
     if longest > limit:
         name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_MESH, model.geom_dataid[geom])
         raise InputError(
-            f"mesh {name!r} is too coarse for pad {pad.name!r}: its round side has edges of {1e3 * longest:.1f} mm, which "
-            f"the pad feels as flats; at most {1e3 * limit:.1f} mm, so export it finer or use a primitive shape"
+            f"mesh {name!r} is too coarse for pad {pad.name!r}: its round side has edges of {1e3 * longest:.1f} mm, "
+            f"which the pad feels as flats; at most {1e3 * limit:.1f} mm, so export it finer or use a primitive shape"
         )
 
 
 def _check_start(model: Any, data: Any, pad: AttachedPad) -> None:
     deepest = pad.solid.unit.model.thickness_m / 2
-    for other, _, depth in pad.depths(data):
+    for other, _, depth in pad.depths(data, pad.frame(data)):
         if depth.max() > deepest:
             body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, other.body) or f"body {other.body}"
             raise InputError(
-                f"pad {pad.name!r} starts {1e3 * min(float(depth.max()), 1.0):.1f} mm inside {body!r}: it can be pressed "
-                f"{1e3 * deepest:.1f} mm, so move one of them away, or open the gripper in the start pose"
+                f"pad {pad.name!r} starts {1e3 * min(float(depth.max()), 1.0):.1f} mm inside {body!r}: it can be "
+                f"pressed {1e3 * deepest:.1f} mm, so move one of them away, or open the gripper in the start pose"
             )

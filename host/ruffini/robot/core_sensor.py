@@ -1,13 +1,15 @@
 """A pad's sensor without a picture: displacements through the board's own core, as frames of the public client.
 
-The integers are those of the firmware (`Pipeline.solve`): operator, second pass, wrench, contacts and slip. Every frame is
-SIMULATED; there is no depth and no image.
+The integers are those of the firmware (`Pipeline.solve`): operator, second pass, wrench, contacts and slip. Every frame
+is SIMULATED; there is no depth and no image.
 """
 
 from __future__ import annotations
 
 import hashlib
 import tempfile
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +19,10 @@ from ruffini.api.frame import SensorFrame
 from ruffini.boards import Board
 from ruffini.calibrate import container
 from ruffini.core.pipeline import DISPLACEMENT_LSB_M, Pipeline
-from ruffini.device.results import VALID
+from ruffini.device.results import VALID, Field
 from ruffini.native import native_folder
 from ruffini.sim.cache import cache_folder
 from ruffini.wire import Schema
-from ruffini.wire.dense import encode_dense
 
 Array = npt.NDArray[np.float64]
 
@@ -48,6 +49,18 @@ def default_calibration(board: Board) -> bytes:
         file.write(data)
     Path(file.name).replace(path)
     return data
+
+
+@dataclass(frozen=True, eq=False)
+class CoreFrame(SensorFrame):
+    """A frame whose field did not travel: to pack it for the line takes longer than to compute it."""
+
+    core_field: Field | None = None
+
+    @cached_property
+    def field(self) -> Field | None:
+        """Force at every node, with displacement and slip."""
+        return self.core_field
 
 
 class CoreSensor:
@@ -106,22 +119,20 @@ class CoreSensor:
             for i, row in enumerate(self._pipeline.contacts())
         ]  # fmt: skip
 
-        def dense(values: npt.NDArray[np.integer]) -> object:
-            grid = values.reshape(layout.node_n_y, layout.node_n_x, -1).astype(np.int32)
-            codec, data = encode_dense(grid, grid.shape[-1])
-            return schema.new("Dense", codec=codec, n_x=grid.shape[1], n_y=grid.shape[0], n_components=grid.shape[2],
-                              data=data)  # fmt: skip
-
         messages = {
             "WRENCH": schema.new("Wrench", stamp=stamp, validity=validity, **wrench),
             "CONTACTS": schema.new("Contacts", stamp=stamp, contacts=contacts, n_found=len(contacts)),
-            "FIELD": schema.new(
-                "Field", stamp=stamp, force_lsb_un=layout.force_lsb_un, force=dense(force),
-                displacement_lsb_nm=round(DISPLACEMENT_LSB_M * 1e9), displacement=dense(steps), validity=validity[:3],
-                slip=dense(self._pipeline.raw("slip")),
-            ),
-        }  # fmt: skip
-        names = tuple(schema.enum_names("FlagBit", flags))
-        return SensorFrame(
-            f"simulated-{self._name}", self._number, number, time_s, None, None, flags, names, True, False, messages
-        )
+        }
+        grid = (layout.node_n_y, layout.node_n_x)
+        lsb = layout.force_lsb_un * 1e-6
+        moved = np.asarray(steps.reshape(*grid, 3) * DISPLACEMENT_LSB_M, np.float64)
+        field = Field(
+            time_s, number, flags, force.reshape(*grid, 3) * lsb, force.reshape(*grid, 3), lsb,
+            moved, tuple(validity[:3]),
+            self._pipeline.raw("slip").astype(np.int32),
+        )  # fmt: skip
+        flag_names = tuple(schema.enum_names("FlagBit", flags))
+        return CoreFrame(
+            f"simulated-{self._name}", self._number, number, time_s, None, None, flags, flag_names, True, False, messages,
+            core_field=field,
+        )  # fmt: skip

@@ -1,10 +1,11 @@
 """A board's pad, reduced: the twin's own compliance between tractions on a coarse grid, with contact and friction.
 
-`PadSolid` is the linear pad of `ruffini.sim.pad` on as few nodes as its thickness allows, and is shared. `PadContact` is
-what presses on one pad, step by step: pressure p >= 0 with G_zz p = depth where it presses (an active set that starts
-from the last step's), and shear with |t| <= mu p by a slider at each node, G_xx t_x = s_x where it sticks. What shear
-adds to depth and x to y is left out of the contact, not of the displacement, which is the full compliance times all
-forces. G is symmetric and positive, so a pad at rest gives back no more energy than was put in.
+`PadSolid` is the linear pad of `ruffini.sim.pad` on as few nodes as its thickness allows, and is shared.
+
+`PadContact` is what presses on one pad, step by step: pressure p >= 0 with G_zz p = depth where it presses (an active
+set that starts from the last step's), and shear with |t| <= mu p by a slider at each node, G_xx t_x = s_x where it
+sticks. What shear adds to depth, and x to y, is left out of the contact; the displacement is the full compliance times
+all forces. G is symmetric and positive, so a pad at rest gives back no more energy than was put in.
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ import numpy.typing as npt
 
 from ruffini.boards import Board
 from ruffini.errors import InputError
-from ruffini.sim.pad import BLAS
 from ruffini.sim.settings import MeshSettings, load_twin
 from ruffini.sim.surface import hat_shares
 from ruffini.sim.unit import PadError, TwinUnit
@@ -58,9 +58,7 @@ class PadSolid:
         twin = load_twin(board)
         if twin.shape.kind != "plane" or twin.platform is not None or board.markers is None:
             body = "pad on a platform" if twin.platform is not None else twin.shape.kind
-            raise InputError(
-                f"board {board.name!r} is a {body}: the reduced model has flat pads only"
-            )
+            raise InputError(f"board {board.name!r} is a {body}: the reduced model has flat pads that are pressed")
         pad = board.pad
         cells = [
             max(2, round(NODES_PER_THICKNESS * size / pad.thickness_um / 2)) for size in (pad.size_x_um, pad.size_y_um)
@@ -123,6 +121,7 @@ class PadContact:
     softness_m_per_n: Array | None = None  # (n, n) of an elastic object, added to the pad's own
     force: Array = field(init=False)
     slips: npt.NDArray[np.bool_] = field(init=False)
+    _was_touched: npt.NDArray[np.bool_] = field(init=False)
     _stretch: Array = field(init=False)  # (n, 2) m that each node's slider has stretched the pad
     _kept: OrderedDict[bytes, Array] = field(init=False, default_factory=OrderedDict)
 
@@ -132,10 +131,11 @@ class PadContact:
             self._mean = self._mean + self.softness_m_per_n
         n = len(self.solid.place)
         self.force, self._stretch, self.slips = np.zeros((n, 3)), np.zeros((n, 2)), np.zeros(n, bool)
+        self._was_touched = np.zeros(n, bool)
 
     def release(self) -> None:
         """Nothing touches."""
-        self.force[:], self._stretch[:], self.slips[:] = 0.0, 0.0, False
+        self.force[:], self._stretch[:], self.slips[:], self._was_touched[:] = 0.0, 0.0, False, False
 
     def advance(self, depth: Array, motion: Array, friction: Array, lead: Array) -> None:
         """One step.
@@ -147,47 +147,50 @@ class PadContact:
         friction : (n,) Coulomb coefficient.
         lead : (n, 3) m, the relaxation time of the pad's damping times the velocity of x, y and depth.
         """
-        with BLAS.limit(limits=1):
-            nodes = self._press(depth + np.where(depth > 0, lead[:, 2], 0.0))
-            if nodes.size:
-                self._shear(nodes, motion, friction, lead[:, :2])
-            else:
-                self.release()
+        nodes = self._press(depth, lead[:, 2])
+        if nodes.size:
+            self._shear(nodes, motion, friction, lead[:, :2])
+        else:
+            self.release()
 
     def _inverse(self, nodes: Indices) -> Array:
         """Stiffness of x, y and z among these nodes alone, (3, m, m)."""
         key = nodes.tobytes()
         if key not in self._kept:
-            self._kept[key] = np.linalg.inv(self._mean[:, nodes[:, None], nodes])
+            self._kept[key] = np.asarray(np.linalg.inv(self._mean[:, nodes[:, None], nodes]), np.float64)
             if len(self._kept) > KEPT_SETS:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key]
 
-    def _press(self, depth: Array) -> Indices:
+    def _press(self, depth: Array, lead: Array) -> Indices:
         """Pressure; the nodes that press."""
-        touched = depth > 0
-        active = touched & ((self.force[:, 2] < 0) | ~self._was_touched) if hasattr(self, "_was_touched") else touched
-        self._was_touched = touched
+        touched = np.flatnonzero(depth > 0)
+        depth = depth[touched] + lead[touched]
+        active = (self.force[touched, 2] < 0) | ~self._was_touched[touched]
+        self._was_touched[:] = False
+        self._was_touched[touched] = True
+        pressure = np.zeros(0)
         for _ in range(MAX_ROUNDS):
-            nodes = np.flatnonzero(active)
-            pressure = self._inverse(nodes)[2] @ depth[nodes]
+            nodes = touched[active]
+            pressure = self._inverse(nodes)[2] @ depth[active]
             if nodes.size and pressure.min() < 0:
-                active[nodes[pressure < 0]] = False
+                active[np.flatnonzero(active)[pressure < 0]] = False
                 continue
-            beside = np.flatnonzero(touched & ~active)
-            lack = depth[beside] - self._mean[2][beside[:, None], nodes] @ pressure
+            if active.all():
+                break
+            beside = np.flatnonzero(~active)
+            lack = depth[beside] - self._mean[2][touched[beside][:, None], nodes] @ pressure
             if not (lack > OPEN_M).any():
                 break
             active[beside[lack > OPEN_M]] = True
         self.force[:, 2] = 0.0
         self.force[nodes, 2] = -np.maximum(pressure, 0)
-        return nodes
+        return np.asarray(nodes)
 
     def _shear(self, nodes: Indices, motion: Array, friction: Array, lead: Array) -> None:
         """Friction: sliders at the nodes that press."""
-        own = self._mean[:2, nodes[:, None], nodes]
-        was = self.force[:, 0] ** 2 + self.force[:, 1] ** 2 > 0
+        was = np.asarray(self.force[:, :2].any(axis=1))
         carried = np.flatnonzero(was)
         begun = nodes[~was[nodes]]  # touched where the pad has been drawn to by its neighbours
         if begun.size and carried.size:
@@ -199,6 +202,7 @@ class PadContact:
         t = np.stack([inverse @ asked[:, c] for c, inverse in enumerate(self._inverse(nodes)[:2])], axis=1)
         slips = np.hypot(t[:, 0], t[:, 1]) > limit
         if slips.any():
+            own = self._mean[:2, nodes[:, None], nodes]
             t, slips = _sliding(own, asked, limit, self.force[nodes, :2], slips & self.slips[nodes])
             given = np.stack([own[c] @ t[:, c] for c in range(2)], axis=1)
             stretch[slips] = (given - lead[nodes])[slips]
@@ -208,8 +212,7 @@ class PadContact:
     @property
     def wrench(self) -> Array:
         """Force (N) and moment (N m) ON the pad about its undeformed centre, in its frame, (6,)."""
-        arm = np.column_stack([self.solid.place, np.zeros(len(self.force))])
-        return np.concatenate([self.force.sum(axis=0), np.cross(arm, self.force).sum(axis=0)])
+        return wrench_about(self.solid.place, self.force)
 
     def _loaded(self) -> Indices:
         return np.flatnonzero(self.force.any(axis=1))
@@ -226,6 +229,12 @@ class PadContact:
         nodes = self._loaded()
         moved = np.einsum("kic,ic->k", self.solid.surface[:, nodes], self.force[nodes], optimize=True)
         return np.asarray(moved).reshape(-1, 3)
+
+
+def wrench_about(place: Array, force: Array) -> Array:
+    """Force and moment about the origin of forces (n, 3) at points (x, y, 0) = `place` (n, 2), (6,)."""
+    x, y, (fx, fy, fz) = place[:, 0], place[:, 1], force.T
+    return np.concatenate([force.sum(axis=0), [y @ fz, -(x @ fz), x @ fy - y @ fx]])
 
 
 def _sliding(

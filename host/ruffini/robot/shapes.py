@@ -53,11 +53,12 @@ def mesh_vertices(model: Any, mesh: int) -> Array:
 def _quadric(start: Array, way: Array, scale: Array) -> tuple[Array, Array]:
     """Both places where rays meet |p * scale| = 1; inf, -inf where they do not, or never leave an endless one."""
     s, w = start * scale, way * scale
-    a, b, c = w @ w, s @ w, (s * s).sum(axis=1) - 1
+    a, b, c = w @ w, s @ w, np.einsum("ij,ij->i", s, s) - 1
     if a < PARALLEL:
         return np.where(c < 0, -np.inf, np.inf), np.where(c < 0, np.inf, -np.inf)
-    root = np.sqrt(np.maximum(b * b - a * c, 0))
-    hit = b * b > a * c
+    square = b * b - a * c
+    hit = square > 0
+    root = np.sqrt(np.where(hit, square, 0.0))
     return np.where(hit, (-b - root) / a, np.inf), np.where(hit, (-b + root) / a, -np.inf)
 
 

@@ -17,6 +17,7 @@ from ruffini.robot.attached import AttachedPad, Frame
 from ruffini.robot.checks import check
 from ruffini.robot.core_sensor import CoreSensor, default_calibration
 from ruffini.robot.mechanics import PadSolid
+from ruffini.sim.pad import BLAS
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +34,7 @@ class World:
         pad, whose centre is the site's, or the middle of the box's upper face. A box that is a pad no longer collides.
     stiffness : of the pads, over the board's.
     noise_m : standard deviation of the displacement along x, y, z.
+    calibrations : of boards, by name; where left out, the default operator's.
     is_feeling : False: no core runs, and frames are read elsewhere (`ruffini.robot.live`).
 
     Attributes
@@ -42,14 +44,15 @@ class World:
 
     Notes
     -----
-    The pad's forces act as applied forces (`xfrc_applied`), equal and opposite on finger and object, and not as MuJoCo's
-    soft contact: that one's stiffness follows the bodies' masses, and its friction creeps. Force, moment, area and stick
-    and slip are the pad's own, and the frames are of exactly the forces that act.
+    The pad's forces act as applied forces (`xfrc_applied`), equal and opposite on finger and object, and not as
+    MuJoCo's soft contact: that one's stiffness follows the bodies' masses, and its friction creeps. Force, moment, area
+    and stick and slip are the pad's own, and the frames are of exactly the forces that act.
     """
 
     def __init__(
         self, model: Any, pads: Mapping[str, str | Board], *, stiffness: float = 1.0,
-        noise_m: tuple[float, float, float] = NO_NOISE, seed: int = 0, is_feeling: bool = True,
+        noise_m: tuple[float, float, float] = NO_NOISE, seed: int = 0,
+        calibrations: Mapping[str, bytes] | None = None, is_feeling: bool = True,
     ) -> None:  # fmt: skip
         self.model = _model_of(model)
         self.data = mujoco.MjData(self.model)
@@ -68,7 +71,10 @@ class World:
         self.frame_s = 1e3 / rates.pop()
         self._sensors: dict[str, CoreSensor] = {}
         if is_feeling:
-            made = {board.name: default_calibration(board) for board in boards.values()}
+            made = dict(calibrations or {})
+            for board in boards.values():
+                if board.name not in made:
+                    made[board.name] = default_calibration(board)
             self._sensors = {
                 name: CoreSensor(board, name, i, made[board.name], noise_m, seed)
                 for i, (name, board) in enumerate(boards.items())
@@ -125,8 +131,9 @@ class World:
     def step(self) -> dict[str, SensorFrame]:
         """Physics up to the next frame of the cameras; the frame of each pad, in fast mode."""
         self._n_frames += 1
-        while self.data.time < self._n_frames * self.frame_s - 1e-9:
-            self.advance()
+        with BLAS.limit(limits=1):
+            while self.data.time < self._n_frames * self.frame_s - 1e-9:
+                self.advance()
         return {
             name: sensor.feel(self.pads[name].contact.board_displacement(), self.data.time)
             for name, sensor in self._sensors.items()
@@ -156,7 +163,9 @@ def _place_of(model: Any, name: str) -> tuple[int, Frame]:
         raise InputError(f"geom {name!r} is no box: put a pad on a box, or on a site whose z points out of the pad")
     model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
     rotation = _rotation(model.geom_quat[geom])
-    return int(model.geom_bodyid[geom]), Frame(rotation, model.geom_pos[geom] + rotation[:, 2] * model.geom_size[geom, 2])
+    return int(model.geom_bodyid[geom]), Frame(
+        rotation, model.geom_pos[geom] + rotation[:, 2] * model.geom_size[geom, 2]
+    )
 
 
 def _rotation(quaternion: Array) -> Array:

@@ -52,6 +52,7 @@ class Job:
     n_error_touches: int = 0
     points: Path | None = None  # known points of a tube's lens
     baseline_mm: float | None = None  # between the two eyes of a fingertip
+    only: str | None = None  # name of the one estimator that is fitted
     pattern: str = "*"  # of the folders of presses that are used
 
     tensors: Tensors = field(default_factory=dict)

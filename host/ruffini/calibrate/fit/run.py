@@ -27,7 +27,7 @@ Progress = Callable[[str, float], None]
 def run_stages(
     job: Job, skip: frozenset[str], *, tell: Tell, progress: Progress = lambda *_: None
 ) -> dict[str, Outcome]:
-    """Every estimator that the board needs; what each says, by name.
+    """Every estimator that the board needs, or `job.only`, whatever the board; what each says, by name.
 
     Raises
     ------
@@ -38,14 +38,17 @@ def run_stages(
     if unknown:
         raise InputError(f"--skip {', '.join(sorted(unknown))}: there is no such stage; there are {', '.join(BY_NAME)}")
     outcomes: dict[str, Outcome] = {}
-    for estimator in applying(job.board):
+    for estimator in applying(job.board) if job.only is None else (BY_NAME[job.only],):
         name, start = estimator.name, time.monotonic()
         try:
             outcomes[name] = estimator.keep(job) if name in skip else estimator.fit(job, partial(progress, name))
         except RuffiniError as error:
-            error.add_note(f"in stage {name}; --skip {name} goes on without it")
+            if job.only is None:
+                error.add_note(f"in stage {name}; --skip {name} goes on without it")
             raise
         tell(name, outcomes[name], time.monotonic() - start)
+    if job.only is not None and not job.tensors:
+        raise InputError(f"stage {job.only} makes no table by itself: leave --only out")
     if not job.tensors:
         raise InputError(f"no stage made anything for board {job.board.name!r}: its pipeline needs no calibration")
     return outcomes
@@ -59,8 +62,14 @@ def gates_of_stages(board: Board, outcomes: dict[str, Outcome]) -> list[Gate]:
 def finished(
     job: Job, outcomes: dict[str, Outcome], serial: str = "*", *, more: Sequence[Gate] = ()
 ) -> tuple[CalibrationFile, list[Gate]]:
-    """The calibration file with stages, gates (`more`: judged elsewhere) and origin in its manifest, and the gates."""
+    """The calibration file with stages, gates (`more`: judged elsewhere) and origin in its manifest, and the gates.
+
+    Tables of `job.only` replace those of their kinds in the previous calibration, if there is one.
+    """
     metadata = {**job.header(), "sensor_serial": serial}
+    base = None if job.only is None else job.previous
+    if base is not None:
+        metadata |= {key: base.metadata[key] for key in ("sensor_serial", "gel_serial")}
     file = container.pack(job.tensors, metadata)
     found, touches = _said(job.logs())
     gates = [gate for name in outcomes for gate in BY_NAME[name].gates_of_log(job, file)]
@@ -71,7 +80,8 @@ def finished(
         "valid_for": {"temperature_c": celsius_ranges(touches)},
     }  # fmt: skip
     said = {"residuals": _ascii(residuals), "gates": verdict(gates)}
-    return container.pack(job.tensors, {**metadata, **said}), gates
+    file = container.pack(job.tensors, {**metadata, **said})
+    return file if base is None else container.merge([base, file]), gates
 
 
 def _said(logs: list[Path]) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

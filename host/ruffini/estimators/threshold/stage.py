@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any
 
 from ruffini.boards import Board
@@ -9,7 +10,8 @@ from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.calibrate.gates import Gate, at_most
 from ruffini.errors import InputError
 from ruffini.estimators.base import Estimator
-from ruffini.estimators.threshold.fit import MIN_FRAMES, fit_contact_noise
+from ruffini.estimators.threshold.fit import MIN_FRAMES, ContactNoise, fit_contact_noise, linear_pressure
+from ruffini.frames import read_frames
 
 
 def _without(job: Job, why: str) -> Outcome:
@@ -27,7 +29,13 @@ class Threshold(Estimator):
         return "support" in board.pipeline.stages
 
     def fit(self, job: Job, progress: Progress) -> Outcome:
-        """Fit where the log holds enough untouched frames."""
+        """Fit where the log holds enough untouched frames; alone also to recordings of the untouched pad."""
+        if job.only == self.name and not job.logs():
+            if job.previous is None:
+                raise InputError("untouched frames are judged with this unit's calibration: give --previous FILE")
+            frames = chain.from_iterable(read_frames(path) for path in job.paths)
+            pressure = linear_pressure(job.board, job.previous, frames)
+            return self._fitted(job, fit_contact_noise(pressure, job.board.pipeline.n_rest_frames, progress=progress))
         rest = job.log().rest
         if job.matrix is None or len(rest) < MIN_FRAMES:
             return _without(job, f"{len(rest)} untouched frames in the log, {MIN_FRAMES} are needed")
@@ -38,6 +46,9 @@ class Threshold(Estimator):
             fit = fit_contact_noise(pressure, job.board.pipeline.n_rest_frames, progress=progress)
         except InputError as error:
             return _without(job, str(error))
+        return self._fitted(job, fit)
+
+    def _fitted(self, job: Job, fit: ContactNoise) -> Outcome:
         job.tensors |= fit.tensors()
         return Outcome("fitted", f"four neighbours above {1e3 * fit.square_n:.2f} mN, or one above "
                        f"{1e3 * fit.alone_n:.2f} mN", fit.report())  # fmt: skip
