@@ -17,8 +17,8 @@
 
 namespace ruffini {
 
-// Waits up to two seconds for the twin. `clock` outlives the camera; paced frames have its time. Errors: kUnavailable
-// (nobody serves there), kBadInput (no twin, another board, another size).
+// Waits up to two seconds for the twin. `clock` must outlive the camera; paced frames use its time. Errors:
+// kUnavailable (no server at the socket), kBadInput (not a twin, another board, another size).
 [[nodiscard]] Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool is_lockstep,
                                                         const BoardSettings& board, const Clock& clock);
 
