@@ -87,7 +87,7 @@ void Daemon::capture_loop() {
 bool Daemon::capture_once() {
   using namespace std::chrono_literals;
   exchange_.is_camera_live = !options_.is_lockstep;
-  ++exchange_.capture_turns;
+  ++exchange_.capture_iterations;
   const std::optional<int> index = pool_.lend();
   if (!index) {
     std::this_thread::sleep_for(100us);
@@ -162,9 +162,9 @@ void Daemon::swap_path() {
     exchange_.wrong_flags = 0;
     delete exchange_.retired_path.exchange(old, std::memory_order_acq_rel);
   }
-  const int zero = exchange_.zero_frames.exchange(kNoZero);
+  const int zero = exchange_.zero_frames.exchange(kNoZeroRequest);
   if (zero >= 0) path_->zero(zero, !exchange_.zero_even_if_touched);
-  if (zero == kGiveUpZero) path_->give_up_zero();
+  if (zero == kCancelZero) path_->cancel_zero();
 }
 
 void Daemon::read_computer() {
@@ -177,7 +177,7 @@ void Daemon::read_computer() {
 // READY once a frame has gone through, or none is to be expected yet. The watchdog is fed by what comes out at the
 // pipeline's end, and only while every thread moves on. Link thread.
 void Daemon::tell_manager(uint64_t now_us) {
-  ++link_turns_;
+  ++link_iterations_;
   const bool is_live = exchange_.is_camera_live;
   const uint64_t n_frames = exchange_.frames_processed;
   if (!is_manager_told_ && (n_frames > 0 || !is_live)) {
@@ -186,10 +186,10 @@ void Daemon::tell_manager(uint64_t now_us) {
   }
   const NetworkHealth& network = exchange_.network;
   const bool has_network = network.is_asked && network.state.load() == NetworkState::kRuns;
-  if (liveness_.update({{{"capture", exchange_.capture_turns, is_live},
+  if (liveness_.update({{{"capture", exchange_.capture_iterations, is_live},
                          {"frame", n_frames, is_live},
                          {"network", network.results + network.skipped, is_live && has_network},
-                         {"link", link_turns_, true}}},
+                         {"link", link_iterations_, true}}},
                        now_us)) {
     around_.io->tell_manager("WATCHDOG=1");
   }
@@ -207,7 +207,7 @@ void Daemon::process(const FrameLease& lease) {
   for (size_t type = 0; type < kMessageTypes; ++type) {
     const uint32_t every = exchange_.every[type].load(std::memory_order_relaxed);
     if (every == 0 || n % every != 0) continue;
-    if (type == ruffini_MessageType_MESSAGE_TYPE_RESIDUAL) path_->find_residual();
+    if (type == ruffini_MessageType_MESSAGE_TYPE_RESIDUAL) path_->compute_residual();
     encoder_.encode(static_cast<ruffini_MessageType>(type), *path_, lease.view(), stamp, sink_);
   }
   for (size_t i = 0; i < kMaxStages; ++i) {
@@ -239,7 +239,7 @@ void Daemon::process(const FrameLease& lease) {
 
 // Into the buffer that the link thread hands on; it is asked again with the next frame where that has not been taken yet.
 void Daemon::keep_rest() {
-  const uint32_t n_known = path_->rest_watch().n_known;
+  const uint32_t n_known = path_->rest_watch().n_accepted;
   if (!options_.keep_rest || n_known == n_kept_rests_ || is_rest_to_keep_) return;
   const std::span<const uint16_t> rest = path_->rest_image();
   std::copy(rest.begin(), rest.end(), rest_to_keep_.begin());
@@ -250,7 +250,7 @@ void Daemon::keep_rest() {
 // One system call where the line changes, before anything is encoded.
 void Daemon::switch_reflex(const FrameState& state) {
   const ReflexState before = exchange_.reflex;
-  if (before == ReflexState::kNotAsked || before == ReflexState::kFailed) return;
+  if (before == ReflexState::kNotConfigured || before == ReflexState::kFailed) return;
   const bool is_on = reflex_.update(state);
   if (is_on == (before == ReflexState::kOn)) return;
   const bool is_set = around_.io->switch_reflex(is_on);

@@ -102,7 +102,7 @@ class Daemon {
   FrameOrder order_;  // capture thread
   Reflex reflex_;     // frame thread
   Liveness<4> liveness_;
-  uint64_t link_turns_ = 0;
+  uint64_t link_iterations_ = 0;
   bool is_manager_told_ = false;        // that all is ready
   std::vector<uint16_t> rest_to_keep_;  // the frame thread's while is_rest_to_keep_ is false, else the link thread's
   std::atomic<bool> is_rest_to_keep_{false};

@@ -36,7 +36,7 @@ const FrameState& FramePath::process(const FrameView& frame, uint64_t capture_us
   const uint64_t saturations_before = state_.saturations.count;
   if (!rest_.is_ready()) state_.flags |= kFlagNoReference;
   if (rest_watch_.is_unverified) state_.flags |= kFlagRestUnverified;
-  if (rest_.is_ready() || rest_.is_learned_anew()) measure(frame, capture_us);
+  if (rest_.is_ready() || rest_.is_relearning()) measure(frame, capture_us);
   rest_.is_ready() ? verify_rest() : learn_watched(frame);
   if (state_.saturations.count != saturations_before) state_.flags |= kFlagSaturated;
   judge();
@@ -56,9 +56,9 @@ void FramePath::measure(const FrameView& frame, uint64_t capture_us) {
 void FramePath::watch(const FrameView& frame) {
   if (!is_live_) return;
   const uint64_t start = clock_();
-  const FrameWatch::Verdict seen = picture_watch_.frame.run(frame);
-  if (picture_watch_.old.run(frame)) state_.flags |= kFlagRepeated;
-  const PixelStatistics::Verdict pixels = picture_watch_.pixels.run(frame, state_.light.gain);
+  const FrameWatch::Defects seen = picture_watch_.frame.run(frame);
+  if (picture_watch_.repeated.run(frame)) state_.flags |= kFlagRepeated;
+  const PixelStatistics::Defects pixels = picture_watch_.pixels.run(frame, state_.light.gain);
   const bool has_blocks = picture_watch_.blocks.run(frame);
   if (seen.is_broken || pixels.is_coarse || has_blocks) state_.flags |= kFlagPicture;
   if (writes(Slot::kSlope) && pixels.is_off_curve) state_.flags |= kFlagLight;  // where colours become numbers
@@ -98,22 +98,23 @@ bool FramePath::presses(uint32_t flags) const {
 // After measure() by the rest of before, where there is one.
 void FramePath::learn_watched(const FrameView& frame) {
   const uint32_t seen_flags = state_.flags & ~kFlagNoReference;
-  const bool has_changed = rest_watch_.is_asked && (seen_flags & ~rest_watch_.flags_before & kByPress) != 0;
-  if (rest_.is_learned_anew() && rest_watch_.is_watched && (has_changed || presses(seen_flags))) {
-    rest_.give_up();
-    if (!rest_watch_.is_asked) rest_watch_.is_unverified = rest_watch_.is_of_before = true;
+  const bool has_changed = rest_watch_.is_requested && (seen_flags & ~rest_watch_.flags_before & kByPress) != 0;
+  if (rest_.is_relearning() && rest_watch_.is_watched && (has_changed || presses(seen_flags))) {
+    rest_.cancel_learning();
+    if (!rest_watch_.is_requested) rest_watch_.is_unverified = rest_watch_.is_from_last_run = true;
     ++rest_watch_.n_refused;
     pipeline_.forget();
     return;
   }
   const bool can_feel = writes(Slot::kNodeForces) || writes(Slot::kWrench);
-  rest_watch_.is_seen = rest_watch_.is_seen && can_feel && rest_.is_learned_anew() && (seen_flags & kWrongFlags) == 0;
+  rest_watch_.is_comparable =
+      rest_watch_.is_comparable && can_feel && rest_.is_relearning() && (seen_flags & kWrongFlags) == 0;
   learn(frame);
   if (!rest_.is_ready()) return;
-  const bool is_known = rest_watch_.is_asked || rest_watch_.is_seen;
-  rest_watch_.is_unverified = rest_watch_.is_expected && !is_known;
-  rest_watch_.is_of_before = false;
-  if (is_known) ++rest_watch_.n_known;
+  const bool is_known = rest_watch_.is_requested || rest_watch_.is_comparable;
+  rest_watch_.is_unverified = rest_watch_.is_start_checked && !is_known;
+  rest_watch_.is_from_last_run = false;
+  if (is_known) ++rest_watch_.n_accepted;
 }
 
 // A start that was refused under a load, or because pad or camera are no longer those of the run before: a pad that reads
@@ -128,7 +129,7 @@ void FramePath::verify_rest() {
 
 void FramePath::learn(const FrameView& frame) {
   if (is_live_) {
-    if (!rest_.is_learned_anew()) picture_watch_.old.run(frame);  // measure() did otherwise
+    if (!rest_.is_relearning()) picture_watch_.repeated.run(frame);  // measure() did otherwise
     picture_watch_.add_rest(frame);
   }
   if (!rest_.add(frame)) return;
@@ -141,7 +142,7 @@ void FramePath::learn_features() {
   pipeline_.learn(rest_.image());
 }
 
-void FramePath::find_residual() {
+void FramePath::compute_residual() {
   Frame last = frame_of({}, 0);
   pipeline_.compute(Slot::kResidual, last);
 }
@@ -161,13 +162,13 @@ void FramePath::zero(int n_frames, bool is_watched) {
   rest_.restart(n_frames);
   picture_watch_.begin_rest();
   rest_watch_.is_watched = is_watched;
-  rest_watch_.is_asked = rest_watch_.is_seen = true;
+  rest_watch_.is_requested = rest_watch_.is_comparable = true;
   pipeline_.forget();
 }
 
 void FramePath::expect_rest(std::span<const uint16_t> known) {
   if (rest_.is_ready()) return;  // the calibration's
-  rest_watch_.is_expected = rest_watch_.is_seen = true;
+  rest_watch_.is_start_checked = rest_watch_.is_comparable = true;
   if (known.empty()) return;
   set_rest(known);
   rest_.restart(0);
@@ -183,7 +184,7 @@ void FramePath::set_rest(std::span<const uint16_t> image) {
 void FramePath::take_rest(const FramePath& other) {
   rest_watch_ = other.rest_watch_;
   if (!other.has_rest()) {
-    if (other.rest_watch_.is_expected)
+    if (other.rest_watch_.is_start_checked)
       expect_rest(other.is_zeroing() ? other.rest_image() : std::span<const uint16_t>());
     return;
   }

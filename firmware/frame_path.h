@@ -40,24 +40,24 @@ class FramePath {
   // Learn rest anew from n frames (0 = the board's own number); watched: not where one of them shows a press.
   void zero(int n_frames, bool is_watched = true);
   // The camera stood still meanwhile, and what came onto the pad is not known: rest is what it was.
-  void give_up_zero() { rest_.give_up(); }
+  void cancel_zero() { rest_.cancel_learning(); }
   // Before the first frame: rest as another run knew it, or empty. The start is watched as a zero is, or unverified.
   void expect_rest(std::span<const uint16_t> known);
   [[nodiscard]] const RestWatch& rest_watch() const { return rest_watch_; }
-  [[nodiscard]] bool is_zeroing() const { return rest_.is_learned_anew(); }
+  [[nodiscard]] bool is_zeroing() const { return rest_.is_relearning(); }
   void set_rest(std::span<const uint16_t> image);
   // Copies the rest image of another path, or what it knows of rest while it learns; and its temperature.
   void take_rest(const FramePath& other);
   // The solve alone: displacement -> force. For offline use.
   void solve(std::span<const NodeDisplacement> displacement);
   // Where somebody asks: what the frame's forces leave unexplained, into its state. Its time is the second pass's, too.
-  void find_residual();
+  void compute_residual();
 
   [[nodiscard]] const FrameState& state() const { return state_; }
   [[nodiscard]] std::span<const Marker> markers() const { return state_.markers.marker; }
   [[nodiscard]] std::span<const Target> targets() const { return state_.targets.target; }
   [[nodiscard]] bool has_targets() const { return !targets().empty(); }
-  [[nodiscard]] bool are_markers_graded() const { return writes(Slot::kMarkers); }
+  [[nodiscard]] bool has_marker_quality() const { return writes(Slot::kMarkers); }
   [[nodiscard]] bool has_rest() const { return rest_.is_ready(); }
   [[nodiscard]] bool is_touched() const;                          // by the last frame something presses on the pad
   void set_calibration_id(uint32_t id) { calibration_id_ = id; }  // what this path computes with, for stamps; 0: none

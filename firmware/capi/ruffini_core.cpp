@@ -191,8 +191,8 @@ int ruffini_triangulate(const ruffini_pipeline* pipeline, const int32_t* places_
   if (!views)
     return fail("the calibration holds no views of this board: make them with `ruffini cal fit --only camera --views`");
   for (int32_t i = 0; i < n; ++i, places_q16 += 4, out += 4) {
-    const ruffini::Meeting met =
-        meet(views->at(0, places_q16[0], places_q16[1]), views->at(1, places_q16[2], places_q16[3]));
+    const ruffini::RayIntersection met =
+        triangulate(views->at(0, places_q16[0], places_q16[1]), views->at(1, places_q16[2], places_q16[3]));
     const int64_t values[4] = {met.x_q8, met.y_q8, met.z_q8, met.gap_q8};
     std::transform(values, values + 4, out, [&](int64_t v) {
       return met.is_found ? static_cast<int32_t>(std::clamp<int64_t>(v, -INT32_MAX, INT32_MAX)) : INT32_MIN;

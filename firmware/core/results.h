@@ -137,7 +137,7 @@ struct Profile {
 };
 
 // Numbers are those of ContactKind in ruffini.proto.
-enum class ContactKind : uint8_t { kNotTold = 0, kPlanar = 1, kHertzian = 2 };
+enum class ContactKind : uint8_t { kUnknown = 0, kPlanar = 1, kHertzian = 2 };
 
 struct ModelledContact {
   static constexpr size_t kInputs = Profile::kRings + 2;
@@ -147,8 +147,8 @@ struct ModelledContact {
   bool is_over_range = false;  // too deep
   bool is_strange = false;     // no model holds: depth, area and hardness are wrong
   bool has_hardness = false;
-  ContactKind kind = ContactKind::kNotTold;
-  int64_t sure_1e3 = 0;  // of the kind, 500 to 1000
+  ContactKind kind = ContactKind::kUnknown;
+  int64_t confidence_1e3 = 0;  // of the kind, 500 to 1000
   int64_t gel_depth_um = 0;
   int64_t press_depth_um = 0;
   int64_t depth_sigma_um = 0;
@@ -176,15 +176,15 @@ struct TipTouch {
   bool is_known = true;     // like what it was fitted on
   bool is_in_range = true;  // no harder than what it was fitted on
   bool has_camera_moved = false;
-  int64_t force_un = 0;  // along the tool's axis, into the fingertip
-  int64_t way_um = 0;    // of the tool since it touched
-  int64_t x_um = 0;      // of the tool's axis from the fingertip's, in the tool's axes
+  int64_t force_un = 0;   // along the tool's axis, into the fingertip
+  int64_t travel_um = 0;  // of the tool since it touched
+  int64_t x_um = 0;       // of the tool's axis from the fingertip's, in the tool's axes
   int64_t y_um = 0;
   int64_t roll_urad = 0;  // of the fingertip under the tool, about x, then pitch about y
   int64_t pitch_urad = 0;
-  int64_t area_um2 = 0;  // of the tool's face; 0: not known, its deviation is above a fifth
-  int64_t flat_um2 = 0;  // of the wall that lies in the tool's plane; 0: not measured
-  int64_t flat_sigma_um2 = 0;
+  int64_t area_um2 = 0;       // of the tool's face; 0: not known, its deviation is above a fifth
+  int64_t flat_area_um2 = 0;  // of the wall that lies in the tool's plane; 0: not measured
+  int64_t flat_area_sigma_um2 = 0;
   std::array<int64_t, 7> sigma{};      // of the above; of the area um^2
   std::array<int64_t, 3> axis_1e6{};   // t, out of the fingertip
   std::array<int64_t, 3> place_q14{};  // the middle of what is pressed, as a direction from the sphere's

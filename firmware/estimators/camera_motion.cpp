@@ -11,7 +11,7 @@ namespace ruffini {
 namespace {
 
 constexpr size_t kSides = 4;
-constexpr int64_t kSigma = int64_t{1} << SupportSolver::kLeftFraction;
+constexpr int64_t kSigma = int64_t{1} << SupportSolver::kResidualFraction;
 constexpr int64_t kMoved = 25 * kSigma;
 constexpr int64_t kMovedPerN = 4 * kSigma;
 constexpr int64_t kZoomed = 4 * kSigma;
@@ -20,7 +20,7 @@ constexpr int64_t kTorn = 40 * kSigma;
 constexpr int64_t kTornPerN = 8 * kSigma;
 constexpr int kCoveredSides = 3;
 constexpr int64_t kUnPerN = 1'000'000;
-constexpr int64_t kMostUn = 1'000 * kUnPerN;  // of each component: what is beyond does not matter
+constexpr int64_t kMostUn = 1'000 * kUnPerN;  // clamp of each force component; larger forces make no difference
 
 }  // namespace
 
@@ -39,8 +39,8 @@ CameraMotion::CameraMotion(GridSize nodes) {
   }
 }
 
-bool CameraMotion::is_moved(std::span<const int32_t> residual, std::span<const uint8_t> mask,
-                            const Wrench& wrench) const {
+bool CameraMotion::has_moved(std::span<const int32_t> residual, std::span<const uint8_t> mask,
+                             const Wrench& wrench) const {
   if (unknowns_.empty()) return false;
   std::array<int64_t, kSides> x{};
   std::array<int64_t, kSides> y{};

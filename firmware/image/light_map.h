@@ -74,7 +74,7 @@ class LightMap {
   size_t term_size_;            // values of a term: samples, then nodes
   std::vector<size_t> sample_;  // which of the samples are used
   std::vector<int16_t> basis_;
-  Terms square_{};  // sum of q_k^2 over the samples, Q24; 0: the samples do not tell this term
+  Terms square_{};  // sum of q_k^2 over the samples, Q24; 0: the samples do not determine this term
   size_t n_samples_ = 0;
 
   int n_frames_ = 0;  // of this window
@@ -90,7 +90,7 @@ class LightMap {
   std::array<Terms, 3> extrapolated_{};  // since the last smooth window, Q32
   Rest::Gain gain_before_ = Rest::unit_gain();
   std::vector<int32_t> factor_;    // planes of B, G and R
-  std::vector<int32_t> in_force_;  // what run() was last true for
+  std::vector<int32_t> in_force_;  // values when run() last returned true
   bool is_far_ = false;
   bool is_at_limit_ = false;
   bool is_stale_ = false;

@@ -7,7 +7,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kTolerancePercent = 15;  // half of what a marker may be off from its neighbours (markers.h)
+constexpr int64_t kTolerancePercent = 15;  // half of a marker's tolerance relative to its neighbours (markers.h)
 constexpr int64_t kLeastMarkers = 8;
 constexpr int kCoarse = 12;  // Q16 to Q4 px: sums of 2^12 products stay below 2^48
 

@@ -28,7 +28,7 @@ namespace ruffini {
 
 class PixelStatistics {
  public:
-  struct Verdict {
+  struct Defects {
     bool is_coarse = false;
     bool is_off_curve = false;
   };
@@ -41,7 +41,7 @@ class PixelStatistics {
   // A new rest image, width x height x 3 in 1/16 grey levels.
   void learn(std::span<const uint16_t> rest);
   // `gain`: of rest, as it is followed. Precondition: learn() was called.
-  [[nodiscard]] Verdict run(const FrameView& frame, const Rest::Gain& gain);
+  [[nodiscard]] Defects run(const FrameView& frame, const Rest::Gain& gain);
 
  private:
   struct Window {

@@ -40,7 +40,8 @@ bool has_slipped_rows(std::span<const Marker> markers, GridSize size, RowsOf wha
       const int64_t bend = n_beside * jump(i, j) - beside;
       n_more += bend > n_beside * limit_q16 ? 1 : 0;
       n_less += bend < -n_beside * limit_q16 ? 1 : 0;
-      if (kMost * (n_known - std::max(n_more, n_less)) > size.n_x) return false;  // more differ already than may
+      // More columns differ already than allowed
+      if (kMost * (n_known - std::max(n_more, n_less)) > size.n_x) return false;
     }
     return 2 * n_known >= size.n_x && kMost * std::max(n_more, n_less) >= (kMost - 1) * n_known;
   };

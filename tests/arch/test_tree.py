@@ -109,6 +109,8 @@ PLANTED: list[tuple[Gate, dict[str, str], str]] = [
         },
         "host/ruffini/ros/a.py reads 'force_x_un' of a message",
     ),
+    (tree_gates.plain_words, {"a.md": "How sure it is.\n"}, "write uncertainty"),
+    (tree_gates.whole_tables, {"a.md": "| a |\n| --- |\n| b |\n\n| c |\n"}, "a.md:5"),
 ]
 GATES: list[Gate] = list(dict.fromkeys(gate for gate, _, _ in PLANTED))
 

@@ -408,3 +408,49 @@ def raw_results(root: Path) -> list[str]:
             if isinstance(node, ast.Attribute) and node.attr in refused
         ]
     return found
+
+
+# Phrases that make a reader stop, each with what to write; grown from reviews.
+AVOIDED = {
+    r"how sure": "uncertainty, confidence, quality",
+    r"\bdoubtful": "low-confidence",
+    r"\blent\b": "forwarded, borrowed",
+    r"\b(?:is|are|was|be|not) told\b": "is reported, measured, distinguished",
+    r"\bwhat is left\b": "the residual, the rest",
+    r"\bby itself\b": "automatically, alone",
+    r"\bwhom\b": "the noun that is meant",
+    r"\bverdict": "validity, result",
+    r"\bgraded\b": "quality",
+    r"\bfor who (?:has|wants|asks)\b": "for users who",
+    r"\bwhat (?:it|its results|they) (?:is|are) worth\b": "validity and flags",
+}
+DIVIDER = re.compile(r"\s*\|[ :|-]+\|$")
+
+
+def _texts(root: Path) -> list[Path]:
+    return [path for path in tracked(root) if path.suffix == ".md"]
+
+
+def plain_words(root: Path) -> list[str]:
+    """The texts avoid the phrases of AVOIDED."""
+    return [
+        f"{path.relative_to(root)}:{number}: {match[0]!r}: write {better}"
+        for path in _texts(root)
+        for number, line in enumerate(_text(path).splitlines(), 1)
+        for phrase, better in AVOIDED.items()
+        if (match := re.search(phrase, line, re.I))
+    ]
+
+
+def whole_tables(root: Path) -> list[str]:
+    """Each table has a heading, and no blank line inside, which would end it."""
+    found = []
+    for path in _texts(root):
+        lines = re.sub(r"^ *```.*?^ *```$", lambda m: "\n" * m[0].count("\n"), _text(path), flags=re.M | re.S).split(
+            "\n"
+        )
+        for i, line in enumerate(lines):
+            is_first = re.match(r" {0,3}\|", line) and not (i and re.match(r" *\|", lines[i - 1]))
+            if is_first and not DIVIDER.match("".join(lines[i + 1 : i + 2])):
+                found.append(f"{path.relative_to(root)}:{i + 1}: a row without a table: remove the blank line above it")
+    return found

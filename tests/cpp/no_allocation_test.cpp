@@ -209,7 +209,7 @@ TEST(FrameThread, AllocatesNothingWithAContactModelAndItsDepthMap) {
 // Allocates as OpenCV does, in its own thread.
 class Allocating : public Network {
  public:
-  bool look(const FrameView& frame, std::span<float> out) override {
+  bool infer(const FrameView& frame, std::span<float> out) override {
     const std::vector<float> all(frame.data, frame.data + frame.stride * frame.height);
     out[0] = all.back();
     return true;

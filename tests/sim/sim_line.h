@@ -59,7 +59,7 @@ class SimLine {
   std::deque<Piece> up_;
   std::deque<Piece> down_;
   size_t n_up_ = 0;
-  size_t n_down_ = 0;
+  size_t n_dropped_on_hang_up_ = 0;
   bool is_connected_ = false;  // a host holds it
   bool is_open_ = false;       // the device does
 };

@@ -35,7 +35,7 @@ int64_t bilinear(Value value, const Between& x, const Between& y) {
 
 }  // namespace
 
-bool ContactDepth::is_of(const BoardSettings& board) {
+bool ContactDepth::is_used_by(const BoardSettings& board) {
   const auto has = [&](const char* stage) {
     return std::find(board.stages.begin(), board.stages.end(), stage) != board.stages.end();
   };
@@ -146,8 +146,8 @@ void ContactDepth::refine(std::span<const int32_t> fall, const Profile& profile,
   }
 }
 
-void ContactDepth::look(std::span<const FlowPoint> flow, std::span<DisplacementUm> out,
-                        SaturationCounter& saturations) const {
+void ContactDepth::resample(std::span<const FlowPoint> flow, std::span<DisplacementUm> out,
+                            SaturationCounter& saturations) const {
   const auto at = [&](int x, int y) { return static_cast<size_t>(y * lattice_.n_x + x); };
   const auto place_q4 = [&](int cell, int64_t center_mpx) {
     const int64_t twice_mpx = (2 * cell * step_px_ + step_px_ - 1) * 1'000 - 2 * center_mpx;
@@ -176,7 +176,7 @@ void ContactDepth::run(const Profile& profile, const ModelledContact::Inputs& in
                        SaturationCounter& saturations) {
   estimate(profile.flow, saturations);
   refine(profile.fall, profile, inputs, saturations);
-  look(profile.flow, out, saturations);
+  resample(profile.flow, out, saturations);
 }
 
 }  // namespace ruffini

@@ -54,7 +54,7 @@ const ContactProfile::Point& ContactProfile::flow(int x, int y) const {
   return flow_[static_cast<size_t>(row * lattice_.n_x + column)];
 }
 
-void ContactProfile::take(std::span<const Marker> markers) {
+void ContactProfile::load_flow(std::span<const Marker> markers) {
   const auto um_q4 = [&](ImagePx px) { return round_shift(px.raw() * px_to_um_q20_, 20); };
   std::transform(markers.begin(), markers.end(), flow_.begin(),
                  [&](const Marker& m) { return Point{um_q4(m.displacement_x), um_q4(m.displacement_y)}; });
@@ -170,7 +170,7 @@ int64_t ContactProfile::lost_1e3(std::span<const Marker> markers, const Point& m
 }
 
 const Profile& ContactProfile::run(std::span<const Marker> markers) {
-  take(markers);
+  load_flow(markers);
   find_fall();
   profile_.fall_q16 = std::max<int64_t>(*std::max_element(fall_.begin(), fall_.end()), 0);
   const Point middle = center();

@@ -61,7 +61,7 @@ struct Load {
     const auto size = [](int64_t v) { return static_cast<uint64_t>(v < 0 ? -v : v); };
     return std::max({size(x), size(y), size(n)});
   }
-  [[nodiscard]] Load shifted(int by) const { return {x >> by, y >> by, n >> by, count}; }
+  [[nodiscard]] Load shift_saturating(int by) const { return {x >> by, y >> by, n >> by, count}; }
 };
 
 // What the forces say of a contact, ratios in Q16.
@@ -82,8 +82,8 @@ int64_t ratio_q16(int64_t shear, int64_t pressure) {
 Ratios ratios_of(const Load& all, const Load& edge) {
   Ratios r;
   r.shift = std::max(static_cast<int>(std::bit_width(std::max(all.largest(), edge.largest()))) - 30, 0);
-  const Load whole = all.shifted(r.shift);
-  const Load rim = edge.shifted(r.shift);
+  const Load whole = all.shift_saturating(r.shift);
+  const Load rim = edge.shift_saturating(r.shift);
   r.is_known = rim.count < whole.count && rim.n > 0 && whole.n > rim.n;
   if (!r.is_known) return r;
   r.normal = whole.n;

@@ -57,7 +57,7 @@ class LightStage final : public Stage {
   [[nodiscard]] bool has_targets() const { return !targets_.target.empty(); }
 
   [[nodiscard]] bool is_off(bool is_balanced) {
-    if (is_balanced ? !tracker_.level_is_sure() || tracker_.map().is_off() : tracker_.is_off()) return true;
+    if (is_balanced ? !tracker_.is_level_reliable() || tracker_.map().is_off() : tracker_.is_off()) return true;
     const int daylight_q12 = has_targets() ? LightTracker::kTiltedQ12 : LightTracker::kDaylightQ12;
     const LightLevel usual = is_balanced ? tracker_.level() : LightLevel{};
     if (tracker_.is_lit_from_outside(daylight_q12, usual)) return true;

@@ -72,12 +72,12 @@ Result<Fingertip> Fingertip::load(const Calibration& c) {
   const auto zero = c.tensor("fingertip.zero", Tensor::Type::kI32, {n});
   const auto scale = c.tensor("fingertip.scale", Tensor::Type::kI32, {n});
   const auto trust = c.tensor("fingertip.trust", Tensor::Type::kI32, {static_cast<int64_t>(kModes), n});
-  const auto most = c.integer("fingertip.most_un", 1, 1'000'000'000);
+  const auto most = c.integer("fingertip.max_un", 1, 1'000'000'000);
   for (const auto* each : {&zero, &scale, &trust}) {
     if (!*each) return each->error();
   }
   if (!most) return most.error();
-  out.most_un_ = most.value();
+  out.max_un_ = most.value();
   const auto z = zero.value()->as<int32_t>(), s = scale.value()->as<int32_t>(), t = trust.value()->as<int32_t>();
   for (size_t i = 0; i < kQuantities; ++i) {
     if (std::abs(int64_t{z[i]}) > 1 << 24 || s[i] < 1 || s[i] > 1 << 24) {
@@ -94,7 +94,7 @@ Result<Fingertip> Fingertip::load(const Calibration& c) {
   return out;
 }
 
-void Fingertip::turn_back(const Numbers& value, TipTouch& touch) const {
+void Fingertip::rotate_back(const Numbers& value, TipTouch& touch) const {
   int64_t tx = std::clamp(value[kTiltX], -kMaxTilt, kMaxTilt);
   int64_t ty = std::clamp(value[kTiltY], -kMaxTilt, kMaxTilt);
   if (const int64_t tilt = floor_sqrt(tx * tx + ty * ty); tilt > kMaxTilt) {
@@ -123,16 +123,16 @@ void Fingertip::learn(std::span<const Marker> markers) {
 }
 
 TipTouch Fingertip::run(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations) {
-  TipTouch touch = tell(markers, eyes, saturations);
+  TipTouch touch = estimate(markers, eyes, saturations);
   for (size_t eye = 0; eye < rim_.size(); ++eye) {
     const bool is_blind = eyes == (eye == 0 ? Eyes::kRight : Eyes::kLeft);
-    const bool has_moved = !is_blind && rim_[eye].has_moved(of_eye(markers, eye), touch.force_un, most_un_);
+    const bool has_moved = !is_blind && rim_[eye].has_moved(of_eye(markers, eye), touch.force_un, max_un_);
     touch.has_camera_moved = touch.has_camera_moved || has_moved;
   }
   return touch;
 }
 
-TipTouch Fingertip::tell(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations) {
+TipTouch Fingertip::estimate(std::span<const Marker> markers, Eyes eyes, SaturationCounter& saturations) {
   TipTouch touch;
   if (!field_.run(markers, eyes)) return touch;
   TipNet& net = nets_[static_cast<size_t>(eyes)];
@@ -147,8 +147,8 @@ TipTouch Fingertip::tell(std::span<const Marker> markers, Eyes eyes, SaturationC
   touch.is_touched = true;
   touch.is_known = net.is_known();
   touch.force_un = std::max<int64_t>(value[kForce], 0);
-  touch.is_in_range = touch.force_un <= most_un_;
-  touch.way_um = value[kWay];
+  touch.is_in_range = touch.force_un <= max_un_;
+  touch.travel_um = value[kWay];
   // Places and angles are turned together, so each pair has one deviation.
   const auto both = [&](size_t a, size_t b) { return floor_sqrt((sigma[a] * sigma[a] + sigma[b] * sigma[b]) / 2); };
   const int64_t place = both(kX, kY), tilt = both(kTiltX, kTiltY);
@@ -156,16 +156,16 @@ TipTouch Fingertip::tell(std::span<const Marker> markers, Eyes eyes, SaturationC
   const int64_t area_um2 = value[kSide] * value[kSide];
   if (kSureArea * touch.sigma[6] <= area_um2) touch.area_um2 = area_um2;
   touch.place_q14 = field_.middle();
-  turn_back(value, touch);
-  if (area_ && eyes == Eyes::kBoth) tell_areas(touch);
+  rotate_back(value, touch);
+  if (area_ && eyes == Eyes::kBoth) estimate_areas(touch);
   return touch;
 }
 
 // Where the network is not sure of the face's area, the table's word is told if that is.
-void Fingertip::tell_areas(TipTouch& touch) {
-  const TipAreas areas = area_->run(field_, touch.axis_1e6, touch.force_un, touch.way_um);
-  touch.flat_um2 = areas.flat_um2;
-  touch.flat_sigma_um2 = areas.flat_sigma_um2;
+void Fingertip::estimate_areas(TipTouch& touch) {
+  const TipAreas areas = area_->run(field_, touch.axis_1e6, touch.force_un, touch.travel_um);
+  touch.flat_area_um2 = areas.flat_area_um2;
+  touch.flat_area_sigma_um2 = areas.flat_area_sigma_um2;
   if (touch.area_um2 != 0 || !touch.is_known || areas.face_um2 == 0 ||
       kSureArea * areas.face_sigma_um2 > areas.face_um2)
     return;

@@ -29,7 +29,7 @@ class FingertipStage final : public Stage {
 
   void learn(std::span<const uint16_t> /*rest*/) override {
     fingertip_->learn(markers_.marker);
-    const auto eyes = seeing([&](size_t eye) { return markers_.view[eye].was_seen_at_rest; });
+    const auto eyes = seeing_eyes([&](size_t eye) { return markers_.view[eye].was_seen_at_rest; });
     is_other_pad_ = eyes && fingertip_->is_other_pad(*eyes);
   }
 
@@ -39,7 +39,7 @@ class FingertipStage final : public Stage {
     contacts_ = {};
     wrench_.sum = {};
     covariance_.wrench = {};
-    const auto eyes = seeing([&](size_t eye) { return !markers_.is_blind(eye, max_lost_); });
+    const auto eyes = seeing_eyes([&](size_t eye) { return !markers_.is_blind(eye, max_lost_); });
     if (!eyes) return;
     tip_ = fingertip_->run(markers_.marker, *eyes, frame.saturations);
     if (are_pins_doubtful(*eyes)) frame.flags |= kFlagMarkersLost;
@@ -55,7 +55,7 @@ class FingertipStage final : public Stage {
                              .center_x_um = round_shift(radius_um_ * tip_.place_q14[0], 14),
                              .center_y_um = round_shift(radius_um_ * tip_.place_q14[1], 14),
                              .force_z_un = wrench_.sum.force_z_un,
-                             .peak_depth_nm = -1'000 * tip_.way_um};
+                             .peak_depth_nm = -1'000 * tip_.travel_um};
   }
 
   void judge(uint32_t& flags) override {
@@ -75,9 +75,9 @@ class FingertipStage final : public Stage {
   [[nodiscard]] bool are_pins_doubtful(Eyes eyes) const {
     const int n_contradicted = fingertip_->n_contradicted();
     if (eyes == Eyes::kBoth) {
-      return markers_.view[0].n_unsure + markers_.view[1].n_unsure + n_contradicted > max_lost_;
+      return markers_.view[0].n_low_confidence + markers_.view[1].n_low_confidence + n_contradicted > max_lost_;
     }
-    return markers_.view[eyes == Eyes::kLeft ? 0 : 1].n_unsure > kMostUnsureAlone || n_contradicted > max_lost_;
+    return markers_.view[eyes == Eyes::kLeft ? 0 : 1].n_low_confidence > kMostUnsureAlone || n_contradicted > max_lost_;
   }
 
   int64_t radius_um_;

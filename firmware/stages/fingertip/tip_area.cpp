@@ -139,19 +139,20 @@ std::array<int64_t, TipArea::kOutputs> TipArea::look_up(const std::array<int64_t
   return corner[0];
 }
 
-TipAreas TipArea::run(const TipField& field, const Vector& axis_1e6, int64_t force_un, int64_t way_um) {
+TipAreas TipArea::run(const TipField& field, const Vector& axis_1e6, int64_t force_un, int64_t travel_um) {
   find_heights(field, axis_1e6);
   const int64_t top = find_top();
-  TipAreas out{.flat_um2 = area_above(top - kFlat)};
+  TipAreas out{.flat_area_um2 = area_above(top - kFlat)};
   const int64_t change = area_above(top - kFlat - kHeightSigma) - area_above(top - kFlat + kHeightSigma);
-  out.flat_sigma_um2 = std::max<int64_t>(change / 2, cell_.back());
+  out.flat_area_sigma_um2 = std::max<int64_t>(change / 2, cell_.back());
   const Key key = key_points();
   const auto radius_q8 = [](const std::array<int64_t, kRays>& ring) {
     int64_t sum = 0;
     for (size_t k = 0; k < kRays; ++k) sum += ring[k] * ring[(k + 1) % kRays];
     return floor_sqrt((sum << 16) / int64_t{kRays});
   };
-  const auto [area_1e3, part_q16, whole_q16] = look_up({force_un, way_um, radius_q8(key.bend), radius_q8(key.ridge)});
+  const auto [area_1e3, part_q16, whole_q16] =
+      look_up({force_un, travel_um, radius_q8(key.bend), radius_q8(key.ridge)});
   if (whole_q16 < kWhole) return out;
   out.face_um2 = area_1e3 * 1'000;
   out.face_sigma_um2 = std::max<int64_t>(area_1e3 * part_q16 * 1'000 >> 16, 1);

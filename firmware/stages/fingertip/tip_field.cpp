@@ -96,7 +96,7 @@ Result<TipField> TipField::load(const Calibration& c) {
   out.kernel_.assign(k.begin(), k.end());
   out.features_.resize(3 * out.place_.size() + 2);
   out.gate_q8_ = t[0];
-  out.least_press_ = t[1];
+  out.min_press_ = t[1];
   return out;
 }
 
@@ -134,7 +134,7 @@ bool TipField::find_middle() {
   for (const Pin& pin : pin_) {
     if (pin.is_used) most = std::max(most, -round_shift(dot(pin.moved, pin.normal), kUnit));
   }
-  if (most < least_press_) return false;
+  if (most < min_press_) return false;
   const int64_t floor = most * 77 >> 8;
   Vector sum{};
   for (const Pin& pin : pin_) {
@@ -222,10 +222,10 @@ void TipField::move(Pin& pin, std::span<const Marker> markers, Eyes eyes) {
   bool are_both_sure = true;
   for (size_t eye = 0; eye < kEyes; ++eye) {
     const bool is_asked = eyes != (eye == 0 ? Eyes::kRight : Eyes::kLeft);
-    const bool is_sure = pin.marker[eye] >= 0 && markers[static_cast<size_t>(pin.marker[eye])].is_sure();
-    are_both_sure = are_both_sure && is_sure;
-    pin.is_used = pin.is_used && (is_sure || !is_asked);
-    if (!is_sure) continue;
+    const bool is_confident = pin.marker[eye] >= 0 && markers[static_cast<size_t>(pin.marker[eye])].is_confident();
+    are_both_sure = are_both_sure && is_confident;
+    pin.is_used = pin.is_used && (is_confident || !is_asked);
+    if (!is_confident) continue;
     const Marker& m = markers[static_cast<size_t>(pin.marker[eye])];
     shift[2 * eye] = std::clamp<int64_t>(m.displacement_x.raw(), -kMaxShift, kMaxShift);
     shift[2 * eye + 1] = std::clamp<int64_t>(m.displacement_y.raw(), -kMaxShift, kMaxShift);

@@ -56,7 +56,7 @@ Helmholtz::Helmholtz(const BoardSettings& board)
   }
 }
 
-void Helmholtz::hold(std::span<const FlowPoint> flow, SaturationCounter& saturations) {
+void Helmholtz::load_clamped(std::span<const FlowPoint> flow, SaturationCounter& saturations) {
   const auto held = [&](int64_t v) {
     const int64_t out = std::clamp(v, -kMaxFlowQ4, kMaxFlowQ4);
     saturations.count += out == v ? 0 : 1;
@@ -82,7 +82,7 @@ void Helmholtz::find_divergence() {
   }
 }
 
-int Helmholtz::fit() {
+int Helmholtz::normalize() {
   int64_t largest = 0;
   for (const int64_t v : wide_) largest = std::max(largest, std::abs(v));
   const int bits = static_cast<int>(std::bit_width(static_cast<uint64_t>(largest))) +
@@ -113,11 +113,11 @@ void Helmholtz::solve() {
       for (int y = 0; y < n_y; ++y) plane_[at(x, y)] = out[y];
     }
   };
-  const int up = fit();
+  const int up = normalize();
   each_line(true);
   std::transform(plane_.begin(), plane_.end(), factor_q28_.begin(), wide_.begin(),
                  [](int32_t f, int64_t factor) { return -f * factor; });
-  const int up_again = fit();
+  const int up_again = normalize();
   each_line(false);
   scale_ = -(up + kFactorFraction + up_again);
 }
@@ -174,7 +174,7 @@ int64_t Helmholtz::twist_urad(const Profile& profile) const {
 
 const HelmholtzSums& Helmholtz::run(std::span<const FlowPoint> flow, const Profile& profile,
                                     SaturationCounter& saturations) {
-  hold(flow, saturations);
+  load_clamped(flow, saturations);
   find_divergence();
   solve();
   find_gradient();

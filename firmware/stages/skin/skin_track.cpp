@@ -49,7 +49,7 @@ void SkinTrack::follow(SkinTouch& touch, Slot& slot) const {
 void SkinTrack::run(SkinTouchList& list) {
   for (Slot& slot : slots_) {
     slot.is_taken = false;
-    if (slot.id != 0 && slot.n_unseen++ > kKeptFrames) slot = {};
+    if (slot.id != 0 && slot.n_unseen++ > kMaxUnseenFrames) slot = {};
   }
   for (int i = 0; i < list.n_listed; ++i) list.touch[static_cast<size_t>(i)].id = 0;
   for (int round = 0; round < list.n_listed; ++round) {

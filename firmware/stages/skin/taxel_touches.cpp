@@ -44,7 +44,7 @@ Result<TaxelTouches> TaxelTouches::load(const Calibration& calibration, const Bo
   out.threshold_un_ = board.contact.threshold_un;
   out.mode_ = board.skin.mode;
   out.sink_q12_.resize(n);
-  out.left_q12_.resize(n);
+  out.residual_q12_.resize(n);
   out.press_.resize(n);
   out.all_nodes_.assign(n, 1);
   return out;
@@ -68,7 +68,7 @@ int64_t TaxelTouches::explained(size_t taxel, const Touch& touch) const {
 }
 
 // Sink of a taxel that no touch but `except` explains.
-int64_t TaxelTouches::left(size_t taxel, const Touch* except) const {
+int64_t TaxelTouches::residual_sink(size_t taxel, const Touch* except) const {
   int64_t sink = sink_q12_[taxel];
   for (size_t k = 0; k < n_touches_; ++k) {
     if (&touch_[k] != except) sink -= explained(taxel, touch_[k]);
@@ -97,7 +97,7 @@ std::optional<size_t> TaxelTouches::next_taxel() const {
   int64_t most = tables_.floor_q12 - 1;
   for (size_t i = 0; i < sink_q12_.size(); ++i) {
     if (sink_q12_[i] <= most) continue;
-    const int64_t unexplained = left(i, nullptr);
+    const int64_t unexplained = residual_sink(i, nullptr);
     if (unexplained <= most) continue;
     int64_t strongest = sink_q12_[i];
     for (size_t k = 0; k < n_touches_; ++k) {
@@ -127,13 +127,13 @@ void TaxelTouches::split_last() {
   if (mode_ == SkinMode::kSingle || n_touches_ == touch_.size()) return;
   const Touch& whole = touch_[n_touches_ - 1];
   if (const auto other = next_taxel()) {
-    const int64_t dx_um = tables_.aside_um(tables_.taxels[*other].x_um - whole.x_um);
+    const int64_t dx_um = tables_.wrapped_um(tables_.taxels[*other].x_um - whole.x_um);
     const int64_t dy_um = tables_.taxels[*other].y_um - whole.y_um;
     const int64_t far_um = TouchPair::kFar * tables_.reach_step_um;
     if (dx_um * dx_um + dy_um * dy_um <= far_um * far_um) return;
   }
-  for (size_t i = 0; i < left_q12_.size(); ++i) left_q12_[i] = left(i, &whole);
-  if (!pair_.find(tables_, left_q12_, whole.taxel)) return;
+  for (size_t i = 0; i < residual_q12_.size(); ++i) residual_q12_[i] = residual_sink(i, &whole);
+  if (!pair_.find(tables_, residual_q12_, whole.taxel)) return;
   touch_[n_touches_ - 1] = member(0);
   touch_[n_touches_++] = member(1);
   for (size_t k = n_touches_ - 2; k < n_touches_; ++k) fit(touch_[k]);
@@ -170,11 +170,12 @@ int64_t TaxelTouches::lean_q12(const TaxelTables::Taxel& taxel, const Touch& tou
   const int16_t behind = taxel.near[2 * axis + 1];
   int64_t q = 0;
   if (before >= 0 && behind >= 0) {
-    const int64_t a = left(static_cast<size_t>(before), &touch);
-    const int64_t b = left(static_cast<size_t>(behind), &touch);
+    const int64_t a = residual_sink(static_cast<size_t>(before), &touch);
+    const int64_t b = residual_sink(static_cast<size_t>(behind), &touch);
     q = floor_div((b - a) * kOneQ12, std::max<int64_t>(here - std::min(a, b), 1));
   } else if (before >= 0 || behind >= 0) {
-    q = floor_div(left(static_cast<size_t>(std::max(before, behind)), &touch) * kOneQ12, std::max<int64_t>(here, 1));
+    q = floor_div(residual_sink(static_cast<size_t>(std::max(before, behind)), &touch) * kOneQ12,
+                  std::max<int64_t>(here, 1));
   }
   return std::clamp(q, -kOneQ12, kOneQ12);
 }
@@ -187,14 +188,14 @@ void TaxelTouches::lean(Touch& touch, int64_t here) const {
 
 // Place and strength, the other touches as they are; it may move on by one taxel. Of one of a pair q alone.
 void TaxelTouches::fit(Touch& touch) const {
-  int64_t here = left(touch.taxel, &touch);
+  int64_t here = residual_sink(touch.taxel, &touch);
   if (touch.pair_q12 > 0) {
     lean(touch, here);
     return;
   }
   for (const int16_t other : tables_.taxels[touch.taxel].near) {
     if (other < 0) continue;
-    const int64_t there = left(static_cast<size_t>(other), &touch);
+    const int64_t there = residual_sink(static_cast<size_t>(other), &touch);
     if (there <= here) continue;
     here = there;
     touch.taxel = static_cast<size_t>(other);
@@ -209,7 +210,7 @@ void TaxelTouches::fit(Touch& touch) const {
   touch.strength_q12 = std::max<int64_t>(floor_div(here * 16'384, reach), 0);
 }
 
-void TaxelTouches::share_out() {
+void TaxelTouches::distribute_press() {
   force_lsb_.fill(0);
   n_taxels_.fill(0);
   for (size_t i = 0; i < press_.size(); ++i) {
@@ -234,7 +235,7 @@ int64_t TaxelTouches::force_un(const Touch& touch, int64_t elastic_lsb) const {
   return round_shift(elastic_un * tables_.gain_of(tables_.taxels[touch.taxel].kind, elastic_un, lean), 16);
 }
 
-SkinTouch TaxelTouches::told(size_t k) const {
+SkinTouch TaxelTouches::to_skin_touch(size_t k) const {
   const Touch& t = touch_[k];
   const int64_t force_un = this->force_un(t, force_lsb_[k]);
   const int64_t part_un = round_shift(force_un * tables_.sigma_q12, 12);
@@ -248,10 +249,10 @@ SkinTouch TaxelTouches::told(size_t k) const {
           .place_sigma_um = tables_.place_sigma_um + faint_um};
 }
 
-SkinTouchList TaxelTouches::run(std::span<const int32_t> ratio, uint64_t capture_us, bool is_believed,
+SkinTouchList TaxelTouches::run(std::span<const int32_t> ratio, uint64_t capture_us, bool is_trusted,
                                 SaturationCounter& saturations) {
   read(ratio);
-  if (relaxation_ && is_believed && capture_us != 0) relaxation_->run(capture_us, all_nodes_, press_, saturations);
+  if (relaxation_ && is_trusted && capture_us != 0) relaxation_->run(capture_us, all_nodes_, press_, saturations);
   n_touches_ = 0;
   while (find_another()) {
     if (n_touches_ == 1) continue;  // nothing to fit again
@@ -259,10 +260,10 @@ SkinTouchList TaxelTouches::run(std::span<const int32_t> ratio, uint64_t capture
       for (size_t k = 0; k < n_touches_; ++k) fit(touch_[k]);
     }
   }
-  share_out();
+  distribute_press();
   SkinTouchList list;
   for (size_t k = 0; k < n_touches_; ++k) {
-    const SkinTouch touch = told(k);
+    const SkinTouch touch = to_skin_touch(k);
     if (touch.press_un < threshold_un_) continue;
     auto at = static_cast<size_t>(list.n_listed++);  // hardest first
     for (; at > 0 && list.touch[at - 1].press_un < touch.press_un; --at) list.touch[at] = list.touch[at - 1];

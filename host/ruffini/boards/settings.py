@@ -93,6 +93,14 @@ class Targets(Section):
     threshold_1e3: int
 
 
+class PictureFeatures(Section):
+    """[picture_features]: a grid on the gel, whose corners in the picture go from the top left with the clock."""
+
+    corners_px: list[list[int]]
+    n_x: int
+    n_y: int
+
+
 class Depth(Section):
     """[depth]."""
 
@@ -268,6 +276,7 @@ class Board(Section):
     window: Window
     markers: Markers | None = None  # a pipeline without the stage needs none
     targets: Targets | None = None
+    picture_features: PictureFeatures | None = None
     depth: Depth
     contact: Contact
     skin: Skin | None = None

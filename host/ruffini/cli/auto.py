@@ -149,12 +149,9 @@ def _points(board: Board, folder: Path) -> Path | None:
     """A twin's known points, as a person reads them off its picture; only a tube's lens needs them."""
     if board.skin is None or board.skin.shape != "tube":
         return None
-    from ruffini.files import write_whole
-    from ruffini.sim.optics.known_points import known_points
+    from ruffini.sim.optics.known_points import write_known_points
 
-    path, rows = folder / "points.csv", (",".join(f"{v:.3f}" for v in row) for row in known_points(board))
-    write_whole(path, "\n".join(["x_px,y_px,z_mm", *rows, ""]).encode())
-    return path
+    return write_known_points(board, folder)
 
 
 def _need_known(active: Any, known: set[bytes]) -> None:

@@ -323,14 +323,12 @@ class Pipeline:
         return self.raw("targets")
 
     def features(self) -> npt.NDArray[np.int64]:
-        """What the stage feature_wrench reads, (n,).
+        """Features of the last frame, (n,), of which the stage feature_wrench makes the wrench.
 
-        dx, dy (px Q16) and change of area (px^2 Q8) of each target; where there are none, dx and dy of each marker.
+        dx, dy (px Q16) and change of area (px^2 Q8) of each target; dx and dy of each marker; or the relative change
+        (Q16) of blue, green and red over the grid of [picture_features].
         """
-        if "targets" in self.slots:
-            rows = self.targets()
-            return np.asarray((rows[:, [4, 5, 6]] - rows[:, [0, 1, 2]]).ravel())
-        return self.raw("markers")[..., 2:].ravel().astype(np.int64)
+        return self.raw("features").astype(np.int64)
 
     def contacts(self) -> list[ContactRow]:
         """The listed contacts of the last frame, largest first."""

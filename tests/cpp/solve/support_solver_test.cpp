@@ -145,7 +145,7 @@ TEST(SupportSolver, LeavesWhatItsForcesDoNotExplain) {
   std::vector<NodeForce> again(kNodes, {77, 77, -77});
   loaded.solver().run(u, {}, mask, kThreshold, again, saturations);
   std::vector<int32_t> at_watched(watched.size());
-  loaded.solver().leave_watched(at_watched);
+  loaded.solver().watched_residual(at_watched);
   for (size_t i = 0; i < watched.size(); ++i) EXPECT_NEAR(at_watched[i], left[watched[i]], 2) << watched[i];
   for (size_t i = 0; i < kUnknowns; ++i) {
     EXPECT_EQ(component(again[i / 3], i % 3), component(force[i / 3], i % 3));

@@ -42,7 +42,7 @@ std::vector<Marker> moved(const Way& way) {
 class RimMotionTest : public testing::Test {
  protected:
   RimMotionTest() { rim_.learn(moved({})); }
-  [[nodiscard]] bool is_moved(const Way& way, int64_t force_un = 0) const {
+  [[nodiscard]] bool has_moved(const Way& way, int64_t force_un = 0) const {
     return rim_.has_moved(moved(way), force_un, kMostUn);
   }
 
@@ -58,20 +58,20 @@ TEST_F(RimMotionTest, TellsWhatTheSectorsHaveInCommon) {
 }
 
 TEST_F(RimMotionTest, ALittleIsEnoughWhereNothingPresses) {
-  EXPECT_FALSE(is_moved({.x_px = 0.11}));
-  EXPECT_TRUE(is_moved({.x_px = 0.13}));
-  EXPECT_TRUE(is_moved({.zoom = 0.002}));
-  EXPECT_TRUE(is_moved({.turn = -0.002}));
+  EXPECT_FALSE(has_moved({.x_px = 0.11}));
+  EXPECT_TRUE(has_moved({.x_px = 0.13}));
+  EXPECT_TRUE(has_moved({.zoom = 0.002}));
+  EXPECT_TRUE(has_moved({.turn = -0.002}));
 }
 
 TEST_F(RimMotionTest, ALoadMovesTheRim) {
-  EXPECT_FALSE(is_moved({.x_px = 0.5}, kMostUn / 2));
-  EXPECT_TRUE(is_moved({.x_px = 0.8}, kMostUn / 2));
-  EXPECT_FALSE(is_moved({.zoom = 0.005}, kMostUn));
-  EXPECT_EQ(is_moved({.x_px = 2}, kMostUn), is_moved({.x_px = 2}, 5 * kMostUn)) << "no more than at the most";
+  EXPECT_FALSE(has_moved({.x_px = 0.5}, kMostUn / 2));
+  EXPECT_TRUE(has_moved({.x_px = 0.8}, kMostUn / 2));
+  EXPECT_FALSE(has_moved({.zoom = 0.005}, kMostUn));
+  EXPECT_EQ(has_moved({.x_px = 2}, kMostUn), has_moved({.x_px = 2}, 5 * kMostUn)) << "no more than at the most";
 }
 
-TEST_F(RimMotionTest, ADentOfOneSectorIsNoMotion) { EXPECT_FALSE(is_moved({.dent_px = 5})); }
+TEST_F(RimMotionTest, ADentOfOneSectorIsNoMotion) { EXPECT_FALSE(has_moved({.dent_px = 5})); }
 
 TEST_F(RimMotionTest, ASectorThatIsNotSeenSaysNothing) {
   auto markers = moved({.x_px = 1});

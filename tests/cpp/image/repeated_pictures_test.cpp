@@ -1,4 +1,4 @@
-#include "image/old_pictures.h"
+#include "image/repeated_pictures.h"
 
 #include <gtest/gtest.h>
 
@@ -25,7 +25,7 @@ Pixels noisy(unsigned seed) {
   return pixels;
 }
 
-class OldPicturesTest : public testing::Test {
+class RepeatedPicturesTest : public testing::Test {
  protected:
   bool see(const Pixels& pixels) { return old_.run({pixels.data(), kWidth, kHeight, 3, ptrdiff_t{3} * kWidth}); }
   void rest(const Pixels& pixels) {
@@ -41,14 +41,14 @@ class OldPicturesTest : public testing::Test {
     return now;
   }
 
-  OldPictures old_{kWidth, kHeight};
+  RepeatedPictures old_{kWidth, kHeight};
 };
 
-TEST_F(OldPicturesTest, NothingIsSaidOfNewPictures) {
+TEST_F(RepeatedPicturesTest, NothingIsSaidOfNewPictures) {
   for (unsigned seed = 1; seed <= 100; ++seed) EXPECT_FALSE(see(noisy(seed))) << seed;
 }
 
-TEST_F(OldPicturesTest, APictureOfTheLastThirtyOneIsOld) {
+TEST_F(RepeatedPicturesTest, APictureOfTheLastThirtyOneIsOld) {
   for (unsigned seed = 1; seed <= 31; ++seed) EXPECT_FALSE(see(noisy(seed)));
   EXPECT_TRUE(see(noisy(1))) << "31 ago";
   EXPECT_TRUE(see(noisy(31))) << "2 ago";
@@ -57,7 +57,7 @@ TEST_F(OldPicturesTest, APictureOfTheLastThirtyOneIsOld) {
   EXPECT_FALSE(see(noisy(32)));
 }
 
-TEST_F(OldPicturesTest, APartOfAnOlderPictureIsOld) {
+TEST_F(RepeatedPicturesTest, APartOfAnOlderPictureIsOld) {
   const Pixels first = noisy(1);
   EXPECT_FALSE(see(first));
   unsigned seed = 2;
@@ -70,7 +70,7 @@ TEST_F(OldPicturesTest, APartOfAnOlderPictureIsOld) {
   EXPECT_FALSE(see(torn(noisy(1002), first, 236))) << "less than a band";
 }
 
-TEST_F(OldPicturesTest, BlackAndWhitePartsRepeatThemselvesWithoutAFault) {
+TEST_F(RepeatedPicturesTest, BlackAndWhitePartsRepeatThemselvesWithoutAFault) {
   for (const uint8_t level : {uint8_t{0}, uint8_t{255}}) {
     const Pixels flat(size_t{3} * kWidth * kHeight, level);
     (void)see(flat);
@@ -80,7 +80,7 @@ TEST_F(OldPicturesTest, BlackAndWhitePartsRepeatThemselvesWithoutAFault) {
   }
 }
 
-TEST_F(OldPicturesTest, OfACameraWithoutNoiseOnlyWholePicturesAreOld) {
+TEST_F(RepeatedPicturesTest, OfACameraWithoutNoiseOnlyWholePicturesAreOld) {
   const Pixels still = noisy(1);
   old_.begin_rest();
   rest(still);
@@ -94,7 +94,7 @@ TEST_F(OldPicturesTest, OfACameraWithoutNoiseOnlyWholePicturesAreOld) {
   EXPECT_TRUE(see(torn(noisy(5), still, 120)));
 }
 
-TEST_F(OldPicturesTest, ARestOfOneFrameTellsNothingOfTheCamerasNoise) {
+TEST_F(RepeatedPicturesTest, ARestOfOneFrameTellsNothingOfTheCamerasNoise) {
   const Pixels still = noisy(1);
   old_.begin_rest();
   rest(still);

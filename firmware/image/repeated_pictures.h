@@ -3,7 +3,7 @@
 //   cell    a quarter of the width of a band of rows; about 30 bands, each a multiple of 8 rows
 //   hash(c) of kSamples pixels of cell c, whose places are drawn once; cells that are black or white on average (kBlack,
 //           kWhite) are not compared
-//   old     at least kFewest cells have the hash that they had in one of the last kRemembered pictures
+//   old     at least kMinCells cells have the hash that they had in one of the last kRemembered pictures
 //
 // Sensor noise makes an equal hash of kSamples pixels practically impossible. A V4L2 driver has at most 32 buffers
 // (VIDEO_MAX_FRAME), so an old buffer is among the last 31 pictures. Two cells are required because strong compression
@@ -23,9 +23,9 @@
 
 namespace ruffini {
 
-class OldPictures {
+class RepeatedPictures {
  public:
-  OldPictures(int width_px, int height_px);
+  RepeatedPictures(int width_px, int height_px);
 
   // Starts a new rest image: whether the camera repeats itself is unknown again.
   void begin_rest();
@@ -40,7 +40,7 @@ class OldPictures {
   static constexpr int kColumns = 4;
   static constexpr size_t kSamples = 16;
   static constexpr size_t kRemembered = 31;
-  static constexpr int kFewest = 2;
+  static constexpr int kMinCells = 2;
   using Cells = std::vector<uint64_t>;  // sum of each; 0: shows nothing
 
   struct Repeats {

@@ -1,4 +1,4 @@
-#include "image/marker_grade.h"
+#include "image/marker_quality.h"
 
 #include <algorithm>
 
@@ -18,7 +18,7 @@ int64_t integer_root(int64_t square) {
   return root;
 }
 
-// Is the dot's area far more than the median growth of the known markers around makes of that at rest?
+// True if the dot's area far exceeds its rest area times the median growth of the known markers around it.
 bool is_double(const MarkerGraph& graph, const DotAreas& areas, std::span<const uint8_t> known, size_t marker) {
   std::array<int64_t, MarkerGraph::kMaxNear> growth{};
   size_t n = 0;
@@ -28,14 +28,14 @@ bool is_double(const MarkerGraph& graph, const DotAreas& areas, std::span<const 
     const int64_t value = (int64_t{areas.now[at]} << 10) / areas.rest[at];
     size_t place = n++;
     for (; place > 0 && growth[place - 1] > value; --place) growth[place] = growth[place - 1];
-    growth[place] = value;  // sorted
+    growth[place] = value;  // insertion into the sorted list
   }
   const int64_t expected_q10 =
       areas.rest[marker] * (n < kFewest ? 1'024 : std::max<int64_t>(growth[(n - 1) / 2], 1'024));
   return (int64_t{areas.now[marker]} << 10) * 100 > kDoublePercent * expected_q10;
 }
 
-// How far the marker is from the nearest of what the lines through two known neighbours say, px; 0: there is no line.
+// Distance of the marker from the nearest extrapolation through two known neighbours, px; 0 if there is no line.
 int64_t off_lines_q8(const MarkerGraph& graph, std::span<const Marker> markers, std::span<const uint8_t> known,
                      size_t marker) {
   const auto moved = [&](int i) {
@@ -55,8 +55,8 @@ int64_t off_lines_q8(const MarkerGraph& graph, std::span<const Marker> markers, 
 
 }  // namespace
 
-void grade_markers(const MarkerGraph& graph, const DotAreas& areas, std::span<const int64_t> error2_q16,
-                   int64_t pitch_q8, std::span<Marker> markers, std::span<uint8_t> known) {
+void set_marker_quality(const MarkerGraph& graph, const DotAreas& areas, std::span<const int64_t> error2_q16,
+                        int64_t pitch_q8, std::span<Marker> markers, std::span<uint8_t> known) {
   for (size_t i = 0; i < markers.size(); ++i) {
     Marker& marker = markers[i];
     marker.quality = 0;

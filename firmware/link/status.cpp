@@ -1,4 +1,4 @@
-// What the device says of itself: HELLO, SCHEMA, STATUS.
+// Messages about the device itself: HELLO, SCHEMA, STATUS.
 #include <pb_encode.h>
 
 #include <algorithm>
@@ -13,7 +13,7 @@
 
 namespace ruffini {
 
-// What the board's parser lets through fits HELLO.
+// Everything that the board parser accepts fits HELLO.
 static_assert(pb_membersize(ruffini_SensorInfo, board_toml) > kMaxBoardBytes);
 static_assert(pb_arraysize(ruffini_SensorInfo, not_measured) >= kMaxNotMeasured);
 static_assert(pb_arraysize(ruffini_SensorInfo, stages) >= kMaxStages);
@@ -24,15 +24,16 @@ static_assert(pb_membersize(ruffini_Temperature, place) > kMaxListedLength);
 
 namespace {
 
-constexpr uint32_t kAgedSkin1e3 = 250;  // off the calibration's light: what touches look like was learned with another
+// Deviation from the calibration's light beyond which touches look different from the training data
+constexpr uint32_t kAgedSkin1e3 = 250;
 
-// Where the tag finds no room, what is longer does not either: its result is that of both.
+// If the tag does not fit, the value after it does not either, so the second result covers both.
 bool write_schema(pb_ostream_t* stream, const pb_field_t* field, void* const*) {
   (void)pb_encode_tag_for_field(stream, field);
   return pb_encode_string(stream, kSchemaBytes, kSchemaSize);
 }
 
-// Node position from the pad's centre, nanometres: (2 i - (n - 1)) size / (2 (n - 1)).
+// Position of a node relative to the pad's centre, nanometres: (2 i - (n - 1)) size / (2 (n - 1)).
 int32_t origin_nm(int first, int n, int64_t size_um) {
   return static_cast<int32_t>(floor_div((2 * first - (n - 1)) * size_um * 1'000, 2 * int64_t{n - 1}));
 }
@@ -74,7 +75,7 @@ void Session::send_hello() {
     copy_bytes(s.calibration.sha256, active.sha256);
     copy_text(s.calibration.created_utc, active.created_utc);
     copy_text(s.calibration.key_id, active.signer.key_id);
-    copy_text(s.calibration.summary, plain(active.gates));
+    copy_text(s.calibration.summary, to_plain_ascii(active.gates));
     s.calibration.development_key = active.signer.is_development_key;
     s.calibration.on_trial = calibrator_.is_on_trial();
     std::stringstream kinds(active.kinds);
@@ -93,7 +94,7 @@ void Session::send_schema() {
 }
 
 void Session::send_stale_wrench() {
-  if (exchange_.frames_processed == 0) return;  // no frame yet, nothing to repeat
+  if (exchange_.frames_processed == 0) return;  // no frame yet
   ruffini_Wrench m = ruffini_Wrench_init_zero;
   m.has_stamp = true;
   m.stamp.capture_us = exchange_.last_frame.capture_us;
@@ -106,10 +107,10 @@ void Session::send_stale_wrench() {
     const bool is_measured = (was >> (4 * i) & 15) != ruffini_Validity_VALIDITY_NOT_MEASURED;
     m.validity[i] = is_measured ? ruffini_Validity_VALIDITY_INVALID : ruffini_Validity_VALIDITY_NOT_MEASURED;
   }
-  // Telemetry, not a reply: a host that does not read finds the newest.
+  // Sent as telemetry, not as a reply, so that a host that does not read gets the newest.
   Outgoing& slot = newest(ruffini_MessageType_MESSAGE_TYPE_WRENCH);
-  slot.bytes = serialised(ruffini_Wrench_fields, &m);
-  slot.is_bare = true;
+  slot.bytes = serialize_message(ruffini_Wrench_fields, &m);
+  slot.needs_framing = true;
 }
 
 void Session::send_event(uint64_t now_us, ruffini_Event_Severity severity, const char* what, const std::string& text) {
@@ -121,8 +122,8 @@ void Session::send_event(uint64_t now_us, ruffini_Event_Severity severity, const
   send(ruffini_MessageType_MESSAGE_TYPE_EVENT, ruffini_Event_fields, &m);
 }
 
-// Where the board asks for a network: how it fares.
-void Session::tell_network(ruffini_Status& m) const {
+// State of the learned network, if the board has one.
+void Session::report_network(ruffini_Status& m) const {
   const NetworkHealth& network = exchange_.network;
   if (!network.is_asked) return;
   const NetworkState state = network.state.load(std::memory_order_acquire);
@@ -140,7 +141,7 @@ void Session::tell_network(ruffini_Status& m) const {
   m.health |= ruffini_HealthBit_HEALTH_NETWORK;
 }
 
-void Session::tell_last_run(ruffini_Status& m) const {
+void Session::report_last_run(ruffini_Status& m) const {
   if (!identity_.last_run) return;
   const LastRun& last = *identity_.last_run;
   m.has_last_run = true;
@@ -155,8 +156,8 @@ void Session::tell_last_run(ruffini_Status& m) const {
   if (identity_.is_safe_mode) m.health |= ruffini_HealthBit_HEALTH_SAFE_MODE;
 }
 
-// Camera, computer, creep and reflex; `n_frames` since the last status.
-void Session::tell_health(ruffini_Status& m, uint64_t n_frames) {
+// Camera, computer, creep and reflex. `n_frames`: since the last status.
+void Session::report_health(ruffini_Status& m, uint64_t n_frames) {
   m.camera_gaps = exchange_.frames_missed;
   m.repeated_frames = exchange_.frames_repeated;
   m.time_faults = exchange_.time_faults;
@@ -194,8 +195,8 @@ void Session::send_status(uint64_t now_us) {
              .rx_echo = rx_echo_,
              .link_replaced = n_replaced_,
              .link_ring_full = exchange_.telemetry_dropped.load() - n_replaced_,
-             .link_down = n_down_,
-             .link_cut = n_cut_};
+             .link_down = n_dropped_on_hang_up_,
+             .link_cut = n_truncated_};
   m.has_access = true;
   m.access.is_open = !access_.needs_key();
   m.access.n_refused = access_.n_refused();
@@ -217,7 +218,7 @@ void Session::send_status(uint64_t now_us) {
   }
   const ActiveCalibration& active = calibrator_.active();
   if (!active.is_present) m.health |= ruffini_HealthBit_HEALTH_UNCALIBRATED;
-  if (active.is_unjudged()) m.health |= ruffini_HealthBit_HEALTH_UNJUDGED;
+  if (active.lacks_passed_gates()) m.health |= ruffini_HealthBit_HEALTH_UNJUDGED;
   if (calibrator_.keys().accepts_development_key()) m.health |= ruffini_HealthBit_HEALTH_DEVELOPMENT_KEY;
   if ((exchange_.flags.load() & kFlagNoReference) != 0) m.health |= ruffini_HealthBit_HEALTH_NO_REFERENCE;
   if (is_stalled_) m.health |= ruffini_HealthBit_HEALTH_CAMERA_STALLED;
@@ -227,9 +228,9 @@ void Session::send_status(uint64_t now_us) {
   const bool has_aged = m.skin_light_1e3 < 1'000 - kAgedSkin1e3 || m.skin_light_1e3 > 1'000 + kAgedSkin1e3;
   if (m.skin_light_1e3 != 0 && has_aged) m.health |= ruffini_HealthBit_HEALTH_SKIN_AGED;
   if (decoder_.counters().bad_crc > 0) m.health |= ruffini_HealthBit_HEALTH_LINK_DEGRADED;
-  tell_network(m);
-  tell_last_run(m);
-  tell_health(m, n);
+  report_network(m);
+  report_last_run(m);
+  report_health(m, n);
   m.development_key = active.is_present && active.signer.is_development_key;
   copy_bytes(m.calibration_sha256, active.sha256);
   status_us_ = now_us;

@@ -17,7 +17,7 @@ Picture = npt.NDArray[np.uint8]
 
 
 class Mirror:
-    """firmware/image/old_pictures.h, in Python's own integers."""
+    """firmware/image/repeated_pictures.h, in Python's own integers."""
 
     def __init__(self, width: int, height: int) -> None:
         rows = -(-height // 240) * 8

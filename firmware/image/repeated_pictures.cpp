@@ -1,19 +1,19 @@
-#include "image/old_pictures.h"
+#include "image/repeated_pictures.h"
 
 #include <algorithm>
 
 namespace ruffini {
 namespace {
 
-constexpr int kBlock = 8;  // rows that a compressed picture loses together
+constexpr int kBlock = 8;  // compression loses rows in blocks of this size
 constexpr int kMostBands = 30;
-constexpr uint32_t kBlack = 2;  // mean grey levels that can repeat without a fault, below and above
+constexpr uint32_t kBlack = 2;  // mean grey levels that can repeat without a fault, at or below, and above
 constexpr uint32_t kWhite = 253;
-constexpr uint64_t kMix = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio: odd, and spreads every bit upwards
+constexpr uint64_t kMix = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio: odd, and diffuses every bit upwards
 
 }  // namespace
 
-OldPictures::OldPictures(int width_px, int height_px)
+RepeatedPictures::RepeatedPictures(int width_px, int height_px)
     : band_rows_((height_px + kBlock * kMostBands - 1) / (kBlock * kMostBands) * kBlock),
       n_bands_(std::max(height_px / band_rows_, 1)) {
   band_rows_ = std::min(band_rows_, height_px);
@@ -27,7 +27,7 @@ OldPictures::OldPictures(int width_px, int height_px)
   for (int cell = 0; cell < n_bands_ * kColumns; ++cell) {
     const int left = cell % kColumns * wide;
     const int top = cell / kColumns * band_rows_;
-    at_.push_back({left, top});  // of the picture's first pixel, too
+    at_.push_back({left, top});  // covers the picture's first pixel, too
     for (size_t i = 1; i < kSamples; ++i) {
       const int x = left + draw(wide);
       at_.push_back({x, top + draw(band_rows_)});
@@ -37,16 +37,16 @@ OldPictures::OldPictures(int width_px, int height_px)
   before_.assign(kRemembered, now_);
 }
 
-void OldPictures::begin_rest() { repeats_itself_.reset(); }
+void RepeatedPictures::begin_rest() { repeats_itself_.reset(); }
 
-bool OldPictures::run(const FrameView& frame) {
+bool RepeatedPictures::run(const FrameView& frame) {
   sum(frame);
   last_ = compare();
   remember();
-  return last_.is_whole || (!repeats_itself_.value_or(true) && last_.most >= kFewest);
+  return last_.is_whole || (!repeats_itself_.value_or(true) && last_.most >= kMinCells);
 }
 
-void OldPictures::sum(const FrameView& frame) {
+void RepeatedPictures::sum(const FrameView& frame) {
   auto at = at_.begin();
   for (uint64_t& cell : now_) {
     uint32_t level = 0;
@@ -65,7 +65,7 @@ void OldPictures::sum(const FrameView& frame) {
   }
 }
 
-OldPictures::Repeats OldPictures::compare() const {
+RepeatedPictures::Repeats RepeatedPictures::compare() const {
   Repeats found{.n_older = n_before_};
   const auto n_shown = std::count_if(now_.begin(), now_.end(), [](uint64_t sum) { return sum != 0; });
   for (size_t k = 0; k < n_before_; ++k) {
@@ -77,7 +77,7 @@ OldPictures::Repeats OldPictures::compare() const {
   return found;
 }
 
-void OldPictures::remember() {
+void RepeatedPictures::remember() {
   before_[next_].swap(now_);
   next_ = (next_ + 1) % kRemembered;
   n_before_ = std::min(n_before_ + 1, kRemembered);
