@@ -25,7 +25,7 @@ struct ruffini_pipeline {
   std::unique_ptr<FramePath> path;
   std::optional<ruffini::ViewMaps> views;  // of the calibration
 
-  // Arrays that a stage of this board writes.
+  // Arrays whose slots the stages of this board write.
   [[nodiscard]] std::vector<const ruffini::SlotView*> arrays() const {
     std::vector<const ruffini::SlotView*> out;
     for (const ruffini::SlotView& view : ruffini::slot_views()) {
@@ -76,7 +76,7 @@ ruffini_pipeline* ruffini_open(const char* toml, size_t toml_bytes, const char* 
   if (calibration != nullptr) {
     auto loaded = ruffini::CalibrationFile::load({calibration, calibration_bytes});
     if (!loaded) return fail(loaded.error().message), nullptr;
-    // Offline there is no sensor whose serial number could differ: a file for one sensor is computed with as it is.
+    // Offline there is no sensor whose serial number could differ: a file for one sensor is accepted.
     const ruffini::Calibration& offered = loaded.value()->get();
     const ruffini::Status fits = offered.check_target(board.value(), offered.text("sensor_serial"));
     if (!fits) return fail(fits.error().message), nullptr;

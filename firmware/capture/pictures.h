@@ -1,5 +1,5 @@
-// Pictures of a recording, and the door of libruffini_pictures.so, which decodes them: a library of its own, loaded where
-// a recording is played. What reads picture and video files pulls in over two hundred other libraries.
+// Pictures of a recording, and the door of libruffini_pictures.so, which decodes them: a library of its own, loaded
+// where a recording is played. What reads picture and video files pulls in over two hundred other libraries.
 #pragma once
 
 #include <cstddef>

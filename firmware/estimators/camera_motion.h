@@ -44,7 +44,7 @@ class CameraMotion {
  private:
   static constexpr size_t kPerSide = 2;
   static constexpr int kFromBorder = 2;
-  static constexpr int kLeast = 12;  // nodes along each axis
+  static constexpr int kMinLattice = 12;  // nodes along each axis
 
   std::vector<uint32_t> unknowns_;  // x and y of each node: left, right, upper, lower side
 };

@@ -1,6 +1,6 @@
 // Estimates depth from the markers' motion alone, for boards without side light ([depth] source = "markers").
 //
-//   u_z    = D d            block program `marker_depth.*`; d: displacement of the nodes for u_z = 0, x and y interleaved
+//   u_z    = D d            block program `marker_depth.*`; d: node displacement for u_z = 0, x and y interleaved
 //   u_x, y = d + (X + d) u_z / H                        removes the part due to perspective (pinhole_nodes.h)
 //
 // D is the best linear estimate over simulated touches (host/ruffini/estimators/operator/marker_depth.py): the lateral

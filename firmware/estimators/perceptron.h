@@ -1,7 +1,7 @@
 // Perceptron with one hidden layer of tanh units, in integers.
 //
 //   a_j = (sum_i w_ji x_i + w_j 2^14) / 2^s     Q12;  x: Q14, or any integers that it was fitted on
-//   h_j = tanh a_j                              Q15; table of the calibration in steps of 1/64 up to 8, linear between, odd
+//   h_j = tanh a_j                              Q15; the calibration's table in steps of 1/64 to 8, linear between, odd
 //   y_k = (sum_j v_kj h_j + v_k 2^15) / 2^t     in the unit of the fit
 //
 // Tensors <name>_hidden I32 [n_hidden, n_in + 1], <name>_out I32 [n_out, n_hidden + 1] and <name>_shift U8 [2] = s, t;

@@ -11,7 +11,7 @@ namespace {
 constexpr int kFactorFraction = 20;
 constexpr int kGrowthFraction = 8;
 constexpr int64_t kUmPerMm = 1'000;
-constexpr int64_t kMostUnlisted = 16;  // contacts counted one by one, at most
+constexpr int64_t kMaxUnlisted = 16;  // contacts counted one by one, at most
 constexpr int64_t kMaxReading = int64_t{1} << 40;
 constexpr int64_t kMaxPlace_um = int64_t{1} << 17;
 
@@ -103,7 +103,7 @@ void WrenchErrorModel::add_contact(WrenchCovariance& sum, const ContactError& er
 
 // Their lever is half the pad in both directions.
 void WrenchErrorModel::add_unlisted(WrenchCovariance& sum, const ContactError& error, int64_t n_contacts) const {
-  const int64_t n = std::min(n_contacts, kMostUnlisted);
+  const int64_t n = std::min(n_contacts, kMaxUnlisted);
   const auto [shear, normal] = error.force_un;
   const auto [bending, torsion] = error.moment_un_mm;
   const int64_t x_mm = half_x_um_ / kUmPerMm + 1;

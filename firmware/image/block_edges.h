@@ -1,9 +1,9 @@
 // Detects the edges of 8 x 8 blocks that compression (JPEG, MJPEG) leaves in a live camera's picture.
 //
-//   rough(x) = |I(x-2) - 3 I(x-1) + 3 I(x) - I(x+1)| per channel, in kRows rows: the roughness between pixels x-1 and x,
-//              zero for slopes and constant curvature
-//   step(x) = min(rough(x), twice its mean in the first rest frame), so that the few strong edges of markers and of a sharp
-//              contact count no more than noise
+//   rough(x) = |I(x-2) - 3 I(x-1) + 3 I(x) - I(x+1)| per channel, in kRows rows: the roughness between pixels x-1 and
+//              x, zero for slopes and constant curvature
+//   step(x) = min(rough(x), twice its mean in the first rest frame), so that the few strong edges of markers and of a
+//             sharp contact count no more than noise
 //   ratio   = sum of the steps at block edges, x = 8, 16, ... / sum of those at block centres, x = 4, 12, ...
 //   blocks    ratio > 1.2 ratio of the rest frames
 //

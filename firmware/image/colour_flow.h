@@ -2,8 +2,8 @@
 //
 //   pictures   B, G and R in Q4 levels, smoothed by (1 2 1) both ways
 //   patch      three blocks of 8 columns and 8 rows three pixels apart, around its lattice position
-//   h          per colour: central differences g minus the part explained by the colour's level, its contrast and a linear
-//               deformation about the centre: 1, T, g_x x, g_x y, g_y x, g_y y  (image/flow_nuisances.h)
+//   h          per colour: central differences g minus the part explained by the colour's level, its contrast and a
+//              linear deformation about the centre: 1, T, g_x x, g_x y, g_y x, g_y y  (image/flow_nuisances.h)
 //   step       u -= K sum over colours (sum h I - S_0),  K = (sum over colours sum h g^T)^-1; at most one pixel
 //
 // Flakes of glitter flash while the surface under them tilts, and grey mistakes a flash beside a patch's centre for a

@@ -2,8 +2,8 @@
 //
 //   smooth   (1 4 6 4 1) / 16 along x, then along y, half up each, around the disc; the border is repeated
 //   ray      mean grey at its dark end (three pixels from r - far outwards) and its bright end (three from r + far
-//            inwards). No edge unless dark is below half of bright; else the first crossing of their mean between r - near
-//            and r + near, in steps of 1/2 px, bilinear in the picture, linear between the steps
+//            inwards). No edge unless dark is below half of bright; else the first crossing of their mean between r -
+//            near and r + near, in steps of 1/2 px, bilinear in the picture, linear between the steps
 //   centre   start + (2 / n) sum r (cos, sin);   area  (pi / n) sum r^2     exact for a circle, from any inner point
 //
 // Two passes: 32 rays from the expected centre, then 128 rays from the result. Each ray has its own threshold, so a

@@ -12,7 +12,7 @@ constexpr int64_t kMinContrast = 576;     // squared Q4 gradient per pixel: 1.5 
 constexpr int64_t kMaxStep = 1 << 16;     // Q16 px
 constexpr int64_t kMaxInverse = 1 << 30;  // K times two sums below 2^31 stays below 2^62
 constexpr int64_t kMaxGradient = 2'047;
-constexpr int64_t kLeastError2 = 7;    // (0.01 px)^2, Q16
+constexpr int64_t kMinError2 = 7;      // (0.01 px)^2, Q16
 constexpr int64_t kCentreError2 = 41;  // (0.025 px)^2: error of the weighted centre alone
 
 int64_t luma(int64_t b, int64_t g, int64_t r) { return 117 * b + 601 * g + 306 * r; }
@@ -201,7 +201,7 @@ void DotTemplates::refine_one(const FrameView& frame, size_t number, Marker& mar
   }
   const int64_t unexplained = std::max<int64_t>(spread - common * common / tt, 0);
   const int64_t gain = std::max<int64_t>(one.k[0] + one.k[3], 0);
-  error2_q16 = kLeastError2 + (((gain * unexplained >> (one.shift - 16)) / count) >> 6) +
+  error2_q16 = kMinError2 + (((gain * unexplained >> (one.shift - 16)) / count) >> 6) +
                ((step_x * step_x + step_y * step_y) >> 18);
   marker.displacement_x = ImagePx::from_raw(static_cast<int32_t>(marker.displacement_x.raw() - (3 * step_x >> 2)));
   marker.displacement_y = ImagePx::from_raw(static_cast<int32_t>(marker.displacement_y.raw() - (3 * step_y >> 2)));

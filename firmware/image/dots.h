@@ -1,6 +1,7 @@
 // Detects printed dots in a grey image: sub-pixel centres of spots darker (or lighter) than their surroundings.
 //
-//   background = (box sum x inverse + 2^31) >> 32, box of radius r clipped at the border, inverse = 2^32 / its area, half up
+//   background = (box sum x inverse + 2^31) >> 32, box of radius r clipped at the border, inverse = 2^32 / its area,
+//                half up
 //   v = background - grey (dark dots) or grey - background (light ones)
 //   weight = v - (background (threshold 2^15 / 1000) >> 15), where positive
 //   centre = sum(weight position) / sum(weight) over a 4-connected component, Q16, rounded down

@@ -1,7 +1,8 @@
 // Repairs a displacement field on a lattice: finds single values that contradict all their neighbours, and fills
 // missing values.
 //
-//   line      2 f_i - f_a - f_b, a and b opposite neighbours: along x, y and both diagonals (f is extended oddly at borders)
+//   line      2 f_i - f_a - f_b, a and b opposite neighbours: along x, y and both diagonals (f is extended oddly at
+//             borders)
 //   residual  per component, sum of the two middle values of the four lines; 4 x the error of f_i. Its norm is
 //             sqrt(x^2 + y^2 + (z / 4)^2), because depth is four times as noisy as the displacement along the surface
 //   outlier   residual above 4 `least` and the largest of its neighbourhood; and, with f_i - residual / 4 in its place,

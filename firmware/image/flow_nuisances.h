@@ -1,8 +1,8 @@
 // Directions in which the samples of a texture patch change without displacement; displacement must not be estimated
 // from them.
 //
-//   add      v minus its projection on earlier directions (Gram-Schmidt, twice), scaled to 2^14 <= max |v| < 2^15; dropped
-//            if less than a 64th of it remains
+//   add      v minus its projection on earlier directions (Gram-Schmidt, twice), scaled to 2^14 <= max |v| < 2^15;
+//            dropped if less than a 64th of it remains
 //   remove   g - sum of q (q . g) / (q . q)
 //
 // Any thread; no allocation after the constructor.
@@ -27,7 +27,7 @@ class FlowNuisances {
 
  private:
   static constexpr int kBits = 15;
-  static constexpr int kLeastBits = 8;  // a 64th, including rounding
+  static constexpr int kMinBits = 8;  // a 64th, including rounding
   // Shifts v so that its largest element has kBits bits. Returns the number of bits before.
   static int scale(std::span<int32_t> v);
   [[nodiscard]] std::span<const int32_t> direction(size_t i) const {

@@ -1,8 +1,8 @@
 // Neighbours of each marker: by row and column on a lattice, or by rest position for scattered markers.
 //
 //   lattice    beside: left, right, above, below; around: those and the diagonal ones; lines: two in a row, outwards
-//   scattered  beside and around: i-j if the circle with diameter i-j contains no third marker (Gabriel 1969), both ways;
-//              line through j: the k beside j nearest to 2 r_j - r_i, if closer to it than |r_j - r_i| / 2
+//   scattered  beside and around: i-j if the circle with diameter i-j contains no third marker (Gabriel 1969), both
+//              ways; line through j: the k beside j nearest to 2 r_j - r_i, if closer to it than |r_j - r_i| / 2
 //
 // The displacement of a marker is predicted as the mean of 2 d_j - d_k over its lines or, without lines, as the mean of
 // its neighbours' d. The graph is built at construction and when rest is learned; no allocation after the constructor.

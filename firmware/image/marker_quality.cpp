@@ -8,7 +8,7 @@ namespace {
 constexpr int64_t kHalfError2 = 655;  // (0.1 px)^2, Q16
 constexpr int64_t kDoublePercent = 175;
 constexpr size_t kFewest = 3;
-constexpr int64_t kLeast = 9;  // quality at half a pixel
+constexpr int64_t kMinQuality = 9;  // quality at half a pixel
 
 int64_t integer_root(int64_t square) {
   int64_t root = 0;
@@ -66,7 +66,7 @@ void set_marker_quality(const MarkerGraph& graph, const DotAreas& areas, std::sp
     marker.quality = static_cast<uint8_t>(std::max<int64_t>(255 * kHalfError2 / (kHalfError2 + error2), 1));
   }
   for (size_t i = 0; i < markers.size(); ++i) {
-    if (known[i] == 0 || markers[i].quality > kLeast) continue;
+    if (known[i] == 0 || markers[i].quality > kMinQuality) continue;
     markers[i].quality = 0;
     known[i] = 0;
   }

@@ -2,7 +2,7 @@
 //
 //   S = sum of d over the n unmasked pixels of the cell, Q12
 //   d' = (S / n - m) / (1 + m)              Q16; m: level of the frame's light (light.h), zero if it is not used
-//   q = M . d' + N(d')                      Q14, clamped to +-16384; M at the cell's centre, Q12, from the coarse lattice;
+//   q = M . d' + N(d')                      Q14, clamped to +-16384; M at the cell's centre, Q12, from a coarse grid;
 //                                           N (`bend`, optional): trilinear over the three changes
 //   s = table(q)                            Q12, bilinear: index (q + 16384) >> 9, 9 fraction bits
 //

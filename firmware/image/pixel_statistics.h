@@ -1,11 +1,14 @@
 // Detects pixel values that a live camera codes differently than at rest: bits lost, compression, gamma, black level.
 //
 //   windows of 4 x 2 pixels, kWindows of them, drawn once
-//   ties   share of horizontally adjacent pixel pairs with equal levels, over all channels, without black and white ones
-//   d      mean of a window / its mean at rest - 1 - followed gain (image/light.h), per channel, of windows without edges
+//   ties   share of horizontally adjacent pixel pairs with equal levels, over all channels, without black and white
+//          ones
+//   d      mean of a window / its mean at rest - 1 - followed gain (image/light.h), per channel, of windows without
+//          edges
 //   dark, bright   medians of d over the darker and the brighter third of the windows, by their level at rest
 //
-//   coarse      ties > 1.2 ties of the rest frames + 0.01: noise is missing, so bits were lost or the picture is compressed
+//   coarse      ties > 1.2 ties of the rest frames + 0.01: noise is missing, so bits were lost or the picture is
+//               compressed
 //   off curve   |dark + bright| / 2 > 0.8 % with the same sign in all channels, and bright - dark has the opposite sign
 //               and more than a tenth of that size: an offset (black level, daylight) or a gamma. Lamps and exposure
 //               change all levels by the same share instead

@@ -6,7 +6,7 @@ namespace ruffini {
 namespace {
 
 constexpr int kBlock = 8;  // compression loses rows in blocks of this size
-constexpr int kMostBands = 30;
+constexpr int kMaxBands = 30;
 constexpr uint32_t kBlack = 2;  // mean grey levels that can repeat without a fault, at or below, and above
 constexpr uint32_t kWhite = 253;
 constexpr uint64_t kMix = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio: odd, and diffuses every bit upwards
@@ -14,7 +14,7 @@ constexpr uint64_t kMix = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio: od
 }  // namespace
 
 RepeatedPictures::RepeatedPictures(int width_px, int height_px)
-    : band_rows_((height_px + kBlock * kMostBands - 1) / (kBlock * kMostBands) * kBlock),
+    : band_rows_((height_px + kBlock * kMaxBands - 1) / (kBlock * kMaxBands) * kBlock),
       n_bands_(std::max(height_px / band_rows_, 1)) {
   band_rows_ = std::min(band_rows_, height_px);
   uint32_t lot = 1;

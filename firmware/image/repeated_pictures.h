@@ -1,7 +1,8 @@
 // Detects pictures, or parts of them, that a live camera has delivered before.
 //
 //   cell    a quarter of the width of a band of rows; about 30 bands, each a multiple of 8 rows
-//   hash(c) of kSamples pixels of cell c, whose places are drawn once; cells that are black or white on average (kBlack,
+//   hash(c) of kSamples pixels of cell c, whose places are drawn once; cells that are black or white on average
+//   (kBlack,
 //           kWhite) are not compared
 //   old     at least kMinCells cells have the hash that they had in one of the last kRemembered pictures
 //

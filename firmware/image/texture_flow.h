@@ -4,8 +4,8 @@
 //   level 2    8 x 8 px, every second lattice point: whole-pixel search (4 px: 16 of the image), 3 x 3 median, a step,
 //              median again
 //   level 1    8 x 8 px, every lattice point, starting from its nearest coarse one: a step
-//   level 0    16 px x 8 rows two apart: a step. Lost, and filled from neighbours, if the correlation with rest is below
-//              threshold_1e3 / 1000 or the step exceeds a pixel; else the residual determines the quality
+//   level 0    16 px x 8 rows two apart: a step. Lost, and filled from neighbours, if the correlation with rest is
+//              below threshold_1e3 / 1000 or the step exceeds a pixel; else the residual determines the quality
 //   colours    a last step over B, G and R (image/colour_flow.h) around the patch's lattice position
 //
 // Always from the rest image to the current frame, without memory: no drift, no history. Not in the papers. Frame

@@ -9,7 +9,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kLeastAngle2 = int64_t{1} << 24;  // of slopes Q20: 0.004, a baseline of 1/256 of the distance
+constexpr int64_t kMinAngle2 = int64_t{1} << 24;  // of slopes Q20: 0.004, a baseline of 1/256 of the distance
 
 }  // namespace
 
@@ -54,7 +54,7 @@ RayIntersection triangulate(const PadRay& first, const PadRay& second) {
   const int64_t angle2 = turn_x * turn_x + turn_y * turn_y;   // below 2^47
   const int64_t along = turn_x * apart_x + turn_y * apart_y;  // within 2^53
   RayIntersection out;
-  if (angle2 < kLeastAngle2 || std::abs(along) / angle2 >= ViewMaps::kMaxHeightQ8 >> 20) return out;
+  if (angle2 < kMinAngle2 || std::abs(along) / angle2 >= ViewMaps::kMaxHeightQ8 >> 20) return out;
   // Computes along 2^20 / angle2 in two steps: 2^8 `along`, below 2^61, then 2^12 times the remainder, below 2^59.
   const int64_t whole = floor_div(along << 8, angle2);
   const int64_t rest = (along << 8) - whole * angle2;

@@ -32,12 +32,12 @@ void run_when_idle() {
 }  // namespace
 
 Inference::Inference(NetworkLoader loader, FramePool& pool, int n_buffers, NetworkHealth& health, bool is_lockstep,
-                     std::function<void()> begun)
+                     std::function<void()> on_thread_start)
     : loader_(std::move(loader)),
       pool_(pool),
       health_(health),
       is_lockstep_(is_lockstep),
-      begun_(std::move(begun)),
+      on_thread_start_(std::move(on_thread_start)),
       stamp_(static_cast<size_t>(n_buffers)),
       thread_([this] { loop(); }) {}
 
@@ -71,7 +71,7 @@ void Inference::settle() {
 }
 
 void Inference::loop() {
-  if (begun_) begun_();
+  if (on_thread_start_) on_thread_start_();
   if (!is_lockstep_) run_when_idle();
   if (const Status loaded = load(); loaded) {
     health_.state.store(NetworkState::kRuns, std::memory_order_release);

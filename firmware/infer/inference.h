@@ -22,9 +22,10 @@ class Inference {
  public:
   static constexpr int kBuffers = 2;  // buffers of the pool that it may hold: one being processed, one waiting
 
-  // With `is_lockstep` it runs at full priority, because the frame thread waits for it. Its thread calls `begun` first.
+  // With `is_lockstep` it runs at full priority, because the frame thread waits for it. Its thread calls
+  // `on_thread_start` first.
   Inference(NetworkLoader loader, FramePool& pool, int n_buffers, NetworkHealth& health, bool is_lockstep,
-            std::function<void()> begun = {});
+            std::function<void()> on_thread_start = {});
   Inference(const Inference&) = delete;
   Inference& operator=(const Inference&) = delete;
   ~Inference();
@@ -48,7 +49,7 @@ class Inference {
   FramePool& pool_;
   NetworkHealth& health_;
   bool is_lockstep_;
-  std::function<void()> begun_;
+  std::function<void()> on_thread_start_;
   NetworkCard card_;
   std::unique_ptr<Network> network_;
   std::vector<float> raw_;

@@ -9,7 +9,7 @@ namespace {
 
 constexpr int kStrongestShift = 3;  // T is at least an eighth of the strongest force
 constexpr int32_t kMaxNoiseUn = 100'000'000;
-constexpr int64_t kMostPressure = std::numeric_limits<int32_t>::max();
+constexpr int64_t kMaxPressure = std::numeric_limits<int32_t>::max();
 constexpr int64_t kPressedShare = 4;
 constexpr int kSmallestSide = 2;
 constexpr int kLargestSide = 8;
@@ -83,7 +83,7 @@ std::span<const uint8_t> ContactMask::find(std::span<const NodeForce> force, boo
       std::min_element(force.begin(), force.end(), [](const NodeForce& a, const NodeForce& b) { return a.z < b.z; });
   const int64_t strongest_lsb = -int64_t{strongest->z};
   std::transform(force.begin(), force.end(), smallest_.begin(), [](const NodeForce& f) {
-    return static_cast<int32_t>(std::clamp<int64_t>(-int64_t{f.z}, 0, kMostPressure));
+    return static_cast<int32_t>(std::clamp<int64_t>(-int64_t{f.z}, 0, kMaxPressure));
   });
   const int64_t usual = threshold_of(kSmallestSide, strongest_lsb, is_steady);
   frame_threshold_lsb_ = threshold_of(kLargestSide, strongest_lsb, is_steady);

@@ -12,7 +12,7 @@ using namespace block_float;
 constexpr int kWeightFraction = 7;
 constexpr int64_t kFull = int64_t{1} << kWeightFraction;
 constexpr int kOrthogonalFraction = 8;              // fraction bits kept during orthogonalization
-constexpr int64_t kLeastShare = 32;                 // a mode is kept if at least 1 / share of its square remains
+constexpr int64_t kMinShare = 32;                   // a mode is kept if at least 1 / share of its square remains
 constexpr int kDotBits = 38;                        // of a factor of `scaled`
 constexpr int64_t kEnergyLimit = int64_t{1} << 54;  // of one mode: 96 of them stay below 2^61
 
@@ -119,7 +119,7 @@ void ShearModes::append(Contact& contact) {
     const auto at = static_cast<size_t>(j);
     take_out({contact.modes.data() + at * size, size}, contact.norm[at], vector_);
   }
-  if (before == 0 || squares(vector_, kOrthogonalFraction) * kLeastShare < before) return;
+  if (before == 0 || squares(vector_, kOrthogonalFraction) * kMinShare < before) return;
   to_16_bits(vector_);
   for (const int64_t v : vector_) contact.modes.push_back(static_cast<int16_t>(v));
   contact.norm[static_cast<size_t>(contact.n_modes)] = squares(vector_, 0);

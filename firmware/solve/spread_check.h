@@ -5,7 +5,8 @@
 //
 //   seen      = sum p . u               explained = sum q . f,  q = C^T p  (`support.spread`)
 //   unexplained if |seen - explained| > limit + 1/8 sum |p . u|
-//   limit       `support.spread_limit`; three times that if a node presses (ContactMask::is_pressed), as faint touches begin
+//   limit       `support.spread_limit`; three times that if a node presses (ContactMask::is_pressed), as faint touches
+//               begin
 //
 // A punch so wide that its pressure stays below the contact threshold moves the surface around it by many times the
 // noise. A plate wider than the pad only comes closer to the camera; perspective shows the same motion, and so does a

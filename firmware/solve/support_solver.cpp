@@ -16,7 +16,7 @@ constexpr int kForceFraction = 30;
 constexpr int kUnitFraction = 14;  // of y and r
 constexpr int kSizeFraction = 12;
 constexpr int64_t kUnitSize = int64_t{1} << kSizeFraction;
-constexpr int64_t kMostSize = 4;
+constexpr int64_t kMaxSize = 4;
 constexpr int64_t kMaxNoise = int64_t{1} << 24;
 
 bool is_shear(uint32_t unknown) { return unknown % 3 != 2; }
@@ -159,8 +159,8 @@ int64_t SupportSolver::size_q12(int shift) const {
   }
   if (explained <= 0 || curvature <= 0) return kUnitSize;
   const Quotient size = quotient(explained, curvature, b_shift - shift + kImageFraction);
-  return std::clamp(shift_saturating(size.mantissa, -(size.exponent + kSizeFraction)), kUnitSize / kMostSize,
-                    kUnitSize * kMostSize);
+  return std::clamp(shift_saturating(size.mantissa, -(size.exponent + kSizeFraction)), kUnitSize / kMaxSize,
+                    kUnitSize * kMaxSize);
 }
 
 // y = s y in the first round, r = b - H y; p = z; kSteps conjugate-gradient steps.

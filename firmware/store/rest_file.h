@@ -1,7 +1,7 @@
 // The last verified rest image, stored in the store's folder; a start is compared with it.
 //
-//   "RREST1\0\0", width and height (u32), then width x height x 3 values of 1/16 grey level (u16), CRC-32C of all before
-//   (u32); all little-endian. Written to a new file, which is then renamed over the old one.
+//   "RREST1\0\0", width and height (u32), then width x height x 3 values of 1/16 grey level (u16), CRC-32C of all
+//   before (u32); all little-endian. Written to a new file, which is then renamed over the old one.
 #pragma once
 
 #include <cstdint>

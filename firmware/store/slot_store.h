@@ -2,7 +2,8 @@
 //
 //   calibration-7.safetensors   in force: the highest number
 //   calibration-6.safetensors   previously in force; lower ones are removed
-//   trial.safetensors           a new one that has not proved itself; removed at start, so a restart reverts to the old one
+//   trial.safetensors           a new one that has not proved itself; removed at start, so a restart reverts to the old
+//                               one
 //   incoming.tmp                an incomplete upload; removed at start
 //
 // calibration-8.epoch-2.safetensors: from then on files of a lower security epoch are refused. The epoch is part of the

@@ -48,7 +48,7 @@ bool SimLine::device_open() {
 }
 
 void SimLine::host_write(std::span<const uint8_t> bytes) {
-  if (is_connected_ && n_dropped_on_hang_up_ + bytes.size() < kMostDown) send(down_, bytes);
+  if (is_connected_ && n_dropped_on_hang_up_ + bytes.size() < kMaxDown) send(down_, bytes);
 }
 
 std::vector<uint8_t> SimLine::host_read(size_t at_most) {
@@ -57,7 +57,7 @@ std::vector<uint8_t> SimLine::host_read(size_t at_most) {
     Piece piece = std::move(up_.front());
     up_.pop_front();
     n_up_ -= piece.bytes.size();
-    if (swarm_.strikes(Fault::kEcho, 20'000) && n_dropped_on_hang_up_ + piece.bytes.size() < kMostDown)
+    if (swarm_.strikes(Fault::kEcho, 20'000) && n_dropped_on_hang_up_ + piece.bytes.size() < kMaxDown)
       send(down_, piece.bytes);
     out.insert(out.end(), piece.bytes.begin(), piece.bytes.end());
   }

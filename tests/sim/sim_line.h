@@ -46,9 +46,9 @@ class SimLine {
     uint64_t at_us = 0;
     std::vector<uint8_t> bytes;
   };
-  static constexpr size_t kPieceBytes = 512;     // of USB
-  static constexpr size_t kRoomBytes = 17'588;   // of a pty of Linux
-  static constexpr size_t kMostDown = 64 << 10;  // what a host may have on its way
+  static constexpr size_t kPieceBytes = 512;    // of USB
+  static constexpr size_t kRoomBytes = 17'588;  // of a pty of Linux
+  static constexpr size_t kMaxDown = 64 << 10;  // what a host may have on its way
 
   void send(std::deque<Piece>& queue, std::span<const uint8_t> bytes);
 

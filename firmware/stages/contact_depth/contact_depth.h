@@ -1,7 +1,7 @@
 // Map of the gel's indentation depth, from the flow of a texture under one contact.
 //
-//   a       D u        block program `contact_depth.linear`: the flow (1/16 um, x and y of each patch) to a first depth of
-//                      each patch, 1/16 um; best linear estimate over calibrated presses
+//   a       D u        block program `contact_depth.linear`: the flow (1/16 um, x and y of each patch) to a first
+//                      depth of each patch, 1/16 um; best linear estimate over calibrated presses
 //   inputs  per patch: a, a smoothed by (1 2 1) both ways twice and eight times, the largest a, all divided by the
 //                      profile's size (Q10); fall of the density over that size (Q16 over Q4, Q8); distance from the
 //                      contact's centre, um; then the inputs of the contact model for the whole frame

@@ -1,5 +1,5 @@
-// Map of depth from the flow of a texture under one contact (stages/contact_depth/contact_depth.h); zero where nothing touches.
-// Not of boards whose depth comes from light.
+// Depth map from the flow of a texture under one contact (stages/contact_depth/contact_depth.h); zero without contact.
+// Not for boards whose depth comes from light.
 #include <algorithm>
 #include <optional>
 

@@ -10,17 +10,17 @@ namespace {
 
 constexpr int kShapeFraction = 14;
 constexpr int kWhiteShift = 20;
-constexpr int64_t kMostLost1e3 = 250;
+constexpr int64_t kMaxLost1e3 = 250;
 constexpr int64_t kStraightPart = 10;    // F_t <= F_n / this
-constexpr int64_t kBackUm = 50;          // less deep than before by more than this: on the way back
-constexpr int64_t kMaxFrames = 1'024;    // of a press: (n x y) 4096 stays inside 63 bits
-constexpr int64_t kMaxDepthUm = 20'000;  // and of a root of an area
+constexpr int64_t kBackUm = 50;          // less deep than before by more than this: the object is retreating
+constexpr int64_t kMaxFrames = 1'024;    // per press: keeps (n x y) 4096 within 63 bits
+constexpr int64_t kMaxDepthUm = 20'000;  // also limits the square root of an area
 constexpr int64_t kMaxShoreQ4 = 100 << 4;
 constexpr int64_t kMaxPressurePa = 100'000'000;
 constexpr int64_t kMaxWhite = int64_t{1} << 20;  // z Q8
 constexpr int64_t kHalfSure = 500;
 constexpr int64_t kSlopeOne = 4'096;
-constexpr int64_t kMaxKind = 1 << 16;   // Q12; of fails, too
+constexpr int64_t kMaxKind = 1 << 16;   // Q12; also for fails
 constexpr int64_t kMaxSlope = 1 << 16;  // Q12
 constexpr int64_t kMaxOdds = 1 << 24;   // Q12, of the table
 
@@ -31,7 +31,7 @@ Status take(Result<T> loaded, T& part) {
   return Unit{};
 }
 
-// log2, Q10, of the mean number of the circle that the flow is on, times 1024.
+// log2, Q10, of the weighted mean index of the circle, times 1024.
 int64_t radius_q10(const Profile& profile) {
   int64_t sum = 0;
   int64_t moment = 0;
@@ -166,7 +166,7 @@ ContactModel::Inputs ContactModel::inputs_of(const Profile& profile, int64_t pre
   return x;
 }
 
-// Depths are in Q12 of the profile's size, areas as their roots in um.
+// Depths are Q12 of the profile's size, areas are given by their square roots in um.
 void ContactModel::estimate_size(const Inputs& x, const Profile& profile, SaturationCounter& saturations) {
   std::array<int64_t, kSizes> y{};
   size_.run(tanh_, x, y, saturations);
@@ -268,7 +268,7 @@ const ModelledContact& ContactModel::run(const Profile& profile, const Wrench& w
                                          uint64_t capture_us, SaturationCounter& saturations) {
   contact_ = {};
   contact_.is_touched = profile.fall_q16 >= min_fall_q16_ && -wrench.force_z_un >= min_force_un_;
-  contact_.is_covered = profile.lost_1e3 > kMostLost1e3;
+  contact_.is_covered = profile.lost_1e3 > kMaxLost1e3;
   const bool is_seen = is_trusted && !contact_.is_covered;
   check_gap(is_seen, capture_us);
   if (!contact_.is_touched) {

@@ -5,11 +5,11 @@
 //   size       perceptron of x: gel depth and press depth over the profile's size; square roots of contact area and
 //              effective area
 //   kind       log odds of planar contact, linear in three numbers of the press: the mean of a perceptron of x, and the
-//              slopes of log2 of the force and of the profile's mean radius over log2 of its size. A planar contact keeps
-//              its area, a ball's grows. confidence = (1 + tanh(|odds| / 2)) / 2
+//              slopes of log2 of the force and of the profile's mean radius over log2 of its size. A planar contact
+//              keeps its area, a ball's grows. confidence = (1 + tanh(|odds| / 2)) / 2
 //   hardness   Shore A, a perceptron of x for each kind; depth-weighted mean over the press
 //   moment     k S_t, which the paper uses as the moment about z; the integral itself belongs to the wrench
-//   H_m        dP/dd by least squares, P = F_n / S_e                                             the paper's eq. (9), (10)
+//   H_m        dP/dd by least squares, P = F_n / S_e                                     the paper's eq. (9), (10)
 //   outlier    (is_strange) no model applies: the mean square of the first 16 numbers of x, whitened by those of the
 //              calibration, is too large; or a perceptron of x (1 for faces with gaps and objects softer than the gel,
 //              0 for others) exceeds its values for the presses that were left out of its fit

@@ -12,7 +12,7 @@ constexpr int kAngles = 32;
 constexpr int kOpposite = kAngles / 2;
 constexpr int kTurnFraction = 14;
 constexpr int64_t kOne = int64_t{1} << kTurnFraction;
-// cos(2 pi i / 32), Q14; the sine is a quarter turn behind.
+// cos(2 pi i / 32), Q14; the sine lags by a quarter turn.
 constexpr std::array<int64_t, kAngles> kCosine = {
     16384,  16069,  15137,  13623,  11585,  9102,  6270,  3196,  0, -3196, -6270, -9102, -11585, -13623, -15137, -16069,
     -16384, -16069, -15137, -13623, -11585, -9102, -6270, -3196, 0, 3196,  6270,  9102,  11585,  13623,  15137,  16069};
@@ -20,7 +20,7 @@ constexpr std::array<int64_t, kAngles> kCosine = {
 constexpr int64_t cosine(int angle) { return kCosine[static_cast<size_t>(angle % kAngles)]; }
 constexpr int64_t sine(int angle) { return cosine(angle + kAngles - kAngles / 4); }
 
-// Catmull-Rom between the second and the third of four in a row, Q14; t of Q14.
+// Catmull-Rom between the second and the third of four values, Q14; t in Q14.
 std::array<int64_t, 4> weights(int64_t t) {
   const int64_t t2 = round_shift(t * t, kTurnFraction);
   const int64_t t3 = round_shift(t2 * t, kTurnFraction);

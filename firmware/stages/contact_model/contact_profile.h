@@ -4,9 +4,10 @@
 //   fall      decrease of the patches' density: to first order the divergence of the flow, central differences on the
 //             lattice, smoothed by (1 2 1) both ways; Q16
 //   centre    centroid of the fall above 3/10 of its largest value
-//   radial    u_r, the angular mean of the flow's radial component on kRings circles around the centre, spaced by a 36th
-//             of the pad's shorter side; flow between the patches by Catmull-Rom. A point counts only together with the
-//             opposite one, so that displacement common to all patches (shear, perspective off the axis) cancels
+//   radial    u_r, the angular mean of the flow's radial component on kRings circles around the centre, spaced by a
+//             36th of the pad's shorter side; flow between the patches by Catmull-Rom. A point counts only together
+//             with the opposite one, so that displacement common to all patches (shear, perspective off the axis)
+//             cancels
 //   size      sqrt(sum of u_r^2)
 //   flow      magnitude of the mean displacement of all patches: the paper's S_t (eq. 7) over their number
 //

@@ -1,9 +1,10 @@
 // Stick and slip of every node, and how close each contact is to sliding. Not in the papers.
 //
 // Two independent indicators, both from the change between consecutive frames:
-//   kinematic  Sticking nodes move with the indenter as one body. Its motion is that of the contact's centre, which slips
-//              last: least squares over the nodes held since the last frame, with weight depth^4 (steps to the rim).
-//              A node more than kSlackUm off that motion slips, and its anchor is dragged along (a friction slider).
+//   kinematic  Sticking nodes move with the indenter as one body. Its motion is that of the contact's centre, which
+//              slips last: least squares over the nodes held since the last frame, with weight depth^4 (steps to the
+//              rim). A node more than kSlackUm off that motion slips, and its anchor is dragged along (a friction
+//              slider).
 //   static     Coulomb friction: if everything slips, shear over pressure is uniform. evenness = that ratio in the
 //              core over that at the rim: about 0.4 under a sticking ball, 1 under a sliding one.
 // Friction mu is the rim's ratio when both indicators first agree that slip has begun (nodes slipping >= 35 %, evenness

@@ -1,8 +1,8 @@
 // Estimates the touch of a tool that came down along its own axis on a round fingertip whose pins are seen by two eyes
 // (cameras).
-//   features about the touched place (tip_field.h) -> small network (tip_net.h) -> force, travel, the tool's axis t' and
-//   position o' in the rotated frame, side of the square with its face's area, and the uncertainty of each; also the
-//   areas of tip_area.h, whose face area is reported if the network's is too uncertain. Rotated back:
+//   features about the touched place (tip_field.h) -> small network (tip_net.h) -> force, travel, the tool's axis t'
+//   and position o' in the rotated frame, side of the square with its face's area, and the uncertainty of each; also
+//   the areas of tip_area.h, whose face area is reported if the network's is too uncertain. Rotated back:
 //   t = R^T t', roll = atan2(-t_y, |(t_x, t_z)|), pitch = atan2(t_x, t_z), (x, y, .) = T^T R^T o', T = pitch after roll
 //
 // Standard deviations: 2^q, interpolated linearly between whole q, times `trust`. Frame thread; no allocation after

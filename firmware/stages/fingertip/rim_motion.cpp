@@ -22,7 +22,7 @@ enum Sector : size_t { kRight, kLeft, kBelow, kAbove };
 void RimMotion::learn(std::span<const Marker> markers) {
   struct Place {
     size_t number = 0;
-    int64_t x = 0;  // Q16 px, from the middle
+    int64_t x = 0;  // Q16 px, relative to the centre
     int64_t y = 0;
     int64_t square = 0;
   };

@@ -1,6 +1,6 @@
 // Area of a fingertip's wall that lies flat under a tool, and the area of the tool's face if its whole edge bears.
 //
-//   h_ki = t . (R_tip g_ki + f(g_ki))     heights along the tool's axis t on rays k and rings i around the touched place
+//   h_ki = t . (R_tip g_ki + f(g_ki))     heights along the tool's axis t on rays k and rings i around the touch
 //   flat area = sum of cells with h > top - 0.3 mm; top: mean of the highest 6 mm^2. No fit. Its deviation: half of the
 //               change caused by +-0.07 mm of height
 //   key points: on each ray the highest ring, and the one with the largest curvature, h_(i+2) - 2 h_i + h_(i-2)

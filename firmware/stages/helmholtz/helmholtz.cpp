@@ -15,7 +15,7 @@ constexpr int64_t kMaxFlowQ4 = 1 << 18;
 constexpr int kRhoFraction = 14;
 constexpr int kFactorFraction = 28;
 constexpr int64_t kReach = 2;  // steps along x
-constexpr int kRoomBits = 29;  // of n_x n_y times the largest number of a transform
+constexpr int kRoomBits = 29;  // for n_x n_y times the largest value of a transform
 
 // sin^2(pi k / n), Q30.
 int64_t sine_square_q30(int k, int n) {
@@ -49,7 +49,7 @@ Helmholtz::Helmholtz(const BoardSettings& board)
       if (x == 0 && y == 0) continue;
       const int64_t wave_q30 = sine_square_q30(x, lattice_.n_x) +
                                round_shift(round_shift(sine_square_q30(y, lattice_.n_y), 2) * rho_square_q28, 26);
-      // The inverse transforms' own scale: 2 / n along an axis, half of it for the mean.
+      // Scale of the inverse transforms: 2 / n along an axis, half of it for the mean.
       const int64_t weight = (x == 0 ? 1 : 2) * (y == 0 ? 1 : 2);
       factor_q28_[at(x, y)] = floor_div(weight << (30 + kFactorFraction - 1), wave_q30 * lattice_.count());
     }

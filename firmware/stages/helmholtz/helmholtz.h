@@ -9,8 +9,8 @@
 //
 //   S_n    mean magnitude of grad phi                                    the paper's three quantities: section III-C
 //   S_t    magnitude of the mean of r
-//   twist  half the mean curl of u (equal to that of r) within two steps of the contact's centre: rotation of the object
-//          about z, if the gel sticks to it and the contact is wider than that
+//   twist  half the mean curl of u (equal to that of r) within two steps of the contact's centre: rotation of the
+//          object about z, if the gel sticks to it and the contact is wider than that
 //
 // Integers: u in 1/16 um, clamped to +-16 mm and counted. Before each pair of transforms all values get a common power
 // of two, so that n_x n_y max|f| stays below 2^29 (cosine_transform.h). Lattices of up to 64 x 64 with rho 1/4 to 4:

@@ -1,8 +1,8 @@
 // Touches in the picture of a glowing skin by the paper's method: undistorted, projected back onto the skin, and
 // converted to force by one curve; each step is a table.
 //
-//   place   table over the image with lines 2^k pixels apart, bilinear between; around a tube x wraps from one end to the
-//           other, so the four corners are taken relative to the first one
+//   place   table over the image with lines 2^k pixels apart, bilinear between; around a tube x wraps from one end to
+//           the other, so the four corners are taken relative to the first one
 //   force   F(I) = p1 I^2 + p2 I + p3, I in levels, as a table in steps of kCurveStep quarter levels, linear between;
 //           below [contact] threshold_un there is no touch: the paper's p3 is 0.6 N
 //   single  one touch, at the brightest pixel;  multi  one per region, at its centre, with its mean brightness

@@ -20,7 +20,7 @@ int64_t SkinTrack::distance2(const SkinTouch& touch, const Slot& slot) const {
   return dx * dx + dy * dy;
 }
 
-// A free slot, or that which was not seen for longest; there are twice as many as touches.
+// Returns a free slot, or the one unseen for longest; there are twice as many slots as touches.
 SkinTrack::Slot& SkinTrack::begin() {
   Slot* best = &slots_.front();
   for (Slot& slot : slots_) {

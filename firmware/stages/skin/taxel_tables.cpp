@@ -74,7 +74,7 @@ Status load_curves(const Calibration& c, TaxelTables& t) {
   return Unit{};
 }
 
-// How many kinds of taxels there are.
+// Number of kinds of taxels.
 Result<int64_t> load_gain(const Calibration& c, TaxelTables& t) {
   const Tensor* const gain = c.tensor("skin.gain");
   constexpr int64_t kLeans = TaxelTables::kLeans;

@@ -9,7 +9,7 @@ namespace ruffini {
 namespace {
 
 constexpr int64_t kOneQ12 = 4096;
-constexpr int64_t kLeastReachQ14 = 1 << 10;  // strength is not read off where a touch hardly reaches
+constexpr int64_t kMinReachQ14 = 1 << 10;  // strength is unreliable where a touch has less reach
 
 int64_t read_table(const std::vector<int32_t>& table, int64_t ratio_q12) {
   const int64_t at =
@@ -67,7 +67,7 @@ int64_t TaxelTouches::explained(size_t taxel, const Touch& touch) const {
   return round_shift(touch.strength_q12 * tables_.reach_q14(t.x_um - touch.x_um, t.y_um - touch.y_um), 14);
 }
 
-// Sink of a taxel that no touch but `except` explains.
+// Sink of a taxel that no touch except `except` explains.
 int64_t TaxelTouches::residual_sink(size_t taxel, const Touch* except) const {
   int64_t sink = sink_q12_[taxel];
   for (size_t k = 0; k < n_touches_; ++k) {
@@ -76,11 +76,12 @@ int64_t TaxelTouches::residual_sink(size_t taxel, const Touch* except) const {
   return sink;
 }
 
-// Whether a taxel stands out of its neighbours along both axes, as a finger makes it and a long touch's tail does not.
+// True if a taxel stands out from its neighbours along both axes, as under a finger, but not in the tail of a long
+// touch.
 bool TaxelTouches::is_peak(size_t taxel) const {
   const auto& near = tables_.taxels[taxel].near;
   for (const size_t axis : {size_t{0}, size_t{1}}) {
-    int64_t two = 0;  // sink of both neighbours; of the only one twice
+    int64_t two = 0;  // sink of both neighbours; twice that of an only neighbour
     for (const size_t side : {size_t{0}, size_t{1}}) {
       const int16_t there = near[2 * axis + side] >= 0 ? near[2 * axis + side] : near[2 * axis + 1 - side];
       if (there >= 0) two += sink_q12_[static_cast<size_t>(there)];
@@ -90,7 +91,7 @@ bool TaxelTouches::is_peak(size_t taxel) const {
   return true;
 }
 
-// The taxel of another touch, if there is one.
+// Taxel of a further touch, if there is one.
 std::optional<size_t> TaxelTouches::next_taxel() const {
   if (n_touches_ == touch_.size() || (mode_ == SkinMode::kSingle && n_touches_ == 1)) return std::nullopt;
   size_t best = 0;
@@ -122,7 +123,7 @@ bool TaxelTouches::find_another() {
   return true;
 }
 
-// The last touch found is two where two places explain its taxels so much better, and none of them stands out by itself.
+// Splits the last touch in two if two positions explain its taxels much better and none of them stands out.
 void TaxelTouches::split_last() {
   if (mode_ == SkinMode::kSingle || n_touches_ == touch_.size()) return;
   const Touch& whole = touch_[n_touches_ - 1];
@@ -139,7 +140,7 @@ void TaxelTouches::split_last() {
   for (size_t k = n_touches_ - 2; k < n_touches_; ++k) fit(touch_[k]);
 }
 
-// A touch where the pair has one, on the taxel that it reaches most.
+// A touch at a position of the pair, on the taxel that it reaches most.
 TaxelTouches::Touch TaxelTouches::member(size_t k) const {
   const TouchPair::Member& found = pair_.members()[k];
   Touch touch{.x_um = within_round(found.x_um),
@@ -157,7 +158,7 @@ TaxelTouches::Touch TaxelTouches::member(size_t k) const {
   return touch;
 }
 
-// Round a tube, x on from one end to the other.
+// Wraps x around a tube.
 int64_t TaxelTouches::within_round(int64_t x_um) const {
   if (tables_.round_um > 0 && 2 * x_um > tables_.round_um) return x_um - tables_.round_um;
   if (tables_.round_um > 0 && 2 * x_um < -tables_.round_um) return x_um + tables_.round_um;
@@ -180,13 +181,13 @@ int64_t TaxelTouches::lean_q12(const TaxelTables::Taxel& taxel, const Touch& tou
   return std::clamp(q, -kOneQ12, kOneQ12);
 }
 
-// q, `here` being what the others leave on its taxel.
+// Computes q; `here`: sink of its taxel that the other touches leave.
 void TaxelTouches::lean(Touch& touch, int64_t here) const {
   const TaxelTables::Taxel& taxel = tables_.taxels[touch.taxel];
   for (const size_t axis : {size_t{0}, size_t{1}}) touch.q_q12[axis] = lean_q12(taxel, touch, axis, here);
 }
 
-// Place and strength, the other touches as they are; it may move on by one taxel. Of one of a pair q alone.
+// Fits position and strength with the other touches fixed; the touch may move by one taxel. For one of a pair only q.
 void TaxelTouches::fit(Touch& touch) const {
   int64_t here = residual_sink(touch.taxel, &touch);
   if (touch.pair_q12 > 0) {
@@ -206,7 +207,7 @@ void TaxelTouches::fit(Touch& touch) const {
   const int64_t dy = cubic(taxel.shift[1], touch.q_q12[1]);
   touch.x_um = within_round(taxel.x_um + dx);
   touch.y_um = taxel.y_um + dy;
-  const int64_t reach = std::max(tables_.reach_q14(dx, dy), kLeastReachQ14);
+  const int64_t reach = std::max(tables_.reach_q14(dx, dy), kMinReachQ14);
   touch.strength_q12 = std::max<int64_t>(floor_div(here * 16'384, reach), 0);
 }
 
@@ -255,7 +256,7 @@ SkinTouchList TaxelTouches::run(std::span<const int32_t> ratio, uint64_t capture
   if (relaxation_ && is_trusted && capture_us != 0) relaxation_->run(capture_us, all_nodes_, press_, saturations);
   n_touches_ = 0;
   while (find_another()) {
-    if (n_touches_ == 1) continue;  // nothing to fit again
+    if (n_touches_ == 1) continue;  // nothing to refit
     for (int round = 0; round < kRounds; ++round) {
       for (size_t k = 0; k < n_touches_; ++k) fit(touch_[k]);
     }
@@ -265,7 +266,7 @@ SkinTouchList TaxelTouches::run(std::span<const int32_t> ratio, uint64_t capture
   for (size_t k = 0; k < n_touches_; ++k) {
     const SkinTouch touch = to_skin_touch(k);
     if (touch.press_un < threshold_un_) continue;
-    auto at = static_cast<size_t>(list.n_listed++);  // hardest first
+    auto at = static_cast<size_t>(list.n_listed++);  // strongest first
     for (; at > 0 && list.touch[at - 1].press_un < touch.press_un; --at) list.touch[at] = list.touch[at - 1];
     list.touch[at] = touch;
   }

@@ -3,16 +3,17 @@
 //   sink, press   of each taxel from its ratio (image/taxels.h), by tables, linear between
 //   relaxation    press minus what the rubber lost since it was pressed (solve/relaxation.h)
 //   touch k       strength s_k at position X_k: sinks a taxel at X by s_k reach(X - X_k)
-//   found         the taxel with the most unexplained sink is another touch if that exceeds `apart` times its own sink and
-//                 times the strength of each touch (a kBeyond-th of it out of its reach), and if it stands out:
+//   found         the taxel with the most unexplained sink is another touch if that exceeds `apart` times its own sink
+//                 and times the strength of each touch (a kBeyond-th of it out of its reach), and if it stands out:
 //                 2 u_c - u_a - u_b over u_c / kPeak along both axes; then all touches are fitted again
 //   two           a touch without such a neighbour is two touches if two positions explain its taxels that much better
-//                 (touch_pair.h); these stay fixed, and count with their joint strength in `found`, as both reach further
+//                 (touch_pair.h); these stay fixed, and count with their joint strength in `found`, as both reach
+//                 further
 //   place         on the taxel c with the largest residual sink u, with neighbours a, b along an axis:
 //                 q = (u_b - u_a) / (u_c - min(u_a, u_b)), or u_a / u_c with one neighbour only; shift = c's cubic in q
 //   strength      s = u_c / reach(X_c - X)
-//   force         E, the sum of press over the taxels, distributed by the touches' shares of the sink, times the gain of
-//                 c's kind at E, |q_x| and |q_y|
+//   force         E, the sum of press over the taxels, distributed by the touches' shares of the sink, times the gain
+//                 of c's kind at E, |q_x| and |q_y|
 //   sigma         of force: sqrt(constant^2 + (part force)^2); of place: constant + faint threshold / force
 //
 // All tables come from the calibration. Not in the paper. Frame thread; no allocation after load().

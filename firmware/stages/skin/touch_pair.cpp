@@ -12,12 +12,12 @@ namespace {
 constexpr int64_t kOneQ12 = 4096;
 constexpr int64_t kMinSinkQ12 = -kOneQ12;
 constexpr int64_t kMaxSinkQ12 = 16 * kOneQ12;
-constexpr int kSinkShift = 9;    // Q4 of the weight and Q12 to half of Q8
-constexpr int kReachShift = 11;  // Q4 and Q14 to half of Q8
+constexpr int kSinkShift = 9;    // from Q4 of the weight and Q12 to half of Q8
+constexpr int kReachShift = 11;  // from Q4 and Q14 to half of Q8
 constexpr int kProductShift = 10;
-constexpr int64_t kMaxFeature = (1 << 15) - 1;  // so that no product below overflows
+constexpr int64_t kMaxFeature = (1 << 15) - 1;  // keeps the products below from overflowing
 constexpr int64_t kMaxStrengthQ12 = 1 << 20;
-constexpr int64_t kLeastTurn = 1024;  // of own products over the determinant: beyond, two places are one
+constexpr int64_t kMinTurn = 1024;  // own products over the determinant: beyond it the two places coincide
 
 int64_t product(const std::array<int32_t, 2 * TouchPair::kCells>& a,
                 const std::array<int32_t, 2 * TouchPair::kCells>& b) {
@@ -56,7 +56,7 @@ void TouchPair::load_patch(const TaxelTables& tables, std::span<const int64_t> s
   describe(value, kSinkShift, seen_);
 }
 
-// Sinks, then bends, of the patch's taxels; beyond a rim the skin goes on as its mirror image.
+// Sinks, then curvatures, of the patch's taxels; the skin is mirrored at its rim.
 void TouchPair::describe(const Values& value, int shift, Features& out) const {
   for (size_t cell = 0; cell < kCells; ++cell) {
     const size_t here = cell + kColumns;
@@ -85,7 +85,7 @@ void TouchPair::place(const TaxelTables& tables, int64_t x_um, int64_t y_um, Pla
   }
   out.x_um = x_um;
   out.y_um = y_um;
-  if (!is_on_skin) reach.fill(0);  // no place: makes nothing
+  if (!is_on_skin) reach.fill(0);  // outside the skin: no effect
   describe(reach, kReachShift, out.made);
   out.own = product(out.made, out.made);
   out.with = product(out.made, seen_);
@@ -98,7 +98,7 @@ TouchPair::Solved TouchPair::solve(const Place& a, const Place& b, int64_t step_
   if (away2 < kNear * kNear * step_um * step_um || away2 > kFar * kFar * step_um * step_um) return {};
   const int64_t both = product(a.made, b.made);
   const int64_t turn = a.own * b.own - both * both;
-  if (turn <= 0 || turn * kLeastTurn < a.own * b.own) return {};
+  if (turn <= 0 || turn * kMinTurn < a.own * b.own) return {};
   Solved out;
   out.strength_q12 = {floor_div((a.with * b.own - b.with * both) * kOneQ12, turn),
                       floor_div((b.with * a.own - a.with * both) * kOneQ12, turn)};
@@ -120,7 +120,7 @@ void TouchPair::place_around(const TaxelTables& tables, const Place& middle, int
   }
 }
 
-// By how much one touch lessens the sum of squares, Q6. Fills the grid.
+// Reduction of the sum of squares by one touch, Q6. Fills the grid.
 int64_t TouchPair::best_single(const TaxelTables& tables) {
   const int64_t step_um = tables.reach_step_um;
   const auto gain_of = [](const Place& place) {
@@ -147,7 +147,7 @@ int64_t TouchPair::best_single(const TaxelTables& tables) {
   return gain;
 }
 
-// The same of two, which become the members; -1: no two places are.
+// The same for two touches, which become the members; -1: no valid pair.
 int64_t TouchPair::best_pair(const TaxelTables& tables) {
   const int64_t step_um = tables.reach_step_um;
   Solved best;

@@ -4,9 +4,9 @@
 //   seen     per taxel, weighted by w = 1 / sqrt(kNoise^2 + (kPart u)^2): w u / 2, and w (u - (u_above + u_below) / 2);
 //            a finger's tail along the skin's stiff axis is smooth, so curvature is more telling than sink
 //   one      strength and position with the least sum of squares J_1; two: the same with two touches, J_2
-//   places   every kGridStep-th step of the reach table up to kGridHalf steps away, then kHalvings times around the best
-//            in half the step. Limits: on the skin, within kOnTaxel half steps of a taxel along both axes; two touches are
-//            kNear to kFar steps apart, and one is at most kEven times as strong as the other
+//   places   every kGridStep-th step of the reach table up to kGridHalf steps away, then kHalvings times around the
+//            best in half the step. Limits: on the skin, within kOnTaxel half steps of a taxel along both axes; two
+//            touches are kNear to kFar steps apart, and one is at most kEven times as strong as the other
 //   is two   (J_1 - J_2) kSlack / (J_2 + kSlack n) > pair, n taxels; `pair` exceeds all single touches of the fit
 //
 // The search is bounded: 49 places, then 6 rounds of 81 pairs. Not in the paper. Frame thread; no allocation.

@@ -6,7 +6,7 @@
 namespace ruffini {
 namespace {
 
-// What is touched on more than five sixteenths of its nodes shows too little rest beside it to measure depth from.
+// If more than five sixteenths of the nodes are touched, the remaining pad is too small a reference for depth.
 bool covers_pad(std::span<const uint8_t> mask) {
   return 16 * std::count_if(mask.begin(), mask.end(), [](uint8_t m) { return m != 0; }) > 5 * std::ssize(mask);
 }
@@ -65,7 +65,8 @@ void SecondPass::compute_residual(const SolvedForces& forces, std::span<int32_t>
   support_->residual(forces.u, residual, saturations);
 }
 
-// To the linear forces, and so to the mask. What it added; empty where nothing touches or the calibration is linear.
+// Adds the finite-strain part to the linear forces, and so to the mask. Returns it; empty without contact or finite
+// strain.
 std::span<const NodeForce> SecondPass::add_finite_strain(bool is_light_steady, SolvedForces& forces,
                                                          SaturationCounter& saturations) {
   const auto is_touched = [](uint8_t m) { return m != 0; };

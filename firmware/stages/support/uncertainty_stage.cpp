@@ -1,6 +1,6 @@
-// Uncertainty of the refined forces and of the wrench (solve/node_sigma.h, estimators/wrench_covariance.h), and whether the
-// camera has moved against the pad (estimators/camera_motion.h). Part of the stage support, after the wrench and contacts.
-// To the error model's own terms it adds the relative standard deviation of the pad's stiffness: the calibration's
+// Uncertainty of the refined forces and of the wrench (solve/node_sigma.h, estimators/wrench_covariance.h), and whether
+// the camera has moved against the pad (estimators/camera_motion.h). Part of the stage support, after the wrench and
+// contacts. Adds the relative standard deviation of the pad's stiffness to the error model: the calibration's
 // support.stiffness_sigma_1e6, or the board's if the file has none.
 #include <algorithm>
 #include <array>
@@ -15,7 +15,7 @@
 namespace ruffini {
 namespace {
 
-// All of them, or none: then uncertainty is not measured.
+// Loads all of them or none; without them uncertainty is not measured.
 constexpr std::array kErrorTensors = {"support.error_reported", "support.error_quiet", "support.error_local",
                                       "support.error_wrench"};
 constexpr const char* kStiffnessSigma = "support.stiffness_sigma_1e6";

@@ -29,7 +29,7 @@ struct Hostile {
   [[nodiscard]] std::vector<uint8_t> bytes() const {
     test::CalibrationBytes file;
     file.meta("kinds", "fingertip").meta("board", "any").meta("optics", "any").meta("resolution", "640x240");
-    file.meta("sensor_serial", "*").meta("fingertip.max_un", "1000000");
+    file.meta("sensor_serial", "*").meta("fingertip.most_un", "1000000");
     const auto put = [&](const std::string& name, const std::vector<int>& shape, int32_t value) {
       size_t n = 1;
       for (const int size : shape) n *= static_cast<size_t>(size);

@@ -8,7 +8,7 @@
 namespace ruffini {
 namespace {
 
-constexpr int64_t kMostUn = 1'300'000;
+constexpr int64_t kMaxUn = 1'300'000;
 
 struct Way {
   double x_px = 0;
@@ -43,7 +43,7 @@ class RimMotionTest : public testing::Test {
  protected:
   RimMotionTest() { rim_.learn(moved({})); }
   [[nodiscard]] bool has_moved(const Way& way, int64_t force_un = 0) const {
-    return rim_.has_moved(moved(way), force_un, kMostUn);
+    return rim_.has_moved(moved(way), force_un, kMaxUn);
   }
 
   RimMotion rim_;
@@ -65,10 +65,10 @@ TEST_F(RimMotionTest, ALittleIsEnoughWhereNothingPresses) {
 }
 
 TEST_F(RimMotionTest, ALoadMovesTheRim) {
-  EXPECT_FALSE(has_moved({.x_px = 0.5}, kMostUn / 2));
-  EXPECT_TRUE(has_moved({.x_px = 0.8}, kMostUn / 2));
-  EXPECT_FALSE(has_moved({.zoom = 0.005}, kMostUn));
-  EXPECT_EQ(has_moved({.x_px = 2}, kMostUn), has_moved({.x_px = 2}, 5 * kMostUn)) << "no more than at the most";
+  EXPECT_FALSE(has_moved({.x_px = 0.5}, kMaxUn / 2));
+  EXPECT_TRUE(has_moved({.x_px = 0.8}, kMaxUn / 2));
+  EXPECT_FALSE(has_moved({.zoom = 0.005}, kMaxUn));
+  EXPECT_EQ(has_moved({.x_px = 2}, kMaxUn), has_moved({.x_px = 2}, 5 * kMaxUn)) << "no more than at the most";
 }
 
 TEST_F(RimMotionTest, ADentOfOneSectorIsNoMotion) { EXPECT_FALSE(has_moved({.dent_px = 5})); }
@@ -82,9 +82,9 @@ TEST_F(RimMotionTest, ASectorThatIsNotSeenSaysNothing) {
     }
   };
   lose(220, 300);
-  EXPECT_TRUE(rim_.has_moved(markers, 0, kMostUn)) << "three are left";
+  EXPECT_TRUE(rim_.has_moved(markers, 0, kMaxUn)) << "three are left";
   lose(0, 100);
-  EXPECT_FALSE(rim_.has_moved(markers, 0, kMostUn));
+  EXPECT_FALSE(rim_.has_moved(markers, 0, kMaxUn));
 }
 
 }  // namespace
