@@ -1,6 +1,7 @@
-// The live digital twin as a camera: frames from `ruffini sim serve` over a UNIX socket.
+// Frames over a UNIX socket: of the live digital twin (`ruffini sim serve`), or of a recording that the host's tools decode
+// (`ruffini live --camera VIDEO`).
 //
-// Everything little endian. The twin greets: "RFTC", version u32 = 1, width u32, height u32, rate u32 (millihertz),
+// Everything little endian. The other side greets: "RFTC" of a twin "RFRC" of a recording, or "RFRS" of a simulated recording; version u32 = 1, width u32, height u32, rate u32 (millihertz),
 // length u32 of the board's name, the name. The camera answers one byte when its first frame is wanted: 'P' paced (the
 // twin keeps the board's rate and skips what it is late for) or 'L' lockstep (every frame, as fast as it is taken; the
 // time of a frame is its number times the board's period, whenever it comes).
