@@ -93,7 +93,7 @@ class WarmingScene:
 
 
 def with_noise(board: Board, calibration: bytes, scene: WarmingScene) -> bytes:
-    """A calibration with the unit's touch noise, as `cal fit --only touch` measures it before the lamps warm up."""
+    """A calibration with the unit's touch noise, as `cal fit --only threshold` measures it before the lamps warm up."""
     file, n_rest = container.unpack(calibration), board.pipeline.n_rest_frames
     pressure = linear_pressure(board, file, (scene.frame(0.0) for _ in range(N_NOISE + n_rest)))
     noise = fit_contact_noise(pressure, n_rest)
