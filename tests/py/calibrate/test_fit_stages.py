@@ -30,6 +30,7 @@ from ruffini.estimators.material.fit import fit_material
 from ruffini.estimators.operator import stage as operator
 from ruffini.estimators.operator.fit import Material, board_slab, make_operator
 from ruffini.estimators.relaxation import stage as relaxation
+from ruffini.estimators.relaxation.fit import fit_relaxation
 from ruffini.estimators.threshold import fit as contact_noise
 from ruffini.estimators.threshold import stage as threshold
 from ruffini.rig.log_file import Log, TouchRecord, write_log
@@ -49,6 +50,7 @@ def kept_steps() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(material, "fit_material", without_progress(fit_material))
         patch.setattr(operator, "make_operator", without_progress(make_operator))
+        patch.setattr(relaxation, "fit_relaxation", lambda log: kept(fit_relaxation, log))
         yield
 
 
