@@ -25,7 +25,7 @@ LEDGER ?=
 WERROR ?=
 STRICT := -DRUFFINI_WERROR=ON -DRUFFINI_BENCH=ON
 
-.PHONY: help setup build run test test-realtime readmes lint lint-python lint-page lint-cpp werror sanitize fuzz coverage simulate soak mutants hostile bench aarch64 wheel deb arm64 vm pi board fresh clean
+.PHONY: help setup build run test test-realtime readmes lint lint-docs lint-python lint-page lint-cpp werror docs sanitize fuzz coverage simulate soak mutants hostile bench oracle aarch64 wheel deb arm64 vm pi board fresh clean
 help:  ## this list
 	@grep -E '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
 
@@ -39,7 +39,10 @@ compile = log=$$(cmake -G Ninja -S . -B $(1) $(2) 2>&1) || { echo "$$log" >&2; e
 build: setup  ## compile firmware, library and tests into build/
 	@$(call compile,$(BUILD),$(if $(WERROR),$(STRICT),-DRUFFINI_WERROR=OFF))
 
-run: build  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the digital twin without INPUT
+# What it and the page of `ruffini view` run, and no test.
+RUN := ruffinid ruffini ruffini_schema ruffini_page
+run: setup  ## the whole path once: INPUT=VIDEO PRESSES=DIR BOARD=NAME, or the digital twin without INPUT
+	@$(call compile,$(BUILD),$(if $(WERROR),$(STRICT),-DRUFFINI_WERROR=OFF),$(RUN))
 	@.venv/bin/ruffini demo --board '$(BOARD)' --out '$(OUT)' $(if $(INPUT),--input '$(INPUT)') $(if $(PRESSES),--presses '$(PRESSES)')
 
 # Test modules run longest first, by what each took last time; each stays with one worker, whose fixtures it shares.
@@ -76,11 +79,17 @@ readmes: build  ## the commands of all READMEs that need no board and take minut
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -rs $(EXTRA_TESTS)
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -m long -vv --durations 0 tests/e2e/test_long_commands.py
 
-lint: lint-python lint-page lint-cpp werror  ## formatters, linters, types, and a build where warnings are errors
+lint: lint-docs lint-python lint-page lint-cpp werror  ## spelling, formatters, linters, types, and a build where warnings are errors
+
+docs: build  ## the documentation as a static site in build/docs/site: links and anchors checked, opens from the file system
+	@$(PYTHON) docs/build_site.py $(BUILD)/docs
+
+lint-docs: setup  ## spelling of the texts and comments
+	@git ls-files -z '*.md' '*.py' '*.h' '*.cpp' '*.proto' '*.toml' '*.ts' Makefile CMakeLists.txt | xargs -0 .venv/bin/codespell --ignore-words docs/vocabulary.txt
 
 lint-python: setup  ## ruff and mypy --strict
-	@$(PYTHON) -m ruff check --config host/pyproject.toml host tests
-	@$(PYTHON) -m ruff format --check --config host/pyproject.toml host tests
+	@$(PYTHON) -m ruff check --config host/pyproject.toml host tests docs
+	@$(PYTHON) -m ruff format --check --config host/pyproject.toml host tests docs
 	@$(PYTHON) -m mypy --config-file host/pyproject.toml host/ruffini host/papers
 
 lint-page: build  ## types of the page, strict
@@ -158,6 +167,10 @@ bench: setup  ## time of every stage with peers beside them; accuracy on simulat
 	@$(PYTHON) tests/bench/accuracy.py $(if $(QUICK),--pads 1 --presses 6)
 	@$(PYTHON) tests/bench/twin.py $(if $(QUICK),--quick)
 	@$(if $(QUICK),true,$(PYTHON) tests/bench/residual.py)
+
+oracle: build  ## a finite element program of others (CalculiX) presses the pad that the board measures, hours the first time; its forces beside the twin's. QUICK=1: two presses
+	@.ci/setup oracle
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 nice $(PYTHON) tests/oracle/run.py $(if $(QUICK),--quick,--out out/oracle.txt)
 
 # Of the Pi Zero 2 and 3, of the 4, of the 5; CI runs one of them a day.
 PI_CORES := cortex-a53 cortex-a72 cortex-a76

@@ -64,7 +64,7 @@ const char* no_sigma(FramePath& path) {
 }
 // Computed when it is asked for.
 const char* no_residual(FramePath& path) {
-  path.find_residual();
+  path.compute_residual();
   return path.state().residual.validity == Validity::kNotMeasured ? "the last frame had no second pass" : "";
 }
 
@@ -109,10 +109,16 @@ constexpr SlotView kViews[] = {
      [](FramePath& path, void* to) {
        Out<int64_t> out(to);
        for (const Target& t : path.targets()) {
-         for (const DiscSight& s : {t.rest, t.now}) out.put(s.x_q16, s.y_q16, s.area_q8, s.bright_q8);
+         for (const DiscMeasurement& s : {t.rest, t.now}) out.put(s.x_q16, s.y_q16, s.area_q8, s.bright_q8);
          out.put(t.is_lost);
        }
        return path.targets().size();
+     }},
+    {"features", Slot::kFeatures, "i4", "markers, targets: 1/65536 px, areas 1/256 px^2; picture: 1/65536 of rest", "",
+     [](const FramePath& path) { return shape_of(path.state().features.value.size()); },
+     [](FramePath& path, void* to) {
+       Out<int32_t>(to).put_all(path.state().features.value);
+       return path.state().features.value.size();
      }},
     {"slope", Slot::kSlope, "i2", "1/4096", "dz_dx dz_dy",
      [](const FramePath& path) { return grid(path.state().depth.grid, 2); },

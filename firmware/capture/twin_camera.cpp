@@ -21,8 +21,8 @@ using SteadyClock = std::chrono::steady_clock;
 using namespace std::chrono_literals;
 
 constexpr auto kConnectPatience = 2s;
-constexpr auto kFramePatience = 2s;          // from a frame's first byte to its last
-constexpr timeval kReadSlice{0, 50'000};     // so that a stalled twin does not hold up the daemon's end
+constexpr auto kFramePatience = 2s;          // from the first byte of a frame to its last
+constexpr timeval kReadSlice{0, 50'000};     // so that a stalled twin does not delay the daemon's end
 constexpr uint64_t kStoodStillUs = 250'000;  // from the end of one call to that of the next
 constexpr uint32_t kVersion = 1;
 constexpr uint32_t kMaxNameBytes = 256;
@@ -48,7 +48,7 @@ static_assert(sizeof(Greeting) == 24 && sizeof(FrameHeader) == 16, "as sent, wit
 
 enum class ReadStatus { kDone, kNothing, kBroken };
 
-// Fills `out`; kNothing when not even the first byte came within a slice and `may_wait` is false.
+// Fills `out`. Returns kNothing if not even the first byte arrived within a slice and `may_wait` is false.
 ReadStatus read_all(int fd, std::span<uint8_t> out, bool may_wait) {
   const auto deadline = SteadyClock::now() + kFramePatience;
   size_t n_done = 0;
@@ -80,8 +80,8 @@ class TwinCamera : public Camera {
         clock_(clock) {}
 
   CaptureStatus capture(FramePool::Buffer& buffer) override {
-    // What waits in the socket of a device that stood still is old, and nothing in it says so: it may have stood still
-    // since the last call, or within this one, while it waited for a frame.
+    // Data that waited in the socket while the device was suspended is old, and nothing in it shows that. The device
+    // may have been suspended since the last call, or within this one while it waited for a frame.
     const uint64_t before_us = asked_us_ != 0 ? asked_us_ : clock_.now_us();
     const CaptureStatus status = read_frame(buffer);
     asked_us_ = clock_.now_us();
@@ -90,7 +90,8 @@ class TwinCamera : public Camera {
       is_behind_ = has_more();
       return CaptureStatus::kNothing;
     }
-    if (status == CaptureStatus::kNothing) is_behind_ = is_behind_ && has_more();  // a stop also interrupts a wait
+    // A signal to stop also interrupts a wait
+    if (status == CaptureStatus::kNothing) is_behind_ = is_behind_ && has_more();
     return status;
   }
   [[nodiscard]] std::string problem() const override { return problem_; }
@@ -136,7 +137,7 @@ class TwinCamera : public Camera {
   uint64_t rate_mhz_;
   const Clock& clock_;
   bool is_started_ = false;
-  bool is_behind_ = false;  // what comes next was sent while the device stood still
+  bool is_behind_ = false;  // the next data was sent while the device was suspended
   uint64_t asked_us_ = 0;   // end of the last call
 };
 

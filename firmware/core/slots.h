@@ -81,7 +81,7 @@ struct FrameState {
   struct {
     // Of several views in one frame ([markers] layout "views").
     struct View {
-      int n_unsure = 0;  // markers that were there at rest and are lost, or not sure
+      int n_low_confidence = 0;  // markers that were there at rest and are lost, or not sure
       bool was_seen_at_rest = false;
     };
     std::span<const Marker> marker;
@@ -91,7 +91,7 @@ struct FrameState {
 
     // A view that has lost too many, or that never saw them.
     [[nodiscard]] bool is_blind(size_t i, int64_t max_lost) const {
-      return !view[i].was_seen_at_rest || view[i].n_unsure > max_lost;
+      return !view[i].was_seen_at_rest || view[i].n_low_confidence > max_lost;
     }
   } markers;
   struct {
@@ -99,6 +99,12 @@ struct FrameState {
     std::span<const Marker> mark;    // the same as markers: what hides the surface
     int n_lost = 0;
   } targets;
+  // Numbers that a wrench is made of, as changes against rest.
+  struct {
+    std::string_view sort;  // markers: dx, dy of each, px Q16; targets: dx, dy, px Q16, and change of area, px^2 Q8;
+                            // picture: relative change of B, G and R over a grid, Q16
+    std::vector<int32_t> value;
+  } features;
   struct {
     std::vector<CellSlope> slope;    // depth grid
     bool is_balanced = false;        // less the level of the frame's light
@@ -166,6 +172,7 @@ enum class Slot : uint8_t {
   kLight,
   kMarkers,
   kTargets,
+  kFeatures,
   kSlope,
   kDepth,
   kDisplacement,
@@ -189,9 +196,10 @@ inline constexpr size_t kSlotCount = static_cast<size_t>(Slot::kCount);
 
 [[nodiscard]] constexpr std::string_view slot_name(Slot slot) {
   constexpr std::array<std::string_view, kSlotCount> kNames = {
-      "difference",  "light",          "markers",    "targets",       "slope",     "depth",      "displacement",
-      "node_forces", "force_validity", "node_sigma", "residual",      "wrench",    "covariance", "contacts",
-      "slip",        "skin",           "profile",    "contact_model", "helmholtz", "tool_touch", "vibration"};
+      "difference",    "light",        "markers",     "targets",        "features",   "slope",
+      "depth",         "displacement", "node_forces", "force_validity", "node_sigma", "residual",
+      "wrench",        "covariance",   "contacts",    "slip",           "skin",       "profile",
+      "contact_model", "helmholtz",    "tool_touch",  "vibration"};
   return kNames[static_cast<size_t>(slot)];
 }
 
@@ -224,6 +232,7 @@ template <Slot slot, typename State>
   if constexpr (slot == Slot::kLight) return state.light;
   if constexpr (slot == Slot::kMarkers) return state.markers;
   if constexpr (slot == Slot::kTargets) return state.targets;
+  if constexpr (slot == Slot::kFeatures) return state.features;
   if constexpr (slot == Slot::kSlope) return state.photometric;
   if constexpr (slot == Slot::kDepth) return state.depth;
   if constexpr (slot == Slot::kDisplacement) return state.displacement;

@@ -41,6 +41,7 @@ using StagePointer = std::unique_ptr<Stage>;
 [[nodiscard]] StagePointer make_light(const StageContext& context);
 [[nodiscard]] StagePointer make_markers(const StageContext& context);
 [[nodiscard]] StagePointer make_targets(const StageContext& context);
+[[nodiscard]] StagePointer make_picture_features(const StageContext& context);
 [[nodiscard]] StagePointer make_photometric(const StageContext& context);
 [[nodiscard]] StagePointer make_poisson(const StageContext& context);
 [[nodiscard]] StagePointer make_displacement(const StageContext& context);

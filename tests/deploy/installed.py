@@ -22,7 +22,7 @@ from pathlib import Path
 SOURCE = Path(__file__).parents[2]
 DEPLOY = SOURCE / "firmware" / "deploy"
 NOT_INSTALLED = {"packages.cmake", "ruffini"}  # the rules of the packages; the host tool's starter
-LIBRARIES = ["/usr/bin/ruffinid", "/usr/lib/ruffini/libruffini_infer.so"]
+LIBRARIES = ["/usr/bin/ruffinid", *(f"/usr/lib/ruffini/libruffini_{name}.so" for name in ("infer", "pictures"))]
 
 
 def run(*command: str, code: int | None = 0, timeout: float = 120) -> str:

@@ -14,11 +14,12 @@ from tiny_twin import Twin
 from ruffini.calibrate import container, gates
 from ruffini.calibrate.auto.page import table_of
 from ruffini.calibrate.auto.run import Auto, Opened, Site
-from ruffini.calibrate.auto.tasks import FORCES, Counts
 from ruffini.calibrate.auto.truth import Truth
 from ruffini.calibrate.container import CalibrationFile
 from ruffini.demo.twin_session import TwinOptions, limits_of, open_simulated
 from ruffini.errors import RefusedError
+from ruffini.estimators.operator.task import TASK as FORCES
+from ruffini.estimators.task import Counts
 from ruffini.rig.program import Span
 from ruffini.rig.session import ready_bench
 

@@ -30,6 +30,7 @@ NOT_RUN = {
     "pip install -e 'host[train]'": "PyTorch: .ci/setup extras installs it for `make readmes`",
     ".venv/bin/ruffini view --demo gelslim": "test_the_page_with_a_simulated_pad_as_its_readme_opens_it, likewise",
     "ruffini view --demo gelslim": "test_the_page_with_a_simulated_pad_as_its_readme_opens_it, until it is stopped",
+    ".venv/bin/ruffini live": SENSOR,
     "ruffini live": SENSOR,
     "ruffini live --camera VIDEO --board gelsight-mini": "test_live_verb.py, with a video that it draws",
     "ruffini cal flash colours.safetensors": SENSOR,
@@ -42,7 +43,7 @@ NOT_RUN = {
     "ruffini ros2 bridge --through rclpy": "a sensor and ROS 2",
 }  # fmt: skip
 RUN_ELSEWHERE = {  # by `.ci/run`, test_host_readme.py, py/client/test_cpp_package.py
-    "README.md", "host/README.md", "host/cpp/README.md"
+    "README.md", "docs/tutorial.md", "host/README.md", "host/cpp/README.md"
 }  # fmt: skip
 COMMAND = re.compile(
     r" *((\.venv/bin/|build/)?(ruffini\w*|python)|make|pip|npm|cmake|ctest|c\+\+|dtc|lerobot-record|sudo|\.ci/\w+) "

@@ -10,7 +10,7 @@
 // Each is what three of four corners have in common (estimators/common_part.h). What it adds to the force along an axis
 // follows from the wrench's own gain, R = dF/d(shift, turn, zoom):
 //   dF = |R_x| |shift x| + |R_y| |shift y| + |R_turn| |turn| + |R_zoom| (|zoom| + turn^2 / 2)
-// moved: dF > kLeastUn + (|F_x| + |F_y| + |F_z|) / kPart along any axis. turn^2 / 2: a turned picture is a smaller one.
+// moved: dF > kMinUn + (|F_x| + |F_y| + |F_z|) / kPart along any axis. turn^2 / 2: a turned picture is a smaller one.
 //
 // Presses of 0.05 to 70 N on the twin of a soft pad, discs, balls and squares of 6 to 20 mm, sheared and turned, leave at
 // most 0.06 of their force, or 0.05 N. Limits: a contact that reaches two corners; a smaller effect; what a kernel adds
@@ -33,7 +33,7 @@ class CornerMotion {
  public:
   static constexpr int kSide = 7;
   static constexpr int kWide = 9;
-  static constexpr int kLeast = 2 * kWide;  // markers along each axis
+  static constexpr int kMinMarkers = 2 * kWide;  // markers along each axis
 
   // What three corners have in common, without sign: px Q16, and Q20.
   struct Motion {
@@ -48,7 +48,7 @@ class CornerMotion {
   // A new rest: where the markers are, and how the wrench answers to motions.
   void learn(std::span<const Marker> markers, const FeatureWrench& wrench);
   [[nodiscard]] Motion motion(std::span<const Marker> markers) const;
-  // Precondition: learn() was called. Never with fewer than kLeast markers.
+  // Precondition: learn() was called. Never with fewer than kMinMarkers markers.
   [[nodiscard]] bool has_moved(std::span<const Marker> markers, const Wrench& wrench) const;
 
  private:
@@ -57,7 +57,7 @@ class CornerMotion {
   struct Corner {
     std::array<int64_t, kMotions> value{};  // as Motion, with sign
   };
-  [[nodiscard]] bool is_large_enough() const { return lattice_.n_x >= kLeast && lattice_.n_y >= kLeast; }
+  [[nodiscard]] bool is_large_enough() const { return lattice_.n_x >= kMinMarkers && lattice_.n_y >= kMinMarkers; }
   [[nodiscard]] Corner corner(std::span<const Marker> markers, int first_x, int first_y, int side) const;
 
   GridSize lattice_;

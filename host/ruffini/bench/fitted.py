@@ -61,7 +61,7 @@ READING, FLOOR_N = 0.02, 0.03  # wanted: 2 % of reading + 0.03 N
 
 def has_images(board: Board) -> bool:
     """Whether the board's displacement comes from dots and colours, so that its noise can be measured."""
-    return {"markers", "photometric", "poisson"} <= set(board.pipeline.stages)
+    return all(board.writes(slot) for slot in ("markers", "slope", "depth"))
 
 
 def colours_of(

@@ -34,7 +34,7 @@ TEXTURE_DEPTH_MM = 0.45
 
 def has_paper(board: Board) -> bool:
     """Whether the board has a paper's bench and measures the field of forces that `bench ifem` judges."""
-    return "operator" in board.pipeline.stages and (board.folder or Path()).joinpath("reproduce.toml").is_file()
+    return board.writes("node_forces") and (board.folder or Path()).joinpath("reproduce.toml").is_file()
 
 
 def paper_states(board: Board, *, quick: bool) -> list[State]:

@@ -98,14 +98,14 @@ def wrench(
     note(f"cal wrench: board {board}" if board else "cal wrench: columns of a log")
     from ruffini.boards import find_board
     from ruffini.calibrate import container
-    from ruffini.calibrate.fit.job import Outcome
-    from ruffini.calibrate.gates import gates_of_stages, manifest_of
+    from ruffini.calibrate.gates import manifest_of
     from ruffini.calibrate.log.columns import read_column_logs
     from ruffini.errors import InputError
     from ruffini.estimators.wrench.fit import fit_wrench_map
     from ruffini.estimators.wrench.log import Features, features_of, read_feature_runs
     from ruffini.estimators.wrench.marker_prior import marker_prior
     from ruffini.estimators.wrench.model import recordings_of
+    from ruffini.estimators.wrench.stage import WRENCH
     from ruffini.estimators.wrench.tables import tables
     from ruffini.estimators.wrench.target_geometry import second_order_of
     from ruffini.files import write_whole
@@ -140,11 +140,11 @@ def wrench(
     )
     for line in fit.checks:
         note(line)
-    if found is not None and "feature_wrench" not in found.pipeline.stages:
-        note(f"board {found.name!r} has no stage feature_wrench: it would not use this table")
+    if found is not None and not WRENCH.is_used(found):
+        note(f"board {found.name!r} has no stage that makes a wrench of features: it would not use this table")
     tensors, metadata = tables(fit, sort)
     base = container.base_metadata(found) if found else container.metadata_without_board()
-    gates = gates_of_stages({"wrench": Outcome("fitted", "", fit.report())})
+    gates = WRENCH.gates(fit.report(), found)
     residuals = json.loads(metadata["residuals"])
     container.write(out, container.pack(tensors, {**base, **metadata, **manifest_of(residuals, gates)}))
     left_out = residuals["left_out"]

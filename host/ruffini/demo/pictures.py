@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from ruffini.device.results import Contact
 
 Array = npt.NDArray[np.float64]
 
@@ -109,6 +112,39 @@ def field_over_frame(
             at = node_px[slip == value]
             map_axes[0].plot(at[:, 0], at[:, 1], marker, color="white", fillstyle="none", markersize=4, label=name)
         map_axes[0].legend(fontsize=7, facecolor="grey", labelcolor="white")
+    figure.suptitle(title)
+    return _save(figure, path)
+
+
+def contacts_beside_frame(
+    path: Path,
+    frame_bgr: npt.NDArray[np.uint8],
+    true_force_n: Array,
+    size_mm: tuple[float, float],
+    contacts: Sequence[Contact],
+    *,
+    title: str,
+) -> Path:
+    """The camera image, and the contacts on the pad over the true force of its nodes.
+
+    `true_force_n` (n_y, n_x, 3) newtons lies evenly over the pad of `size_mm`; of a tube the pad is the unrolled skin.
+    """
+    figure, (left, right) = _figure(11.0, 4.3, ncols=2)
+    left.imshow(frame_bgr[:, :, ::-1])
+    left.set_title("camera")
+    left.set_axis_off()
+    x, y = (np.linspace(-0.5, 0.5, n) * size for n, size in zip(true_force_n.shape[1::-1], size_mm, strict=True))
+    size = 1e3 * np.linalg.norm(true_force_n, axis=-1)
+    shown = right.pcolormesh(x, y, size, cmap=PRESSURE_MAP, shading="gouraud")
+    figure.colorbar(shown, ax=right, label="true force per node (simulated), mN", shrink=0.8)
+    for contact in contacts:
+        at = np.array(contact.center) * 1e3
+        right.plot(*at, "+", color="white", markersize=14, markeredgewidth=2)
+        force = contact.force[np.isfinite(contact.force)]
+        right.annotate(f"{np.linalg.norm(force):.2f} N", at, (8, 8), textcoords="offset points", color="white")
+    right.set_aspect("equal")
+    right.invert_yaxis()
+    right.set(xlabel="x, mm", ylabel="y, mm", title="measured contacts: white crosses" if contacts else "pad")
     figure.suptitle(title)
     return _save(figure, path)
 

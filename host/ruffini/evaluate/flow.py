@@ -212,7 +212,7 @@ def check(picture: Picture, board: Board | None) -> None:
     if board is None:
         board_for(picture)
         return
-    if board.markers is None or board.markers.polarity != "texture" or "markers" not in board.pipeline.stages:
+    if board.markers is None or board.markers.polarity != "texture" or not board.writes("markers"):
         raise InputError(f'board {board.name!r} follows no texture: markers.polarity = "texture" would say so')
     height, width = picture.shape[:2]
     if (width, height) != (board.camera.width_px, board.camera.height_px):

@@ -196,7 +196,7 @@ def evaluate(
     InputError
         The board has no markers, too few frames, frames of several sizes, none of the board's markers at rest.
     """
-    if "markers" not in board.pipeline.stages or board.markers is None:
+    if not board.writes("markers") or board.markers is None:
         raise InputError(f"board {board.name!r} follows no markers: nothing to judge")
     n_rest = board.pipeline.n_rest_frames
     if len(frames) <= n_rest:

@@ -16,6 +16,7 @@ from ruffini.calibrate.gates import MAX_ERROR, MAX_REST_N
 from ruffini.errors import InputError
 from ruffini.estimators.operator.error_model import node_places
 from ruffini.estimators.operator.fit import board_slab
+from ruffini.estimators.table import ESTIMATORS
 from ruffini.rig.bench import Bench
 from ruffini.rig.program import Weight
 from ruffini.rig.units import GRAVITY_M_S2
@@ -23,8 +24,6 @@ from ruffini.rig.units import GRAVITY_M_S2
 Array = npt.NDArray[np.float64]
 
 SETTLED_PART = 0.5  # of a hold, its end
-TIMES_REPORT = 2.0  # of the report's 95th percentile, which one touch in 20 exceeds, but hardly any by a factor of two
-TIMES_RMS = 3.0  # exceeded by three in a thousand of normally distributed errors
 MAX_RADIUS_ERROR = 0.15  # relative, with nodes 0.67 mm apart; the radius is inversely proportional to the depth
 DEEP_PART = 0.6  # of the largest depth: a ball's contact ends at half of it (Hertz)
 LEAST_NODES = 6  # under the ball
@@ -55,12 +54,10 @@ def allowed_n(file: CalibrationFile | None, force_n: float) -> float:
         return floor
     try:
         stages: Any = json.loads(file.metadata.get("residuals", "{}"))["stages"]
-        if "skin" in stages:  # its error is a constant plus a part of the force
-            part, faint_n = float(stages["skin"]["force_rms_percent"]) / 100, float(stages["skin"]["light_force_rms_n"])
-            return TIMES_RMS * max(part * force_n, faint_n)
-        return max(TIMES_REPORT * float(stages["material"]["left_out"]["force_p95_n"]), MAX_REST_N)
-    except (ValueError, KeyError, TypeError):
+        stated = [estimator.allowed_n(stages.get(estimator.name, {}), force_n) for estimator in ESTIMATORS]
+    except (ValueError, KeyError, TypeError, AttributeError):
         return floor
+    return max((value for value in stated if value is not None), default=floor)
 
 
 def check_weight(bench: Bench, grams: float, file: CalibrationFile | None) -> Checked:

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from small_board import Files, Run
+from twinless import board_without_twin
 
 from ruffini.errors import NoDeviceError
 from ruffini.rig.log_file import read_log
@@ -69,7 +70,8 @@ def test_programs_by_hand_say_what_a_person_will_be_told(files: Files, run: Run,
 
 
 def test_a_board_without_a_twin_has_no_simulated_bench(run: Run, tmp_path):
-    code, _, error = run("cal", "collect", "--board", "gelsight-mini", "--rig", "sim", "--out", tmp_path / "log.h5")
+    board = board_without_twin(tmp_path).folder
+    code, _, error = run("cal", "collect", "--board", board, "--rig", "sim", "--out", tmp_path / "log.h5")
     assert code == 2
     assert "has no optics to simulate" in error
 

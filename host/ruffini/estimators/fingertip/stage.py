@@ -1,0 +1,62 @@
+"""Force, way, place, angles and area of a tool on a fingertip, from the pins that its two eyes see."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ruffini.boards import Board
+from ruffini.calibrate.fit.job import Job, Outcome, Progress
+from ruffini.calibrate.gates import MIN_PRESSES, Gate, at_least, at_most, part
+from ruffini.errors import InputError
+from ruffini.estimators.base import Estimator
+from ruffini.estimators.fingertip.fit import fit_fingertip
+from ruffini.estimators.fingertip.tables import tables
+from ruffini.estimators.task import Turned
+
+MAX_FORCE, MAX_WAY_MM, MAX_TILT_DEG = 0.05, 0.1, 5.0  # of presses left out, mean: of full scale; the issue's 0.1 mm
+
+
+class Fingertip(Estimator):
+    """A tool on a fingertip with pins; a fit takes a folder of presses, `frames/` and `press.csv` each."""
+
+    name = "fingertip"
+    kinds = ("fingertip",)
+    needs_previous = True
+    task = Turned("fingertip", "presses.toml", "mN mean of force")
+
+    def applies(self, board: Board) -> bool:
+        return "fingertip" in board.pipeline.stages
+
+    def fit(self, job: Job, progress: Progress) -> Outcome:
+        if job.baseline_mm is None:
+            raise InputError("the distance of the two eyes is not known: give --baseline-mm")
+        if len(job.paths) != 1:
+            raise InputError(f"{len(job.paths)} logs: a fingertip is fitted to one folder of presses")
+        fit = fit_fingertip(job.board, job.paths[0], job.baseline_mm, progress, only=job.pattern)
+        tensors, metadata = tables(fit)
+        job.tensors |= tensors
+        job.metadata |= metadata
+        off = fit.report["mean_error_of_presses_left_out"]["both"]
+        return Outcome(
+            "fitted",
+            f"{fit.report['n_pins']} pins, {fit.report['n_presses']} presses; left out of the fit they err by "
+            f"{off['force_n']:.3f} N, {off['way_mm']:.3f} mm deep, {off['x_mm']:.2f} and {off['y_mm']:.2f} mm aside, "
+            f"{off['roll_deg']:.2f} and {off['pitch_deg']:.2f} degrees",
+            fit.report,
+        )
+
+    def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:
+        """Of the presses left out."""
+        if "n_presses" not in report:
+            return []
+        left = report["mean_error_of_presses_left_out"]["both"]
+        tilt_deg = max(left["roll_deg"], left["pitch_deg"])
+        return [
+            at_least("presses", report["n_presses"], MIN_PRESSES, "presses"),
+            part("force", left["force_n"] / report["largest_n"], MAX_FORCE, "of full scale: mean of presses left out"),
+            at_most("way", left["way_mm"], MAX_WAY_MM, "mm, mean of presses left out"),
+            at_most("tilt", tilt_deg, MAX_TILT_DEG, "degrees, mean of presses left out"),
+        ]
+
+
+FINGERTIP = Fingertip()

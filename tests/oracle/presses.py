@@ -1,0 +1,123 @@
+"""The presses of the oracle, and their meshes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from deck import Pad, Place, write_deck
+from mesh import PadMesh, Sheet, graded, punch, sheet
+
+from ruffini.bench.states import NO_FRICTION, Recipe, Touch
+from ruffini.boards import Board
+from ruffini.sim.indenters import Indenter
+
+FINE_STEP = 0.65  # of the elements under the contact; the finest of ours are 0.83 mm
+LAYERS = (0.4, 0.65, 1.2, 1.75)  # of a pad of 4 mm, from the surface down
+SHEET_STEP = 0.25
+FLANK = 0.4  # around the face of a flat punch, at 45 degrees as the twin has it
+STIFFENING = 4.0  # Ogden's exponent: a pad that is clearly stiffer at large strain than a neo-Hookean one
+FRICTION = 0.7
+
+
+@dataclass(frozen=True)
+class Press:
+    """A recipe of `bench ifem`, pressed to one depth after the other; `exponent` of the pad's rubber."""
+
+    recipe: Recipe
+    depths: tuple[float, ...]
+    exponent: float = 2.0
+
+    @property
+    def name(self) -> str:
+        return self.recipe.name + ("" if self.exponent == 2.0 else f", Ogden {self.exponent:g}")
+
+
+def _one(
+    name: str, *depths: float, exponent: float = 2.0, shape: str = "sphere", radius: float, x: float, y: float,
+    shift: tuple[float, float] = (0.0, 0.0), turn: float = 0.0, friction: float | None = None,
+) -> Press:  # fmt: skip
+    return Press(Recipe(name, (Touch(shape, radius, x, y, shift, turn, friction),)), depths, exponent)
+
+
+QUICK = (
+    _one("ball", 0.3, 0.6, 1.0, radius=6, x=0.3, y=-0.2),
+    _one("flat sheared", 0.6, shape="flat", radius=2.0, x=2.0, y=1.0, shift=(-0.2, 0.1)),
+)
+PRESSES = (
+    *QUICK,
+    _one("ball off centre", 0.3, 0.6, 1.0, radius=5, x=4.1, y=-2.7),
+    _one("flat", 0.3, 0.6, 1.0, shape="flat", radius=2.5, x=-1.2, y=0.7),
+    _one("ball sheared", 0.6, radius=7, x=0.0, y=2.0, shift=(0.15, -0.1)),
+    _one("flat twisted", 0.6, shape="flat", radius=2.5, x=0.4, y=-1.0, turn=0.1),
+    _one("cylinder", 0.3, 0.6, 1.0, shape="cylinder", radius=2.0, x=-0.6, y=0.4),
+    _one("ball", 0.3, 0.6, 1.0, radius=6, x=0.3, y=-0.2, exponent=STIFFENING),
+    _one("ball sliding", 0.6, radius=6, x=-2.0, y=1.0, shift=(1.0, 0.5)),
+    _one("shell", 0.3, 0.6, shape="shell", radius=6.0, x=0.5, y=-0.5),
+    _one("edge", 0.3, 0.6, shape="cylinder", radius=0.8, x=1.1, y=-0.8),
+    _one("flat sheared", 0.6, shape="flat", radius=2.0, x=2.0, y=1.0, shift=(-0.2, 0.1), exponent=STIFFENING),
+    _one("ball, no friction", 0.6, 1.0, radius=8, x=-0.7, y=0.4, friction=NO_FRICTION),
+    _one("ball deep", 1.5, radius=5, x=0.3, y=-0.2),
+    _one("cylinder sheared", 0.6, shape="cylinder", radius=2.0, x=-0.6, y=0.4, shift=(0.2, 0.1)),
+    _one("shell twisted", 0.6, shape="shell", radius=6.0, x=0.5, y=-0.5, turn=0.08),
+    _one("ball sheared", 1.0, radius=7, x=0.0, y=2.0, shift=(0.15, -0.1)),
+)  # fmt: skip
+
+
+def pad_of(board: Board, exponent: float) -> Pad:
+    pad = board.pad
+    return Pad(pad.size_x_um * 1e-3, pad.size_y_um * 1e-3, pad.thickness_um * 1e-3, pad.modulus_pa * 1e-6,
+               pad.poisson_1e4 * 1e-4, exponent)  # fmt: skip
+
+
+def reach(touch: Touch, depth: float) -> tuple[float, float]:
+    """Half width along x and y of what may touch at a depth."""
+    if touch.shape == "flat":
+        return touch.radius + FLANK, touch.radius + FLANK
+    radius = touch.radius if touch.shape != "shell" else touch.radius / 0.45
+    across = min(0.93 * touch.radius, 1.1 * float(np.sqrt(2 * radius * depth)) + 0.4)
+    return (across, 2 * touch.radius + 0.25) if touch.shape == "cylinder" else (across, across)
+
+
+def pad_mesh(pad: Pad, press: Press) -> PadMesh:
+    """Fine where any indenter of the press goes."""
+    touch, depth = press.recipe.touches[0], max(press.depths)
+    half = [0.85 * r + 0.5 for r in reach(touch, depth)]
+    x, y = (
+        graded(-size / 2, size / 2, min(at, at + way) - h, max(at, at + way) + h, FINE_STEP)
+        for size, at, way, h in zip((pad.size_x, pad.size_y), (touch.x, touch.y), touch.shift, half, strict=True)
+    )
+    z = -np.cumsum([0.0, *LAYERS])[::-1] * pad.thickness / sum(LAYERS)
+    return PadMesh(x, y, z)
+
+
+def indenter(touch: Touch, depth: float) -> Sheet:
+    """The rigid surface of a touch, of the same shape as the twin's."""
+    if touch.shape == "flat":
+        return punch(touch.radius, FLANK, SHEET_STEP)
+    shape = Indenter(touch.shape, touch.radius * 1e-3)
+    return sheet(lambda x, y: shape.height(x * 1e-3, y * 1e-3) * 1e3, *reach(touch, depth), SHEET_STEP)
+
+
+def path_of(press: Press) -> tuple[list[Place], list[int]]:
+    """Places that are solved, and which of them are the states at the press's depths."""
+    touch = press.recipe.touches[0]
+    if not (touch.turn or any(touch.shift)):
+        return [Place(touch.x, touch.y, d) for d in press.depths], list(range(len(press.depths)))
+    places, states = [], []
+    for d in press.depths:
+        places += [
+            Place(touch.x, touch.y, d), Place(touch.x + touch.shift[0], touch.y + touch.shift[1], d, touch.turn),
+        ]  # fmt: skip
+        states.append(len(places) - 1)
+    return places, states
+
+
+def deck_of(board: Board, press: Press) -> tuple[PadMesh, str]:
+    """The mesh of a press and its input file."""
+    touch, pad = press.recipe.touches[0], pad_of(board, press.exponent)
+    mesh = pad_mesh(pad, press)
+    friction = FRICTION if touch.friction is None else 0.0
+    first_increment = 0.2 if touch.shape == "flat" else 0.5  # a whole face touches at once
+    face, path = indenter(touch, max(press.depths)), path_of(press)[0]
+    return mesh, write_deck(pad, mesh, face, path, friction, first_increment)

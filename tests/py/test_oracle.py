@@ -1,0 +1,173 @@
+"""The outside oracle's meshes, decks and reader; with CalculiX also its solution of presses whose answer is known."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
+from deck import Pad, Place, write_deck
+from mesh import HALF_STEPS, PadMesh, graded, punch, sheet
+from results import POINTS, Printed, Surface, brick_gradients, face_shapes, read_dat, surface_forces
+from solve import OracleError, solved
+
+NEEDS_CCX = pytest.mark.skipif(shutil.which("ccx") is None, reason="needs CalculiX: .ci/setup oracle installs it")
+UNEVEN = ([-3.0, -1.0, 0.0, 0.7, 2.0], [-2.0, -0.5, 0.3, 2.0], [-2.0, -1.0, -0.4, 0.0])
+
+
+def uneven() -> PadMesh:
+    return PadMesh(*(np.array(line) for line in UNEVEN))
+
+
+def test_a_graded_line_has_its_ends_and_its_fine_part() -> None:
+    line = graded(-10, 10, 1.0, 4.0, 0.5)
+    assert line[[0, -1]].tolist() == [-10, 10]
+    steps = np.diff(line)
+    fine = (line[:-1] >= 1.0 - 1e-9) & (line[1:] <= 4.0 + 1e-9)
+    np.testing.assert_allclose(steps[fine], 0.5)
+    assert steps.min() > 0
+    assert np.max(steps[1:] / steps[:-1]) < 2.3
+
+
+def test_a_pad_near_the_edge_needs_no_coarse_part() -> None:
+    line = graded(-8, 8, -9.0, -5.0, 0.5)
+    assert line[0] == -8
+    np.testing.assert_allclose(np.diff(line)[:6], 0.5)
+
+
+def test_bricks_have_their_nodes_where_the_solver_wants_them() -> None:
+    mesh = uneven()
+    corners_and_edges = 5 * 4 * 4 + 4 * 4 * 4 + 5 * 3 * 4 + 5 * 4 * 3
+    assert len(np.unique(mesh.elements)) == len(mesh.nodes) == corners_and_edges
+    corners = mesh.nodes[mesh.elements]
+    low, high = corners[:, [0]], corners[:, [6]]
+    np.testing.assert_allclose(corners, low + (high - low) * HALF_STEPS / 2, atol=1e-12)
+    assert np.all(mesh.nodes[mesh.faces][..., 2] == 0)
+
+
+def test_shape_functions_give_linear_and_quadratic_fields_exactly() -> None:
+    own = HALF_STEPS - 1.0
+    at = np.random.default_rng(1).uniform(-1, 1, (9, 3))
+    field = 3 + own @ [1.0, -2.0, 0.5] + own[:, 0] * own[:, 1] - 2 * own[:, 2] ** 2
+    slope = np.einsum("pni,n->pi", brick_gradients(at), field)
+    wanted = np.column_stack([1 + at[:, 1], -2 + at[:, 0], 0.5 - 4 * at[:, 2]])
+    np.testing.assert_allclose(slope, wanted, atol=1e-12)
+    face = own[[4, 5, 6, 7, 12, 13, 14, 15], :2]
+    value = face_shapes(at[:, :2]) @ (1 + face[:, 0] - face[:, 0] * face[:, 1] + face[:, 1] ** 2)
+    np.testing.assert_allclose(value, 1 + at[:, 0] - at[:, 0] * at[:, 1] + at[:, 1] ** 2, atol=1e-12)
+
+
+def test_surface_forces_of_a_uniform_stress_are_that_of_its_boundary() -> None:
+    """A stress whose only traction is on faces across z, in a sheared and stretched layer."""
+    mesh = uneven()
+    stretch = np.array([[1.1, 0.05, 0.1], [0, 0.95, 0.02], [0, 0, 0.9]])
+    stress = np.tile([0.0, 0, -2.0, 0, 0, 0], (len(mesh.top_elements), len(POINTS), 1))
+    moved = mesh.nodes @ (stretch - np.eye(3)).T
+    printed = Printed(np.arange(len(mesh.nodes)), moved, stress, np.zeros(3), np.zeros(3))
+    force = surface_forces(mesh, printed)
+    np.testing.assert_allclose(force.sum(axis=0), 0, atol=1e-12)
+    inner = (np.abs(mesh.nodes[:, 0] + 0.5) < 2.4) & (np.abs(mesh.nodes[:, 1]) < 1.9) & (mesh.nodes[:, 2] == 0)
+    np.testing.assert_allclose(force[inner, :2], 0, atol=1e-12)
+    area = 5 * 4 * 1.1 * 0.95  # of the surface after it was stretched
+    middle = force[mesh.faces[5][4:], 2]  # nodes within the sides of a face get a third of it, and of the next face
+    faces = np.diff(UNEVEN[0])[1] * np.diff(UNEVEN[1])[1]
+    assert middle.sum() < -2 * area * faces / 20 * 4 / 3
+    np.testing.assert_allclose(force[mesh.top].sum(axis=0)[2], -2 * area, rtol=1e-12)
+
+
+def test_forces_on_a_grid_keep_their_sum_and_moments() -> None:
+    surface = Surface(mesh := uneven())
+    force = np.random.default_rng(2).normal(size=(len(surface.nodes), 3))
+    x, y = np.linspace(-3, 2, 11), np.linspace(-2, 2, 7)
+    grid = surface.on_grid(force, x, y)
+    place = mesh.nodes[surface.nodes]
+    np.testing.assert_allclose(grid.sum(axis=(0, 1)), force.sum(axis=0), atol=1e-11)
+    np.testing.assert_allclose(np.einsum("abk,b->k", grid, x), place[:, 0] @ force, atol=1e-11)
+    np.testing.assert_allclose(np.einsum("abk,a->k", grid, y), place[:, 1] @ force, atol=1e-11)
+
+
+def test_a_uniform_pressure_loads_each_grid_node_by_its_area() -> None:
+    """Nodal forces of the faces are -1/12 and 1/3 of a face's: on the grid they are the hats' areas again."""
+    surface = Surface(mesh := uneven())
+    force = np.zeros((len(mesh.nodes), 1))
+    areas = np.outer(np.diff(mesh.y), np.diff(mesh.x)).ravel()
+    np.add.at(force, mesh.faces, (areas[:, None] * ([-1 / 12] * 4 + [1 / 3] * 4))[..., None])
+    x, y = np.linspace(-3, 2, 6), np.linspace(-2, 2, 5)
+    grid = surface.on_grid(force[surface.nodes], x, y)[..., 0]
+    ends = np.outer([0.5, 1, 1, 1, 0.5], [0.5, 1, 1, 1, 1, 0.5])
+    np.testing.assert_allclose(grid, ends, atol=1e-12)
+
+
+def test_a_displacement_is_sampled_by_the_faces_own_functions() -> None:
+    surface = Surface(mesh := uneven())
+    x, y = mesh.nodes[surface.nodes].T[:2]
+    at_x, at_y = np.linspace(-3, 2, 9), np.linspace(-2, 2, 6)
+    got = surface.sample((1 + x + x * y - y**2)[:, None], at_x, at_y)[..., 0]
+    np.testing.assert_allclose(got, 1 + at_x + at_x * at_y[:, None] - at_y[:, None] ** 2, atol=1e-12)
+
+
+def test_a_punch_is_a_disc_with_a_flank_and_faces_the_pad() -> None:
+    disc = punch(2.0, 0.4, 0.25)
+    x, y, z = disc.nodes[: len(disc.nodes) // 2].T
+    np.testing.assert_allclose(z, np.maximum(np.hypot(x, y) - 2.0, 0), atol=1e-12)
+    a, b, c, d = (disc.nodes[disc.elements[:, k]] for k in (0, 1, 2, 3))
+    areas = (np.cross(b - a, c - a)[:, 2] + np.cross(c - a, d - a)[:, 2]) / 2
+    assert areas.min() > 0
+    assert areas.sum() == pytest.approx(np.pi * 2.4**2, rel=0.02)
+
+
+def small_press(pad: Pad) -> tuple[PadMesh, str]:
+    """A wide flat plate on a small pad, pressed and then pushed aside."""
+    line = np.linspace(-2, 2, 4)
+    mesh = PadMesh(line, line, np.array([-2.0, -1.0, 0.0]))
+    plate = sheet(lambda x, y: 0 * x, 2.5, 2.5, 1.25)
+    return mesh, write_deck(pad, mesh, plate, [Place(0, 0, 0.1), Place(0.1, 0, 0.1)], 0.7)
+
+
+PAD = Pad(4, 4, 2, 0.2, 0.48)
+
+
+@pytest.mark.parametrize("tail", ["", " total force (fx,fy,fz) for set RIGID and time  0.1E+01\n\n 1. 2. 3.\n"])
+def test_a_result_that_was_cut_short_is_refused(tmp_path: Path, tail: str) -> None:
+    path = tmp_path / "press.dat"
+    path.write_text(" displacements (vx,vy,vz) for set LAYER and time  0.1E+01\n\n  1  0.1  0.2  0.3\n" + tail)
+    with pytest.raises(ValueError, match="solve again"):
+        read_dat(path)
+
+
+def test_without_the_program_one_sentence_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(OracleError, match="apt-get install calculix-ccx"):
+        solved("*NODE", tmp_path / "kept")
+
+
+@pytest.fixture(scope="module")
+def pressed(tmp_path_factory: pytest.TempPathFactory) -> tuple[PadMesh, Any, Path, str]:
+    mesh, deck = small_press(PAD)
+    folder = tmp_path_factory.mktemp("oracle")
+    return mesh, read_dat(solved(deck, folder)), folder, deck
+
+
+@NEEDS_CCX
+def test_forces_read_from_stresses_are_the_indenters_reaction(pressed: tuple[PadMesh, Any, Path, str]) -> None:
+    mesh, printed, folder, deck = pressed
+    assert len(printed) == 2
+    for one in printed:
+        np.testing.assert_allclose(one.on_indenter, -one.on_base, atol=1e-5 * abs(one.on_indenter[2]))
+        force = surface_forces(mesh, one)[mesh.top].sum(axis=0)
+        np.testing.assert_allclose(force, one.on_indenter, atol=2e-4 * abs(one.on_indenter[2]))
+    assert printed[0].on_indenter[2] < -0.1
+    assert printed[1].on_indenter[0] > 0.02  # dragged along x
+    kept = solved(deck, folder)
+    assert kept.stat().st_mtime_ns == solved(deck, folder, only_kept=True).stat().st_mtime_ns
+
+
+@NEEDS_CCX
+def test_a_bad_deck_names_its_log(tmp_path: Path) -> None:
+    with pytest.raises(OracleError, match=r"press\.log"):
+        solved("*NODE, NSET=ALL\n1,0,0,0\n*STEP\n*NONSENSE\n*END STEP\n", tmp_path)
