@@ -20,8 +20,8 @@ FINGER_KG, WRIST_KG = 0.3, 0.5
 class Thing:
     """What is gripped: a block (half sizes), can (radius, half height) or ball (radius), metres."""
 
-    kind: str = "box"
-    size_m: tuple[float, ...] = (0.015, 0.015, 0.03)
+    kind: str = "cylinder"
+    size_m: tuple[float, ...] = (0.02, 0.03)
     mass_kg: float = 0.15
     friction: float = 0.6
 
