@@ -43,15 +43,15 @@ def test_the_daemon_feels_the_world_and_its_end_holds_the_grip(live: Live) -> No
                 frames.append(frame)
             return bool(frames)
 
-        until(felt)
+        until(felt, "a valid frame")
         assert abs(frames[-1].wrench.force[2]) < 0.05
         live.world.data.ctrl[2] = -PRESS_N
         for _ in range(30):
             live.step()
         frames.clear()
-        until(felt)
+        until(felt, "a valid frame")
         frames.clear()
-        until(felt)
+        until(felt, "a valid frame")
         frame, true_n = frames[-1], live.world.pads["pad"].wrench[2]
         assert frame.is_simulated
         assert true_n == pytest.approx(-PRESS_N, abs=0.01)
