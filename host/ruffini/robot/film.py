@@ -13,7 +13,7 @@ from ruffini.errors import InputError
 
 FRAME_MS = 60
 VIEW_M = (-0.075, 0.075, -0.005, 0.145)  # x and z
-FULL_N = 0.05  # nodal force at the end of the colours
+FULL_N = 0.02  # nodal force at the end of the colours
 COLORS = {"thing": "#c9a227", "table": "#888888"}
 
 
@@ -93,7 +93,7 @@ def _draw_pad(axes: Any, name: str, frame: Any) -> None:
     axes.imshow(-force[..., 2], cmap="magma", vmin=0, vmax=FULL_N, origin="lower")
     step = (slice(None, None, 3), slice(None, None, 3))
     rows, columns = np.mgrid[: force.shape[0], : force.shape[1]]
-    axes.quiver(columns[step], rows[step], force[..., 0][step], force[..., 1][step], color="white", scale=10 * FULL_N)
+    axes.quiver(columns[step], rows[step], force[..., 0][step], force[..., 1][step], color="white", scale=3 * FULL_N)
     axes.set_xticks([])
     axes.set_yticks([])
     contacts = frame.contacts.contacts

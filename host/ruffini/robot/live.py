@@ -1,7 +1,7 @@
 """Pads of a world as real sensors: their pictures through the twin's camera into `ruffinid`, one daemon a pad.
 
-A program opens `Live.ports` with `ruffini.connect` as it would the hardware. `HeldSensor` is what a controller reads: the
-newest frame, and a sentence where the line is silent, so that the grip is held.
+A program opens `Live.ports` with `ruffini.connect` as it would the hardware. `HeldSensor` is what a controller reads:
+the newest frame, and a sentence where the line is silent, so that the grip is held.
 """
 
 from __future__ import annotations
@@ -118,7 +118,6 @@ class HeldSensor:
             self._heard_s, self.problem = now, ""
             return frame
         if now - self._heard_s > self._silence_s:
-            self.problem = (
-                f"{self._port}: no valid frame for {self._silence_s:g} s: the grip is held; look at its cable and daemon"
-            )
+            silence = f"no valid frame for {self._silence_s:g} s"
+            self.problem = f"{self._port}: {silence}: the grip is held; look at its cable and daemon"
         return None
