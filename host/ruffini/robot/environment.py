@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -40,7 +40,7 @@ class AdaptiveGrip(gymnasium.Env[Observation, npt.NDArray[np.float32]]):
     Reward: 1 - grip / 12 N for each step in which the can is held; 0 after it is dropped, which ends the episode.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own name and kind
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
 
     def __init__(self, board: str | Board, **options: Any) -> None:
         self._board, self._options = board, options
