@@ -42,6 +42,11 @@ class Daemon:
         self.port = port
         self._process, self._log = process, log
 
+    @property
+    def pid(self) -> int:
+        """Of its process."""
+        return self._process.pid
+
     def has_ended(self) -> bool:
         """Whether it runs no more."""
         return self._process.poll() is not None
