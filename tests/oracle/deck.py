@@ -68,7 +68,7 @@ def write_deck(
     start = Place(path[0].x, path[0].y, 0.0, path[0].turn).of(indenter.nodes)
     nodes = np.vstack([mesh.nodes, start])
     lines = ["*NODE, NSET=ALL", *(f"{i + 1},{x:.9g},{y:.9g},{z:.9g}" for i, (x, y, z) in enumerate(nodes))]
-    lines += [f"*ELEMENT, TYPE=C3D20R, ELSET=PAD", *_rows(mesh.elements + 1, 1)]
+    lines += ["*ELEMENT, TYPE=C3D20R, ELSET=PAD", *_rows(mesh.elements + 1, 1)]
     lines += ["*ELEMENT, TYPE=C3D8, ELSET=INDENTER", *_rows(indenter.elements + n_pad + 1, n_bricks + 1)]
     lines += _set("NSET", "BASE", mesh.base + 1) + _set("NSET", "TOP", mesh.top + 1)
     lines += _set("NSET", "RIGID", np.arange(n_pad, len(nodes)) + 1)
