@@ -15,6 +15,8 @@ PRESSES ?=
 BOARD ?= $(if $(INPUT),gelsight-mini,gelslim)
 OUT ?= out/$(if $(INPUT),$(BOARD),run)
 SUITE ?= bookworm
+# 1: make bench and make oracle do less, for no figures to quote.
+QUICK ?=
 # Seconds for each fuzzer.
 FUZZ_S ?= 60
 # For those that do a hundred thousand executions in 20 s; the others keep FUZZ_S.
