@@ -15,6 +15,8 @@ PRESSES ?=
 BOARD ?= $(if $(INPUT),gelsight-mini,gelslim)
 OUT ?= out/$(if $(INPUT),$(BOARD),run)
 SUITE ?= bookworm
+# 1: make bench and make oracle do less, for no figures to quote.
+QUICK ?=
 # Seconds for each fuzzer.
 FUZZ_S ?= 60
 # For those that do a hundred thousand executions in 20 s; the others keep FUZZ_S.
@@ -73,7 +75,7 @@ test-realtime: build  ## the few tests that are about real time, one after the o
 
 # RUFFINI_READMES_TURN=0/2: the first, third, fifth... of them; 1/2: the others.
 EXTRA_TESTS = tests/py/train tests/e2e/test_learned_network.py tests/e2e/test_recordings.py tests/e2e/test_rerun.py
-readmes: build  ## the commands of all READMEs that need no board and take minutes, word for word; what takes hours with --quick and the tests of what needs the extras (6 GB)
+readmes: build  ## the commands of all texts that need no board and take minutes, word for word; what takes hours with --quick and the tests of what needs the extras (6 GB)
 	@.ci/setup browser
 	@.ci/setup extras
 	@$(PYTHON) -m pytest -c host/pyproject.toml -n $(JOBS) -rs $(EXTRA_TESTS)

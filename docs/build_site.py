@@ -19,6 +19,7 @@ import reference
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT_ROOTS = ("boards/", "docs/", "firmware/", "host/", "proto/", "tests/README.md")
+WORKER = "worker_on_files.js"
 LINK = re.compile(r"(!?\[(?:[^\]\[]|\[[^\]]*\])*\])\((?!https?:|mailto:|#)([^)\s#]+)(#[^)\s]*)?\)")
 BLOCK = re.compile(r"(^ *```.*?^ *```$)", re.M | re.S)
 
@@ -38,7 +39,16 @@ def main() -> None:
     done = subprocess.run(command, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, check=False)
     if done.returncode:
         raise SystemExit("docs: the pages named above have broken links or are missing from nav in docs/mkdocs.yml")
+    make_search_local(out / "site")
     print(out / "site" / "index.html")
+
+
+def make_search_local(site: Path) -> None:
+    """Replace the script that Material fetches from the network, for pages opened as files, by our own."""
+    shutil.copyfile(ROOT / "docs" / WORKER, site / "assets" / "javascripts" / WORKER)
+    for path in site.rglob("*.html"):
+        place = os.path.relpath(site / "assets" / "javascripts" / WORKER, path.parent)
+        path.write_text(path.read_text().replace("https://unpkg.com/iframe-worker/shim", place))
 
 
 def tracked() -> list[str]:

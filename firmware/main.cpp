@@ -119,12 +119,15 @@ ruffini::Result<std::unique_ptr<ruffini::Camera>> open_one(const std::string& ca
   const bool is_lockstep = arguments.daemon.is_lockstep;
   if (camera.rfind("libcamera:", 0) == 0) return ruffini::open_libcamera(camera.substr(10), board);
   if (camera.rfind("v4l2:", 0) == 0) return ruffini::open_v4l2(camera.substr(5), board);
-  if (camera.rfind("twin:", 0) == 0) return ruffini::open_twin(camera.substr(5), is_lockstep, board, clock);
+  for (const std::string_view scheme : {"twin:", "frames:"}) {
+    if (camera.starts_with(scheme)) return ruffini::open_twin(camera.substr(scheme.size()), is_lockstep, board, clock);
+  }
   if (camera.rfind("replay:", 0) == 0) {
     return ruffini::open_replay({camera.substr(7), is_lockstep, arguments.is_loop}, board, clock);
   }
-  return ruffini::Error{ruffini::ErrorKind::kBadInput,
-                        "--camera " + camera + ": give v4l2:NAME, libcamera:NAME, replay:PATH or twin:SOCKET"};
+  return ruffini::Error{
+      ruffini::ErrorKind::kBadInput,
+      "--camera " + camera + ": give v4l2:NAME, libcamera:NAME, replay:PATH, twin:SOCKET or frames:SOCKET"};
 }
 
 using CameraResult = ruffini::Result<std::unique_ptr<ruffini::Camera>>;
@@ -335,7 +338,8 @@ int main(int argc, char** argv) {
          "--camera", arguments.cameras,
          "v4l2:NAME, the path of a camera's node, a part of its name, its serial number, or nothing; libcamera:NAME, a "
          "part of its id, or nothing; replay:PATH, a video file or a folder of images; "
-         "twin:SOCKET of `ruffini sim serve`. Twice with [stereo] of board.toml: left, then right")
+         "twin:SOCKET of `ruffini sim serve`; frames:SOCKET of `ruffini live`. Twice with [stereo] of board.toml: "
+         "left, then right")
       ->required()
       ->expected(1, 2)
       ->allow_extra_args(false);

@@ -242,10 +242,10 @@ constexpr SlotView kViews[] = {
      [](FramePath& path, void* to) {
        const TipTouch& t = path.state().tip;
        Out<int64_t> out(to);
-       out.put(t.is_touched, t.is_known, t.is_in_range, t.force_un, t.way_um, t.x_um, t.y_um, t.roll_urad, t.pitch_urad,
+       out.put(t.is_touched, t.is_known, t.is_in_range, t.force_un, t.travel_um, t.x_um, t.y_um, t.roll_urad, t.pitch_urad,
                t.area_um2);
        out.put_all(t.sigma);
-       out.put(t.flat_um2, t.flat_sigma_um2);
+       out.put(t.flat_area_um2, t.flat_area_sigma_um2);
        return size_t{19};
      }},
     {"radial_flow", Slot::kProfile, "i8", "1/16 um, on 16 rings", "", row<Profile::kRings>,
@@ -278,7 +278,7 @@ constexpr SlotView kViews[] = {
      row<16>,
      [](FramePath& path, void* to) {
        const ModelledContact& c = path.state().modelled;
-       Out<int64_t>(to).put(c.is_touched, c.kind, c.sure_1e3, c.gel_depth_um, c.press_depth_um, c.depth_sigma_um,
+       Out<int64_t>(to).put(c.is_touched, c.kind, c.confidence_1e3, c.gel_depth_um, c.press_depth_um, c.depth_sigma_um,
                             c.area_um2, c.effective_area_um2, c.stiffness_pa_um, c.shore_q4, c.shore_sigma_q4,
                             c.is_strange, c.depth_validity, c.hardness_validity, c.mean_flow_um, c.moment_by_flow_unmm);
        return size_t{16};

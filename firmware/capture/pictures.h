@@ -1,5 +1,5 @@
-// Pictures of a recording, and the door of libruffini_pictures.so, which decodes them: a library of its own, loaded
-// where a recording is played. What reads picture and video files pulls in over two hundred other libraries.
+// Pictures of a recording, and the entry point of libruffini_pictures.so, which decodes them. It is a separate library,
+// loaded only to play a recording, because reading picture and video files depends on over two hundred libraries.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +8,7 @@
 
 namespace ruffini {
 
-// B G R, row by row; valid until the next one is asked for.
+// B G R, row by row; valid until the next call of next().
 struct Picture {
   int width_px = 0;
   int height_px = 0;
@@ -19,17 +19,17 @@ struct Picture {
 class Pictures {
  public:
   virtual ~Pictures() = default;
-  // nullopt is the end; what cannot be read is a Picture of 0 x 0. Throws nothing.
+  // Returns nullopt at the end, and a Picture of 0 x 0 for an unreadable file. Does not throw.
   virtual std::optional<Picture> next() = 0;
   virtual void rewind() = 0;
-  // As the file states it; 0 or nonsense where it does not.
+  // Rate stated by the file; 0 or an arbitrary value if it states none.
   [[nodiscard]] virtual double rate_hz() const = 0;
 };
 
 inline constexpr const char* kPicturesLibrary = "libruffini_pictures.so";
 inline constexpr const char* kPicturesOpener = "ruffini_open_pictures";
 
-// Of a video, or of a folder of images, sorted by name. The caller owns what is returned; nullptr where there is none.
+// Opens a video, or a folder of images sorted by name. The caller owns the result; nullptr if there are no pictures.
 using PicturesOpener = Pictures*(const char* path);
 
 }  // namespace ruffini

@@ -25,6 +25,9 @@ constexpr auto kFramePatience = 2s;          // from the first byte of a frame t
 constexpr timeval kReadSlice{0, 50'000};     // so that a stalled twin does not delay the daemon's end
 constexpr uint64_t kStoodStillUs = 250'000;  // from the end of one call to that of the next
 constexpr uint32_t kVersion = 1;
+constexpr std::array kTwin{'R', 'F', 'T', 'C'};
+constexpr std::array kRecording{'R', 'F', 'R', 'C'};
+constexpr std::array kSimulatedRecording{'R', 'F', 'R', 'S'};
 constexpr uint32_t kMaxNameBytes = 256;
 constexpr uint64_t kMicrosecondsMillihertz = 1'000'000'000;  // a period at 1 mHz
 
@@ -72,9 +75,12 @@ std::span<uint8_t> bytes_of(T& value) {
 
 class TwinCamera : public Camera {
  public:
-  TwinCamera(UniqueFd socket, std::string path, bool is_lockstep, uint64_t rate_mhz, const Clock& clock)
+  TwinCamera(UniqueFd socket, std::string path, bool is_simulated, bool is_replay, bool is_lockstep, uint64_t rate_mhz,
+             const Clock& clock)
       : socket_(std::move(socket)),
         path_(std::move(path)),
+        is_simulated_(is_simulated),
+        is_replay_(is_replay),
         is_lockstep_(is_lockstep),
         rate_mhz_(rate_mhz),
         clock_(clock) {}
@@ -95,8 +101,8 @@ class TwinCamera : public Camera {
     return status;
   }
   [[nodiscard]] std::string problem() const override { return problem_; }
-  [[nodiscard]] bool is_simulated() const override { return true; }
-  [[nodiscard]] bool is_replay() const override { return false; }
+  [[nodiscard]] bool is_simulated() const override { return is_simulated_; }
+  [[nodiscard]] bool is_replay() const override { return is_replay_; }
 
  private:
   CaptureStatus read_frame(FramePool::Buffer& buffer) {
@@ -133,6 +139,8 @@ class TwinCamera : public Camera {
   UniqueFd socket_;
   std::string path_;
   std::string problem_;
+  bool is_simulated_;
+  bool is_replay_;
   bool is_lockstep_;
   uint64_t rate_mhz_;
   const Clock& clock_;
@@ -176,7 +184,9 @@ Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool i
                                                 "`ruffini sim serve` of the same release"};
   Greeting greeting;
   if (read_all(fd, bytes_of(greeting), true) != ReadStatus::kDone) return no_twin;
-  if (greeting.magic != std::array{'R', 'F', 'T', 'C'} || greeting.version != kVersion ||
+  const bool is_simulated = greeting.magic != kRecording;
+  const bool is_replay = greeting.magic != kTwin;
+  if ((is_replay && is_simulated && greeting.magic != kSimulatedRecording) || greeting.version != kVersion ||
       greeting.n_name > kMaxNameBytes) {
     return no_twin;
   }
@@ -193,7 +203,8 @@ Result<std::unique_ptr<Camera>> open_twin(const std::string& socket_path, bool i
                                            "\" needs " + std::to_string(board.camera.width_px) + "x" +
                                            std::to_string(board.camera.height_px)};
   }
-  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), socket_path, is_lockstep,
+  return std::unique_ptr<Camera>(std::make_unique<TwinCamera>(std::move(socket).value(), socket_path, is_simulated,
+                                                              is_replay, is_lockstep,
                                                               static_cast<uint64_t>(board.camera.rate_mhz), clock));
 }
 

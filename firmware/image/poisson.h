@@ -1,6 +1,6 @@
 // Surface slope -> depth: exact discrete Poisson solve with free (Neumann) borders, in perspective.
 //
-// The gradient of w = H ln(1 + z/H), micrometres per cell, Q10, clamped to +-2^20 (firmware/README.md):
+// The gradient of w = H ln(1 + z/H), micrometres per cell, Q10, clamped to +-2^20 (firmware/DESIGN.md):
 //
 //   e = (s_x x' + s_y y' + 2^13) >> 14, clamped to [-1, 0.9]  Q14; x', y': slopes of the ray, Q16
 //   g = s (H step / f) / (1 - e)                           1 / (1 - e) from a table, linear between its lines

@@ -44,7 +44,7 @@ class NodeSigmaModel {
   static constexpr int64_t kMaxForce = (int64_t{1} << 20) - 1;
   static constexpr int32_t kMaxFactor = 1 << 18;  // 4
   // With 5, 10 and 20 % of the markers lost, the rms error of shear at filled nodes is 1.6, 1.7 and 2.2 times that with
-  // all markers; at other nodes it grows by at most 1.3, and pressure is unaffected (host/ruffini/fem/README.md, "Lost
+  // all markers; at other nodes it grows by at most 1.3, and pressure is unaffected (host/ruffini/fem/DESIGN.md, "Lost
   // markers").
   static constexpr int32_t kFilledShear = 2;
 

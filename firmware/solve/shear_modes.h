@@ -9,7 +9,7 @@
 //                is multiplied by 1 - 1.5 E_noise / E_rest, not below 0 (James and Stein, 1961; E: sums of squares)
 //   precondition z += 2 sum b (b . r) / (b . b): a prior that lets two steps reach the modes
 // Contacts beyond kMaxContacts have no modes and keep their shear. All vectors have 16 bits and exact 64-bit sums.
-// Frame thread; no allocation after the constructor. Not in the paper; measured in host/ruffini/fem/README.md.
+// Frame thread; no allocation after the constructor. Not in the paper; measured in host/ruffini/fem/DESIGN.md.
 #pragma once
 
 #include <array>

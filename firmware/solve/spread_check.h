@@ -11,7 +11,7 @@
 // A punch so wide that its pressure stays below the contact threshold moves the surface around it by many times the
 // noise. A plate wider than the pad only comes closer to the camera; perspective shows the same motion, and so does a
 // camera that moved. For punches and balls at most 0.08 remains unexplained, for those that overhang the pad's edge
-// 0.16 (firmware/README.md).
+// 0.16 (firmware/DESIGN.md).
 //
 // If depth is zeroed on the mean of the rim (board.toml [depth] gauge = "margin"), the rim must be at rest. It is not
 // if more than an eighth of the rim is pressed. If more than 5/16 of all nodes are touched

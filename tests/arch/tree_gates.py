@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import subprocess
 import tomllib
@@ -195,12 +196,16 @@ def missing_includes(root: Path) -> list[str]:
     return found
 
 
-def _imports(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(_text(path))):
+@functools.cache
+def _imports(text: str) -> tuple[str, ...]:
+    """What a source imports, in its order."""
+    names: list[str] = []
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
+    return tuple(names)
 
 
 def host_layers(root: Path) -> list[str]:
@@ -209,7 +214,7 @@ def host_layers(root: Path) -> list[str]:
     for path in _sources(root, *HOST_ROOTS):
         top = path.relative_to(root / "host").parts[0]
         is_method = top == "papers" and path.name == "method.py"  # a reference that ours is judged by
-        for name in _imports(path):
+        for name in _imports(_text(path)):
             if top == "ruffini" and name.partition(".")[0] == "papers":
                 found.append(f"{path.relative_to(root)} imports {name}: the product must not know host/papers")
             if is_method and name.partition(".")[0] == "ruffini":
@@ -217,7 +222,7 @@ def host_layers(root: Path) -> list[str]:
     for path in _sources(root, "host/ruffini/"):
         parts = path.relative_to(root / "host" / "ruffini").parts
         package = parts[1] if parts[:2] == ("calibrate", "auto") else parts[0]  # `cal auto` plays all of them
-        for name in _imports(path):
+        for name in _imports(_text(path)):
             parts = name.split(".")
             if parts[0] == "ruffini" and len(parts) > 1 and parts[1] in HOST_MUST_NOT_IMPORT.get(package, set()):
                 found.append(f"{path.relative_to(root)} imports {name}: {package} must not know {parts[1]}")
@@ -239,7 +244,7 @@ def import_cycles(root: Path) -> list[str]:
     paths = {_module(root, path): path for path in _sources(root, *HOST_ROOTS)}
     graph: dict[str, set[str]] = {}
     for module, path in paths.items():
-        named = {name if name in paths else name.rpartition(".")[0] for name in _imports(path)}
+        named = {name if name in paths else name.rpartition(".")[0] for name in _imports(_text(path))}
         graph[module] = (named & paths.keys()) - {module}
     try:
         tuple(TopologicalSorter(graph).static_order())

@@ -15,13 +15,14 @@ from solve import solved
 
 from ruffini.bench.disturbance import WHITE_UM, Disturbance
 from ruffini.bench.ifem import Methods, evaluate
-from ruffini.bench.states import State, make_states
+from ruffini.bench.states import Recipe, State, make_states
 from ruffini.boards import Board
 from ruffini.estimators.operator.marker_lattice import marker_places
 
 Array = npt.NDArray[np.float64]
 
 MM = 1e-3
+KEPT_M, KEPT_N = 1e-7, 1e-5  # steps of a kept state
 N_SEEDS = 3
 
 
@@ -90,6 +91,30 @@ def _center(press: Press) -> Array:
 def _touched(press: Press, depth: float) -> float:
     touch = press.recipe.touches[0]
     return float(np.hypot(*reach(touch, depth)) + np.hypot(*touch.shift) + 1.0)
+
+
+def keep_states(path: Path, solved_states: list[Solved]) -> None:
+    """Fields on the board's nodes into a small file: displacement in steps of 0.1 um, force in steps of 10 uN."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    arrays: dict[str, Array | npt.NDArray[np.int16]] = {}
+    for one in solved_states:
+        arrays[f"{one.name}/displacement"] = np.round(one.state.displacement / KEPT_M).astype(np.int16)
+        arrays[f"{one.name}/force"] = np.round(one.state.force / KEPT_N).astype(np.int16)
+    with path.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+
+def kept_states(path: Path) -> list[State]:
+    """What `keep_states` wrote, as states named by their press and depth."""
+    with np.load(path, allow_pickle=False) as kept:
+        names = sorted({name.rsplit("/", 1)[0] for name in kept.files})
+        return [
+            State(
+                Recipe(name, ()), float(name.split()[-2]),
+                kept[f"{name}/force"] * KEPT_N, kept[f"{name}/displacement"] * KEPT_M,
+            )
+            for name in names
+        ]  # fmt: skip
 
 
 def twin_state(board: Board, one: Solved) -> State:

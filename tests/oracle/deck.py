@@ -68,11 +68,12 @@ def write_deck(
     start = Place(path[0].x, path[0].y, 0.0, path[0].turn).of(indenter.nodes)
     nodes = np.vstack([mesh.nodes, start])
     lines = ["*NODE, NSET=ALL", *(f"{i + 1},{x:.9g},{y:.9g},{z:.9g}" for i, (x, y, z) in enumerate(nodes))]
-    lines += [f"*ELEMENT, TYPE=C3D20R, ELSET=PAD", *_rows(mesh.elements + 1, 1)]
+    lines += ["*ELEMENT, TYPE=C3D20R, ELSET=PAD", *_rows(mesh.elements + 1, 1)]
     lines += ["*ELEMENT, TYPE=C3D8, ELSET=INDENTER", *_rows(indenter.elements + n_pad + 1, n_bricks + 1)]
-    lines += _set("NSET", "BASE", mesh.base + 1) + _set("NSET", "TOP", mesh.top + 1)
+    lines += _set("NSET", "BASE", mesh.base + 1)
     lines += _set("NSET", "RIGID", np.arange(n_pad, len(nodes)) + 1)
     lines += _set("ELSET", "UPPER", mesh.top_elements + 1)
+    lines += _set("NSET", "LAYER", np.unique(mesh.elements[mesh.top_elements]) + 1)
     lines += ["*SURFACE, NAME=SKIN, TYPE=ELEMENT", "UPPER, S2", "*SURFACE, NAME=FACE, TYPE=ELEMENT", "INDENTER, S1"]
     lines += ["*MATERIAL, NAME=RUBBER", pad.card().rstrip(), "*SOLID SECTION, ELSET=PAD, MATERIAL=RUBBER"]
     lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", "200000., .3", "*SOLID SECTION, ELSET=INDENTER, MATERIAL=STEEL"]
@@ -87,14 +88,11 @@ def write_deck(
         lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", f"{first_increment}, 1., {SMALLEST_INCREMENT}, 1."]
         lines += ["*CONTROLS, PARAMETERS=CONTACT", SETTLED_CONTACT, "*BOUNDARY"]
         lines += [f"{n_pad + i + 1},{c + 1},{c + 1},{u[c]:.9g}" for i, u in enumerate(moved) for c in range(3)]
-        lines += ["*NODE PRINT, NSET=TOP, FREQUENCY=1000", "U"]
         lines += ["*NODE PRINT, NSET=RIGID, TOTALS=ONLY, FREQUENCY=1000", "RF"]
         lines += ["*NODE PRINT, NSET=BASE, TOTALS=ONLY, FREQUENCY=1000", "RF"]
         lines += ["*NODE PRINT, NSET=LAYER, FREQUENCY=1000", "U"]
         lines += ["*EL PRINT, ELSET=UPPER, FREQUENCY=1000", "S", "*END STEP"]
-    layer = _set("NSET", "LAYER", np.unique(mesh.elements[mesh.top_elements]) + 1)
-    at = lines.index("*SURFACE, NAME=SKIN, TYPE=ELEMENT")
-    return "\n".join([*lines[:at], *layer, *lines[at:]]) + "\n"
+    return "\n".join(lines) + "\n"
 
 
 def _rows(elements: npt.NDArray[np.intp], first: int) -> list[str]:

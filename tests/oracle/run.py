@@ -25,10 +25,14 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="two presses: not the README's figures")
     parser.add_argument("--solved-only", action="store_true", help="only presses whose solution is kept")
     parser.add_argument("--out", type=Path, help="the tables also into this file, and as .json beside it")
+    parser.add_argument("--keep", type=Path, help="the fields on the board's nodes into this .npz and stop")
+    parser.add_argument("--only", nargs="+", help="only presses of these names")
     arguments = parser.parse_args()
     board = find_board(arguments.board)
     states, failed = [], 0
     for press in QUICK if arguments.quick else PRESSES:
+        if arguments.only and press.name not in arguments.only:
+            continue
         started = time.monotonic()
         try:
             solved = compare.solve_press(board, press, arguments.folder, only_kept=arguments.solved_only)
@@ -40,6 +44,9 @@ def main() -> int:
         print(f"oracle: {press.name}, {len(solved)} states, {time.monotonic() - started:.0f} s", file=sys.stderr)
     if not states:
         return 1
+    if arguments.keep:
+        compare.keep_states(arguments.keep, states)
+        return 1 if failed else 0
     twins = []
     for one in states:
         twins.append(compare.twin_state(board, one))

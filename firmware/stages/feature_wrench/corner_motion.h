@@ -1,8 +1,9 @@
-// Detects motion of the camera against the pad by its corners, for boards whose wrench is linear in markers' shifts.
+// Detects motion of the camera against the pad from its corners, for boards whose wrench is linear in the markers'
+// shifts.
 //
-// Top and two sides of a pad are free at its corner: no stress, so no strain there, wherever a contact presses. A zoom
-// is strain all over. Per corner, least squares over kSide x kSide markers (a corner where more than a quarter of them
-// are lost says 0):
+// Top and two sides of a pad are free at its corner: without stress there is no strain, wherever a contact presses. A
+// zoom looks like strain everywhere. For each corner, least squares over kSide x kSide markers (0 if more than a
+// quarter of them are lost):
 //   shift    mean displacement
 //   turn     (du_y/dx - du_x/dy) / 2
 //   zoom     (du_x/dx + du_y/dy) / 2 =: s; a wide contact stretches the corner, and more so over kWide x kWide markers:
@@ -45,10 +46,10 @@ class CornerMotion {
 
   explicit CornerMotion(GridSize lattice) : lattice_(lattice) {}
 
-  // A new rest: where the markers are, and how the wrench answers to motions.
+  // Sets a new rest image: marker positions, and the response of the wrench to motions.
   void learn(std::span<const Marker> markers, const FeatureWrench& wrench);
   [[nodiscard]] Motion motion(std::span<const Marker> markers) const;
-  // Precondition: learn() was called. Never with fewer than kMinMarkers markers.
+  // Precondition: learn() was called. Always false with fewer than kMinMarkers markers.
   [[nodiscard]] bool has_moved(std::span<const Marker> markers, const Wrench& wrench) const;
 
  private:

@@ -75,7 +75,9 @@ def fit(
     paths = [*(logs or []), *(more_logs or [])]
     if not paths:
         raise InputError("no log: give logs, recordings or folders of presses")
-    only = None if only is None else OLD_STAGES.get(only, only)
+    if only in OLD_STAGES:
+        note(f"stage {only} is now called {OLD_STAGES[only]}")
+        only = OLD_STAGES[only]
     if only is not None and only not in BY_NAME:
         raise InputError(f"--only {only!r}: there is no such stage; there are {', '.join(BY_NAME)}")
     before = None if previous is None else keys.read_verified(previous)

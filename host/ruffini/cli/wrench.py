@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ruffini.cli.common import JsonFlag, emit_judged, note, progress_bar
+from ruffini.tables import aligned
 
 MOST_LISTED = 12  # recordings
 
@@ -169,23 +170,24 @@ def wrench(
 
 
 def _text(out: Path, fit: Fit) -> str:
+    import numpy as np
+
     from ruffini.estimators.wrench.model import AXES
 
     lines = [
         f"{out}: {fit.n_frames} frames of {fit.n_runs} recordings, reference {1e3 * fit.lag_s:.1f} ms behind the "
         f"pictures, condition number {fit.condition:.1f}",
         f"  errors on {fit.left_out} that were not fitted, against the reference (K alone: RMSE):",
-        f"  {'':4}{'range':>10}{'K alone':>10}{'RMSE':>10}{'MAE':>10}{'R2':>8}",
     ]
-    for i, axis in enumerate(AXES):
-        unit = "N" if i < 3 else "N mm"
-        extra = ", ".join(name for name, axes in fit.terms.items() if axis in axes)
-        state = extra if fit.map.full[i] else "not measured: the log hardly loads it"
-        lines.append(
-            f"  {axis:4}{abs(fit.map.full[i]):>10.3g}{fit.linear_rmse[i]:>10.3g}{fit.rmse[i]:>10.3g}"
-            f"{fit.mae[i]:>10.3g}{fit.r2[i]:>8.3f}"
-            f"  {unit}{'  ' + state if state else ''}"
+    columns = (np.abs(fit.map.full), fit.linear_rmse, fit.rmse, fit.mae, fit.r2)
+    lines += aligned(("", "range", "K alone", "RMSE", "MAE", "R2", "", ""), [
+        (
+            axis, *(f"{column[i]:.3g}" for column in columns), "N" if i < 3 else "N mm",
+            ", ".join(name for name, axes in fit.terms.items() if axis in axes) if fit.map.full[i]
+            else "not measured: the log hardly loads it",
         )
+        for i, axis in enumerate(AXES)
+    ], indent="  ")  # fmt: skip
     for name, (rmse, mae) in fit.by_recording.items() if len(fit.by_recording) < MOST_LISTED else ():
         lines.append(f"  {name}: RMSE {_listed(rmse)}; MAE {_listed(mae)}")
     if fit.kernel:

@@ -42,7 +42,7 @@ Array = npt.NDArray[np.float64]
 
 # The unit that is simulated is not the board's nominal one: 3 % off in each material number.
 DEMO_ERROR = {"modulus": 1.03, "poisson": 1.03, "thickness": 0.97}
-MAX_ERROR, MAX_ERROR_OF_A_LOOK = 0.05, 0.15  # of the largest true force; of few presses, or without a depth
+MAX_ERROR, MAX_ERROR_OF_A_LOOK = 0.05, 0.25  # of the largest true force; of few presses, or without a depth
 MAX_REST_PX = 0.15
 MIN_COSINE = 0.95
 CONTACT_START_PX = 0.2  # mean dot motion that tells that touching has begun
@@ -238,7 +238,7 @@ def _pictures(board: Board, out: Path, run: Run, truth: dict[str, Any], badge: s
     size = np.hypot(*truth["wrench"][:, :2].T) if is_sheared else np.abs(truth["wrench"][:, 2])
     strongest = max((i for i in run.frames() if not is_sheared or i in run.results["FIELD"]), key=lambda i: size[i])
     image = next(islice(read_frames(out / "recording"), strongest, None))
-    depths = {i: d.depth for i, d in run.results["DEPTH"].items() if np.isfinite(d.depth).any()}
+    depths = [d for d in run.results["DEPTH"].values() if np.isfinite(d.depth).any()]
     pictures = []
     if is_sheared:
         got = run.results["FIELD"][strongest]
@@ -256,10 +256,11 @@ def _pictures(board: Board, out: Path, run: Run, truth: dict[str, Any], badge: s
             title=f"{badge}: contacts, frame {strongest}",
         ))  # fmt: skip
     if depths:
-        deepest = min(depths, key=lambda i: depths[i].min())
+        deepest = min(depths, key=lambda d: d.depth.min())
         pictures.append(depth_map(
-            out / "depth.png", depths[deepest] * 1e6, title=f"{badge}: depth, frame {deepest}",
-            place_mm=depth_places(board, depths[deepest]) * 1e3, truth=_true_surface(board, truth, deepest),
+            out / "depth.png", deepest.depth * 1e6, title=f"{badge}: depth, frame {deepest.frame}",
+            place_mm=depth_places(board, deepest.depth, deepest.step_px) * 1e3,
+            truth=_true_surface(board, truth, deepest.frame),
         ))  # fmt: skip
     return pictures
 
@@ -328,12 +329,12 @@ def _report_real(board: Board, out: Path, run: Run, given: RealInput, as_json: b
         wrench_over_time(out / "wrench.png", np.array(frames) / rate_hz, wrench,
                          title=f"{board.name}: wrench (z UNCALIBRATED)"),
     ]  # fmt: skip
-    foreign = {i: d.raw_depth for i, d in run.results["DEPTH"].items() if d.validity == UNCALIBRATED}
+    foreign = [d for d in run.results["DEPTH"].values() if d.validity == UNCALIBRATED]
     if foreign:
-        deepest = min(foreign, key=lambda i: foreign[i].min())
-        pictures.append(depth_map(out / "depth.png", foreign[deepest] * 1e6,
-                                  place_mm=depth_places(board, 0 * foreign[deepest]) * 1e3,
-                                  title=f"{board.name}: depth, frame {deepest} (UNCALIBRATED)"))  # fmt: skip
+        deepest = min(foreign, key=lambda d: d.raw_depth.min())
+        pictures.append(depth_map(out / "depth.png", deepest.raw_depth * 1e6,
+                                  place_mm=depth_places(board, 0 * deepest.raw_depth, deepest.step_px) * 1e3,
+                                  title=f"{board.name}: depth, frame {deepest.frame} (UNCALIBRATED)"))  # fmt: skip
     within = bool((before <= 3 * sigma).all())
     sums = _check_sums(run)
     result = {

@@ -12,6 +12,7 @@ from ruffini.estimators.fingertip.stage import FINGERTIP
 from ruffini.estimators.material.stage import MATERIAL
 from ruffini.estimators.noise.stage import NOISE
 from ruffini.estimators.operator.stage import OPERATOR
+from ruffini.estimators.operator.task import TASK as FORCES
 from ruffini.estimators.photometric.stage import PHOTOMETRIC
 from ruffini.estimators.relaxation.stage import RELAXATION
 from ruffini.estimators.skin.stage import SKIN
@@ -53,6 +54,12 @@ def task_of(board: Board) -> Task | Turned:
             return estimator.task
     raise InputError(f"board {board.name!r} has no estimator yet that `cal auto` could fit: its stages "
                      f"({', '.join(board.pipeline.stages)}) make no force, no wrench, no skin's contacts")  # fmt: skip
+
+
+def pressed_for(board: Board) -> Task:
+    """The task whose depth, shear and ball suit a board: its estimator's, or that of forces if a bench presses none."""
+    tasks = [estimator.task for estimator in applying(board)]
+    return next((task for task in tasks if isinstance(task, Task)), FORCES)
 
 
 def reported_by(file: CalibrationFile) -> Estimator:

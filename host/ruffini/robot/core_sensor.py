@@ -133,6 +133,6 @@ class CoreSensor:
         )  # fmt: skip
         flag_names = tuple(schema.enum_names("FlagBit", flags))
         return CoreFrame(
-            f"simulated-{self._name}", self._number, number, time_s, None, None, flags, flag_names, True, False, messages,
-            core_field=field,
+            f"simulated-{self._name}", self._number, number, time_s, None, None, flags, flag_names, True, False,
+            messages, core_field=field,
         )  # fmt: skip

@@ -15,7 +15,6 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 PARALLEL = 1e-12  # of a ray to a face or an axis
-BOX = np.vstack([np.eye(3), -np.eye(3)])
 
 
 @dataclass(frozen=True)
@@ -68,12 +67,11 @@ def _ellipsoid(start: Array, way: Array, size: Array) -> Array:
 
 def _cylinder(start: Array, way: Array, radius: float, half: float) -> Array:
     first, last = _quadric(start, way, np.array([1 / radius, 1 / radius, 0.0]))
-    slab = Hull(BOX[[2, 5]], np.array([half, half]))
     if abs(way[2]) < PARALLEL:
         return np.where(np.abs(start[:, 2]) < half, first, np.inf)
-    low = slab.entry(start, way)
-    high = -slab.entry(start, -way)
-    return np.where(np.maximum(first, low) < np.minimum(last, high), np.maximum(first, low), np.inf)
+    middle, reach = -start[:, 2] / way[2], half / abs(way[2])  # between the two ends
+    enters = np.maximum(first, middle - reach)
+    return np.where(enters < np.minimum(last, middle + reach), enters, np.inf)
 
 
 def entry(kind: str, size: Array, start: Array, way: Array, hull: Hull | None = None) -> Array:

@@ -76,7 +76,7 @@ TEST_F(Computer, TheServiceManagerHearsWhatIsSaid) {
 TEST_F(Computer, WithoutAManagerThereIsNoWatchdog) {
   const NotifySocket none("", 2'000'000);
   EXPECT_EQ(none.watchdog_us(), 0U);
-  none.say("READY=1");
+  none.send("READY=1");
   EXPECT_EQ(NotifySocket(folder_ + "/nobody", 2'000'000).watchdog_us(), 0U);
   EXPECT_EQ(NotifySocket(std::string(200, 'a'), 2'000'000).watchdog_us(), 0U);
 }

@@ -16,7 +16,7 @@ FrameState modelled() {
   s.modelled = {.is_touched = true,
                 .has_hardness = true,
                 .kind = ContactKind::kHertzian,
-                .sure_1e3 = 871,
+                .confidence_1e3 = 871,
                 .gel_depth_um = 1'203,
                 .press_depth_um = 1'711,
                 .depth_sigma_um = 88,

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from ruffini.boards import find_board
 from ruffini.calibrate.auto import fingertip as auto_tip
-from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm, figures_of, row_of, than_before, truth_of
+from ruffini.calibrate.auto.fingertip import TipAuto, eyes_apart_mm, row_of, than_before, truth_of
 from ruffini.calibrate.container import CalibrationFile, base_metadata, pack, read
 from ruffini.calibrate.fit.job import Job, Outcome, Progress
 from ruffini.cli.app import app
@@ -25,7 +25,9 @@ from ruffini.estimators.fingertip.eyes import Eyes
 from ruffini.estimators.fingertip.face import cells, rays
 from ruffini.estimators.fingertip.field import kernel, places
 from ruffini.estimators.fingertip.presses import axes
+from ruffini.estimators.fingertip.report import figures_of
 from ruffini.estimators.fingertip.stage import FINGERTIP
+from ruffini.estimators.table import reported_by
 from ruffini.estimators.task import Turned
 from ruffini.sim.optics.renderer import Renderer
 from ruffini.sim.reproduce.runs import runs_of
@@ -191,6 +193,30 @@ def test_made_fitted_flashed_and_judged_over_the_line(
     report = {**REPORT, "n_presses": 3}
     with pytest.raises(RefusedError, match=r"not flashed.*presses: 3 presses, at least 10"):
         TipAuto(BOARD, TASK, tmp_path, 10.0, lambda _: None, is_quick=True).run()
+
+
+def test_a_report_judges_presses_that_were_not_fitted_on_the_boards_integers(dome: Renderer, tmp_path: Path) -> None:
+    press = tmp_path / "presses" / "a"
+    record(dome, press)
+    told = [",,,,,,"] * N_REST + [f"{500e-6 * way},{1e-3 * way},0,0,0,0," for way in WAYS]
+    (press / "press.csv").write_text("\n".join(["force_n,way_mm,x_mm,y_mm,roll_deg,pitch_deg,area_mm2", *told, ""]))
+    file, off_n = tables(press), []
+    with Pipeline(BOARD, file.data) as core:
+        for i in range(N_REST + len(WAYS)):
+            core.process(cv2.imread(str(press / "frames" / f"{i:04d}.png")))
+            if i >= N_REST:
+                off_n.append(abs(1e-6 * core.tip().force_un - 500e-6 * WAYS[i - N_REST]))
+    made = FINGERTIP.report(BOARD, file, [tmp_path / "presses"], previous=file)
+    assert made.tree["log"] | {"files": None} == {
+        "files": None, "touches": 1, "frames": len(WAYS), "in_the_fit": False, "simulated": True,
+    }  # fmt: skip
+    assert made.tree["fingertip"] == made.tree["previous"]
+    assert made.tree["fingertip"]["mean"]["force_n"] == pytest.approx(np.mean(off_n))
+    assert not made.tree["passed"]
+    assert "presses" in [gate.name for gate in made.gates if not gate.ok]
+    made.write_page(tmp_path / "report.html")
+    assert "3 frames of 1 presses" in (tmp_path / "report.html").read_text()
+    assert reported_by(file) is FINGERTIP
 
 
 @pytest.mark.parametrize(("eyes", "is_seen"), [((0,), True), ((1,), False), ((0, 1), False)])

@@ -29,6 +29,7 @@ from ruffini.estimators.operator.fit import Material, board_slab, make_operator
 from ruffini.estimators.operator.page import write_page
 from ruffini.estimators.operator.report import report_of
 from ruffini.estimators.relaxation import stage as relaxation
+from ruffini.estimators.relaxation.fit import fit_relaxation
 from ruffini.estimators.table import applying
 from ruffini.estimators.threshold import fit as contact_noise
 from ruffini.estimators.threshold import stage as threshold
@@ -49,6 +50,7 @@ def kept_steps() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(material, "fit_material", without_progress(fit_material))
         patch.setattr(operator, "make_operator", without_progress(make_operator))
+        patch.setattr(relaxation, "fit_relaxation", lambda log: kept(fit_relaxation, log))
         yield
 
 

@@ -34,8 +34,8 @@ from ruffini.daemon import running_daemon
 from ruffini.device import Connection, Contacts
 from ruffini.device.results import Contact
 from ruffini.errors import InputError, RefusedError
-from ruffini.estimators.fingertip.fit import LEAST, TOUCHES
-from ruffini.estimators.fingertip.presses import AREA, FORCE, PITCH, ROLL, WAY, X, Y, axes
+from ruffini.estimators.fingertip.presses import AREA, axes
+from ruffini.estimators.fingertip.report import NAMES, figures_of, is_judged
 from ruffini.estimators.task import Turned
 from ruffini.files import write_whole
 from ruffini.sim.reproduce.make import reproduce
@@ -45,10 +45,8 @@ from ruffini.sim.settings import load_twin
 
 Array = npt.NDArray[np.float64]
 
-MOST = 1.05  # of full scale, that is judged
 N_EYES = 2
 FRAME_S = 5.0  # longest wait for a frame of the line
-NAMES = {"force_n": FORCE, "way_mm": WAY, "x_mm": X, "y_mm": Y, "roll_deg": ROLL, "pitch_deg": PITCH}
 
 
 @dataclass
@@ -163,8 +161,7 @@ class TipAuto:
                     said[sent.frame] = row_of(sent.contacts[0])
                 if sent.frame == len(said) - 1:
                     break
-        full_n = TOUCHES * self.board.contact.threshold_un * 1e-6
-        keep = (true[:, FORCE] > LEAST * full_n) & (true[:, FORCE] < MOST * full_n)
+        keep = is_judged(self.board, true)
         return said[keep], true[keep]
 
     def _page(
@@ -243,15 +240,3 @@ def row_of(contact: Contact) -> Array:
     force = float(np.linalg.norm(tool.normal_force_n))
     x, y, way = (1e3 * v for v in (*tool.place_m, tool.way_m))
     return np.array([force, way, x, y, np.rad2deg(tool.roll_rad), np.rad2deg(tool.pitch_rad), 1e6 * contact.area])
-
-
-def figures_of(said: Array, true: Array, n_presses: int) -> dict[str, Any]:
-    """Means of absolute errors of the frames that are told."""
-    told = np.isfinite(said[:, FORCE])
-    off = np.abs(said - true)[told]
-    mean = {name: float(off[:, column].mean()) if told.any() else float("nan") for name, column in NAMES.items()}
-    return {
-        "error": 1e3 * mean["force_n"], "touches": n_presses, "frames": len(said), "told": int(told.sum()),
-        "mean": mean,
-        "largest_force_n": float(true[:, FORCE].max()), "against": "the twin's truth",
-    }  # fmt: skip

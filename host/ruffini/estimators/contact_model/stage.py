@@ -13,7 +13,7 @@ from ruffini.calibrate.gates import MAX_WRENCH_ERROR, MIN_PRESSES, Gate, at_leas
 from ruffini.estimators.base import Estimator
 from ruffini.estimators.contact_model.task import TASK
 from ruffini.estimators.wrench.log import features_of
-from ruffini.tables import table
+from ruffini.tables import aligned
 
 MAX_GEL_MM = 0.2  # gel depth: the paper's own uncertainty of it
 MAX_SHORE_A = 16.0  # hardness: twice what the paper has, since few presses begin with more
@@ -61,23 +61,23 @@ class ContactModel(Estimator):
             return ""
         head = ("Fn N", "Ft N", "M N m", "gel mm", "press mm", "Shore A", "kind %")
         keys = ("normal_n", "tangential_n", "moment_nm", "gel_depth_mm", "press_depth_mm", "shore_a")
-        parts = []
+        parts: list[str] = []
         for what in ("sizes", "shapes"):
             rows = [
                 (shape, *(f"{r[key]:.3g}" for key in keys), f"{100 * r['kind_right']:.0f}")
                 for shape, r in report[f"left_out_{what}"].items()
             ]
-            parts.append(table((f"RMSE on {what} that were not fitted", *head), rows))
+            parts += aligned((f"RMSE on {what} that were not fitted", *head), rows)
         if (depth_map := report["depth_map"]) is not None:
             each = [(shape, f"{under:.2f}") for shape, under in depth_map["under_mm"].items()]
             beside = ("beside the contact", f"{depth_map['beside_mm']['all']:.2f}")
-            parts.append(table(("depth map of presses that were not fitted, RMSE", "mm"), [*each, beside]))
+            parts += aligned(("depth map of presses that were not fitted, RMSE", "mm"), [*each, beside])
         refused = [
             (name, f"{100 * share:.0f} % of {what}") for name, shares in report["refused"].items()
             for what, share in shares.items()
         ]  # fmt: skip
         if refused:
-            parts.append(table(("no model holds for", "refused, of presses that were not fitted"), refused))
+            parts += aligned(("no model holds for", "refused, of presses that were not fitted"), refused)
         return "\n".join(parts)
 
     def gates(self, report: dict[str, Any], board: Board) -> list[Gate]:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from ruffini.boards import Board
+from ruffini.calibrate.container import CalibrationFile
 from ruffini.calibrate.fit.job import Job, Outcome, Progress
-from ruffini.calibrate.gates import MIN_PRESSES, Gate, at_least, at_most, part
+from ruffini.calibrate.gates import MIN_PRESSES, Gate, at_least, at_most, failed, gates_in, part
 from ruffini.errors import InputError
-from ruffini.estimators.base import Estimator
+from ruffini.estimators.base import Estimator, Report
 from ruffini.estimators.fingertip.fit import fit_fingertip
+from ruffini.estimators.fingertip.report import full_n, tip_report_of, write_tip_page
 from ruffini.estimators.fingertip.tables import tables
+from ruffini.estimators.material.prior import Prior
 from ruffini.estimators.task import Turned
 
 MAX_FORCE, MAX_WAY_MM, MAX_TILT_DEG = 0.05, 0.1, 5.0  # of presses left out, mean: of full scale; the 0.1 mm
@@ -21,6 +25,7 @@ class Fingertip(Estimator):
 
     name = "fingertip"
     kinds = ("fingertip",)
+    is_reported = True
     needs_previous = True
     task = Turned("fingertip", "presses.toml", "mN mean of force")
 
@@ -57,6 +62,27 @@ class Fingertip(Estimator):
             at_most("way", left["way_mm"], MAX_WAY_MM, "mm, mean of presses left out"),
             at_most("tilt", tilt_deg, MAX_TILT_DEG, "degrees, mean of presses left out"),
         ]
+
+    def report(
+        self, board: Board, file: CalibrationFile, paths: list[Path], *, previous: CalibrationFile | None = None,
+        fleet: Prior | None = None, progress: Progress = lambda _: None,
+    ) -> Report:  # fmt: skip
+        tree, rows = tip_report_of(board, file, paths, previous, progress)
+        if tree["log"]["in_the_fit"]:  # what its fit found on presses left out
+            gates = gates_in(file) or []
+        else:
+            figures = {"both": tree["fingertip"]["mean"]}
+            n = tree["log"]["touches"]
+            gates = self.gates(
+                {"n_presses": n, "largest_n": full_n(board), "mean_error_of_presses_left_out": figures}, board
+            )
+        tree |= {"passed": not failed(gates), "gates": [gate._asdict() for gate in gates]}
+        mean = tree["fingertip"]["mean"]
+        text = (
+            f"off by {mean['force_n']:.3f} N, {mean['way_mm']:.3f} mm deep, {mean['roll_deg']:.2f} and "
+            f"{mean['pitch_deg']:.2f} degrees over {tree['log']['touches']} presses"
+        )
+        return Report(tree, gates, text, lambda path: write_tip_page(path, file, tree, gates, rows))
 
 
 FINGERTIP = Fingertip()
