@@ -242,8 +242,8 @@ constexpr SlotView kViews[] = {
      [](FramePath& path, void* to) {
        const TipTouch& t = path.state().tip;
        Out<int64_t> out(to);
-       out.put(t.is_touched, t.is_known, t.is_in_range, t.force_un, t.travel_um, t.x_um, t.y_um, t.roll_urad, t.pitch_urad,
-               t.area_um2);
+       out.put(t.is_touched, t.is_known, t.is_in_range, t.force_un, t.travel_um, t.x_um, t.y_um, t.roll_urad,
+               t.pitch_urad, t.area_um2);
        out.put_all(t.sigma);
        out.put(t.flat_area_um2, t.flat_area_sigma_um2);
        return size_t{19};
